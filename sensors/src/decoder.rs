@@ -1,0 +1,83 @@
+//! What every decoder of a sensor's packets does, and what it counts.
+
+use crate::{Frame, Packet};
+
+/// Turns one sensor's packets into frames. Two families live behind it: `ouster::OusterDecoder` and
+/// `velodyne::VelodyneDecoder`.
+pub trait Decoder {
+    /// Takes one packet and hands everything it completed to `out`. A packet that this decoder does not take is
+    /// counted and returned as [`Rejected`]; decoding goes on.
+    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected>;
+
+    /// Hands out the frame under construction, marked incomplete where it is.
+    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>));
+
+    /// Everything counted so far.
+    fn stats(&self) -> &DecodeStats;
+}
+
+/// One finished thing. Borrowed: the decoder reuses its buffers, so memory does not grow with the recording.
+#[derive(Clone, Copy, Debug)]
+pub enum Decoded<'a> {
+    /// One revolution.
+    Frame(&'a Frame),
+    /// One inertial sample.
+    Imu(&'a crate::ouster::ImuSample),
+    /// One position packet of a Velodyne (GPS sentence and pulse state).
+    Position(&'a crate::velodyne::Position),
+    /// One zone-monitor packet of an Ouster.
+    Zones(&'a crate::ouster::ZoneReport),
+}
+
+/// Why a packet was not taken. Each is counted too.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Rejected {
+    /// Not from this sensor or not of its format.
+    #[error("foreign packet: {reason}")]
+    Foreign {
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// From this sensor, but damaged.
+    #[error("malformed packet: {reason}")]
+    Malformed {
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// The checksum in the packet does not match its bytes.
+    #[error("checksum mismatch: packet says {stored:#018x}, bytes give {computed:#018x}")]
+    Checksum {
+        /// In the packet.
+        stored: u64,
+        /// Over the bytes.
+        computed: u64,
+    },
+}
+
+/// Counters of one decoder; every loss has a name.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
+pub struct DecodeStats {
+    /// Packets taken.
+    pub packets: u64,
+    /// Packets of this sensor that were too short or contradicted themselves.
+    pub malformed: u64,
+    /// Packets whose checksum failed.
+    pub crc_errors: u64,
+    /// Packets that the sensor must have sent (by column or time gap) and that never came.
+    pub lost_packets: u64,
+    /// Packets that came twice.
+    pub duplicated: u64,
+    /// Packets that came after a later one, in time to be used.
+    pub reordered: u64,
+    /// Packets that came after their frame was closed, and were dropped.
+    pub late: u64,
+    /// Times the sensor was re-initialised.
+    pub init_id_changes: u64,
+    /// Packets of another sensor or format.
+    pub foreign: u64,
+    /// Frames handed out.
+    pub frames: u64,
+    /// Of these, frames with every expected packet.
+    pub complete_frames: u64,
+}

@@ -1,0 +1,91 @@
+//! One revolution of one sensor: ranges and the angles and times they were measured at, never points.
+
+/// A frame. Arrays of samples are column-major: `column * channels + channel`, because a column is one instant on
+/// the wire and in the world.
+///
+/// The azimuth of a sample is the encoder angle, **clockwise** seen from above, from the sensor's +x axis, in
+/// radians: for Ouster `2 pi * measurement_id / columns_per_frame`, for Velodyne the block azimuth interpolated to
+/// the firing. A sample's own time and azimuth are
+/// `column_time_ns + fire_offset_ns(channel)` and `column_azimuth_rad + azimuth_rate * fire_offset_ns(channel)`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Frame {
+    /// The sensor's own frame counter (Ouster), or the number of frames before this one (Velodyne).
+    pub frame_id: u32,
+    /// Beams per column.
+    pub channels: usize,
+    /// Device time of each column in the sensor's clock, ns; 0 where the column never came.
+    pub column_time_ns: Vec<u64>,
+    /// Encoder azimuth of each column, rad, clockwise, in [0, 2 pi).
+    pub column_azimuth_rad: Vec<f64>,
+    /// Whether the column came and the sensor calls it valid.
+    pub column_valid: Vec<bool>,
+    /// Encoder rate while the frame was taken, rad/ns, for the azimuth of beams that fire inside a column.
+    pub azimuth_rate_rad_per_ns: f64,
+    /// First return of each firing (strongest, or last, as the sensor is set).
+    pub first: Layer,
+    /// Second return, where the sensor sends one.
+    pub second: Option<Layer>,
+    /// Lidar packets that went into this frame.
+    pub packets: u32,
+    /// Packets a whole frame has, where the format says so.
+    pub expected_packets: Option<u32>,
+    /// Every expected packet came and every expected azimuth was covered.
+    pub complete: bool,
+    /// Host arrival time of the first and the last packet, ns.
+    pub host_time_ns: [u64; 2],
+}
+
+/// What was measured for one return of every sample. Arrays a format does not carry stay empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Layer {
+    /// Raw range in mm before any correction by calibration; 0 is "no return". Length `columns * channels`.
+    pub range_mm: Vec<u32>,
+    /// Calibrated reflectivity (Ouster REFLECTIVITY, Velodyne intensity byte).
+    pub reflectivity: Vec<u8>,
+    /// Signal photons (Ouster).
+    pub signal: Vec<u16>,
+    /// Ambient light (Ouster NEAR_IR), already scaled to the format's unit.
+    pub near_ir: Vec<u16>,
+    /// Range flags (Ouster).
+    pub flags: Vec<u8>,
+    /// Window flags (Ouster WINDOW).
+    pub window: Vec<u8>,
+    /// Zone mask (Ouster ZONE_MASK).
+    pub zone_mask: Vec<u16>,
+    /// Red, green, blue as IEEE half floats (Ouster Rev8).
+    pub rgb: Vec<[u16; 3]>,
+    /// Raw 32-bit words of formats that are passed through undecoded (Ouster FIVE_WORD): 5 per sample.
+    pub raw_words: Vec<[u32; 5]>,
+}
+
+impl Frame {
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.column_time_ns.len()
+    }
+
+    /// Columns that came and are valid.
+    pub fn valid_columns(&self) -> usize {
+        self.column_valid.iter().filter(|valid| **valid).count()
+    }
+
+    /// Position of a sample in the arrays of a [`Layer`].
+    pub fn index(&self, column: usize, channel: usize) -> usize {
+        column * self.channels + channel
+    }
+
+    /// Device time of the first and the last column that came, ns.
+    pub fn time_span_ns(&self) -> Option<[u64; 2]> {
+        let mut times =
+            self.column_time_ns.iter().zip(&self.column_valid).filter(|(_, v)| **v).map(|(t, _)| *t);
+        let first = times.next()?;
+        Some([first, times.last().unwrap_or(first)])
+    }
+}
+
+impl Layer {
+    /// Number of samples with a return.
+    pub fn points(&self) -> usize {
+        self.range_mm.iter().filter(|range| **range > 0).count()
+    }
+}

@@ -1,0 +1,12 @@
+//! `outrigger evaluate`
+
+use super::{Context, Outcome};
+
+/// Arguments of `evaluate`.
+#[derive(clap::Args, Debug)]
+pub struct Args {}
+
+/// Runs the verb.
+pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
+    anyhow::bail!("not built yet")
+}

@@ -1,0 +1,12 @@
+//! `outrigger inspect`
+
+use super::{Context, Outcome};
+
+/// Arguments of `inspect`.
+#[derive(clap::Args, Debug)]
+pub struct Args {}
+
+/// Runs the verb.
+pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
+    anyhow::bail!("not built yet")
+}

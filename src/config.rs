@@ -1,0 +1,1 @@
+//! rig.toml to types: degrees and metres in, radians out.

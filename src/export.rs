@@ -1,0 +1,1 @@
+//! Point files: PCD, PLY, LAS/LAZ, E57, MCAP, CSV.

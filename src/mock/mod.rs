@@ -1,0 +1,1 @@
+//! Devices to test against: sensors on loopback, a rig behind a pty.

@@ -1,0 +1,1 @@
+//! Score: the terms of J, each with its own number.

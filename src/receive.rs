@@ -1,0 +1,1 @@
+//! UDP sockets to packets, with every loss counted.

@@ -1,0 +1,1 @@
+//! The session folder: raw packets, servo reports, config; readable after a crash.

@@ -1,0 +1,1 @@
+//! Links to a servo rig, drivers and the rig controller.

@@ -1,0 +1,1 @@
+//! The sampling of beams along a trajectory.

@@ -1,0 +1,81 @@
+//! Poses over time.
+
+use glam::DVec3;
+
+use crate::geometry::Pose;
+
+/// Where the body was: poses at strictly increasing times, interpolated in between (slerp and straight line).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    time_ns: Vec<u64>,
+    world_from_body: Vec<Pose>,
+}
+
+impl Trajectory {
+    /// From stamped poses. Times must increase strictly; anything else is an error that names the position.
+    pub fn new(stamped: Vec<(u64, Pose)>) -> Result<Self, TrajectoryError> {
+        if stamped.is_empty() {
+            return Err(TrajectoryError::Empty);
+        }
+        for (index, pair) in stamped.windows(2).enumerate() {
+            if pair[1].0 <= pair[0].0 {
+                return Err(TrajectoryError::NotIncreasing { index: index + 1 });
+            }
+        }
+        let (time_ns, world_from_body) = stamped.into_iter().unzip();
+        Ok(Self { time_ns, world_from_body })
+    }
+
+    /// A straight walk at constant speed (m/s > 0) that keeps the orientation of its direction: body x along the way.
+    pub fn straight(from_m: DVec3, to_m: DVec3, speed_m_s: f64, start_ns: u64) -> Self {
+        let way = to_m - from_m;
+        let yaw = way.y.atan2(way.x);
+        let rotation = glam::DQuat::from_rotation_z(yaw);
+        let duration_ns = (way.length() / speed_m_s * 1e9).round() as u64;
+        let end = Pose::new(rotation, to_m);
+        let start = Pose::new(rotation, from_m);
+        Self { time_ns: vec![start_ns, start_ns + duration_ns.max(1)], world_from_body: vec![start, end] }
+    }
+
+    /// First and last time, ns.
+    pub fn time_span_ns(&self) -> [u64; 2] {
+        [self.time_ns[0], self.time_ns[self.time_ns.len() - 1]]
+    }
+
+    /// Pose at a time inside the span; none outside it.
+    pub fn at(&self, time_ns: u64) -> Option<Pose> {
+        let after = self.time_ns.partition_point(|t| *t <= time_ns);
+        if after == 0 {
+            return None;
+        }
+        let before = after - 1;
+        if self.time_ns[before] == time_ns {
+            return Some(self.world_from_body[before]);
+        }
+        if after == self.time_ns.len() {
+            return None;
+        }
+        let span = (self.time_ns[after] - self.time_ns[before]) as f64;
+        let share = (time_ns - self.time_ns[before]) as f64 / span;
+        Some(self.world_from_body[before].interpolate(&self.world_from_body[after], share))
+    }
+
+    /// Stamped poses in order.
+    pub fn stamped(&self) -> impl Iterator<Item = (u64, Pose)> + '_ {
+        self.time_ns.iter().copied().zip(self.world_from_body.iter().copied())
+    }
+}
+
+/// What can be wrong with a trajectory.
+#[derive(Debug, thiserror::Error)]
+pub enum TrajectoryError {
+    /// No pose at all.
+    #[error("a trajectory needs at least one pose")]
+    Empty,
+    /// Time stands still or runs back.
+    #[error("time does not increase at pose {index} (counted from 0)")]
+    NotIncreasing {
+        /// Position of the offending pose.
+        index: usize,
+    },
+}

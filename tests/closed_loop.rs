@@ -1,0 +1,5 @@
+//! Scene to packets to decoder to coverage equals the prediction.
+
+use crate::support::Case;
+
+pub const CASES: &[Case] = &[];

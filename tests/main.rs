@@ -1,0 +1,29 @@
+//! The one integration binary. A case that lacks its data is left out at run time: it is counted as ignored, and a
+//! banner names it.
+
+mod support;
+
+mod cli;
+mod closed_loop;
+mod export;
+mod ouster;
+mod rig;
+mod session;
+mod simulator;
+mod tidy;
+mod velodyne;
+
+fn main() -> std::process::ExitCode {
+    let modules: &[(&str, &[support::Case])] = &[
+        ("cli", cli::CASES),
+        ("closed_loop", closed_loop::CASES),
+        ("export", export::CASES),
+        ("ouster", ouster::CASES),
+        ("rig", rig::CASES),
+        ("session", session::CASES),
+        ("simulator", simulator::CASES),
+        ("tidy", tidy::CASES),
+        ("velodyne", velodyne::CASES),
+    ];
+    support::run(modules)
+}

@@ -1,0 +1,5 @@
+//! Ouster captures against the digests of ouster-sdk.
+
+use crate::support::Case;
+
+pub const CASES: &[Case] = &[];

@@ -1,0 +1,78 @@
+//! Cases of the integration binary and the data they need.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use libtest_mimic::{Arguments, Trial};
+
+/// One test case.
+#[derive(Clone, Copy)]
+pub struct Case {
+    pub name: &'static str,
+    pub needs: Needs,
+    pub run: fn(),
+}
+
+/// What a case cannot do without.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Needs {
+    /// Nothing but the project.
+    Nothing,
+    /// The folder of captures and reference numbers (`OUTRIGGER_SHARED`, default `../shared`).
+    Shared,
+}
+
+/// A case that needs nothing but the project.
+pub const fn case(name: &'static str, run: fn()) -> Case {
+    Case { name, needs: Needs::Nothing, run }
+}
+
+/// A case that compares with captures or reference numbers outside the project.
+pub const fn with_shared(name: &'static str, run: fn()) -> Case {
+    Case { name, needs: Needs::Shared, run }
+}
+
+/// The folder of captures and reference numbers, if it is there.
+pub fn shared_folder() -> Option<PathBuf> {
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
+    let folder = std::env::var_os("OUTRIGGER_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from);
+    folder.is_dir().then_some(folder)
+}
+
+/// A path below that folder; only for cases made by [`with_shared`].
+pub fn shared(path: &str) -> PathBuf {
+    shared_folder().expect("the case is run only with the folder").join(path)
+}
+
+/// Runs every case; the closing lines are the runner's own.
+pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
+    let arguments = Arguments::from_args();
+    let have_shared = shared_folder().is_some();
+    let mut left_out = Vec::new();
+    let mut trials = Vec::new();
+    for (module, cases) in modules {
+        for case in *cases {
+            let name = format!("{module}::{}", case.name);
+            let missing = case.needs == Needs::Shared && !have_shared;
+            if missing {
+                left_out.push(name.clone());
+            }
+            let run = case.run;
+            trials.push(
+                Trial::test(name, move || {
+                    run();
+                    Ok(())
+                })
+                .with_ignored_flag(missing),
+            );
+        }
+    }
+    let conclusion = libtest_mimic::run(&arguments, trials);
+    if !left_out.is_empty() && !arguments.list {
+        eprintln!("LEFT OUT: {} comparisons, because OUTRIGGER_SHARED names no folder:", left_out.len());
+        for name in left_out {
+            eprintln!("LEFT OUT: {name}");
+        }
+    }
+    conclusion.exit_code()
+}

@@ -1,0 +1,140 @@
+//! Habits that hold the house together: the order of modules, units in names, nothing of this machine in the text.
+
+use std::path::{Path, PathBuf};
+
+use crate::support::{Case, case};
+
+pub const CASES: &[Case] = &[
+    case("modules_use_only_modules_above_them", modules_use_only_modules_above_them),
+    case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
+    case("no_path_of_one_machine", no_path_of_one_machine),
+    case("every_dependency_has_its_reason", every_dependency_has_its_reason),
+];
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap().map(Result::unwrap) {
+            let path = entry.path();
+            if path.is_dir() {
+                if path.file_name().is_some_and(|name| name != "target") {
+                    folders.push(path);
+                }
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                files.push(path);
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+fn module_order() -> Vec<String> {
+    let text = std::fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    text.lines()
+        .filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned))
+        .collect()
+}
+
+fn modules_use_only_modules_above_them() {
+    let order = module_order();
+    assert!(order.len() > 10, "src/lib.rs lists the modules");
+    let mut offences = Vec::new();
+    for file in rust_files(&root().join("src")) {
+        let relative = file.strip_prefix(root().join("src")).unwrap();
+        let first = relative.components().next().unwrap().as_os_str().to_str().unwrap();
+        let module = first.trim_end_matches(".rs");
+        let Some(place) = order.iter().position(|name| name == module) else {
+            assert!(["lib", "main"].contains(&module), "{} is not listed in src/lib.rs", relative.display());
+            continue;
+        };
+        let text = std::fs::read_to_string(&file).unwrap();
+        for (number, line) in text.lines().enumerate() {
+            for used in line.split("crate::").skip(1) {
+                let used: String = used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                if let Some(at) = order.iter().position(|name| *name == used)
+                    && at > place
+                {
+                    offences.push(format!("{}:{} uses {used}", relative.display(), number + 1));
+                }
+            }
+        }
+    }
+    assert!(offences.is_empty(), "modules that use a module below them:\n{}", offences.join("\n"));
+}
+
+/// Public fields of type f64 or u64 that measure something say in what: a bare `range: f64` is refused.
+fn lengths_angles_and_times_carry_their_unit() {
+    const QUANTITIES: &[&str] = &[
+        "range",
+        "distance",
+        "length",
+        "height",
+        "radius",
+        "azimuth",
+        "elevation",
+        "pitch",
+        "roll",
+        "yaw",
+        "time",
+        "duration",
+        "age",
+        "speed",
+        "voxel",
+        "angle",
+    ];
+    let mut offences = Vec::new();
+    for folder in ["src", "sensors/src", "firmware-protocol/src"] {
+        for file in rust_files(&root().join(folder)) {
+            let text = std::fs::read_to_string(&file).unwrap();
+            for (number, line) in text.lines().enumerate() {
+                let Some(field) = line.trim().strip_prefix("pub ") else { continue };
+                let Some((name, kind)) = field.split_once(": ") else { continue };
+                let number_kind = ["f64,", "f32,", "u64,", "i64,", "u32,", "i32,"].contains(&kind);
+                if number_kind && QUANTITIES.contains(&name) {
+                    offences.push(format!("{}:{} {name}", file.display(), number + 1));
+                }
+            }
+        }
+    }
+    assert!(offences.is_empty(), "quantities without a unit in their name:\n{}", offences.join("\n"));
+}
+
+fn no_path_of_one_machine() {
+    let listed = std::process::Command::new("git").args(["ls-files", "-z"]).current_dir(root()).output();
+    let Ok(listed) = listed else { panic!("git is needed to list the project's files") };
+    let mut offences = Vec::new();
+    for name in String::from_utf8_lossy(&listed.stdout).split('\0').filter(|name| !name.is_empty()) {
+        let Ok(text) = std::fs::read_to_string(root().join(name)) else { continue };
+        for (number, line) in text.lines().enumerate() {
+            // spelled in two halves so that this file does not find itself
+            for needle in [concat!("/ho", "me/"), concat!("/wo", "rk/"), concat!("/ro", "ot/")] {
+                if line.contains(needle) {
+                    offences.push(format!("{name}:{} {needle}", number + 1));
+                }
+            }
+        }
+    }
+    assert!(offences.is_empty(), "paths of one machine:\n{}", offences.join("\n"));
+}
+
+fn every_dependency_has_its_reason() {
+    let mut offences = Vec::new();
+    for manifest in ["Cargo.toml", "sensors/Cargo.toml", "firmware-protocol/Cargo.toml"] {
+        let text = std::fs::read_to_string(root().join(manifest)).unwrap();
+        let mut inside = false;
+        for (number, line) in text.lines().enumerate() {
+            if line.starts_with('[') {
+                inside = line.ends_with("dependencies]");
+            } else if inside && !line.trim().is_empty() && !line.contains(" # ") {
+                offences.push(format!("{manifest}:{} {line}", number + 1));
+            }
+        }
+    }
+    assert!(offences.is_empty(), "dependencies without a reason:\n{}", offences.join("\n"));
+}
