@@ -6,6 +6,7 @@
 //! [`Frame`]s, which hold ranges and never points; a [`SensorModel`] says where each range points ([`SensorModel::ray`]).
 
 pub mod capture;
+pub mod catalogue;
 pub mod decoder;
 pub mod frame;
 pub mod model;
