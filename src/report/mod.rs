@@ -6,6 +6,10 @@ use std::path::Path;
 
 use crate::chart::{CellClass, escape};
 
+mod unfold;
+
+pub use unfold::unfold_box;
+
 /// A page, built from top to bottom.
 #[derive(Clone, Debug)]
 pub struct Report {
