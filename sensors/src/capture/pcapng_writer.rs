@@ -223,7 +223,8 @@ mod tests {
                 }
                 Err(PcapError::Eof) => break,
                 Err(PcapError::Incomplete(_)) => reader.refill().unwrap(),
-                other => panic!("{other:?}"),
+                Ok(_) => panic!("a pcapng reader yields pcapng blocks"),
+                Err(error) => panic!("{error:?}"),
             }
         }
         assert_eq!(names, ["left", "right"]);
