@@ -6,6 +6,8 @@
 
 mod agreement;
 mod rays;
+mod tilt;
 
 pub use agreement::{Agreement, CellKinds, CoverageCounts, Verdict, cell_kinds, surface_cells};
-pub use rays::{Placed, RayClasses, Replay};
+pub use rays::{RayClasses, Replay};
+pub use tilt::TiltHistory;

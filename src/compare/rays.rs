@@ -1,28 +1,17 @@
 //! Recorded frames laid against the scene, ray by ray.
 
 use rayon::prelude::*;
-use sensors::{Frame, SensorModel};
+use sensors::Frame;
 use serde::Serialize;
 
 use crate::coverage::{Coverage, VoxelGrid};
-use crate::geometry::Pose;
+use crate::rig::MountedSensor;
 use crate::scene::Scene;
 use crate::trajectory::Trajectory;
 
 /// A recorded and a predicted range agree within this, m. Source: the gate max(3 sigma, 0.10 m) for a range sd of at
 /// most 3 cm.
 const AGREE_WITHIN_M: f64 = 0.10;
-
-/// A sensor where the recording says it was.
-#[derive(Clone, Debug)]
-pub struct Placed {
-    /// Its name in the rig.
-    pub name: String,
-    /// Its beams.
-    pub model: SensorModel,
-    /// Measured mount.
-    pub body_from_sensor: Pose,
-}
 
 /// What became of one sensor's rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -65,7 +54,7 @@ impl RayClasses {
 pub struct Replay<'a> {
     scene: &'a Scene,
     trajectory: &'a Trajectory,
-    sensors: Vec<Placed>,
+    sensors: Vec<MountedSensor>,
     /// What the scene promises for the rays that were recorded.
     pub as_driven: Coverage,
     /// What the packets say.
@@ -83,7 +72,12 @@ struct Outcome {
 
 impl<'a> Replay<'a> {
     /// Nothing replayed yet.
-    pub fn new(scene: &'a Scene, trajectory: &'a Trajectory, sensors: Vec<Placed>, grid: &VoxelGrid) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        trajectory: &'a Trajectory,
+        sensors: Vec<MountedSensor>,
+        grid: &VoxelGrid,
+    ) -> Self {
         let count = sensors.len();
         Self {
             scene,
@@ -93,6 +87,11 @@ impl<'a> Replay<'a> {
             recorded: Coverage::new(grid.clone(), count),
             rays: vec![RayClasses::default(); count],
         }
+    }
+
+    /// Says how far a sensor is tilted from the next frame on: the angle its axis measured.
+    pub fn set_pitch(&mut self, sensor: usize, pitch_rad: f64) {
+        self.sensors[sensor].mount.pitch_rad = pitch_rad;
     }
 
     /// Lays one frame of a sensor against the scene. Columns that never came are neither predicted nor recorded: their
@@ -123,7 +122,7 @@ impl<'a> Replay<'a> {
 fn lay(
     scene: &Scene,
     trajectory: &Trajectory,
-    placed: &Placed,
+    placed: &MountedSensor,
     frame: &Frame,
     column: usize,
     channel: usize,
@@ -138,7 +137,7 @@ fn lay(
     };
     let azimuth_rad = frame.column_azimuth_rad[column] + frame.azimuth_rate_rad_per_ns * fire_offset_ns;
     let ray = model.ray(channel, azimuth_rad);
-    let world_from_sensor = world_from_body * placed.body_from_sensor;
+    let world_from_sensor = world_from_body * placed.mount.body_from_sensor();
     let origin_m = world_from_sensor.transform_point(ray.origin_m);
     let direction = world_from_sensor.rotate(ray.direction);
     let predicted_range_m = scene
