@@ -72,15 +72,18 @@ impl<F: Cut> WholeFile<F> {
             return Err(kind.into());
         }
         let mut done = 0;
-        let outcome = loop {
+        let mut outcome = Ok(());
+        while done < self.buffer.len() {
             match self.file.write(&self.buffer[done..]) {
-                _ if done == self.buffer.len() => break Ok(()),
-                Ok(0) => break Err(io::ErrorKind::WriteZero.into()),
+                Ok(0) => outcome = Err(io::ErrorKind::WriteZero.into()),
                 Ok(count) => done += count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-                Err(error) => break Err(error),
+                Err(error) => outcome = Err(error),
             }
-        };
+            if outcome.is_err() {
+                break;
+            }
+        }
         let whole = self.ends.iter().rev().copied().find(|end| *end <= done).unwrap_or(0);
         self.hash.update(&self.buffer[..whole]);
         self.bytes += whole as u64;
