@@ -5,10 +5,17 @@ use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, 
 use serde::Deserialize;
 use sha2::Digest as _;
 
-use crate::support::{Case, shared, with_shared};
+use crate::support::{Case, case, shared, with_shared};
+use outrigger::rig::{MountFile, SensorEntry};
 
 pub const CASES: &[Case] = &[
     with_shared("the_definition_matches_the_released_program", the_definition_matches_the_released_program),
+    with_shared(
+        "evaluate_prints_what_the_released_program_found",
+        evaluate_prints_what_the_released_program_found,
+    ),
+    case("evaluate_scores_a_mount_file_as_it_is", evaluate_scores_a_mount_file_as_it_is),
+    case("evaluate_refuses_what_it_cannot_score", evaluate_refuses_what_it_cannot_score),
 ];
 
 /// One evaluation by the released program.
@@ -107,8 +114,14 @@ impl Reference {
             angle_deg == self.delta_min_deg || angles.is_some_and(|(a, b)| (a - b).abs() <= 5e-15),
         );
         check("R_ov", terms.overlap == self.R_ov);
-        check(&format!("R_ang {} for {}", terms.angular, self.R_ang), (terms.angular - self.R_ang).abs() <= 5e-13);
-        check(&format!("J {} for {}", terms.objective(), self.J), (terms.objective() - self.J).abs() <= 5e-12);
+        check(
+            &format!("R_ang {} for {}", terms.angular, self.R_ang),
+            (terms.angular - self.R_ang).abs() <= 5e-13,
+        );
+        check(
+            &format!("J {} for {}", terms.objective(), self.J),
+            (terms.objective() - self.J).abs() <= 5e-12,
+        );
         check("union bits", seen.coverage.union_sha256() == self.union_bits_sha256);
         check("counts", Self::counts_sha256(seen) == self.counts_sha256);
         wrong
@@ -123,4 +136,103 @@ fn the_definition_matches_the_released_program() {
         wrong.extend(case.differences(&simulator, &seen));
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+fn evaluate(arguments: &[&str]) -> std::process::Output {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    command.arg("evaluate").args(arguments).env_remove("OUTRIGGER_PRESET").env_remove("OUTRIGGER_JSON");
+    command.output().unwrap()
+}
+
+/// Through the command line: the same bitmap, and the roll rule with its notice.
+fn evaluate_prints_what_the_released_program_found() {
+    let mut compared = 0;
+    for case in Reference::all().into_iter().filter(|case| case.az_samples == 180 && case.vox >= 0.5) {
+        let masters: Vec<_> =
+            case.masters.iter().map(|m| m.map(|value| value.to_string()).join(",")).collect();
+        let masters = masters.join(";");
+        let preset = format!("paper-{}", case.sensor.to_lowercase());
+        let voxel = case.vox.to_string();
+        let path = if case.path_axis == "x" { "lateral" } else { "forward" };
+        let mut arguments = vec!["--json", "--preset", &preset, "--masters", &masters, "--path", path];
+        arguments.extend(["--voxel", &voxel]);
+        if !case.symmetry {
+            arguments.push("--no-mirror");
+        }
+        let rule = match case.fix_roll {
+            None => "free".to_owned(),
+            Some(roll_deg) => format!("fixed:{roll_deg}"),
+        };
+        if case.fix_roll != Some(0.0) {
+            arguments.extend(["--roll", &rule]);
+        }
+        let output = evaluate(&arguments);
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{}: {errors}", case.id);
+        let replaced = case.fix_roll.is_some_and(|roll| case.masters.iter().any(|master| master[4] != roll));
+        assert_eq!(errors.contains("roll is replaced"), replaced, "{}: {errors}", case.id);
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(document["coverage_sha256"], case.union_bits_sha256, "{}", case.id);
+        assert_eq!(document["unique_voxels"], case.U, "{}", case.id);
+        assert_eq!(document["overlap_ratio"], case.rho, "{}", case.id);
+        assert_eq!(document["sensors"], case.N, "{}", case.id);
+        assert!((document["objective"].as_f64().unwrap() - case.J).abs() < 1e-9, "{}", case.id);
+        assert_eq!(document["min_angle_deg"].is_null(), case.N == 1, "{}", case.id);
+        compared += 1;
+    }
+    assert!(compared > 30, "{compared}");
+}
+
+fn evaluate_scores_a_mount_file_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mount.json");
+    let entry = |name: &str, sign: f64| SensorEntry {
+        name: name.into(),
+        model: "os1-64".into(),
+        x_m: sign * 0.06,
+        y_m: 0.1,
+        z_m: -0.05,
+        pitch_deg: sign * 25.0,
+        roll_deg: 0.0,
+    };
+    let mut file = MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]);
+    file.preset = Some("paper-os1-64".into());
+    file.write(&path).unwrap();
+    let document = |output: std::process::Output| -> serde_json::Value {
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let path = path.to_str().unwrap();
+    let from_file = document(evaluate(&["--json", "--mount", path]));
+    let typed =
+        document(evaluate(&["--json", "--preset", "paper-os1-64", "--masters", "0.06,0.1,-0.05,25,0"]));
+    assert_eq!(from_file["coverage_sha256"], typed["coverage_sha256"]);
+    assert_eq!(from_file["feasible"], true);
+    let other = evaluate(&["--json", "--preset", "paper-vlp-16", "--mount", path]);
+    assert_eq!(other.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&other.stderr).contains("right"), "the sensor is named");
+}
+
+fn evaluate_refuses_what_it_cannot_score() {
+    let preset = ["--preset", "paper-os1-64"];
+    let good = ["--masters", "0,0,0,25,0"];
+    for (arguments, code, words) in [
+        (&["--masters", "0,0,0,NaN,0"][..], 2, "finite"),
+        (&["--masters", "0,0,0,25"], 2, "4 numbers"),
+        (&["--masters", ""], 2, "master 1"),
+        (&["--masters", "9,0,0,25,0"], 1, "stay inside the box"),
+        (&[&good[..], &["--voxel", "0.3"]].concat(), 1, "0.3 m"),
+        (&[&good[..], &["--azimuths", "0"]].concat(), 1, "0 azimuths"),
+        (&[&good[..], &["--roll", "loose"]].concat(), 2, "fixed:0"),
+        (&["--mount", "no-such-file.json"], 1, "no-such-file.json"),
+        (&[], 2, "--mount"),
+    ] {
+        let output = evaluate(&[&preset[..], arguments].concat());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {errors}");
+        assert!(errors.contains(words), "{arguments:?}: {errors}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+    let unknown = evaluate(&[&["--preset", "paper-os9"], &good[..]].concat());
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("paper-vlp-16"));
 }

@@ -9,7 +9,7 @@
 
 mod brute;
 
-use crate::coverage::{Coverage, VoxelGrid};
+use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::rig::Mount;
 
 /// A published experiment as data.
@@ -64,10 +64,15 @@ pub const PRESETS: &[Preset] = &[OS1_64, VLP_16];
 impl Preset {
     /// By name.
     pub fn named(name: &str) -> Result<&'static Self, ExperimentError> {
-        PRESETS.iter().find(|preset| preset.name == name).ok_or_else(|| ExperimentError::UnknownPreset {
-            name: name.to_owned(),
-            known: PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", "),
-        })
+        PRESETS
+            .iter()
+            .find(|preset| preset.name == name)
+            .ok_or_else(|| ExperimentError::UnknownPreset { name: name.to_owned(), known: Self::names() })
+    }
+
+    /// Names of all presets, for messages.
+    pub fn names() -> String {
+        PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
     }
 }
 
@@ -238,6 +243,14 @@ impl Experiment {
         sensors
     }
 
+    /// Whether the roll rule changes one of these masters.
+    pub fn replaces_a_roll(&self, masters: &[Placement]) -> bool {
+        match self.roll {
+            Roll::Fixed(roll_deg) => masters.iter().any(|master| master.roll_deg != roll_deg),
+            Roll::Free => false,
+        }
+    }
+
     /// Number of poses.
     pub fn poses(&self) -> usize {
         (self.preset.path_length_m * self.sub_poses as f64).round() as usize + 1
@@ -331,6 +344,16 @@ impl Simulator {
         (all - inner) as u64
     }
 
+    /// Which voxels each sensor sees.
+    pub fn see(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
+        self.coverage_by_definition(sensors)
+    }
+
+    /// How many voxels the sensors see: the counts of [`Simulator::see`] without its bitmaps.
+    pub fn count(&self, sensors: &[Placement]) -> Result<Counts, ExperimentError> {
+        Ok(self.see(sensors)?.coverage.counts())
+    }
+
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.
     pub fn coverage_by_definition(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
@@ -344,9 +367,13 @@ impl Simulator {
         }
         let preset = &self.experiment.preset;
         for (index, sensor) in sensors.iter().enumerate() {
-            for (name, value) in ["x_m", "y_m", "z_m", "pitch_deg", "roll_deg"].iter().zip(<[f64; 5]>::from(*sensor)) {
+            for (name, value) in
+                ["x_m", "y_m", "z_m", "pitch_deg", "roll_deg"].iter().zip(<[f64; 5]>::from(*sensor))
+            {
                 if !value.is_finite() {
-                    return Err(ExperimentError::NotFinite { what: format!("{name} of sensor {}", index + 1) });
+                    return Err(ExperimentError::NotFinite {
+                        what: format!("{name} of sensor {}", index + 1),
+                    });
                 }
             }
             let position_m = [sensor.x_m, sensor.y_m, sensor.z_m + preset.platform_height_m];
@@ -390,7 +417,9 @@ pub enum ExperimentError {
         known: String,
     },
     /// Walls would not lie on voxel faces.
-    #[error("voxels of {voxel_m} m do not fill the box: give 5 m divided by a whole number (1, 0.5, 0.25, 0.2 ...)")]
+    #[error(
+        "voxels of {voxel_m} m do not fill the box: give 5 m divided by a whole number (1, 0.5, 0.25, 0.2 ...)"
+    )]
     Voxel {
         /// As asked for.
         voxel_m: f64,
@@ -436,9 +465,13 @@ mod tests {
 
     #[test]
     fn quarter_turns_are_exact() {
-        for (angle_deg, expected) in
-            [(0.0, (0.0, 1.0)), (90.0, (1.0, 0.0)), (180.0, (0.0, -1.0)), (-90.0, (-1.0, 0.0)), (450.0, (1.0, 0.0))]
-        {
+        for (angle_deg, expected) in [
+            (0.0, (0.0, 1.0)),
+            (90.0, (1.0, 0.0)),
+            (180.0, (0.0, -1.0)),
+            (-90.0, (-1.0, 0.0)),
+            (450.0, (1.0, 0.0)),
+        ] {
             assert_eq!(sin_cos_deg(angle_deg), expected, "{angle_deg}");
         }
     }
@@ -465,7 +498,13 @@ mod tests {
             ExperimentError::OutsideBox { sensor: 1 }
         );
         let nan = Placement { pitch_deg: f64::NAN, ..Placement::default() };
-        assert!(simulator.coverage_by_definition(&[nan]).unwrap_err().to_string().contains("pitch_deg of sensor 1"));
+        assert!(
+            simulator
+                .coverage_by_definition(&[nan])
+                .unwrap_err()
+                .to_string()
+                .contains("pitch_deg of sensor 1")
+        );
         assert_eq!(simulator.coverage_by_definition(&[]).unwrap_err(), ExperimentError::NoSensors);
     }
 }

@@ -44,7 +44,12 @@ pub(super) fn azimuth_rad(simulator: &Simulator, pose: usize, azimuth: usize) ->
 }
 
 /// World direction of a beam.
-pub(super) fn direction(simulator: &Simulator, sensor: &Placement, azimuth_rad: f64, beam: usize) -> [f64; 3] {
+pub(super) fn direction(
+    simulator: &Simulator,
+    sensor: &Placement,
+    azimuth_rad: f64,
+    beam: usize,
+) -> [f64; 3] {
     let [sin_elevation, cos_elevation] = simulator.elevations[beam];
     let (sin_azimuth, cos_azimuth) = azimuth_rad.sin_cos();
     let local = [cos_elevation * cos_azimuth, cos_elevation * sin_azimuth, sin_elevation];
