@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Optimizer, Pattern, Random, Space, Trial};
+use super::{
+    Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random, Space, Trial,
+};
 
 /// What every method is told at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,17 +25,38 @@ pub enum Kind {
     Random,
     /// Random search, then pattern search.
     Pattern,
+    /// Genetic algorithm, then pattern search.
+    Genetic,
+    /// Particle swarm, then pattern search.
+    ParticleSwarm,
+    /// Covariance matrix adaptation with margin for integers.
+    CmaEs,
+    /// Differential evolution with success-history adaptation.
+    DifferentialEvolution,
 }
 
 impl Kind {
     /// Every method.
-    pub const ALL: &[Kind] = &[Kind::Random, Kind::Pattern];
+    pub const ALL: &[Kind] = &[
+        Kind::Random,
+        Kind::Pattern,
+        Kind::Genetic,
+        Kind::ParticleSwarm,
+        Kind::CmaEs,
+        Kind::DifferentialEvolution,
+    ];
 
     /// The method, nothing evaluated yet.
     pub fn start(self, space: Space, settings: Settings) -> Method {
         match self {
             Kind::Random => Method::Random(Random::new(space, settings)),
             Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
+            Kind::Genetic => Method::Genetic(Box::new(Genetic::start(space, settings))),
+            Kind::ParticleSwarm => Method::ParticleSwarm(Box::new(ParticleSwarm::start(space, settings))),
+            Kind::CmaEs => Method::CmaEs(Box::new(CmaEs::new(space, settings))),
+            Kind::DifferentialEvolution => {
+                Method::DifferentialEvolution(Box::new(DifferentialEvolution::new(space, settings)))
+            }
         }
     }
 
@@ -42,6 +65,10 @@ impl Kind {
         match self {
             Kind::Random => "random",
             Kind::Pattern => "pattern",
+            Kind::Genetic => "genetic",
+            Kind::ParticleSwarm => "particle-swarm",
+            Kind::CmaEs => "cma-es",
+            Kind::DifferentialEvolution => "differential-evolution",
         }
     }
 }
@@ -54,6 +81,14 @@ pub enum Method {
     Random(Random),
     /// See [`Pattern`].
     Pattern(Pattern),
+    /// See [`Genetic`].
+    Genetic(Box<Genetic>),
+    /// See [`ParticleSwarm`].
+    ParticleSwarm(Box<ParticleSwarm>),
+    /// See [`CmaEs`].
+    CmaEs(Box<CmaEs>),
+    /// See [`DifferentialEvolution`].
+    DifferentialEvolution(Box<DifferentialEvolution>),
 }
 
 impl Method {
@@ -61,6 +96,10 @@ impl Method {
         match self {
             Method::Random(method) => method,
             Method::Pattern(method) => method,
+            Method::Genetic(method) => method.as_mut(),
+            Method::ParticleSwarm(method) => method.as_mut(),
+            Method::CmaEs(method) => method.as_mut(),
+            Method::DifferentialEvolution(method) => method.as_mut(),
         }
     }
 }

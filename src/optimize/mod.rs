@@ -8,15 +8,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::rng::Rng;
 
+mod cma_es;
+mod differential_evolution;
+mod genetic;
 mod method;
 mod mounts;
+mod normal;
+mod particle_swarm;
 mod pattern;
+mod polished;
 mod random;
 mod search;
 mod space;
 
+pub use cma_es::CmaEs;
+pub use differential_evolution::DifferentialEvolution;
+pub use genetic::Genetic;
 pub use method::{Kind, Method, Settings};
 pub use mounts::{Master, MountSearch, PUBLISHED_MASTERS_MAX, mount};
+pub use particle_swarm::ParticleSwarm;
 pub use pattern::{Pattern, Poll};
 pub use random::Random;
 pub use search::{Measured, Search, SearchError, StoppedBy};
