@@ -8,6 +8,7 @@ mod closed_loop;
 mod export;
 mod ouster;
 mod rig;
+mod scenes;
 mod session;
 mod simulator;
 mod tidy;
@@ -20,6 +21,7 @@ fn main() -> std::process::ExitCode {
         ("export", export::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
         ("tidy", tidy::CASES),
