@@ -1,1 +1,3 @@
 //! Devices to test against: sensors on loopback, a rig behind a pty.
+
+pub mod rig;
