@@ -10,7 +10,11 @@ use super::reassembly::{Fragment, Key};
 
 /// What a frame carries.
 pub(super) enum Carried<'a> {
-    Udp { source: SocketAddr, destination: SocketAddr, payload: &'a [u8] },
+    Udp {
+        source: SocketAddr,
+        destination: SocketAddr,
+        payload: &'a [u8],
+    },
     Fragment(Fragment<'a>),
     NotIp,
     NotUdp,

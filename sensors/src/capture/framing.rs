@@ -113,10 +113,7 @@ impl Framing {
     }
 
     /// The next frame, or `None` at the end; a file that ends inside a record is noted in `counters`.
-    pub(super) fn next(
-        &mut self,
-        counters: &mut CaptureCounters,
-    ) -> Result<Option<LinkFrame>, CaptureError> {
+    pub(super) fn next(&mut self, counters: &mut CaptureCounters) -> Result<Option<LinkFrame>, CaptureError> {
         if self.done {
             return Ok(None);
         }
@@ -283,7 +280,11 @@ impl Framing {
 
     fn skip_block(&mut self, length: u32, counters: &mut CaptureCounters) -> Result<(), CaptureError> {
         let offset = self.buffer.offset();
-        let passed = self.buffer.skip(u64::from(length)).map_err(|source| self.stopped(source))?;
+        let passed = match self.buffer.skip(u64::from(length)) {
+            Ok(passed) => passed,
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => self.buffer.offset() - offset,
+            Err(error) => return Err(self.stopped(error)),
+        };
         if passed < u64::from(length) {
             counters.truncated =
                 Some(Truncated { offset, found_bytes: passed, expected_bytes: u64::from(length) });
@@ -293,13 +294,15 @@ impl Framing {
 
     /// Whether `length` bytes are there; a file that ends before them is noted, unless it ends at a border.
     fn need(&mut self, length: usize, counters: &mut CaptureCounters) -> Result<bool, CaptureError> {
-        let have = match self.buffer.fill(length) {
-            Ok(have) => have,
-            // a gzip stream that was cut off
-            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => self.buffer.available().len(),
+        let (have, cut) = match self.buffer.fill(length) {
+            Ok(have) => (have, have > 0),
+            // a gzip stream that was cut off, perhaps between two records
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+                (self.buffer.available().len(), true)
+            }
             Err(error) => return Err(self.stopped(error)),
         };
-        if have < length && have > 0 {
+        if have < length && cut {
             counters.truncated = Some(Truncated {
                 offset: self.buffer.offset(),
                 found_bytes: have as u64,

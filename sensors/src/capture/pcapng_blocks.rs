@@ -157,8 +157,7 @@ fn description(order: Bytes, body: &[u8]) -> Result<Description, (String, String
             (9, 1) => {
                 let exponent = u32::from(value[0] & 0x7f);
                 let binary = value[0] & 0x80 != 0;
-                let ticks =
-                    if binary { 1_u128.checked_shl(exponent) } else { 10_u128.checked_pow(exponent) };
+                let ticks = if binary { 1_u128.checked_shl(exponent) } else { 10_u128.checked_pow(exponent) };
                 clock.ticks_per_second = ticks.ok_or_else(|| {
                     let base = if binary { 2 } else { 10 };
                     (format!("a clock of {base}^-{exponent} s"), "one that a number can hold".into())

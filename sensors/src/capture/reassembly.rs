@@ -92,7 +92,8 @@ impl Reassembly {
         self.expire(time_ns);
         let newest_match = |fits: fn(&Slot, &Fragment<'_>) -> bool| {
             let slots = self.slots.iter().enumerate();
-            slots.filter(|(_, slot)| slot.key == fragment.key && fits(slot, fragment))
+            slots
+                .filter(|(_, slot)| slot.key == fragment.key && fits(slot, fragment))
                 .max_by_key(|(_, slot)| slot.begun)
                 .map(|(at, _)| at)
         };
@@ -127,7 +128,8 @@ impl Reassembly {
         let free = self.slots.iter().position(|slot| slot.state == State::Free);
         let oldest = |state: Option<State>| {
             let slots = self.slots.iter().enumerate();
-            slots.filter(|(_, slot)| state.is_none_or(|state| slot.state == state))
+            slots
+                .filter(|(_, slot)| state.is_none_or(|state| slot.state == state))
                 .min_by_key(|(_, slot)| slot.begun)
                 .map(|(at, _)| at)
         };
@@ -218,12 +220,8 @@ mod tests {
 
     fn pieces(datagram: &[u8]) -> Vec<Fragment<'_>> {
         let count = datagram.len().div_ceil(16);
-        let piece = |(number, payload)| Fragment {
-            key: KEY,
-            offset: number * 16,
-            more: number + 1 < count,
-            payload,
-        };
+        let piece =
+            |(number, payload)| Fragment { key: KEY, offset: number * 16, more: number + 1 < count, payload };
         datagram.chunks(16).enumerate().map(piece).collect()
     }
 
