@@ -1,5 +1,7 @@
 //! Poses over time.
 
+mod tum;
+
 use glam::DVec3;
 
 use crate::geometry::Pose;
@@ -72,6 +74,14 @@ pub enum TrajectoryError {
     /// No pose at all.
     #[error("a trajectory needs at least one pose")]
     Empty,
+    /// A line of a trajectory file is not what it should be.
+    #[error("line {line}: {reason}")]
+    Line {
+        /// Counted from 1.
+        line: usize,
+        /// What was found and what was expected.
+        reason: String,
+    },
     /// Time stands still or runs back.
     #[error("time does not increase at pose {index} (counted from 0)")]
     NotIncreasing {

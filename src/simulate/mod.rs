@@ -1,1 +1,3 @@
 //! The sampling of beams along a trajectory.
+
+pub mod published;
