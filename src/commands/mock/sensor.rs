@@ -1,8 +1,8 @@
-//! `outrigger mock`
+//! `outrigger mock sensor`
 
-use super::{Context, Outcome};
+use crate::commands::{Context, Outcome};
 
-/// Arguments of `mock`.
+/// Arguments of `mock sensor`.
 #[derive(clap::Args, Debug)]
 pub struct Args {}
 
