@@ -1,6 +1,11 @@
 //! Mounts, the sensors on them, and the files that say so.
 
+mod mount_file;
+
+pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
+
 use glam::{DMat3, DQuat, DVec3};
+use sensors::SensorModel;
 
 use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
 
@@ -39,5 +44,119 @@ impl Mount {
     pub fn body_from_sensor(&self) -> Pose {
         let rotation = BODY_FROM_MOUNT_FRAME * self.rotation() * BODY_FROM_MOUNT_FRAME.transpose();
         Pose::new(DQuat::from_mat3(&rotation), BODY_FROM_MOUNT_FRAME * self.position_m())
+    }
+}
+
+/// A sensor and where it sits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MountedSensor {
+    /// Name within the rig, unique there.
+    pub name: String,
+    /// Beams, limits and housing.
+    pub model: SensorModel,
+    /// Where it sits.
+    pub mount: Mount,
+}
+
+impl MountedSensor {
+    /// Where the beams meet, in the mount frame, m: the lidar origin, within 2 mm the middle of the housing of every
+    /// model with a drawing.
+    pub fn lidar_origin_m(&self) -> DVec3 {
+        let lidar_origin = DVec3::from(self.model.sensor_from_lidar().translation);
+        let in_mount_axes = BODY_FROM_MOUNT_FRAME.transpose() * lidar_origin;
+        self.mount.position_m() + self.mount.rotation() * in_mount_axes
+    }
+
+    /// The spin axis (+z of the sensor) in the mount frame.
+    pub fn spin_axis(&self) -> DVec3 {
+        self.mount.rotation() * DVec3::Z
+    }
+}
+
+/// Sensors that share one platform.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Rig {
+    /// In the order in which coverage counts them.
+    pub sensors: Vec<MountedSensor>,
+}
+
+impl Rig {
+    /// Each sensor followed by its mirror image across the platform's plane of symmetry.
+    pub fn mirrored(masters: Vec<MountedSensor>) -> Self {
+        let pair = |master: MountedSensor| {
+            let image = MountedSensor {
+                name: format!("{}-mirrored", master.name),
+                mount: master.mount.mirrored(),
+                ..master.clone()
+            };
+            [master, image]
+        };
+        Self { sensors: masters.into_iter().flat_map(pair).collect() }
+    }
+
+    /// Distances between sensor origins beside what the pair needs, every pair once: the sum of both housing radii, or
+    /// `least_distance_m` where that is more (the published d_min; 0 asks for the housings only).
+    pub fn clearances(&self, least_distance_m: f64) -> Vec<Clearance> {
+        let mut pairs = Vec::new();
+        for (index, first) in self.sensors.iter().enumerate() {
+            for second in &self.sensors[index + 1..] {
+                let housings_m = first.model.housing_radius_m + second.model.housing_radius_m;
+                pairs.push(Clearance {
+                    first: first.name.clone(),
+                    second: second.name.clone(),
+                    distance_m: first.mount.position_m().distance(second.mount.position_m()),
+                    needed_m: housings_m.max(least_distance_m),
+                });
+            }
+        }
+        pairs
+    }
+}
+
+/// How far two sensors are apart and how far they must be.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Clearance {
+    /// One sensor.
+    pub first: String,
+    /// The other.
+    pub second: String,
+    /// Between their origins, m.
+    pub distance_m: f64,
+    /// Least allowed distance, m.
+    pub needed_m: f64,
+}
+
+impl Clearance {
+    /// Whether the pair can be built.
+    pub fn is_kept(&self) -> bool {
+        self.distance_m >= self.needed_m
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sensor(name: &str, x_m: f64) -> MountedSensor {
+        let model = sensors::catalogue::nominal("os1-64").unwrap();
+        MountedSensor { name: name.into(), model, mount: Mount { x_m, pitch_rad: 0.4, ..Mount::default() } }
+    }
+
+    #[test]
+    fn a_mirrored_pair_leans_outward_on_both_sides() {
+        let rig = Rig::mirrored(vec![sensor("a", 0.06)]);
+        let axes: Vec<_> = rig.sensors.iter().map(MountedSensor::spin_axis).collect();
+        assert_eq!(rig.sensors[1].mount.x_m, -0.06);
+        assert!(axes[0].x > 0.0 && axes[0].x == -axes[1].x && axes[0].z == axes[1].z);
+    }
+
+    #[test]
+    fn housings_ask_for_their_radii() {
+        let near = Rig::mirrored(vec![sensor("a", 0.028)]).clearances(0.0);
+        assert_eq!(near.len(), 1);
+        assert!(!near[0].is_kept(), "{near:?}");
+        assert!((near[0].needed_m - 0.087).abs() < 1e-12);
+        assert!(Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.0)[0].is_kept());
+        assert!(!Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.12)[0].is_kept());
     }
 }

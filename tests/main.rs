@@ -6,8 +6,10 @@ mod support;
 mod cli;
 mod closed_loop;
 mod export;
+mod optimize;
 mod ouster;
 mod rig;
+mod scenes;
 mod session;
 mod simulator;
 mod tidy;
@@ -18,8 +20,10 @@ fn main() -> std::process::ExitCode {
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
         ("export", export::CASES),
+        ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
         ("tidy", tidy::CASES),

@@ -1,5 +1,11 @@
 //! Poses over time.
 
+mod checks;
+mod files;
+mod shapes;
+
+pub use checks::{Suspicion, SuspicionKind, WalkLimits};
+
 use glam::DVec3;
 
 use crate::geometry::Pose;
@@ -77,5 +83,25 @@ pub enum TrajectoryError {
     NotIncreasing {
         /// Position of the offending pose.
         index: usize,
+    },
+    /// A line of a file is not what its format asks for.
+    #[error("line {line}: {found}")]
+    Line {
+        /// Line number from 1.
+        line: usize,
+        /// What was found and what was expected.
+        found: String,
+    },
+    /// Poses without times need a rate.
+    #[error("a rate of {rate_hz} poses per second, expected above 0")]
+    Rate {
+        /// As given, Hz.
+        rate_hz: f64,
+    },
+    /// A planned walk that nobody can walk.
+    #[error("{reason}")]
+    Shape {
+        /// What was found and what was expected.
+        reason: String,
     },
 }

@@ -1,0 +1,45 @@
+//! Rows to SVG: line charts and pictures of coverage. Colours come from CSS classes of the page around them, so one
+//! picture serves light and dark; a picture carries its data's numbers in its text, so it can be read alone.
+
+mod axis;
+mod cells;
+mod line;
+
+pub use cells::{CellClass, CellMap, cell_map_svg};
+pub use line::{LineChart, Series};
+
+/// Text safe inside SVG and HTML.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A number for people: thousands separated, as many decimals as asked for.
+pub fn number(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return value.to_string();
+    }
+    let text = format!("{:.decimals$}", value.abs());
+    let (whole, fraction) = text.split_once('.').map_or((text.as_str(), ""), |(w, f)| (w, f));
+    let mut grouped = String::new();
+    for (place, digit) in whole.chars().enumerate() {
+        if place > 0 && (whole.len() - place) % 3 == 0 {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    let sign = if value < 0.0 && text.chars().any(|c| ('1'..='9').contains(&c)) { "-" } else { "" };
+    if fraction.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{fraction}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_grouped_and_never_minus_zero() {
+        assert_eq!(number(1234567.891, 1), "1,234,567.9");
+        assert_eq!(number(-999.0, 0), "-999");
+        assert_eq!(number(-0.0001, 2), "0.00");
+        assert_eq!(number(f64::NAN, 2), "NaN");
+    }
+}

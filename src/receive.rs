@@ -1,1 +1,0 @@
-//! UDP sockets to packets, with every loss counted.

@@ -1,0 +1,47 @@
+//! A grid of cells as flat pictures: the six faces of a box laid out, or the whole grid seen from above.
+
+use crate::chart::CellMap;
+use crate::coverage::VoxelGrid;
+
+/// The outermost cell layers of a grid around a closed room, unfolded: floor and ceiling as seen from above (world x up
+/// the page, y to the left), walls as seen from inside with z up.
+pub fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
+    let [nx, ny, nz] = grid.cells;
+    let index = |i: usize, j: usize, k: usize| i + nx * (j + ny * k);
+    let map = |title: &str, width: usize, height: usize, cell: &dyn Fn(usize, usize) -> usize| CellMap {
+        title: title.to_owned(),
+        width,
+        cells: (0..height)
+            .flat_map(|row| (0..width).map(move |column| (row, column)))
+            .map(|(row, column)| class_of(cell(row, column)))
+            .collect(),
+    };
+    vec![
+        map("floor", ny, nx, &|row, column| index(row, ny - 1 - column, 0)),
+        map("ceiling", ny, nx, &|row, column| index(row, ny - 1 - column, nz - 1)),
+        map("wall ahead (+x)", ny, nz, &|row, column| index(nx - 1, ny - 1 - column, row)),
+        map("wall behind (-x)", ny, nz, &|row, column| index(0, column, row)),
+        map("wall left (+y)", nx, nz, &|row, column| index(column, ny - 1, row)),
+        map("wall right (-y)", nx, nz, &|row, column| index(nx - 1 - column, 0, row)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn the_cell_left_of_the_way_lies_left_on_the_floor() {
+        let bounds = [DVec3::new(-2.0, -1.0, 0.0), DVec3::new(2.0, 1.0, 1.0)];
+        let grid = VoxelGrid::centred_on(bounds, 1.0);
+        let marked = grid.index(DVec3::new(2.0, 1.0, 0.0));
+        let maps = unfold_box(&grid, &|index| (Some(index) == marked).then_some(0));
+        let floor = &maps[0];
+        // ahead is the top row, left is the first column
+        assert_eq!(floor.cells.iter().position(Option::is_some), Some(4 * floor.width));
+        assert_eq!(maps[2].cells.iter().position(Option::is_some), Some(0));
+        assert_eq!(maps[4].cells.iter().position(Option::is_some), Some(4));
+    }
+}

@@ -1,0 +1,290 @@
+//! `mount.json`: the sensors of a rig, their models and mounts, as the optimizer writes and everything else reads them.
+//!
+//! ```json
+//! { "format": "outrigger-mount/1",
+//!   "frame": "mount: x right, y forward, z up",
+//!   "sensors": [ { "name": "right", "model": "os1-64", "x_m": 0.06, "y_m": 0.0, "z_m": 0.0,
+//!                  "pitch_deg": 25.0, "roll_deg": 0.0 } ],
+//!   "preset": "paper-os1-64", "objective": 30701.3,
+//!   "masters": [ [0.06, 0.0, 0.0, 25.0, 0.0] ] }
+//! ```
+//!
+//! The last three are optional: which experiment the mount was found in, its score there, and the sensors before
+//! mirroring (x_m, y_m, z_m, pitch_deg, roll_deg). Angles stay in degrees here, so that writing and reading loses nothing.
+
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use sensors::catalogue;
+
+use super::{Mount, MountedSensor, Rig};
+
+/// What `format` says.
+pub const FORMAT: &str = "outrigger-mount/1";
+
+/// What `frame` says.
+pub const FRAME: &str = "mount: x right, y forward, z up";
+
+/// The content of a mount file.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountFile {
+    format: String,
+    frame: String,
+    /// Every physical sensor, mirrored ones included.
+    pub sensors: Vec<SensorEntry>,
+    /// Sensors before mirroring: `[x_m, y_m, z_m, pitch_deg, roll_deg]` each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub masters: Option<Vec<[f64; 5]>>,
+    /// The experiment in which the mount was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preset: Option<String>,
+    /// Its score there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
+}
+
+/// One sensor of a mount file.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorEntry {
+    /// Name within the rig.
+    pub name: String,
+    /// Name of a sensor model (`os1-64`).
+    pub model: String,
+    /// Right of the platform's origin, m.
+    pub x_m: f64,
+    /// Ahead of it, m.
+    pub y_m: f64,
+    /// Above it, m.
+    pub z_m: f64,
+    /// About the forward axis, degrees.
+    pub pitch_deg: f64,
+    /// About the lateral axis, degrees.
+    pub roll_deg: f64,
+}
+
+impl SensorEntry {
+    /// The mount, in radians.
+    pub fn mount(&self) -> Mount {
+        Mount {
+            x_m: self.x_m,
+            y_m: self.y_m,
+            z_m: self.z_m,
+            pitch_rad: self.pitch_deg.to_radians(),
+            roll_rad: self.roll_deg.to_radians(),
+        }
+    }
+
+    fn numbers(&self) -> [(&'static str, f64); 5] {
+        [
+            ("x_m", self.x_m),
+            ("y_m", self.y_m),
+            ("z_m", self.z_m),
+            ("pitch_deg", self.pitch_deg),
+            ("roll_deg", self.roll_deg),
+        ]
+    }
+}
+
+impl MountFile {
+    /// A file of these sensors.
+    pub fn new(sensors: Vec<SensorEntry>) -> Self {
+        Self {
+            format: FORMAT.into(),
+            frame: FRAME.into(),
+            sensors,
+            masters: None,
+            preset: None,
+            objective: None,
+        }
+    }
+
+    /// Reads a file. Everything in it is checked: format, frame, names, models, finite numbers.
+    pub fn read(path: &Path) -> Result<Self, MountFileError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
+        Self::from_json(&text).map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })
+    }
+
+    /// Writes a file, whole or not at all. What [`MountFile::read`] would refuse is not written.
+    pub fn write(&self, path: &Path) -> Result<(), MountFileError> {
+        self.check().map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
+        let text = serde_json::to_string_pretty(self)
+            .map_err(|error| MountFileError::Wrong { path: path.to_owned(), reason: error.to_string() })?;
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let unwritable = |source| MountFileError::Unwritable { path: path.to_owned(), source };
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's umask
+        let mut file = builder.tempfile_in(folder).map_err(unwritable)?;
+        writeln!(file, "{text}").map_err(unwritable)?;
+        file.as_file().sync_all().map_err(unwritable)?;
+        file.persist(path).map_err(|error| unwritable(error.error))?;
+        Ok(())
+    }
+
+    /// The rig that the file describes, with nominal models.
+    pub fn rig(&self) -> Result<Rig, catalogue::ModelError> {
+        let sensors = self
+            .sensors
+            .iter()
+            .map(|entry| {
+                let model = catalogue::nominal(&entry.model)?;
+                Ok(MountedSensor { name: entry.name.clone(), model, mount: entry.mount() })
+            })
+            .collect::<Result<_, _>>()?;
+        Ok(Rig { sensors })
+    }
+
+    fn from_json(text: &str) -> Result<Self, String> {
+        let reader = &mut serde_json::Deserializer::from_str(text);
+        let file: Self = serde_path_to_error::deserialize(&mut *reader).map_err(|error| {
+            let place = match error.path().to_string() {
+                path if path == "." => String::new(),
+                path => format!("at {path}: "),
+            };
+            format!("{place}{}; the fields are described under `outrigger evaluate --help`", error.inner())
+        })?;
+        reader.end().map_err(|error| format!("{error}; a mount file is one JSON object"))?;
+        file.check()?;
+        Ok(file)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.format != FORMAT {
+            return Err(format!("format is {:?}, this program reads {FORMAT:?}", self.format));
+        }
+        if self.frame != FRAME {
+            return Err(format!(
+                "frame is {:?}, expected {FRAME:?}: convert the positions and say so",
+                self.frame
+            ));
+        }
+        if self.sensors.is_empty() {
+            return Err("sensors is empty: list at least one sensor".into());
+        }
+        for (index, sensor) in self.sensors.iter().enumerate() {
+            if sensor.name.is_empty() {
+                return Err(format!("sensors[{index}].name is empty: give each sensor a name"));
+            }
+            if let Some(twin) = self.sensors[..index].iter().position(|other| other.name == sensor.name) {
+                return Err(format!(
+                    "sensors[{index}].name is {:?} like that of sensors[{twin}]: names must differ",
+                    sensor.name
+                ));
+            }
+            catalogue::nominal(&sensor.model).map_err(|error| format!("sensors[{index}].model: {error}"))?;
+            for (field, value) in sensor.numbers() {
+                finite(&format!("sensors[{index}].{field}"), value)?;
+            }
+        }
+        for (index, master) in self.masters.iter().flatten().enumerate() {
+            for (place, value) in master.iter().enumerate() {
+                finite(&format!("masters[{index}][{place}]"), *value)?;
+            }
+        }
+        self.objective.map_or(Ok(()), |value| finite("objective", value))
+    }
+}
+
+fn finite(field: &str, value: f64) -> Result<(), String> {
+    if value.is_finite() { Ok(()) } else { Err(format!("{field} is {value}: give a finite number")) }
+}
+
+/// What can be wrong with a mount file.
+#[derive(Debug, thiserror::Error)]
+pub enum MountFileError {
+    /// It cannot be read.
+    #[error("mount file {path}: cannot be read", path = path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It cannot be written.
+    #[error("mount file {path}: cannot be written", path = path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Its content is not a mount.
+    #[error("mount file {path}: {reason}", path = path.display())]
+    Wrong {
+        /// The file.
+        path: PathBuf,
+        /// Field, what was found, what was expected.
+        reason: String,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(name: &str) -> SensorEntry {
+        SensorEntry {
+            name: name.into(),
+            model: "os1-64".into(),
+            x_m: 0.1 + 0.2,
+            y_m: -0.25,
+            z_m: 1.0 / 3.0,
+            pitch_deg: 25.23,
+            roll_deg: 0.0,
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mount.json");
+        let mut file = MountFile::new(vec![entry("left"), entry("right")]);
+        file.masters = Some(vec![[0.1 + 0.2, 0.0, 1.0 / 3.0, 25.23, 0.0]]);
+        file.objective = Some(30701.0 + 1.0 / 3.0);
+        file.write(&path).unwrap();
+        assert_eq!(MountFile::read(&path).unwrap(), file);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn each_kind_of_wrong_content_is_named() {
+        let good = serde_json::to_string(&MountFile::new(vec![entry("left")])).unwrap();
+        assert!(MountFile::from_json(&good).is_ok());
+        for (from, to, words) in [
+            ("\"pitch_deg\":25.23", "\"pitch_deg\":NaN", &["sensors[0].pitch_deg", "line 1"][..]),
+            ("\"pitch_deg\":25.23", "\"pitch_deg\":null", &["sensors[0].pitch_deg", "null"]),
+            ("\"pitch_deg\":25.23", "\"pitch_deg\":1e999", &["sensors[0].pitch_deg", "out of range"]),
+            ("\"pitch_deg\":25.23,", "", &["sensors[0]", "pitch_deg"]),
+            ("\"pitch_deg\"", "\"pitch_rad\"", &["pitch_rad", "unknown field"]),
+            ("os1-64", "os9-64", &["sensors[0].model", "os9-64", "os1-64"]),
+            ("mount/1", "mount/2", &["outrigger-mount/2", "outrigger-mount/1"]),
+            ("x right", "x forward", &["frame", "x right"]),
+            ("left", "", &["sensors[0].name"]),
+        ] {
+            let bad = good.replace(from, to);
+            assert_ne!(bad, good, "{from}");
+            let reason = MountFile::from_json(&bad).unwrap_err();
+            assert!(words.iter().all(|word| reason.contains(word)), "{to}: {reason}");
+        }
+        assert!(MountFile::from_json(&format!("{good} 1")).unwrap_err().contains("trailing"));
+        assert!(MountFile::from_json("").unwrap_err().contains("EOF"));
+        let twins = MountFile::new(vec![entry("left"), entry("left")]);
+        assert!(twins.check().unwrap_err().contains("names must differ"));
+    }
+
+    #[test]
+    fn nothing_is_written_that_cannot_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mount.json");
+        let mut file = MountFile::new(vec![entry("left")]);
+        file.sensors[0].z_m = f64::NAN;
+        assert!(file.write(&path).unwrap_err().to_string().contains("sensors[0].z_m"));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}
