@@ -2,6 +2,7 @@
 //! points alike.
 
 use glam::DVec3;
+use sha2::{Digest as _, Sha256};
 
 /// A regular grid of cubic cells; cell (i, j, k) spans `origin_m + voxel_m * (i..i+1, j..j+1, k..k+1)`.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +69,18 @@ impl Coverage {
         Self { grid, sensors: vec![vec![0; words]; sensors], outside: 0 }
     }
 
+    /// Coverage from whole bitmaps, one per sensor, for kernels that mark many cells at once. Bits beyond the grid must
+    /// be zero.
+    pub fn from_bitmaps(grid: VoxelGrid, sensors: Vec<Vec<u64>>) -> Self {
+        let words = grid.len().div_ceil(64);
+        let last = grid.len() % 64;
+        for bitmap in &sensors {
+            assert_eq!(bitmap.len(), words, "a bitmap covers the whole grid");
+            assert!(last == 0 || bitmap[words - 1] >> last == 0, "no bit lies beyond the grid");
+        }
+        Self { grid, sensors, outside: 0 }
+    }
+
     /// The grid.
     pub fn grid(&self) -> &VoxelGrid {
         &self.grid
@@ -105,5 +118,65 @@ impl Coverage {
     /// Number of cells hit by any sensor.
     pub fn union_count(&self) -> u64 {
         self.union().iter().map(|word| u64::from(word.count_ones())).sum()
+    }
+
+    /// How many cells are hit by any, by several, by each and by each alone.
+    pub fn counts(&self) -> Counts {
+        let mut counts = Counts {
+            union: 0,
+            overlap: 0,
+            per_sensor: vec![0; self.sensors.len()],
+            unique_per_sensor: vec![0; self.sensors.len()],
+        };
+        let ones = |word: u64| u64::from(word.count_ones());
+        for word in 0..self.grid.len().div_ceil(64) {
+            let (mut any, mut several) = (0, 0);
+            for bitmap in &self.sensors {
+                several |= any & bitmap[word];
+                any |= bitmap[word];
+            }
+            if any == 0 {
+                continue;
+            }
+            counts.union += ones(any);
+            counts.overlap += ones(several);
+            for (sensor, bitmap) in self.sensors.iter().enumerate() {
+                counts.per_sensor[sensor] += ones(bitmap[word]);
+                counts.unique_per_sensor[sensor] += ones(bitmap[word] & !several);
+            }
+        }
+        counts
+    }
+
+    /// SHA-256 of the union bitmap, hexadecimal: bit `index` is bit `index % 8` of byte `index / 8`, the last byte
+    /// padded with zeros.
+    pub fn union_sha256(&self) -> String {
+        let mut hash = Sha256::new();
+        let mut left = self.grid.len().div_ceil(8);
+        for word in self.union() {
+            hash.update(&word.to_le_bytes()[..left.min(8)]);
+            left = left.saturating_sub(8);
+        }
+        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+}
+
+/// How many cells were hit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Counts {
+    /// By at least one sensor.
+    pub union: u64,
+    /// By at least two sensors.
+    pub overlap: u64,
+    /// By each sensor.
+    pub per_sensor: Vec<u64>,
+    /// By each sensor and no other.
+    pub unique_per_sensor: Vec<u64>,
+}
+
+impl Counts {
+    /// Share of the cells hit that at least two sensors hit; 0 where nothing is hit.
+    pub fn overlap_ratio(&self) -> f64 {
+        self.overlap as f64 / self.union.max(1) as f64
     }
 }

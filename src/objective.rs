@@ -1,1 +1,249 @@
 //! Score: the terms of J, each with its own number.
+//!
+//! J = U + R_ov(rho) + R_ang(delta) - lambda N: cells seen, a window for the share seen twice, an angle between spin
+//! axes, a price per sensor. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
+//! Mount Configurations for Mapping Systems", equations 8 to 15.
+
+use sensors::catalogue;
+
+use crate::coverage::Counts;
+use crate::rig::{Clearance, MountedSensor, Rig};
+use crate::simulate::published::{ExperimentError, Placement, Simulator};
+
+/// Coefficients of J.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights {
+    /// Price of one physical sensor (lambda).
+    pub sensor_cost: f64,
+    /// Least overlap ratio of the window.
+    pub overlap_min: f64,
+    /// Greatest overlap ratio of the window.
+    pub overlap_max: f64,
+    /// Added inside the window.
+    pub overlap_reward: f64,
+    /// Taken off per unit of overlap ratio below the window.
+    pub overlap_too_little: f64,
+    /// Taken off per unit of overlap ratio above the window.
+    pub overlap_too_much: f64,
+    /// Least angle between two spin axes, degrees.
+    pub angle_min_deg: f64,
+    /// Added when every pair keeps it, and for a single sensor.
+    pub angle_reward: f64,
+    /// Taken off at angle zero; in proportion in between.
+    pub angle_penalty: f64,
+}
+
+impl Default for Weights {
+    /// As published.
+    fn default() -> Self {
+        Self {
+            sensor_cost: 2000.0,
+            overlap_min: 0.05,
+            overlap_max: 0.10,
+            overlap_reward: 300.0,
+            overlap_too_little: 1000.0,
+            overlap_too_much: 600.0,
+            angle_min_deg: 30.0,
+            angle_reward: 100.0,
+            angle_penalty: 2000.0,
+        }
+    }
+}
+
+/// The terms of J; their sum is J.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Terms {
+    /// Cells seen.
+    pub coverage: f64,
+    /// Reward or penalty for the overlap ratio.
+    pub overlap: f64,
+    /// Reward or penalty for the least angle between spin axes.
+    pub angular: f64,
+    /// Price of the sensors, zero or less.
+    pub cost: f64,
+}
+
+impl Terms {
+    /// J.
+    pub fn objective(&self) -> f64 {
+        self.coverage + self.overlap + self.angular + self.cost
+    }
+}
+
+/// The terms of J from what was seen, the least angle between spin axes (none for a single sensor) and the number of
+/// sensors.
+pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, sensors: usize) -> Terms {
+    let ratio = counts.overlap_ratio();
+    let overlap = if ratio < weights.overlap_min {
+        -weights.overlap_too_little * (weights.overlap_min - ratio)
+    } else if ratio > weights.overlap_max {
+        -weights.overlap_too_much * (ratio - weights.overlap_max)
+    } else {
+        weights.overlap_reward
+    };
+    let angular = match min_angle_deg {
+        Some(angle_deg) if angle_deg < weights.angle_min_deg => {
+            -weights.angle_penalty * (weights.angle_min_deg - angle_deg) / weights.angle_min_deg
+        }
+        _ => weights.angle_reward,
+    };
+    Terms { coverage: counts.union as f64, overlap, angular, cost: -weights.sensor_cost * sensors as f64 }
+}
+
+/// A published experiment with its score and the rule of clearance: what optimizers maximise.
+#[derive(Clone, Debug)]
+pub struct Objective {
+    simulator: Simulator,
+    weights: Weights,
+    housing: MountedSensor,
+    least_distance_m: f64,
+}
+
+/// One scored set of mounts. Field names are those of the JSON documents.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Evaluation {
+    /// J.
+    pub objective: f64,
+    /// Voxels seen by at least one sensor.
+    pub unique_voxels: u64,
+    /// Voxels that any ray could hit.
+    pub reachable_voxels: u64,
+    /// Share of the voxels seen that at least two sensors see.
+    pub overlap_ratio: f64,
+    /// Least angle between spin axes, degrees; none for a single sensor.
+    pub min_angle_deg: Option<f64>,
+    /// Physical sensors.
+    pub sensors: usize,
+    /// Voxels seen by each sensor.
+    pub per_sensor_voxels: Vec<u64>,
+    /// Voxels seen by each sensor and no other.
+    pub unique_per_sensor: Vec<u64>,
+    /// The terms of J.
+    pub terms: Terms,
+    /// Whether every pair of sensors keeps its distance.
+    pub feasible: bool,
+    /// The pairs that do not.
+    pub violations: Vec<Clearance>,
+    /// Rays cast.
+    pub rays: u64,
+}
+
+impl Objective {
+    /// Scores with these weights. Sensors must be apart by the sum of their housing radii, and by `least_distance_m`
+    /// (the published d_min; 0 asks for the housings only).
+    pub fn new(
+        simulator: Simulator,
+        weights: Weights,
+        least_distance_m: f64,
+    ) -> Result<Self, catalogue::ModelError> {
+        let model = catalogue::nominal(simulator.experiment().preset.model)?;
+        let housing = MountedSensor { name: String::new(), model, mount: Default::default() };
+        Ok(Self { simulator, weights, housing, least_distance_m })
+    }
+
+    /// The simulator.
+    pub fn simulator(&self) -> &Simulator {
+        &self.simulator
+    }
+
+    /// The coefficients of J.
+    pub fn weights(&self) -> &Weights {
+        &self.weights
+    }
+
+    /// Scores masters: roll rule and mirror images as the experiment says.
+    pub fn evaluate(&self, masters: &[Placement]) -> Result<Evaluation, ExperimentError> {
+        self.evaluate_sensors(&self.simulator.experiment().sensors(masters))
+    }
+
+    /// Scores physical sensors as they are.
+    pub fn evaluate_sensors(&self, sensors: &[Placement]) -> Result<Evaluation, ExperimentError> {
+        Ok(self.score_counts(sensors, &self.simulator.count(sensors)?))
+    }
+
+    /// Scores sensors whose coverage is counted already.
+    pub fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
+        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+        let min_angle_deg = min_angle_deg(&axes);
+        let terms = score(&self.weights, counts, min_angle_deg, sensors.len());
+        let violations = self.violations(sensors);
+        Evaluation {
+            objective: terms.objective(),
+            unique_voxels: counts.union,
+            reachable_voxels: self.simulator.reachable(),
+            overlap_ratio: counts.overlap_ratio(),
+            min_angle_deg,
+            sensors: sensors.len(),
+            per_sensor_voxels: counts.per_sensor.clone(),
+            unique_per_sensor: counts.unique_per_sensor.clone(),
+            terms,
+            feasible: violations.is_empty(),
+            violations,
+            rays: self.simulator.experiment().rays_per_sensor() * sensors.len() as u64,
+        }
+    }
+
+    /// The pairs of sensors that are too close to each other; cheap, so that a search can ask before it scores.
+    pub fn violations(&self, sensors: &[Placement]) -> Vec<Clearance> {
+        let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
+            name: format!("sensor {}", index + 1),
+            mount: sensor.mount(),
+            ..self.housing.clone()
+        };
+        let rig = Rig { sensors: sensors.iter().enumerate().map(mounted).collect() };
+        rig.clearances(self.least_distance_m).into_iter().filter(|pair| !pair.is_kept()).collect()
+    }
+}
+
+/// Least angle between any two axes, degrees; none for fewer than two.
+pub fn min_angle_deg(axes: &[[f64; 3]]) -> Option<f64> {
+    // an arc cosine near 1 turns the last bit of a length into 1e-8 degrees
+    let unit = |axis: &[f64; 3]| {
+        let norm = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
+        axis.map(|value| value / norm)
+    };
+    let axes: Vec<_> = axes.iter().map(unit).collect();
+    let mut least: Option<f64> = None;
+    for (index, a) in axes.iter().enumerate() {
+        for b in &axes[index + 1..] {
+            let cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+            let angle_deg = cosine.clamp(-1.0, 1.0).acos().to_degrees();
+            least = Some(least.map_or(angle_deg, |best| best.min(angle_deg)));
+        }
+    }
+    least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn counts(union: u64, overlap: u64) -> Counts {
+        Counts { union, overlap, per_sensor: vec![], unique_per_sensor: vec![] }
+    }
+
+    #[test]
+    fn the_overlap_window_has_its_published_edges() {
+        let overlap = |twice| score(&Weights::default(), &counts(1000, twice), None, 1).overlap;
+        assert_eq!(overlap(0), -50.0);
+        assert_eq!(overlap(50), 300.0);
+        assert_eq!(overlap(100), 300.0);
+        assert!((overlap(600) + 300.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn parallel_axes_cost_two_thousand_and_thirty_degrees_earn_a_hundred() {
+        let angular = |angle_deg| score(&Weights::default(), &counts(1, 0), angle_deg, 2).angular;
+        assert_eq!(angular(Some(0.0)), -2000.0);
+        assert_eq!(angular(Some(15.0)), -1000.0);
+        assert_eq!(angular(Some(30.0)), 100.0);
+        assert_eq!(angular(None), 100.0);
+    }
+
+    #[test]
+    fn angles_between_axes() {
+        assert_eq!(min_angle_deg(&[[0.0, 0.0, 1.0]]), None);
+        let least = min_angle_deg(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]).unwrap();
+        assert!((least - 45.0).abs() < 1e-12);
+    }
+}

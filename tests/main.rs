@@ -6,6 +6,7 @@ mod support;
 mod cli;
 mod closed_loop;
 mod export;
+mod optimize;
 mod ouster;
 mod rig;
 mod scenes;
@@ -19,6 +20,7 @@ fn main() -> std::process::ExitCode {
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
         ("export", export::CASES),
+        ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
         ("scenes", scenes::CASES),

@@ -1,5 +1,238 @@
 //! The published simulator to the bit, and the general one against stored references.
 
-use crate::support::Case;
+use outrigger::objective::{self, Weights};
+use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Seen, Simulator};
+use serde::Deserialize;
+use sha2::Digest as _;
 
-pub const CASES: &[Case] = &[];
+use crate::support::{Case, case, shared, with_shared};
+use outrigger::rig::{MountFile, SensorEntry};
+
+pub const CASES: &[Case] = &[
+    with_shared("the_definition_matches_the_released_program", the_definition_matches_the_released_program),
+    with_shared(
+        "evaluate_prints_what_the_released_program_found",
+        evaluate_prints_what_the_released_program_found,
+    ),
+    case("evaluate_scores_a_mount_file_as_it_is", evaluate_scores_a_mount_file_as_it_is),
+    case("evaluate_refuses_what_it_cannot_score", evaluate_refuses_what_it_cannot_score),
+];
+
+/// One evaluation by the released program.
+#[derive(Deserialize)]
+#[allow(non_snake_case)] // the file's own names
+struct Reference {
+    id: String,
+    kind: String,
+    sensor: String,
+    path_axis: String,
+    vox: f64,
+    az_samples: usize,
+    symmetry: bool,
+    fix_roll: Option<f64>,
+    masters: Vec<[f64; 5]>,
+    N: usize,
+    U: u64,
+    ge2: u64,
+    per_sensor: Vec<u64>,
+    unique_only: Vec<u64>,
+    missed_ray_poses_per_sensor: Vec<u64>,
+    rho: f64,
+    delta_min_deg: Option<f64>,
+    R_ov: f64,
+    R_ang: f64,
+    J: f64,
+    boundary_voxels: u64,
+    union_bits_sha256: String,
+    counts_sha256: String,
+}
+
+impl Reference {
+    fn all() -> Vec<Self> {
+        #[derive(Deserialize)]
+        struct File {
+            cases: Vec<Reference>,
+        }
+        let text = std::fs::read_to_string(shared("reference/simulator/evaluations.json")).unwrap();
+        let file: File = serde_json::from_str(&text).unwrap();
+        assert_eq!(file.cases.len(), 70);
+        file.cases
+    }
+
+    fn experiment(&self) -> Experiment {
+        let preset = Preset::named(&format!("paper-{}", self.sensor.to_lowercase())).unwrap();
+        Experiment {
+            path: if self.path_axis == "x" { Path::Lateral } else { Path::Forward },
+            voxel_m: self.vox,
+            azimuths: self.az_samples,
+            roll: self.fix_roll.map_or(Roll::Free, Roll::Fixed),
+            mirror: self.symmetry,
+            ..Experiment::published(preset)
+        }
+    }
+
+    fn sensors(&self) -> Vec<Placement> {
+        let masters: Vec<_> = self.masters.iter().map(|master| Placement::from(*master)).collect();
+        self.experiment().sensors(&masters)
+    }
+
+    fn counts_sha256(seen: &Seen) -> String {
+        let cells = seen.coverage.grid().len();
+        let count = |index: usize| {
+            let bit = |sensor| (seen.coverage.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1) as u8;
+            (0..seen.coverage.sensors()).map(bit).sum::<u8>()
+        };
+        let bytes: Vec<u8> = (0..cells).map(count).collect();
+        sha2::Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// What differs; empty when nothing does. Everything is compared to the bit except the angle and what follows from
+    /// it: its arc cosine comes from another mathematics library, one unit in the last place apart in four cases.
+    fn differences(&self, simulator: &Simulator, seen: &Seen) -> Vec<String> {
+        let counts = seen.coverage.counts();
+        let sensors = self.sensors();
+        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+        let angle_deg = objective::min_angle_deg(&axes);
+        let terms = objective::score(&Weights::default(), &counts, angle_deg, sensors.len());
+        let mut wrong = Vec::new();
+        let mut check = |what: &str, same: bool| {
+            if !same {
+                wrong.push(format!("{} ({}): {what}", self.id, self.kind));
+            }
+        };
+        check("N", sensors.len() == self.N);
+        check("reachable", simulator.reachable() == self.boundary_voxels);
+        check(&format!("U {} for {}", counts.union, self.U), counts.union == self.U);
+        check("ge2", counts.overlap == self.ge2);
+        check("per_sensor", counts.per_sensor == self.per_sensor);
+        check("unique_only", counts.unique_per_sensor == self.unique_only);
+        check("missed", seen.lost_rays == self.missed_ray_poses_per_sensor);
+        check("rho", counts.overlap_ratio() == self.rho);
+        let angles = angle_deg.zip(self.delta_min_deg);
+        check(
+            &format!("delta {angle_deg:?} for {:?}", self.delta_min_deg),
+            angle_deg == self.delta_min_deg || angles.is_some_and(|(a, b)| (a - b).abs() <= 5e-15),
+        );
+        check("R_ov", terms.overlap == self.R_ov);
+        check(
+            &format!("R_ang {} for {}", terms.angular, self.R_ang),
+            (terms.angular - self.R_ang).abs() <= 5e-13,
+        );
+        check(
+            &format!("J {} for {}", terms.objective(), self.J),
+            (terms.objective() - self.J).abs() <= 5e-12,
+        );
+        check("union bits", seen.coverage.union_sha256() == self.union_bits_sha256);
+        check("counts", Self::counts_sha256(seen) == self.counts_sha256);
+        wrong
+    }
+}
+
+fn the_definition_matches_the_released_program() {
+    let mut wrong = Vec::new();
+    for case in Reference::all() {
+        let simulator = Simulator::new(&case.experiment()).unwrap();
+        let seen = simulator.coverage_by_definition(&case.sensors()).unwrap();
+        wrong.extend(case.differences(&simulator, &seen));
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+fn evaluate(arguments: &[&str]) -> std::process::Output {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    command.arg("evaluate").args(arguments).env_remove("OUTRIGGER_PRESET").env_remove("OUTRIGGER_JSON");
+    command.output().unwrap()
+}
+
+/// Through the command line: the same bitmap, and the roll rule with its notice.
+fn evaluate_prints_what_the_released_program_found() {
+    let mut compared = 0;
+    for case in Reference::all().into_iter().filter(|case| case.az_samples == 180 && case.vox >= 0.5) {
+        let masters: Vec<_> =
+            case.masters.iter().map(|m| m.map(|value| value.to_string()).join(",")).collect();
+        let masters = masters.join(";");
+        let preset = format!("paper-{}", case.sensor.to_lowercase());
+        let voxel = case.vox.to_string();
+        let path = if case.path_axis == "x" { "lateral" } else { "forward" };
+        let mut arguments = vec!["--json", "--preset", &preset, "--masters", &masters, "--path", path];
+        arguments.extend(["--voxel", &voxel]);
+        if !case.symmetry {
+            arguments.push("--no-mirror");
+        }
+        let rule = match case.fix_roll {
+            None => "free".to_owned(),
+            Some(roll_deg) => format!("fixed:{roll_deg}"),
+        };
+        if case.fix_roll != Some(0.0) {
+            arguments.extend(["--roll", &rule]);
+        }
+        let output = evaluate(&arguments);
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{}: {errors}", case.id);
+        let replaced = case.fix_roll.is_some_and(|roll| case.masters.iter().any(|master| master[4] != roll));
+        assert_eq!(errors.contains("roll is replaced"), replaced, "{}: {errors}", case.id);
+        let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(document["coverage_sha256"], case.union_bits_sha256, "{}", case.id);
+        assert_eq!(document["unique_voxels"], case.U, "{}", case.id);
+        assert_eq!(document["overlap_ratio"], case.rho, "{}", case.id);
+        assert_eq!(document["sensors"], case.N, "{}", case.id);
+        assert!((document["objective"].as_f64().unwrap() - case.J).abs() < 1e-9, "{}", case.id);
+        assert_eq!(document["min_angle_deg"].is_null(), case.N == 1, "{}", case.id);
+        compared += 1;
+    }
+    assert!(compared > 30, "{compared}");
+}
+
+fn evaluate_scores_a_mount_file_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mount.json");
+    let entry = |name: &str, sign: f64| SensorEntry {
+        name: name.into(),
+        model: "os1-64".into(),
+        x_m: sign * 0.06,
+        y_m: 0.1,
+        z_m: -0.05,
+        pitch_deg: sign * 25.0,
+        roll_deg: 0.0,
+    };
+    let mut file = MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]);
+    file.preset = Some("paper-os1-64".into());
+    file.write(&path).unwrap();
+    let document = |output: std::process::Output| -> serde_json::Value {
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let path = path.to_str().unwrap();
+    let from_file = document(evaluate(&["--json", "--mount", path]));
+    let typed =
+        document(evaluate(&["--json", "--preset", "paper-os1-64", "--masters", "0.06,0.1,-0.05,25,0"]));
+    assert_eq!(from_file["coverage_sha256"], typed["coverage_sha256"]);
+    assert_eq!(from_file["feasible"], true);
+    let other = evaluate(&["--json", "--preset", "paper-vlp-16", "--mount", path]);
+    assert_eq!(other.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&other.stderr).contains("right"), "the sensor is named");
+}
+
+fn evaluate_refuses_what_it_cannot_score() {
+    let preset = ["--preset", "paper-os1-64"];
+    let good = ["--masters", "0,0,0,25,0"];
+    for (arguments, code, words) in [
+        (&["--masters", "0,0,0,NaN,0"][..], 2, "finite"),
+        (&["--masters", "0,0,0,25"], 2, "4 numbers"),
+        (&["--masters", ""], 2, "master 1"),
+        (&["--masters", "9,0,0,25,0"], 1, "stay inside the box"),
+        (&[&good[..], &["--voxel", "0.3"]].concat(), 1, "0.3 m"),
+        (&[&good[..], &["--azimuths", "0"]].concat(), 1, "0 azimuths"),
+        (&[&good[..], &["--roll", "loose"]].concat(), 2, "fixed:0"),
+        (&["--mount", "no-such-file.json"], 1, "no-such-file.json"),
+        (&[], 2, "--mount"),
+    ] {
+        let output = evaluate(&[&preset[..], arguments].concat());
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {errors}");
+        assert!(errors.contains(words), "{arguments:?}: {errors}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+    let unknown = evaluate(&[&["--preset", "paper-os9"], &good[..]].concat());
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("paper-vlp-16"));
+}

@@ -33,6 +33,23 @@ pub struct Frame {
     pub complete: bool,
     /// Host arrival time of the first and the last packet, ns.
     pub host_time_ns: [u64; 2],
+    /// What the sensor said about itself in the packets of this frame, where its format has room for it.
+    pub health: Health,
+}
+
+/// The sensor's own warnings, from the last packet header of a frame (Ouster, all formats but LEGACY).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Health {
+    /// Alert flags: bits 0-5 cursor, bit 6 overflow, bit 7 active.
+    pub alert_flags: u8,
+    /// Seconds until the sensor shuts down for heat; 0 when that is not coming.
+    pub thermal_countdown_s: u8,
+    /// Seconds until the sensor limits its shots; 0 when that is not coming.
+    pub shot_limiting_countdown_s: u8,
+    /// 1: thermal shutdown is imminent.
+    pub thermal_shutdown: u8,
+    /// 0 normal, 1 imminent, 2 to 9 level of shot limiting.
+    pub shot_limiting: u8,
 }
 
 /// What was measured for one return of every sample. Arrays a format does not carry stay empty.

@@ -12,9 +12,10 @@ pub mod frame;
 pub mod model;
 pub mod ouster;
 pub mod packet;
+pub mod projection;
 pub mod velodyne;
 
 pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};
-pub use frame::{Frame, Layer};
+pub use frame::{Frame, Health, Layer};
 pub use model::{Beam, Ray, SensorModel};
 pub use packet::Packet;

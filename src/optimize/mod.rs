@@ -1,1 +1,86 @@
-//! Ask/tell search methods.
+//! Ask/tell search methods. Scores are maximised.
+//!
+//! A method proposes candidates and is told what they are worth; [`Search`] owns the loop, the budget and the history.
+//! Methods draw random numbers from the seed and the number of the batch only, so that their whole state is plain data:
+//! a search can be written to disk after any evaluation and goes on as if it had never stopped, on any number of threads.
+
+use serde::{Deserialize, Serialize};
+
+use crate::rng::Rng;
+
+mod cma_es;
+mod differential_evolution;
+mod genetic;
+mod method;
+mod mounts;
+mod normal;
+mod particle_swarm;
+mod pattern;
+mod polished;
+mod random;
+mod search;
+mod space;
+
+pub use cma_es::CmaEs;
+pub use differential_evolution::DifferentialEvolution;
+pub use genetic::Genetic;
+pub use method::{Kind, Method, Settings};
+pub use mounts::{Master, MountSearch, PUBLISHED_MASTERS_MAX, mount};
+pub use particle_swarm::ParticleSwarm;
+pub use pattern::{Pattern, Poll};
+pub use random::Random;
+pub use search::{Measured, Search, SearchError, StoppedBy};
+pub use space::{Mirror, Space, SpaceError, Variable};
+
+/// A point to evaluate: one value per variable of the space, integers as whole numbers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// In the order of [`Space::variables`].
+    pub values: Vec<f64>,
+}
+
+/// A candidate and what it is worth.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Trial {
+    /// Where.
+    pub candidate: Candidate,
+    /// Objective, maximised. Of an infeasible point it counts only among points of equal violation.
+    pub score: f64,
+    /// How far the point is from feasible, 0 when it is; in units of the caller's constraint.
+    pub violation: f64,
+}
+
+impl Trial {
+    /// Whether this one is better: feasible before infeasible, then less violation, then the higher score
+    /// (Deb 2000, doi:10.1016/S0045-7825(99)00389-8). Not better than its equal.
+    pub fn beats(&self, other: &Trial) -> bool {
+        self.order(other) == std::cmp::Ordering::Less
+    }
+
+    /// Best first.
+    pub fn order(&self, other: &Trial) -> std::cmp::Ordering {
+        self.violation.total_cmp(&other.violation).then(other.score.total_cmp(&self.score))
+    }
+}
+
+/// A search method: proposes, then learns. `tell` answers the last `ask`, whole and in its order.
+pub trait Optimizer {
+    /// The next batch, of the method's natural size; independent of threads and budget left. Empty when the method has
+    /// converged.
+    fn ask(&mut self) -> Vec<Candidate>;
+
+    /// What the last batch was worth.
+    fn tell(&mut self, trials: &[Trial]);
+}
+
+/// Independent random numbers for each step of a search (SplitMix64 finaliser, doi:10.1145/2660193.2660195, so that
+/// neighbouring seeds and steps share nothing).
+fn generator(seed: u64, step: u64) -> Rng {
+    let mix = |mut z: u64| {
+        z = z.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    };
+    Rng::new(mix(seed ^ mix(step)), step)
+}

@@ -83,10 +83,10 @@ impl Monitor {
         self.sockets[self.sensors[sensor].socket].about.address
     }
 
-    /// Per sensor, everything lost before the consumer: its own queue drops, and its socket's kernel drops where it is
-    /// the socket's first sensor (the kernel does not say whose datagram it dropped).
-    pub fn drops(&self) -> Vec<u64> {
-        let mut drops: Vec<u64> = self.sensors().iter().map(|sensor| sensor.queue_dropped).collect();
+    /// Per sensor, the datagrams the kernel dropped. It does not say whose they were: a socket shared by several
+    /// sensors counts for its first.
+    pub fn kernel_drops(&self) -> Vec<u64> {
+        let mut drops = vec![0; self.sensors.len()];
         for socket in self.sockets.iter() {
             drops[socket.first_sensor] += socket.kernel_dropped.load(Ordering::Relaxed);
         }

@@ -199,7 +199,7 @@ fn finite(field: &str, value: f64) -> Result<(), String> {
 #[derive(Debug, thiserror::Error)]
 pub enum MountFileError {
     /// It cannot be read.
-    #[error("mount file {path}: cannot be read: {source}", path = path.display())]
+    #[error("mount file {path}: cannot be read", path = path.display())]
     Unreadable {
         /// The file.
         path: PathBuf,
@@ -207,7 +207,7 @@ pub enum MountFileError {
         source: std::io::Error,
     },
     /// It cannot be written.
-    #[error("mount file {path}: cannot be written: {source}", path = path.display())]
+    #[error("mount file {path}: cannot be written", path = path.display())]
     Unwritable {
         /// The file.
         path: PathBuf,

@@ -41,7 +41,10 @@ impl Trajectory {
                 let found = format!("time {} after {:.9}, expected later", fields[0], *before as f64 * 1e-9);
                 return Err(TrajectoryError::Line { line, found });
             }
-            stamped.push((time_ns, Pose::new(rotation.normalize(), DVec3::new(n[0], n[1], n[2]))));
+            // a rotation written by this program keeps every bit
+            let unit = (rotation.length_squared() - 1.0).abs() < 1e-14;
+            let rotation = if unit { rotation } else { rotation.normalize() };
+            stamped.push((time_ns, Pose::new(rotation, DVec3::new(n[0], n[1], n[2]))));
         }
         Self::new(stamped)
     }

@@ -115,6 +115,11 @@ impl<W: Write> PcapngWriter<W> {
         &self.sink
     }
 
+    /// The sink, to be asked about. Writing to it directly breaks the file.
+    pub fn get_mut(&mut self) -> &mut W {
+        &mut self.sink
+    }
+
     /// Writes each interface's statistics (packets received and, from `drops`, packets the system dropped before
     /// they could be written; interfaces beyond the slice had none) and returns the flushed sink.
     pub fn close(mut self, drops: &[u64]) -> io::Result<W> {

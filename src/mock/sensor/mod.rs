@@ -1,0 +1,9 @@
+//! A sensor that measures a scene and sends its packets.
+
+mod faults;
+mod scan;
+mod spin;
+
+pub use faults::{FaultCounts, FaultInjector, Faults};
+pub use scan::{Column, Scan};
+pub use spin::Spin;

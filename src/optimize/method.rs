@@ -1,0 +1,115 @@
+//! The methods by name.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random, Space, Trial,
+};
+
+/// What every method is told at the start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Source of all random numbers.
+    pub seed: u64,
+    /// Evaluations planned: methods that split their budget do so by it. The loop's own limit may differ.
+    pub budget: usize,
+    /// Stop by the method's own published rule; otherwise a method that has converged starts again elsewhere.
+    pub early_stop: bool,
+}
+
+/// The methods by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Uniform random search.
+    Random,
+    /// Random search, then pattern search.
+    Pattern,
+    /// Genetic algorithm, then pattern search.
+    Genetic,
+    /// Particle swarm, then pattern search.
+    ParticleSwarm,
+    /// Covariance matrix adaptation with margin for integers.
+    CmaEs,
+    /// Differential evolution with success-history adaptation.
+    DifferentialEvolution,
+}
+
+impl Kind {
+    /// Every method.
+    pub const ALL: &[Kind] = &[
+        Kind::Random,
+        Kind::Pattern,
+        Kind::Genetic,
+        Kind::ParticleSwarm,
+        Kind::CmaEs,
+        Kind::DifferentialEvolution,
+    ];
+
+    /// The method, nothing evaluated yet.
+    pub fn start(self, space: Space, settings: Settings) -> Method {
+        match self {
+            Kind::Random => Method::Random(Random::new(space, settings)),
+            Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
+            Kind::Genetic => Method::Genetic(Box::new(Genetic::start(space, settings))),
+            Kind::ParticleSwarm => Method::ParticleSwarm(Box::new(ParticleSwarm::start(space, settings))),
+            Kind::CmaEs => Method::CmaEs(Box::new(CmaEs::new(space, settings))),
+            Kind::DifferentialEvolution => {
+                Method::DifferentialEvolution(Box::new(DifferentialEvolution::new(space, settings)))
+            }
+        }
+    }
+
+    /// Its name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Random => "random",
+            Kind::Pattern => "pattern",
+            Kind::Genetic => "genetic",
+            Kind::ParticleSwarm => "particle-swarm",
+            Kind::CmaEs => "cma-es",
+            Kind::DifferentialEvolution => "differential-evolution",
+        }
+    }
+}
+
+/// Any method with its whole state.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// See [`Random`].
+    Random(Random),
+    /// See [`Pattern`].
+    Pattern(Pattern),
+    /// See [`Genetic`].
+    Genetic(Box<Genetic>),
+    /// See [`ParticleSwarm`].
+    ParticleSwarm(Box<ParticleSwarm>),
+    /// See [`CmaEs`].
+    CmaEs(Box<CmaEs>),
+    /// See [`DifferentialEvolution`].
+    DifferentialEvolution(Box<DifferentialEvolution>),
+}
+
+impl Method {
+    fn as_optimizer(&mut self) -> &mut dyn Optimizer {
+        match self {
+            Method::Random(method) => method,
+            Method::Pattern(method) => method,
+            Method::Genetic(method) => method.as_mut(),
+            Method::ParticleSwarm(method) => method.as_mut(),
+            Method::CmaEs(method) => method.as_mut(),
+            Method::DifferentialEvolution(method) => method.as_mut(),
+        }
+    }
+}
+
+impl Optimizer for Method {
+    fn ask(&mut self) -> Vec<Candidate> {
+        self.as_optimizer().ask()
+    }
+
+    fn tell(&mut self, trials: &[Trial]) {
+        self.as_optimizer().tell(trials);
+    }
+}

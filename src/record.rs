@@ -1,1 +1,0 @@
-//! The session folder: raw packets, servo reports, config; readable after a crash.

@@ -1,0 +1,66 @@
+//! Small services of the file system: whole files, checksums, free space.
+
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::{FileEntry, SessionError};
+
+/// Puts a file under its name whole or not at all, and on the disk.
+pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionError> {
+    let failed = |error| SessionError::io(path, "cannot be written", error);
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut builder = tempfile::Builder::new();
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's umask
+    let mut file = builder.tempfile_in(folder).map_err(failed)?;
+    file.write_all(content).map_err(failed)?;
+    file.as_file().sync_all().map_err(failed)?;
+    file.persist(path).map_err(|error| failed(error.error))?;
+    sync_folder(folder)
+}
+
+/// Brings the names in a folder to the disk.
+pub(super) fn sync_folder(folder: &Path) -> Result<(), SessionError> {
+    File::open(folder)
+        .and_then(|folder| folder.sync_all())
+        .map_err(|error| SessionError::io(folder, "cannot be synced", error))
+}
+
+/// Length and checksum of a file of a session.
+pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionError> {
+    let path = dir.join(relative);
+    let failed = |error| SessionError::io(&path, "cannot be read", error);
+    let mut file = File::open(&path).map_err(failed)?;
+    let mut hash = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    let mut bytes = 0;
+    loop {
+        match file.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(count) => {
+                hash.update(&buffer[..count]);
+                bytes += count as u64;
+            }
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(failed(error)),
+        }
+    }
+    Ok(FileEntry { path: relative.to_owned(), bytes, sha256: hexadecimal(&hash.finalize()) })
+}
+
+/// Bytes an ordinary user may still write in the file system of a folder.
+pub(super) fn free_bytes(folder: &Path) -> io::Result<u64> {
+    let state = nix::sys::statvfs::statvfs(folder)?;
+    Ok(u64::from(state.blocks_available()) * u64::from(state.fragment_size()))
+}
+
+/// Bytes as hexadecimal digits.
+pub(super) fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}"); // a String takes everything
+        text
+    })
+}

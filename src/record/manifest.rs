@@ -1,0 +1,165 @@
+//! `manifest.json`: what a session holds and what it lost.
+
+use std::net::{IpAddr, SocketAddr};
+use std::path::Path;
+
+use super::{SessionError, file};
+use crate::receive::SocketReport;
+
+/// What `format` says.
+pub const FORMAT: &str = "outrigger-session/1";
+
+/// The content of a manifest.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Manifest {
+    /// [`FORMAT`].
+    pub format: String,
+    /// Program and version that wrote it.
+    pub program: String,
+    /// When the session was begun, UTC nanoseconds since 1970.
+    pub created_ns: u64,
+    /// The same for people, RFC 3339.
+    pub created: String,
+    /// Whether the session was closed and everything received is in it or counted below.
+    pub complete: bool,
+    /// Why it ended early, where it did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<String>,
+    /// Sensors in the order of their interfaces in packets.pcapng.
+    pub sensors: Vec<SensorEntry>,
+    /// Sockets they were received on.
+    pub sockets: Vec<SocketReport>,
+    /// Files, complete only when the session is.
+    pub files: Vec<FileEntry>,
+    /// Sum of all losses.
+    pub losses: Losses,
+}
+
+/// One sensor of a session.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SensorEntry {
+    /// Name, unique in the session.
+    pub name: String,
+    /// Its interface in packets.pcapng.
+    pub interface: u32,
+    /// Where its packets were received.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub address: Option<SocketAddr>,
+    /// The only sender whose packets were taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source: Option<IpAddr>,
+    /// Its metadata, a path in the session.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metadata: Option<String>,
+    /// Packets in packets.pcapng; 0 until the session is closed.
+    pub packets: u64,
+    /// What it lost.
+    pub losses: Losses,
+}
+
+/// Packets that are not in a session, by what lost them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Losses {
+    /// Dropped by the kernel: its receive buffer was full. A socket shared by several sensors counts for its first.
+    pub kernel_dropped: u64,
+    /// Dropped because the recorder did not keep up.
+    pub queue_dropped: u64,
+    /// Received, but the disk did not take them.
+    pub not_written: u64,
+}
+
+impl Losses {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.kernel_dropped + self.queue_dropped + self.not_written
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.kernel_dropped += other.kernel_dropped;
+        self.queue_dropped += other.queue_dropped;
+        self.not_written += other.not_written;
+    }
+}
+
+/// One file of a session.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct FileEntry {
+    /// Path in the session, with forward slashes.
+    pub path: String,
+    /// Length.
+    pub bytes: u64,
+    /// SHA-256, hexadecimal.
+    pub sha256: String,
+}
+
+impl Manifest {
+    pub(super) fn new(created_ns: u64) -> Self {
+        Self {
+            format: FORMAT.into(),
+            program: concat!("outrigger ", env!("CARGO_PKG_VERSION")).into(),
+            created_ns,
+            created: rfc3339(created_ns),
+            complete: false,
+            failure: None,
+            sensors: Vec::new(),
+            sockets: Vec::new(),
+            files: Vec::new(),
+            losses: Losses::default(),
+        }
+    }
+
+    /// Reads the manifest of a session.
+    pub fn read(dir: &Path) -> Result<Self, SessionError> {
+        let path = dir.join(file::MANIFEST);
+        let text = match std::fs::read_to_string(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Err(SessionError::NotASession { dir: dir.to_owned() });
+            }
+            other => other.map_err(|error| SessionError::io(&path, "cannot be read", error))?,
+        };
+        let wrong = |reason| SessionError::Content { path: path.clone(), reason };
+        let manifest: Self = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        if manifest.format != FORMAT {
+            return Err(wrong(format!("format is {:?}, this program reads {FORMAT:?}", manifest.format)));
+        }
+        Ok(manifest)
+    }
+
+    pub(super) fn write(&self, dir: &Path) -> Result<(), SessionError> {
+        let path = dir.join(file::MANIFEST);
+        let text = serde_json::to_string_pretty(self)
+            .map_err(|error| SessionError::Content { path: path.clone(), reason: error.to_string() })?;
+        super::disk::write_whole(&path, format!("{text}\n").as_bytes())
+    }
+}
+
+/// UTC time of a count of nanoseconds since 1970, RFC 3339 with nine decimals. Days to civil date: Hinnant,
+/// "chrono-compatible low-level date algorithms".
+pub(super) fn rfc3339(time_ns: u64) -> String {
+    let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
+    let days = seconds / 86_400 + 719_468; // since 0000-03-01
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    let second = seconds % 86_400;
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{nanoseconds:09}Z")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rfc3339;
+
+    #[test]
+    fn dates_as_the_calendar_has_them() {
+        assert_eq!(rfc3339(0), "1970-01-01T00:00:00.000000000Z");
+        assert_eq!(rfc3339(951_782_399_000_000_001), "2000-02-28T23:59:59.000000001Z");
+        assert_eq!(rfc3339(951_782_400_000_000_000), "2000-02-29T00:00:00.000000000Z");
+        assert_eq!(rfc3339(1_697_084_088_551_168_123), "2023-10-12T04:14:48.551168123Z");
+        assert_eq!(rfc3339(4_102_444_800_000_000_000), "2100-01-01T00:00:00.000000000Z");
+    }
+}

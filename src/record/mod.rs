@@ -1,0 +1,125 @@
+//! The session folder: raw packets, servo reports, config; readable after a crash.
+//!
+//! ```text
+//! manifest.json        format, times, sensors, files with length and SHA-256, losses; `complete` once closed
+//! packets.pcapng       every datagram, one interface per sensor, drop counts at the end
+//! servo.jsonl          servo reports, one JSON object a line
+//! events.jsonl         what happened meanwhile, one JSON object a line
+//! trajectory.tum       where the platform was
+//! mount.json           where the sensors sit on it
+//! metadata/NAME.json   Ouster metadata of the sensor called NAME
+//! ```
+//!
+//! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
+//! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
+
+mod disk;
+mod manifest;
+mod recording;
+mod session;
+mod ticker;
+mod whole_file;
+mod writer;
+
+pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
+pub use recording::Recording;
+pub use session::Session;
+pub use writer::{SensorInfo, SessionWriter};
+
+use std::path::{Path, PathBuf};
+
+/// A folder name that says when: `session-2026-11-21T111500Z`.
+pub fn folder_name_now() -> String {
+    let time = manifest::rfc3339(crate::receive::now_ns());
+    let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
+    format!("session-{}Z", seconds.replace(':', ""))
+}
+
+/// Names of the files in a session.
+pub mod file {
+    /// What the session holds.
+    pub const MANIFEST: &str = "manifest.json";
+    /// Raw packets.
+    pub const PACKETS: &str = "packets.pcapng";
+    /// Servo reports.
+    pub const SERVO: &str = "servo.jsonl";
+    /// Events.
+    pub const EVENTS: &str = "events.jsonl";
+    /// Trajectory of the platform.
+    pub const TRAJECTORY: &str = "trajectory.tum";
+    /// Mounts of the sensors.
+    pub const MOUNT: &str = "mount.json";
+    /// Folder of sensor metadata.
+    pub const METADATA: &str = "metadata";
+    /// Space kept back for closing the session on a full disk; gone once it is closed.
+    pub(super) const RESERVE: &str = ".reserve";
+}
+
+/// What can be wrong with a session.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The folder holds something already.
+    #[error("{dir} is not empty: a session needs a folder of its own", dir = dir.display())]
+    NotEmpty {
+        /// The folder.
+        dir: PathBuf,
+    },
+    /// The folder holds no session.
+    #[error("{dir} is no session: it has no manifest.json", dir = dir.display())]
+    NotASession {
+        /// The folder.
+        dir: PathBuf,
+    },
+    /// A sensor's name cannot be a file name, or comes twice.
+    #[error("sensor name {name:?}: {reason}")]
+    Name {
+        /// The name.
+        name: String,
+        /// Why not.
+        reason: &'static str,
+    },
+    /// A file's content is not what it should be.
+    #[error("{path}: {reason}", path = path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What was found and what was expected, with the line where there is one.
+        reason: String,
+    },
+    /// No space is left.
+    #[error(
+        "disk full: no space is left for the session {dir}; the {written_bytes} bytes of packets written before are \
+         safe in it, {not_written} packets are lost",
+        dir = dir.display()
+    )]
+    DiskFull {
+        /// The session's folder.
+        dir: PathBuf,
+        /// Bytes of packets.pcapng that were written.
+        written_bytes: u64,
+        /// Packets that were received and could not be written.
+        not_written: u64,
+    },
+    /// The session was closed before.
+    #[error("the session {dir} is closed", dir = dir.display())]
+    Closed {
+        /// The session's folder.
+        dir: PathBuf,
+    },
+    /// The system refused something.
+    #[error("{path}: {doing}: {source}", path = path.display())]
+    Io {
+        /// File or folder.
+        path: PathBuf,
+        /// What was tried.
+        doing: &'static str,
+        /// Why not.
+        source: std::io::Error,
+    },
+}
+
+impl SessionError {
+    fn io(path: &Path, doing: &'static str, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), doing, source }
+    }
+}

@@ -1,0 +1,134 @@
+//! Opening a session, closed or not.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::manifest::Manifest;
+use super::{SessionError, disk, file};
+use crate::rig::MountFile;
+use crate::trajectory::Trajectory;
+
+/// A session that was opened for reading.
+#[derive(Clone, Debug)]
+pub struct Session {
+    dir: PathBuf,
+    manifest: Manifest,
+    problems: Vec<String>,
+}
+
+impl Session {
+    /// Opens a session and checks every file against its checksum. What is wrong and can be lived with (a session that
+    /// was not closed, a file that differs) is in [`Session::problems`].
+    pub fn open(dir: &Path) -> Result<Self, SessionError> {
+        let manifest = Manifest::read(dir)?;
+        let mut problems = Vec::new();
+        if let Some(failure) = &manifest.failure {
+            problems.push(failure.clone());
+        } else if !manifest.complete {
+            problems.push(
+                "the session was not closed: everything up to the last flush is there, losses are unknown"
+                    .into(),
+            );
+        }
+        for expected in &manifest.files {
+            match disk::entry_of(dir, &expected.path) {
+                Ok(found) if found == *expected => {}
+                Ok(found) if found.bytes != expected.bytes => problems.push(format!(
+                    "{}: {} bytes, the manifest says {}",
+                    found.path, found.bytes, expected.bytes
+                )),
+                Ok(found) => problems.push(format!("{}: content differs from its checksum", found.path)),
+                Err(error) => problems.push(error.to_string()),
+            }
+        }
+        Ok(Self { dir: dir.to_owned(), manifest, problems })
+    }
+
+    /// Whether a path is a folder with a manifest.
+    pub fn is_session(path: &Path) -> bool {
+        path.join(file::MANIFEST).is_file()
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// What the session says about itself.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Everything that is not as it should be.
+    pub fn problems(&self) -> &[String] {
+        &self.problems
+    }
+
+    /// Path of the packets.
+    pub fn packets_path(&self) -> PathBuf {
+        self.dir.join(file::PACKETS)
+    }
+
+    /// Servo reports in order. A last line that was cut is left out.
+    pub fn servo<T: serde::de::DeserializeOwned>(&self) -> Result<Vec<T>, SessionError> {
+        self.lines(file::SERVO)
+    }
+
+    /// Events in order. A last line that was cut is left out.
+    pub fn events<T: serde::de::DeserializeOwned>(&self) -> Result<Vec<T>, SessionError> {
+        self.lines(file::EVENTS)
+    }
+
+    /// Where the platform was, if the session knows.
+    pub fn trajectory(&self) -> Result<Option<Trajectory>, SessionError> {
+        let Some(text) = self.text(file::TRAJECTORY)? else { return Ok(None) };
+        let wrong = |reason: String| SessionError::Content { path: self.dir.join(file::TRAJECTORY), reason };
+        Trajectory::from_tum(&text).map(Some).map_err(|error| wrong(error.to_string()))
+    }
+
+    /// Where the sensors sit, if the session knows.
+    pub fn mount(&self) -> Result<Option<MountFile>, SessionError> {
+        let path = self.dir.join(file::MOUNT);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let wrong = |reason: String| SessionError::Content { path: path.clone(), reason };
+        MountFile::read(&path).map(Some).map_err(|error| wrong(error.to_string()))
+    }
+
+    /// Metadata of an Ouster sensor, JSON; none for a sensor without.
+    pub fn metadata(&self, sensor: &str) -> Result<Option<String>, SessionError> {
+        let entry = self.manifest.sensors.iter().find(|entry| entry.name == sensor);
+        match entry.and_then(|entry| entry.metadata.as_deref()) {
+            Some(relative) => self.text(relative),
+            None => Ok(None),
+        }
+    }
+
+    fn text(&self, relative: &str) -> Result<Option<String>, SessionError> {
+        let path = self.dir.join(relative);
+        match fs::read_to_string(&path) {
+            Ok(text) => Ok(Some(text)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(SessionError::io(&path, "cannot be read", error)),
+        }
+    }
+
+    fn lines<T: serde::de::DeserializeOwned>(&self, relative: &str) -> Result<Vec<T>, SessionError> {
+        let path = self.dir.join(relative);
+        let content = match fs::read(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            other => other.map_err(|error| SessionError::io(&path, "cannot be read", error))?,
+        };
+        let mut values = Vec::new();
+        for (index, line) in content.split_inclusive(|byte| *byte == b'\n').enumerate() {
+            let Some(whole) = line.strip_suffix(b"\n") else { break };
+            let value = serde_json::from_slice(whole).map_err(|error| SessionError::Content {
+                path: path.clone(),
+                reason: format!("line {}: {error}", index + 1),
+            })?;
+            values.push(value);
+        }
+        Ok(values)
+    }
+}
