@@ -8,6 +8,7 @@ mod decode;
 mod demo;
 mod evaluate;
 mod inspect;
+mod interrupt;
 mod manual;
 mod mock;
 mod optimize;
