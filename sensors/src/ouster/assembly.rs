@@ -98,11 +98,21 @@ impl Assembly {
 
     /// Whether every expected packet came.
     pub(super) fn is_whole(&self) -> bool {
-        self.frame.expected_packets.is_some_and(|expected| expected > 0 && self.expected_came == expected as usize)
+        self.frame
+            .expected_packets
+            .is_some_and(|expected| expected > 0 && self.expected_came == expected as usize)
     }
 
     /// Takes a packet that is not here yet. Returns whether it came after a later one.
-    pub(super) fn add(&mut self, place: &Place, packet: &[u8], format: &PacketFormat, unpack: Unpack, expected: bool, order: u64) -> bool {
+    pub(super) fn add(
+        &mut self,
+        place: &Place,
+        packet: &[u8],
+        format: &PacketFormat,
+        unpack: Unpack,
+        expected: bool,
+        order: u64,
+    ) -> bool {
         self.came[place.slot / 64] |= 1 << (place.slot % 64);
         self.expected_came += usize::from(expected);
         let out_of_order = self.frame.packets > 0 && order < self.last_order;
@@ -132,7 +142,12 @@ impl Assembly {
 
     /// Ends the frame: clears what did not come and returns how many packets were lost, by the order numbers
     /// that `order_of` gives the expected slots.
-    pub(super) fn close(&mut self, metadata: &Metadata, end: End, order_of: impl Fn(usize) -> Option<u64>) -> u64 {
+    pub(super) fn close(
+        &mut self,
+        metadata: &Metadata,
+        end: End,
+        order_of: impl Fn(usize) -> Option<u64>,
+    ) -> u64 {
         self.open = false;
         let frame = &mut self.frame;
         let mut all_valid = true;

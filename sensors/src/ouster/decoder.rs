@@ -79,7 +79,9 @@ impl OusterDecoder {
 
     fn claim_anonymous(&self, packet: &Packet<'_>, port: Option<u16>) -> Claim {
         match self.source {
-            Some(source) if source.ip() == packet.source.ip() && !source.ip().is_loopback() => Claim::Familiar,
+            Some(source) if source.ip() == packet.source.ip() && !source.ip().is_loopback() => {
+                Claim::Familiar
+            }
             Some(source) if source.ip() != packet.source.ip() => Claim::No,
             _ if port == Some(packet.destination.port()) => Claim::Likely,
             _ => Claim::Possible,
@@ -184,7 +186,9 @@ impl OusterDecoder {
             return check_crc(bytes).map_err(|(stored, computed)| Rejected::Checksum { stored, computed });
         }
         if bytes.len() < self.lidar_bytes.min(super::wire::HEADER_BYTES) {
-            return Err(Rejected::Malformed { reason: format!("{} bytes, too short for a header", bytes.len()) });
+            return Err(Rejected::Malformed {
+                reason: format!("{} bytes, too short for a header", bytes.len()),
+            });
         }
         Ok(())
     }
@@ -196,7 +200,8 @@ impl OusterDecoder {
     /// Firmware from 4.0 on may write the functional-safety header where metadata says STANDARD: the serial number
     /// tells.
     fn settle_header(&mut self, bytes: &[u8]) {
-        let (Some(serial), true) = (self.metadata.serial_number(), self.metadata.profile.has_packet_header()) else {
+        let (Some(serial), true) = (self.metadata.serial_number(), self.metadata.profile.has_packet_header())
+        else {
             return;
         };
         let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);

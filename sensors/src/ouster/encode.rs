@@ -63,7 +63,8 @@ impl OusterEncoder {
         let per_packet = self.format.columns_per_packet;
         for slot in 0..self.metadata.packet_slots() {
             let columns = slot * per_packet..((slot + 1) * per_packet).min(frame.columns());
-            let came = columns.clone().any(|column| frame.column_valid[column] || frame.column_time_ns[column] > 0);
+            let came =
+                columns.clone().any(|column| frame.column_valid[column] || frame.column_time_ns[column] > 0);
             if came && self.metadata.profile != Profile::Off {
                 self.lidar(frame, columns);
                 emit(&self.packet);
@@ -72,7 +73,13 @@ impl OusterEncoder {
     }
 
     /// One IMU packet. LEGACY packets hold the first sample only; ACCEL32 packets as many as the metadata says.
-    pub fn imu(&mut self, frame_id: u32, samples: &[ImuSample], columns: &[u16], nmea: Option<(u64, &str)>) -> &[u8] {
+    pub fn imu(
+        &mut self,
+        frame_id: u32,
+        samples: &[ImuSample],
+        columns: &[u16],
+        nmea: Option<(u64, &str)>,
+    ) -> &[u8] {
         self.packet.clear();
         if self.metadata.imu_profile == super::ImuProfile::Legacy {
             if let Some(sample) = samples.first() {

@@ -289,12 +289,7 @@ pub const LAYOUTS: [Layout; 14] = [
         profile: Profile::Rng19Rfl8Sig16Nir16Rgb16,
         name: "RNG19_RFL8_SIG16_NIR16_RGB16",
         bytes: 16,
-        first: ReturnLayout {
-            signal: bits(32, 16),
-            near_ir: bits(48, 16),
-            rgb: rgb(64),
-            ..rng19(0, 24)
-        },
+        first: ReturnLayout { signal: bits(32, 16), near_ir: bits(48, 16), rgb: rgb(64), ..rng19(0, 24) },
         second: NOTHING,
         raw_words: false,
     },

@@ -92,7 +92,14 @@ impl Stream {
     }
 
     /// Takes one whole and well-formed lidar packet.
-    pub(super) fn take(&mut self, metadata: &Metadata, place: &Place, packet: &[u8], stats: &mut DecodeStats, out: Out<'_>) {
+    pub(super) fn take(
+        &mut self,
+        metadata: &Metadata,
+        place: &Place,
+        packet: &[u8],
+        stats: &mut DecodeStats,
+        out: Out<'_>,
+    ) {
         let Some(why) = self.stray(metadata, place) else {
             self.forget_strays(stats);
             self.accept(metadata, place, packet, stats, out);
@@ -153,7 +160,13 @@ impl Stream {
     }
 
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
-    pub(super) fn note_revolution(&mut self, metadata: &Metadata, place: &Place, stats: &mut DecodeStats, out: Out<'_>) {
+    pub(super) fn note_revolution(
+        &mut self,
+        metadata: &Metadata,
+        place: &Place,
+        stats: &mut DecodeStats,
+        out: Out<'_>,
+    ) {
         if self.current.open && self.current.frame.frame_id != place.frame_id {
             if self.distance(self.current.frame.frame_id, place.frame_id) < 0 {
                 return; // a straggler of a revolution that is over
@@ -191,12 +204,21 @@ impl Stream {
 
     fn came_before(&self, place: &Place) -> bool {
         self.closed.iter().any(|closed| {
-            closed.frame_id == Some(place.frame_id) && closed.init_id == place.init_id && has(&closed.came, place.slot)
+            closed.frame_id == Some(place.frame_id)
+                && closed.init_id == place.init_id
+                && has(&closed.came, place.slot)
         })
     }
 
     /// Takes a packet that continues the stream.
-    fn accept(&mut self, metadata: &Metadata, place: &Place, packet: &[u8], stats: &mut DecodeStats, out: Out<'_>) {
+    fn accept(
+        &mut self,
+        metadata: &Metadata,
+        place: &Place,
+        packet: &[u8],
+        stats: &mut DecodeStats,
+        out: Out<'_>,
+    ) {
         if !self.current.open {
             self.open(metadata, place, false, stats);
         } else if self.current.frame.frame_id != place.frame_id {
@@ -216,7 +238,14 @@ impl Stream {
     }
 
     /// Takes a packet of a frame after the current one.
-    fn accept_early(&mut self, metadata: &Metadata, place: &Place, packet: &[u8], stats: &mut DecodeStats, out: Out<'_>) {
+    fn accept_early(
+        &mut self,
+        metadata: &Metadata,
+        place: &Place,
+        packet: &[u8],
+        stats: &mut DecodeStats,
+        out: Out<'_>,
+    ) {
         if self.next.open && self.next.frame.frame_id != place.frame_id {
             let between = self.distance(self.next.frame.frame_id, place.frame_id) < 0;
             self.close_current(metadata, End::Followed, stats, out);
@@ -298,7 +327,8 @@ impl Stream {
         match skipped {
             Some(skipped) => {
                 stats.lost_packets += skipped * metadata.packets_per_frame() as u64;
-                self.newest = Some(Newest { frame_id: first.frame_id.wrapping_sub(1), time_ns: first.time_ns });
+                self.newest =
+                    Some(Newest { frame_id: first.frame_id.wrapping_sub(1), time_ns: first.time_ns });
             }
             None => {
                 stats.init_id_changes += 1;
@@ -335,9 +365,8 @@ impl Stream {
     fn strays_are_old(&self) -> bool {
         let old = self.old_init_id;
         self.strays.places.first().is_some_and(|first| {
-            let behind = self
-                .newest
-                .is_some_and(|newest| self.distance(newest.frame_id, first.frame_id) <= 0);
+            let behind =
+                self.newest.is_some_and(|newest| self.distance(newest.frame_id, first.frame_id) <= 0);
             let same = self.init_id == Some(first.init_id);
             old.is_some() && old == Some(first.init_id) || same && behind
         })
