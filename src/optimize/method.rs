@@ -60,6 +60,17 @@ impl Kind {
         }
     }
 
+    /// Evaluations at most when none are asked for: the published runs of the published methods, with room for the
+    /// closing pattern search.
+    pub fn published_budget(self) -> usize {
+        match self {
+            Kind::Random | Kind::Pattern => 1_000,
+            Kind::Genetic => 10_000,
+            Kind::ParticleSwarm => 6_000,
+            Kind::CmaEs | Kind::DifferentialEvolution => 3_500,
+        }
+    }
+
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {

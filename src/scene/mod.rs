@@ -1,6 +1,7 @@
 //! What rays hit.
 
 mod box_scene;
+pub(crate) mod bricks;
 mod mesh;
 mod mesh_file;
 mod tree;
