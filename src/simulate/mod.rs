@@ -1,3 +1,5 @@
 //! The sampling of beams along a trajectory.
 
+pub mod occluder;
 pub mod published;
+pub mod scan;

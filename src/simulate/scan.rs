@@ -1,0 +1,445 @@
+//! What spinning sensors on a moving body return: for each sensor, column (at its own time) and channel
+//! `world_from_body(t) * body_from_sensor * SensorModel::ray`, cast into the scene.
+//!
+//! A column is a pure function of the scanner's settings and its own number: columns can be made in any order, on any
+//! number of threads, with the same bytes.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use rayon::prelude::*;
+use sensors::SensorModel;
+
+use super::occluder::Occluder;
+use crate::coverage::Coverage;
+use crate::geometry::Pose;
+use crate::rig::Rig;
+use crate::rng::Rng;
+use crate::scene::{Hit, Scene};
+use crate::trajectory::Trajectory;
+
+/// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's limits.
+/// `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that fire later.
+/// `ranges_m` holds one place per channel.
+pub fn cast_column(
+    scene: &Scene,
+    world_from_sensor: Pose,
+    model: &SensorModel,
+    azimuth_rad: f64,
+    spin_rad_s: f64,
+    ranges_m: &mut [Option<f64>],
+) {
+    for (channel, range_m) in ranges_m.iter_mut().enumerate() {
+        let beam = beam_at(model, channel, azimuth_rad, spin_rad_s, &world_from_sensor);
+        *range_m = scene
+            .cast(beam.origin_m, beam.direction)
+            .map(|hit| hit.distance_m + beam.range_offset_m)
+            .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
+    }
+}
+
+/// How a sensor spins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spin {
+    /// Revolutions per second.
+    pub rate_hz: f64,
+    /// Columns per revolution.
+    pub columns: u32,
+    /// Encoder azimuth at the start of the trajectory, rad.
+    pub phase_rad: f64,
+    /// Seen from above, as Ouster and Velodyne sensors turn; the other way otherwise.
+    pub clockwise: bool,
+}
+
+impl Default for Spin {
+    /// 10 revolutions per second of 1024 columns, clockwise.
+    fn default() -> Self {
+        Self { rate_hz: 10.0, columns: 1024, phase_rad: 0.0, clockwise: true }
+    }
+}
+
+impl Spin {
+    /// Angular rate of the encoder azimuth, rad/s.
+    pub fn rad_s(&self) -> f64 {
+        if self.clockwise { TAU * self.rate_hz } else { -TAU * self.rate_hz }
+    }
+
+    /// Encoder azimuth of a column, rad in [0, 2 pi).
+    pub fn azimuth_rad(&self, column: u64) -> f64 {
+        let share = (column % u64::from(self.columns)) as f64 / f64::from(self.columns);
+        let turn = if self.clockwise { share } else { -share };
+        (self.phase_rad + TAU * turn).rem_euclid(TAU)
+    }
+
+    /// Time from the start to a column, ns.
+    pub fn offset_ns(&self, column: u64) -> u64 {
+        (column as f64 / (self.rate_hz * f64::from(self.columns)) * 1e9).round() as u64
+    }
+}
+
+/// What is less than perfect about a return. The default is perfect.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Flaws {
+    /// Replaces the model's least range, m.
+    pub min_range_m: Option<f64>,
+    /// Replaces the model's greatest range, m.
+    pub max_range_m: Option<f64>,
+    /// Standard deviation of a range, m.
+    pub range_noise_m: f64,
+    /// Surfaces seen more obliquely than this angle from their normal return nothing, rad.
+    pub max_incidence_rad: Option<f64>,
+    /// Share of returns lost at random.
+    pub drop_out: f64,
+    /// Rays spread over the model's divergence beside the central one; the median range is reported.
+    pub sub_rays: u32,
+}
+
+/// One simulated return.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SimulatedReturn {
+    /// Channel.
+    pub channel: usize,
+    /// Encoder azimuth at which the channel fired, rad.
+    pub azimuth_rad: f64,
+    /// As the sensor reports it, m.
+    pub range_m: f64,
+    /// When the channel fired, ns.
+    pub time_ns: u64,
+    /// World, m.
+    pub point_m: DVec3,
+    /// Direction of the ray, world, unit.
+    pub direction: DVec3,
+    /// Unit normal of the surface, turned against the ray.
+    pub normal: DVec3,
+}
+
+/// One simulated column.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedColumn {
+    /// Number since the start of the trajectory.
+    pub column: u64,
+    /// Its time stamp, ns.
+    pub time_ns: u64,
+    /// Encoder azimuth at the time stamp, rad.
+    pub azimuth_rad: f64,
+    /// By channel, in order; channels without a return are absent.
+    pub returns: Vec<SimulatedReturn>,
+}
+
+/// A rig that scans a scene along a trajectory.
+#[derive(Clone, Debug)]
+pub struct Scanner<'a> {
+    /// What is scanned.
+    pub scene: &'a Scene,
+    /// Way of the body.
+    pub trajectory: &'a Trajectory,
+    /// Sensors.
+    pub rig: &'a Rig,
+    /// By sensor of the rig.
+    pub spins: Vec<Spin>,
+    /// Solids in the body frame that stop beams, by sensor of the rig. A beam that meets one returns nothing.
+    pub occluders: Vec<Vec<Occluder>>,
+    /// What is less than perfect.
+    pub flaws: Flaws,
+    /// Of noise and drop-out.
+    pub seed: u64,
+}
+
+impl<'a> Scanner<'a> {
+    /// Perfect sensors that all spin the same way; the other sensors' housings stop beams.
+    pub fn new(scene: &'a Scene, trajectory: &'a Trajectory, rig: &'a Rig, spin: Spin) -> Self {
+        let sensors = rig.sensors.len();
+        Self {
+            scene,
+            trajectory,
+            rig,
+            spins: vec![spin; sensors],
+            occluders: (0..sensors).map(|sensor| Occluder::other_housings(rig, sensor)).collect(),
+            flaws: Flaws::default(),
+            seed: 0,
+        }
+    }
+
+    /// Columns of a sensor within the trajectory's span.
+    pub fn columns(&self, sensor: usize) -> u64 {
+        let [start_ns, end_ns] = self.trajectory.time_span_ns();
+        let spin = &self.spins[sensor];
+        let last = (end_ns - start_ns) as f64 * 1e-9 * spin.rate_hz * f64::from(spin.columns);
+        let mut columns = last.floor() as u64 + 1;
+        while columns > 1 && spin.offset_ns(columns - 1) > end_ns - start_ns {
+            columns -= 1;
+        }
+        columns
+    }
+
+    /// One column of a sensor; nothing past the trajectory's end.
+    pub fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
+        let spin = &self.spins[sensor];
+        let time_ns = self.trajectory.time_span_ns()[0] + spin.offset_ns(column);
+        let world_from_body = self.trajectory.at(time_ns)?;
+        let mounted = &self.rig.sensors[sensor];
+        let body_from_sensor = mounted.mount.body_from_sensor();
+        let azimuth_rad = spin.azimuth_rad(column);
+        let mut rng = Rng::new(self.seed, (sensor as u64) << 48 | column);
+        let returns = (0..mounted.model.channels())
+            .filter_map(|channel| {
+                let in_body = beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor);
+                self.cast(sensor, &world_from_body, &in_body, &mut rng).map(|(range_m, hit, direction)| {
+                    let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
+                    let origin_m = world_from_body.transform_point(in_body.origin_m);
+                    SimulatedReturn {
+                        channel,
+                        azimuth_rad: in_body.azimuth_rad,
+                        range_m,
+                        time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
+                        point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
+                        direction,
+                        normal: hit.normal,
+                    }
+                })
+            })
+            .collect();
+        Some(SimulatedColumn { column, time_ns, azimuth_rad, returns })
+    }
+
+    /// Marks every return of the rig in a coverage with one place per sensor of the rig.
+    pub fn cover(&self, coverage: &mut Coverage) {
+        self.for_each_column(|sensor, column| {
+            for simulated in &column.returns {
+                coverage.add(sensor, simulated.point_m);
+            }
+        });
+    }
+
+    /// Hands every column of every sensor over, in order; columns are made in parallel.
+    pub fn for_each_column(&self, mut take: impl FnMut(usize, &SimulatedColumn)) {
+        const AT_ONCE: u64 = 4096;
+        for sensor in 0..self.rig.sensors.len() {
+            let columns = self.columns(sensor);
+            let mut next = 0;
+            while next < columns {
+                let end = (next + AT_ONCE).min(columns);
+                let made: Vec<_> =
+                    (next..end).into_par_iter().filter_map(|column| self.column(sensor, column)).collect();
+                for column in &made {
+                    take(sensor, column);
+                }
+                next = end;
+            }
+        }
+    }
+
+    fn cast(
+        &self,
+        sensor: usize,
+        world_from_body: &Pose,
+        beam: &FiredBeam,
+        rng: &mut Rng,
+    ) -> Option<(f64, Hit, DVec3)> {
+        let model = &self.rig.sensors[sensor].model;
+        let flaws = &self.flaws;
+        // drawn for every beam, so that one beam's fate does not change another's
+        let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
+        let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
+        if !kept {
+            return None;
+        }
+        let origin_m = world_from_body.transform_point(beam.origin_m);
+        let direction = world_from_body.rotate(beam.direction);
+        let hit = match flaws.sub_rays {
+            0 => self.scene.cast(origin_m, direction)?,
+            sub_rays => self.cast_spread(origin_m, direction, model.divergence_rad, sub_rays)?,
+        };
+        if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
+            return None;
+        }
+        let occluded = |occluder: &Occluder| {
+            occluder.distance_m(beam.origin_m, beam.direction).is_some_and(|stop_m| stop_m < hit.distance_m)
+        };
+        if self.occluders[sensor].iter().any(occluded) {
+            return None;
+        }
+        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
+        let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
+        let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
+        (range_m >= min_range_m && range_m <= max_range_m).then_some((range_m, hit, direction))
+    }
+
+    /// Median of a central ray and a ring of others at half the half-angle of the beam's cone.
+    fn cast_spread(
+        &self,
+        origin_m: DVec3,
+        direction: DVec3,
+        divergence_rad: f64,
+        sub_rays: u32,
+    ) -> Option<Hit> {
+        let (u, v) = direction.any_orthonormal_pair();
+        let spread = (0.25 * divergence_rad).tan();
+        let ring = (0..sub_rays).map(|index| {
+            let (sin, cos) = (TAU * f64::from(index) / f64::from(sub_rays)).sin_cos();
+            (direction + spread * (cos * u + sin * v)).normalize()
+        });
+        let mut hits: Vec<_> =
+            std::iter::once(direction).chain(ring).filter_map(|ray| self.scene.cast(origin_m, ray)).collect();
+        // less than half the light comes back: nothing is detected
+        if hits.len() * 2 <= sub_rays as usize {
+            return None;
+        }
+        hits.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+        Some(hits[hits.len() / 2])
+    }
+}
+
+/// A channel's ray where the sensor frame was placed.
+struct FiredBeam {
+    origin_m: DVec3,
+    direction: DVec3,
+    range_offset_m: f64,
+    azimuth_rad: f64,
+}
+
+fn beam_at(
+    model: &SensorModel,
+    channel: usize,
+    column_azimuth_rad: f64,
+    spin_rad_s: f64,
+    target_from_sensor: &Pose,
+) -> FiredBeam {
+    let azimuth_rad = column_azimuth_rad + spin_rad_s * model.beams()[channel].fire_offset_ns * 1e-9;
+    let ray = model.ray(channel, azimuth_rad);
+    FiredBeam {
+        origin_m: target_from_sensor.transform_point(ray.origin_m),
+        direction: target_from_sensor.rotate(ray.direction),
+        range_offset_m: ray.range_offset_m,
+        azimuth_rad,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coverage::VoxelGrid;
+    use crate::rig::{Mount, MountedSensor};
+    use crate::scene::BoxScene;
+
+    fn room() -> Scene {
+        Scene::Box(BoxScene::closed(DVec3::new(-5.0, -4.0, 0.0), DVec3::new(5.0, 4.0, 3.0)))
+    }
+
+    fn pair() -> Rig {
+        let model = sensors::catalogue::nominal("vlp-16").unwrap();
+        let mount = Mount { x_m: 0.1, pitch_rad: 0.3, ..Mount::default() };
+        Rig::mirrored(vec![MountedSensor { name: "right".into(), model, mount }])
+    }
+
+    fn walk() -> Trajectory {
+        Trajectory::straight(DVec3::new(-2.0, 0.0, 1.6), DVec3::new(2.0, 0.0, 1.6), 10.0, 1_000)
+    }
+
+    fn spin() -> Spin {
+        Spin { columns: 90, ..Spin::default() }
+    }
+
+    #[test]
+    fn every_return_lies_on_the_room_and_under_its_own_range() {
+        let (scene, rig, trajectory) = (room(), pair(), walk());
+        let scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        let mut seen = 0;
+        scanner.for_each_column(|sensor, column| {
+            let world_from_body = trajectory.at(column.time_ns).unwrap();
+            let world_from_sensor = world_from_body * rig.sensors[sensor].mount.body_from_sensor();
+            for back in &column.returns {
+                let ray = rig.sensors[sensor].model.ray(back.channel, back.azimuth_rad);
+                let again = world_from_sensor.transform_point(ray.at_range(back.range_m));
+                assert!(again.distance(back.point_m) < 1e-9);
+                let p = back.point_m;
+                let off_m = [5.0 - p.x.abs(), 4.0 - p.y.abs(), p.z, 3.0 - p.z];
+                assert!(off_m.iter().any(|off| off.abs() < 1e-9) && off_m.iter().all(|off| *off > -1e-9));
+                seen += 1;
+            }
+        });
+        assert_eq!(scanner.columns(0), 361);
+        assert!(seen > 2 * 361 * 14, "{seen}");
+    }
+
+    #[test]
+    fn the_plain_column_equals_the_perfect_scanner() {
+        let (scene, rig, trajectory) = (room(), pair(), walk());
+        let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        scanner.occluders = vec![Vec::new(); 2];
+        let column = scanner.column(1, 200).unwrap();
+        let world_from_sensor =
+            trajectory.at(column.time_ns).unwrap() * rig.sensors[1].mount.body_from_sensor();
+        let mut ranges_m = [None; 16];
+        let model = &rig.sensors[1].model;
+        cast_column(
+            &scene,
+            world_from_sensor,
+            model,
+            column.azimuth_rad,
+            scanner.spins[1].rad_s(),
+            &mut ranges_m,
+        );
+        assert_eq!(column.returns.len(), 16);
+        for back in &column.returns {
+            assert!((ranges_m[back.channel].unwrap() - back.range_m).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn threads_do_not_change_a_byte_and_seeds_do() {
+        let (scene, rig, trajectory) = (room(), pair(), walk());
+        let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        scanner.flaws = Flaws { range_noise_m: 0.02, drop_out: 0.1, ..Flaws::default() };
+        let all = |scanner: &Scanner, threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut columns = Vec::new();
+                scanner.for_each_column(|_, column| columns.push(column.clone()));
+                columns
+            })
+        };
+        let one = all(&scanner, 1);
+        assert_eq!(one, all(&scanner, 3));
+        scanner.seed = 1;
+        assert_ne!(one, all(&scanner, 1));
+    }
+
+    #[test]
+    fn flaws_take_returns_away() {
+        let (scene, rig, trajectory) = (room(), pair(), walk());
+        let count = |change: &dyn Fn(&mut Scanner)| {
+            let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+            change(&mut scanner);
+            let mut returns = 0;
+            scanner.for_each_column(|_, column| returns += column.returns.len());
+            returns
+        };
+        let all = count(&|scanner| scanner.occluders = vec![Vec::new(); 2]);
+        assert_eq!(all, 2 * 361 * 16);
+        assert!(count(&|_| ()) < all, "the other housing is in the way");
+        assert!(count(&|scanner| scanner.flaws.max_range_m = Some(3.0)) < all / 2);
+        assert!(count(&|scanner| scanner.flaws.max_incidence_rad = Some(1.0)) < all * 9 / 10);
+        let dropped = count(&|scanner| {
+            scanner.occluders = vec![Vec::new(); 2];
+            scanner.flaws.drop_out = 0.25;
+        });
+        assert!((dropped as f64 / all as f64 - 0.75).abs() < 0.02, "{dropped} of {all}");
+        let spread = count(&|scanner| {
+            scanner.occluders = vec![Vec::new(); 2];
+            scanner.flaws.sub_rays = 6;
+        });
+        assert_eq!(spread, all);
+    }
+
+    #[test]
+    fn coverage_is_marked_for_each_sensor() {
+        let (scene, rig, trajectory) = (room(), pair(), walk());
+        let grid = VoxelGrid::centred_on(scene.bounds_m(), 0.25);
+        let mut coverage = Coverage::new(grid, 2);
+        Scanner::new(&scene, &trajectory, &rig, spin()).cover(&mut coverage);
+        let counts = coverage.counts();
+        assert_eq!(coverage.outside(), 0);
+        assert!(counts.union > 2000 && counts.overlap > 0 && counts.unique_per_sensor.iter().all(|n| *n > 0));
+    }
+}
