@@ -396,7 +396,7 @@ fn write_flags(path: &Path, flags: &[bool]) -> anyhow::Result<()> {
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
     bytes.extend(packed);
-    crate::report::write_whole(path, &bytes).with_context(|| path.display().to_string())
+    crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())
 }
 
 fn summary(document: &Document) -> String {

@@ -17,9 +17,9 @@ use glam::DVec3;
 use super::{Context, Outcome, interrupt, output};
 use crate::compare::Verdict;
 use crate::coverage::VoxelGrid;
+use crate::files::write_json;
 use crate::receive::now_ns;
 use crate::record::Session;
-use crate::report::write_json;
 use crate::scene::{BoxScene, Scene};
 use crate::trajectory::Trajectory;
 
