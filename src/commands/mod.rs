@@ -13,8 +13,11 @@ mod mock;
 mod optimize;
 mod output;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
+mod unread;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
