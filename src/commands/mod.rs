@@ -14,9 +14,12 @@ mod mock;
 mod optimize;
 mod output;
 mod record;
+mod recording;
 mod replay;
 mod rig;
 mod validate;
+mod sensor_ids;
+mod unread;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
