@@ -13,6 +13,7 @@ pub mod scene;
 pub mod trajectory;
 pub mod rig;
 pub mod coverage;
+pub mod surface;
 pub mod simulate;
 pub mod objective;
 pub mod optimize;

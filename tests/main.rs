@@ -9,6 +9,7 @@ mod export;
 mod optimize;
 mod ouster;
 mod rig;
+mod scenes;
 mod session;
 mod simulator;
 mod tidy;
@@ -22,6 +23,7 @@ fn main() -> std::process::ExitCode {
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
         ("tidy", tidy::CASES),

@@ -76,6 +76,12 @@ impl SensorModel {
         }
     }
 
+    /// The same sensor with other beams, such as those of a calibrated unit.
+    pub fn with_beams(mut self, beams: Vec<Beam>) -> Self {
+        self.beams = beams;
+        self
+    }
+
     /// Beams in channel order.
     pub fn beams(&self) -> &[Beam] {
         &self.beams

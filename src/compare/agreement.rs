@@ -116,7 +116,7 @@ impl Verdict {
 
 /// Cells that the scene's surfaces pass through, where the scene can say so.
 pub fn surface_cells(scene: &Scene, grid: &VoxelGrid) -> Option<Vec<u64>> {
-    let Scene::Box(walls) = scene;
+    let Scene::Box(walls) = scene else { return None };
     let mut bits = vec![0u64; grid.len().div_ceil(64)];
     for index in 0..grid.len() {
         let centre = grid.centre_m(index);

@@ -2,7 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Optimizer, Pattern, Random, Space, Trial};
+use super::{
+    Bayesian, Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random,
+    Space, Trial,
+};
 
 /// What every method is told at the start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,17 +26,54 @@ pub enum Kind {
     Random,
     /// Random search, then pattern search.
     Pattern,
+    /// Gaussian process and expected improvement.
+    Bayesian,
+    /// Genetic algorithm, then pattern search.
+    Genetic,
+    /// Particle swarm, then pattern search.
+    ParticleSwarm,
+    /// Covariance matrix adaptation with margin for integers.
+    CmaEs,
+    /// Differential evolution with success-history adaptation.
+    DifferentialEvolution,
 }
 
 impl Kind {
     /// Every method.
-    pub const ALL: &[Kind] = &[Kind::Random, Kind::Pattern];
+    pub const ALL: &[Kind] = &[
+        Kind::Random,
+        Kind::Pattern,
+        Kind::Bayesian,
+        Kind::Genetic,
+        Kind::ParticleSwarm,
+        Kind::CmaEs,
+        Kind::DifferentialEvolution,
+    ];
 
     /// The method, nothing evaluated yet.
     pub fn start(self, space: Space, settings: Settings) -> Method {
         match self {
             Kind::Random => Method::Random(Random::new(space, settings)),
             Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
+            Kind::Bayesian => Method::Bayesian(Box::new(Bayesian::new(space, settings))),
+            Kind::Genetic => Method::Genetic(Box::new(Genetic::start(space, settings))),
+            Kind::ParticleSwarm => Method::ParticleSwarm(Box::new(ParticleSwarm::start(space, settings))),
+            Kind::CmaEs => Method::CmaEs(Box::new(CmaEs::new(space, settings))),
+            Kind::DifferentialEvolution => {
+                Method::DifferentialEvolution(Box::new(DifferentialEvolution::new(space, settings)))
+            }
+        }
+    }
+
+    /// Evaluations at most when none are asked for: the published runs of the published methods, with room for the
+    /// closing pattern search.
+    pub fn published_budget(self) -> usize {
+        match self {
+            Kind::Random | Kind::Pattern => 1_000,
+            Kind::Bayesian => 300,
+            Kind::Genetic => 10_000,
+            Kind::ParticleSwarm => 6_000,
+            Kind::CmaEs | Kind::DifferentialEvolution => 3_500,
         }
     }
 
@@ -42,6 +82,11 @@ impl Kind {
         match self {
             Kind::Random => "random",
             Kind::Pattern => "pattern",
+            Kind::Bayesian => "bayesian",
+            Kind::Genetic => "genetic",
+            Kind::ParticleSwarm => "particle-swarm",
+            Kind::CmaEs => "cma-es",
+            Kind::DifferentialEvolution => "differential-evolution",
         }
     }
 }
@@ -54,6 +99,16 @@ pub enum Method {
     Random(Random),
     /// See [`Pattern`].
     Pattern(Pattern),
+    /// See [`Bayesian`].
+    Bayesian(Box<Bayesian>),
+    /// See [`Genetic`].
+    Genetic(Box<Genetic>),
+    /// See [`ParticleSwarm`].
+    ParticleSwarm(Box<ParticleSwarm>),
+    /// See [`CmaEs`].
+    CmaEs(Box<CmaEs>),
+    /// See [`DifferentialEvolution`].
+    DifferentialEvolution(Box<DifferentialEvolution>),
 }
 
 impl Method {
@@ -61,6 +116,11 @@ impl Method {
         match self {
             Method::Random(method) => method,
             Method::Pattern(method) => method,
+            Method::Bayesian(method) => method.as_mut(),
+            Method::Genetic(method) => method.as_mut(),
+            Method::ParticleSwarm(method) => method.as_mut(),
+            Method::CmaEs(method) => method.as_mut(),
+            Method::DifferentialEvolution(method) => method.as_mut(),
         }
     }
 }

@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::Instant;
 
 use sensors::Packet;
 use sensors::capture::PcapngWriter;
@@ -14,7 +14,7 @@ use super::manifest::{Manifest, SensorEntry};
 use super::ticker::Ticker;
 use super::whole_file::WholeFile;
 use super::{FileEntry, SessionError, disk, file};
-use crate::receive::{Datagram, Listen, Monitor};
+use crate::receive::{Datagram, Listen, Monitor, now_ns};
 use crate::rig::MountFile;
 use crate::trajectory::Trajectory;
 
@@ -456,8 +456,4 @@ fn check_names(sensors: &[SensorInfo]) -> Result<(), SessionError> {
         }
     }
     Ok(())
-}
-
-fn now_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as u64)
 }

@@ -4,7 +4,7 @@ use crate::chart::CellMap;
 use crate::coverage::VoxelGrid;
 
 /// The outermost cell layers of a grid around a closed room, unfolded: floor and ceiling as seen from above (world x up
-/// the page, y to the left), walls as seen from outside with z up.
+/// the page, y to the left), walls as seen from inside with z up.
 pub fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
     let [nx, ny, nz] = grid.cells;
     let index = |i: usize, j: usize, k: usize| i + nx * (j + ny * k);

@@ -1,8 +1,16 @@
 //! What rays hit.
 
 mod box_scene;
+pub(crate) mod bricks;
+mod mesh;
+mod mesh_file;
+mod tree;
 
 pub use box_scene::BoxScene;
+pub use mesh::{Mesh, MeshError};
+pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
+
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -20,6 +28,8 @@ pub struct Hit {
 pub enum Scene {
     /// An axis-aligned box seen from inside.
     Box(BoxScene),
+    /// Triangles, shared by clones.
+    Mesh(Arc<Mesh>),
 }
 
 impl Scene {
@@ -27,6 +37,25 @@ impl Scene {
     pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
         match self {
             Scene::Box(scene) => scene.cast(origin_m, direction),
+            Scene::Mesh(scene) => scene.cast(origin_m, direction),
+        }
+    }
+
+    /// First surfaces along many rays (unit directions), in the order given; `report` gets the index of each ray.
+    /// Fastest when rays that stand side by side in the slices point side by side.
+    pub fn cast_many(
+        &self,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
+        mut report: impl FnMut(usize, Option<Hit>),
+    ) {
+        match self {
+            Scene::Mesh(scene) => scene.cast_many(origins_m, directions, report),
+            Scene::Box(scene) => {
+                for (index, (origin, direction)) in origins_m.iter().zip(directions).enumerate() {
+                    report(index, scene.cast(*origin, *direction));
+                }
+            }
         }
     }
 
@@ -34,6 +63,7 @@ impl Scene {
     pub fn bounds_m(&self) -> [DVec3; 2] {
         match self {
             Scene::Box(scene) => [scene.min_m, scene.max_m],
+            Scene::Mesh(scene) => scene.bounds_m(),
         }
     }
 }

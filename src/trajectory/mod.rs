@@ -1,6 +1,10 @@
 //! Poses over time.
 
-mod tum;
+mod checks;
+mod files;
+mod shapes;
+
+pub use checks::{Suspicion, SuspicionKind, WalkLimits};
 
 use glam::DVec3;
 
@@ -74,18 +78,30 @@ pub enum TrajectoryError {
     /// No pose at all.
     #[error("a trajectory needs at least one pose")]
     Empty,
-    /// A line of a trajectory file is not what it should be.
-    #[error("line {line}: {reason}")]
-    Line {
-        /// Counted from 1.
-        line: usize,
-        /// What was found and what was expected.
-        reason: String,
-    },
     /// Time stands still or runs back.
     #[error("time does not increase at pose {index} (counted from 0)")]
     NotIncreasing {
         /// Position of the offending pose.
         index: usize,
+    },
+    /// A line of a file is not what its format asks for.
+    #[error("line {line}: {found}")]
+    Line {
+        /// Line number from 1.
+        line: usize,
+        /// What was found and what was expected.
+        found: String,
+    },
+    /// Poses without times need a rate.
+    #[error("a rate of {rate_hz} poses per second, expected above 0")]
+    Rate {
+        /// As given, Hz.
+        rate_hz: f64,
+    },
+    /// A planned walk that nobody can walk.
+    #[error("{reason}")]
+    Shape {
+        /// What was found and what was expected.
+        reason: String,
     },
 }

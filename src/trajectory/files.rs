@@ -1,0 +1,220 @@
+//! Trajectory files: TUM (`timestamp tx ty tz qx qy qz qw`, seconds and metres) and KITTI (the upper three rows of
+//! `world_from_body`, row by row, no times). Errors name the line.
+
+use std::fmt::Write as _;
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::{Trajectory, TrajectoryError};
+use crate::geometry::Pose;
+
+/// How far the norm of a quaternion may be from 1 (a file with 4 digits is well inside).
+const NORM_SLACK: f64 = 1e-2;
+/// How far `R R^T` may be from the identity in any element.
+const ORTHOGONAL_SLACK: f64 = 1e-2;
+
+impl Trajectory {
+    /// Reads the TUM format. Comments begin with `#`; times are seconds and must increase.
+    ///
+    /// # Errors
+    /// The line of anything that is not eight finite numbers, a time that is negative or does not increase, or a
+    /// quaternion that is no rotation.
+    pub fn from_tum(text: &str) -> Result<Self, TrajectoryError> {
+        let mut stamped: Vec<(u64, Pose)> = Vec::new();
+        for (line, words) in data_lines(text) {
+            let fields: Vec<&str> = words.split_whitespace().collect();
+            if fields.len() != 8 {
+                let found = format!("{} fields, expected timestamp tx ty tz qx qy qz qw", fields.len());
+                return Err(TrajectoryError::Line { line, found });
+            }
+            let time_ns = parse_seconds(fields[0])
+                .ok_or_else(|| line_error(line, format!("{:?} where seconds are expected", fields[0])))?;
+            let n = numbers(&fields[1..], line)?;
+            let rotation = DQuat::from_xyzw(n[3], n[4], n[5], n[6]);
+            if (rotation.length() - 1.0).abs() > NORM_SLACK {
+                let found = format!("a quaternion of norm {:.4}, expected 1", rotation.length());
+                return Err(TrajectoryError::Line { line, found });
+            }
+            if let Some((before, _)) = stamped.last()
+                && time_ns <= *before
+            {
+                let found = format!("time {} after {:.9}, expected later", fields[0], *before as f64 * 1e-9);
+                return Err(TrajectoryError::Line { line, found });
+            }
+            // a rotation written by this program keeps every bit
+            let unit = (rotation.length_squared() - 1.0).abs() < 1e-14;
+            let rotation = if unit { rotation } else { rotation.normalize() };
+            stamped.push((time_ns, Pose::new(rotation, DVec3::new(n[0], n[1], n[2]))));
+        }
+        Self::new(stamped)
+    }
+
+    /// Reads the KITTI format, whose poses have no times: they are `1 / rate_hz` apart, the first at 0.
+    ///
+    /// # Errors
+    /// The line of anything that is not twelve finite numbers with a rotation in them, or a rate that is not above 0.
+    pub fn from_kitti(text: &str, rate_hz: f64) -> Result<Self, TrajectoryError> {
+        if !(rate_hz.is_finite() && rate_hz > 0.0) {
+            return Err(TrajectoryError::Rate { rate_hz });
+        }
+        let mut stamped = Vec::new();
+        for (line, words) in data_lines(text) {
+            let fields: Vec<&str> = words.split_whitespace().collect();
+            if fields.len() != 12 {
+                let found = format!("{} fields, expected the 12 of a 3 x 4 matrix", fields.len());
+                return Err(TrajectoryError::Line { line, found });
+            }
+            let n = numbers(&fields, line)?;
+            let rows = DMat3::from_cols(
+                DVec3::new(n[0], n[1], n[2]),
+                DVec3::new(n[4], n[5], n[6]),
+                DVec3::new(n[8], n[9], n[10]),
+            );
+            let rotation = rows.transpose();
+            let off = (rotation * rows).to_cols_array().into_iter().zip(DMat3::IDENTITY.to_cols_array());
+            let worst = off.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            if worst > ORTHOGONAL_SLACK || rotation.determinant() < 0.0 {
+                let found = format!(
+                    "a matrix that is no rotation (determinant {:.4}, off by {worst:.4})",
+                    rotation.determinant()
+                );
+                return Err(TrajectoryError::Line { line, found });
+            }
+            let time_ns = (stamped.len() as f64 * 1e9 / rate_hz).round() as u64;
+            let rotation = DQuat::from_mat3(&rotation).normalize();
+            stamped.push((time_ns, Pose::new(rotation, DVec3::new(n[3], n[7], n[11]))));
+        }
+        Self::new(stamped)
+    }
+
+    /// The TUM format; times with all nine digits, numbers that read back to the same pose.
+    pub fn to_tum(&self) -> String {
+        let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
+        for (time_ns, pose) in self.stamped() {
+            let (t, q) = (pose.translation_m, pose.rotation);
+            let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
+            let _ = writeln!(
+                text,
+                "{seconds}.{nanoseconds:09} {} {} {} {} {} {} {}",
+                t.x, t.y, t.z, q.x, q.y, q.z, q.w
+            );
+        }
+        text
+    }
+
+    /// The KITTI format; the times are lost.
+    pub fn to_kitti(&self) -> String {
+        let mut text = String::new();
+        for (_, pose) in self.stamped() {
+            let rotation = DMat3::from_quat(pose.rotation);
+            for row in 0..3 {
+                let r = rotation.row(row);
+                let end = if row == 2 { "\n" } else { " " };
+                let _ = write!(text, "{} {} {} {}{end}", r.x, r.y, r.z, pose.translation_m[row]);
+            }
+        }
+        text
+    }
+}
+
+/// Lines with data and their numbers from 1.
+fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines().enumerate().filter_map(|(index, line)| {
+        let data = line.split('#').next().unwrap_or_default().trim();
+        (!data.is_empty()).then_some((index + 1, data))
+    })
+}
+
+fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
+    let mut values = Vec::with_capacity(fields.len());
+    for field in fields {
+        match field.parse::<f64>() {
+            Ok(value) if value.is_finite() => values.push(value),
+            _ => return Err(line_error(line, format!("{field:?} where a finite number is expected"))),
+        }
+    }
+    Ok(values)
+}
+
+fn line_error(line: usize, found: String) -> TrajectoryError {
+    TrajectoryError::Line { line, found }
+}
+
+/// Seconds to nanoseconds without the rounding of f64: at today's Unix times that is 0.2 µs.
+fn parse_seconds(field: &str) -> Option<u64> {
+    let (whole, fraction) = field.split_once('.').unwrap_or((field, ""));
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    if !whole.is_empty() && digits(whole) && digits(fraction) {
+        let seconds: u64 = whole.parse().ok()?;
+        let nine: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
+        let round_up = fraction.as_bytes().get(9).is_some_and(|digit| *digit >= b'5');
+        let nanoseconds: u64 = nine.parse().ok()?;
+        return seconds.checked_mul(1_000_000_000)?.checked_add(nanoseconds + u64::from(round_up));
+    }
+    let seconds: f64 = field.parse().ok()?;
+    (seconds.is_finite() && (0.0..1e10).contains(&seconds)).then(|| (seconds * 1e9).round() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tum_reads_back_to_the_bit() {
+        let turn = DQuat::from_rotation_z(0.3) * DQuat::from_rotation_x(-0.1);
+        let stamped = vec![
+            (1_700_000_000_000_000_001, Pose::new(turn, DVec3::new(0.1, -2.0 / 3.0, 1e-9))),
+            (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(1e5, 0.0, 1.0))),
+        ];
+        let trajectory = Trajectory::new(stamped).unwrap();
+        let again = Trajectory::from_tum(&trajectory.to_tum()).unwrap();
+        for ((t0, p0), (t1, p1)) in trajectory.stamped().zip(again.stamped()) {
+            assert_eq!((t0, p0.translation_m), (t1, p1.translation_m));
+            assert!(p0.rotation.angle_between(p1.rotation) < 1e-7);
+        }
+    }
+
+    #[test]
+    fn kitti_reads_back() {
+        let turn = DQuat::from_rotation_y(1.0) * DQuat::from_rotation_z(2.0);
+        let stamped = vec![(0, Pose::IDENTITY), (100_000_000, Pose::new(turn, DVec3::new(1.0, 2.0, 3.0)))];
+        let trajectory = Trajectory::new(stamped).unwrap();
+        let again = Trajectory::from_kitti(&trajectory.to_kitti(), 10.0).unwrap();
+        for ((t0, p0), (t1, p1)) in trajectory.stamped().zip(again.stamped()) {
+            assert_eq!((t0, p0.translation_m), (t1, p1.translation_m));
+            assert!(p0.rotation.angle_between(p1.rotation) < 1e-7);
+        }
+    }
+
+    #[test]
+    fn errors_name_the_line_and_what_was_found() {
+        let tum = |text: &str| Trajectory::from_tum(text).unwrap_err().to_string();
+        let good = "# comment\n0.0 0 0 0 0 0 0 1\n";
+        for (line, part) in [
+            ("0.1 0 0 0 0 0 1\n", "7 fields"),
+            ("0.1 0 0 nan 0 0 0 1\n", "\"nan\""),
+            ("0.1 0 0 0 0 0 0 2\n", "norm 2.0"),
+            ("0.1 0 0 0 0 0 0 0\n", "norm 0.0"),
+            ("0.0 0 0 0 0 0 0 1\n", "expected later"),
+            ("-1 0 0 0 0 0 0 1\n", "where seconds are expected"),
+        ] {
+            let error = tum(&format!("{good}{line}"));
+            assert!(error.contains("line 3") && error.contains(part), "{error}");
+        }
+        assert!(tum("# nothing\n").contains("at least one pose"));
+        let kitti = |text: &str, rate_hz: f64| Trajectory::from_kitti(text, rate_hz).unwrap_err().to_string();
+        assert!(kitti("1 0 0 0 0 1 0 0 0 0 1\n", 10.0).contains("11 fields"));
+        assert!(kitti("1 0 0 0 0 1 0 0 0 0 -1 0\n", 10.0).contains("no rotation"));
+        assert!(kitti("1 0 0 0 0 1 0 0 0 0 1 0\n", 0.0).contains("rate"));
+    }
+
+    #[test]
+    fn seconds_keep_every_nanosecond() {
+        assert_eq!(parse_seconds("1700000000.123456789"), Some(1_700_000_000_123_456_789));
+        assert_eq!(parse_seconds("0.0000000005"), Some(1));
+        assert_eq!(parse_seconds("1.5e1"), Some(15_000_000_000));
+        assert_eq!(parse_seconds("7"), Some(7_000_000_000));
+        assert_eq!(parse_seconds("inf"), None);
+        assert_eq!(parse_seconds("99999999999999999999"), None);
+    }
+}
