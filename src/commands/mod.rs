@@ -15,6 +15,7 @@ mod output;
 mod record;
 mod replay;
 mod rig;
+mod signals;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]

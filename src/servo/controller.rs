@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use firmware_protocol::command::CLEAR_KEY;
 use firmware_protocol::{
@@ -56,6 +56,15 @@ impl Default for Options {
             keep_out: KeepOut::NONE,
             report_every: Duration::from_millis(50),
         }
+    }
+}
+
+impl Options {
+    /// The usual options for a session with a name of its own.
+    pub fn new_session() -> Self {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let session = unix.as_nanos() as u32 ^ std::process::id().rotate_left(16);
+        Self { session: session.max(1), ..Self::default() }
     }
 }
 

@@ -100,8 +100,7 @@ impl Building {
         let frame = &mut self.frame;
         frame.complete = complete && self.lost == 0;
         let rate = self.spin.rate().unwrap_or(0.0);
-        frame.azimuth_rate_rad_per_ns =
-            rate * std::f64::consts::TAU / f64::from(super::wire::AZIMUTH_COUNTS);
+        frame.azimuth_rate_rad_per_ns = rate * std::f64::consts::TAU / f64::from(super::wire::AZIMUTH_COUNTS);
         &self.frame
     }
 

@@ -123,11 +123,7 @@ impl VelodyneDecoder {
         }
     }
 
-    fn push_any(
-        &mut self,
-        packet: &Packet<'_>,
-        out: &mut dyn FnMut(Decoded<'_>),
-    ) -> Result<(), Rejected> {
+    fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
             self.check_source(packet.source.ip())?;
             match self.stream {

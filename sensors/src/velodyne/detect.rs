@@ -36,9 +36,9 @@ pub(crate) fn identify<'a>(
             let cycle_ns = measured_period_ns(packets)
                 .map(|period_ns| period_ns / sequences)
                 .filter(|cycle_ns| (45_000.0..70_000.0).contains(cycle_ns));
-            let remark = cycle_ns
-                .is_none()
-                .then(|| "VLS-128: the packet period does not give the firing cycle; 55.28 us taken".to_owned());
+            let remark = cycle_ns.is_none().then(|| {
+                "VLS-128: the packet period does not give the firing cycle; 55.28 us taken".to_owned()
+            });
             let cycle_ns = cycle_ns.unwrap_or(Product::Vls128.cycle_ns());
             Some(Identity { product: Product::Vls128, cycle_ns, remark })
         }
@@ -69,8 +69,9 @@ pub(crate) fn identify<'a>(
                     ));
                 }
                 None => {
-                    remark =
-                        Some("model byte 0x21 taken as HDL-32E: too few packets to check the period".to_owned());
+                    remark = Some(
+                        "model byte 0x21 taken as HDL-32E: too few packets to check the period".to_owned(),
+                    );
                 }
             }
             Some(Identity { product, cycle_ns: product.cycle_ns(), remark })
@@ -143,8 +144,9 @@ pub(crate) fn is_dual(packet: DataPacket<'_>, product: Product) -> bool {
 fn identify_hdl_64e<'a>(packets: impl Iterator<Item = DataPacket<'a>> + Clone) -> Identity {
     let identity = |product: Product, remark| Identity { product, cycle_ns: product.cycle_ns(), remark };
     // the last six bytes of an S1 are text, such as " 25 De" or "v25c  "
-    let is_text =
-        |packet: DataPacket<'_>| packet.trailer().iter().all(|byte| (0x20..0x7F).contains(byte) || *byte == 0);
+    let is_text = |packet: DataPacket<'_>| {
+        packet.trailer().iter().all(|byte| (0x20..0x7F).contains(byte) || *byte == 0)
+    };
     if packets.clone().all(is_text) {
         return identity(Product::Hdl64eS1, None);
     }
@@ -162,8 +164,9 @@ fn identify_hdl_64e<'a>(packets: impl Iterator<Item = DataPacket<'a>> + Clone) -
         }
         period_ns => {
             let found = period_ns.map_or("unknown".to_owned(), |ns| format!("{:.0} us", ns / 1e3));
-            let remark =
-                format!("HDL-64E with a packet period ({found}) of neither S2 (288 us) nor S3 (346 us): S2 taken");
+            let remark = format!(
+                "HDL-64E with a packet period ({found}) of neither S2 (288 us) nor S3 (346 us): S2 taken"
+            );
             identity(Product::Hdl64eS2, Some(remark))
         }
     }

@@ -6,8 +6,8 @@ use crate::frame::{Frame, Layer};
 
 use super::product::{Product, ReturnMode};
 use super::wire::{
-    AZIMUTH_COUNTS, BANK_FLAGS, BLOCK_BYTES, BLOCKS, DATA_PACKET_BYTES, Layout, MODE_OFFSET, MODEL_OFFSET, Part,
-    STAMP_OFFSET,
+    AZIMUTH_COUNTS, BANK_FLAGS, BLOCK_BYTES, BLOCKS, DATA_PACKET_BYTES, Layout, MODE_OFFSET, MODEL_OFFSET,
+    Part, STAMP_OFFSET,
 };
 
 /// One firing sequence. Slices have one entry per laser.
@@ -82,7 +82,9 @@ impl VelodyneEncoder {
         let counts = counts.rem_euclid(f64::from(AZIMUTH_COUNTS)) as u16;
         let first = |channel: usize| (column.range_mm[channel], column.reflectivity[channel]);
         let second = |channel: usize| match column.second {
-            Some((range_mm, reflectivity)) if range_mm[channel] > 0 => (range_mm[channel], reflectivity[channel]),
+            Some((range_mm, reflectivity)) if range_mm[channel] > 0 => {
+                (range_mm[channel], reflectivity[channel])
+            }
             _ => first(channel),
         };
         let azimuth = (sequence.after_azimuth == 0).then_some(counts);
@@ -103,7 +105,8 @@ impl VelodyneEncoder {
     pub fn push_frame(&mut self, frame: &Frame, out: &mut dyn FnMut(u64, &[u8; DATA_PACKET_BYTES])) {
         for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
             let samples = column * frame.channels..(column + 1) * frame.channels;
-            let slices = |layer: &'_ Layer| (layer.range_mm[samples.clone()].to_vec(), level(layer, &samples));
+            let slices =
+                |layer: &'_ Layer| (layer.range_mm[samples.clone()].to_vec(), level(layer, &samples));
             let (range_mm, reflectivity) = slices(&frame.first);
             let second = frame.second.as_ref().map(slices);
             let column = Column {

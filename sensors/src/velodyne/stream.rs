@@ -194,10 +194,7 @@ impl Stream {
         let whole_turns = ((expected - step) / TURN).round().max(0.0);
         let unwrapped = step + whole_turns * TURN;
         if !is_gap(unwrapped, usual) {
-            self.building.spin.add(Spin {
-                travelled_counts: step,
-                time_ns: usual / rate,
-            });
+            self.building.spin.add(Spin { travelled_counts: step, time_ns: usual / rate });
             return Between { step_counts: step, lost: 0 };
         }
         if pause_ns < 0.5 * period_ns {

@@ -27,7 +27,8 @@ impl ViewWindows {
             None if self.dark.len() < MOST_WINDOWS => self.dark.push(gap),
             None => {}
         }
-        let taken_back = self.suspects.iter().filter(|(jump, _)| same(*jump, gap)).map(|(_, lost)| lost).sum();
+        let taken_back =
+            self.suspects.iter().filter(|(jump, _)| same(*jump, gap)).map(|(_, lost)| lost).sum();
         self.suspects.retain(|(jump, _)| !same(*jump, gap));
         taken_back
     }
