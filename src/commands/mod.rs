@@ -17,9 +17,10 @@ mod record;
 mod recording;
 mod replay;
 mod rig;
-mod validate;
 mod sensor_ids;
+mod signals;
 mod unread;
+mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
