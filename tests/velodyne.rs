@@ -189,7 +189,10 @@ fn compare_frame(
     let peer = DVec3::from_array(["x", "y", "z"].map(|axis| expected["sum"][axis].as_f64().unwrap()));
     let mean_off_m = mean(|point| point.position_m).distance(peer / points.len() as f64);
     let mean_range_m = mean(|point| DVec3::splat(point.range_m)).x;
-    assert!(!gaps.is_empty() || mean_off_m < 0.5 * azimuth_rad * mean_range_m + 2e-5, "{name}: {mean_off_m} m");
+    assert!(
+        !gaps.is_empty() || mean_off_m < 0.5 * azimuth_rad * mean_range_m + 2e-5,
+        "{name}: {mean_off_m} m"
+    );
 
     let stamp_ns = (expected["device_stamp_s"].as_f64().unwrap() * 1e6).round() as i64 * 1000;
     // only the first frames of a long capture have samples
@@ -206,7 +209,8 @@ fn compare_frame(
         let off_m = nearest.position_m.distance(position_m);
         let off_ns = nearest.time_ns.abs_diff(time_ns);
         if off_ns > tolerance.time_ns || off_m > azimuth_rad * nearest.range_m + 2e-4 {
-            let near_gap = gaps.iter().any(|gap| gap.iter().any(|edge_ns| edge_ns.abs_diff(time_ns) < PACKET_NS));
+            let near_gap =
+                gaps.iter().any(|gap| gap.iter().any(|edge_ns| edge_ns.abs_diff(time_ns) < PACKET_NS));
             assert!(near_gap, "{name}: {sample} is {off_m} m and {off_ns} ns from ours");
             continue;
         }
@@ -219,8 +223,7 @@ const PACKET_NS: u64 = 664_000;
 
 /// Times on both sides of each azimuth gap, ns.
 fn gaps(frame: &Frame) -> Vec<[u64; 2]> {
-    let step_rad =
-        |column: usize| frame.column_azimuth_rad[column + 1] - frame.column_azimuth_rad[column];
+    let step_rad = |column: usize| frame.column_azimuth_rad[column + 1] - frame.column_azimuth_rad[column];
     (0..frame.columns() - 1)
         .filter(|column| step_rad(*column).rem_euclid(std::f64::consts::TAU) > 0.05)
         .map(|column| [frame.column_time_ns[column], frame.column_time_ns[column + 1]])
@@ -235,7 +238,10 @@ fn mrpt_vlp16_gps() {
     let decoding = decode_capture("mrpt_vlp16_gps");
     assert_eq!(decoding.model.name, "vlp-16");
     compare("mrpt_vlp16_gps", &decoding, CLOSE);
-    assert_eq!((decoding.stats.packets, decoding.stats.lost_packets, decoding.stats.complete_frames), (293, 0, 3));
+    assert_eq!(
+        (decoding.stats.packets, decoding.stats.lost_packets, decoding.stats.complete_frames),
+        (293, 0, 3)
+    );
 }
 
 fn nebula_vlp16() {
@@ -245,7 +251,10 @@ fn nebula_vlp16() {
 fn nebula_vlp32() {
     let decoding = decode_capture("nebula_vlp32");
     compare("nebula_vlp32", &decoding, CLOSE);
-    assert_eq!((decoding.stats.packets, decoding.stats.lost_packets, decoding.stats.complete_frames), (379, 0, 4));
+    assert_eq!(
+        (decoding.stats.packets, decoding.stats.lost_packets, decoding.stats.complete_frames),
+        (379, 0, 4)
+    );
 }
 
 /// The peer takes the firing cycle and the stamp's place from two other firmwares' tables (2.7 us a slot, two idle
