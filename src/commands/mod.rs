@@ -8,7 +8,6 @@ mod decode;
 mod demo;
 mod evaluate;
 mod inspect;
-mod interrupt;
 mod manual;
 mod mock;
 mod optimize;

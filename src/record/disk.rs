@@ -14,11 +14,6 @@ pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionErro
     files::write_whole(path, content).map_err(|error| SessionError::io(path, "cannot be written", error))
 }
 
-/// Brings the names in a folder to the disk.
-pub(super) fn sync_folder(folder: &Path) -> Result<(), SessionError> {
-    files::sync_folder(folder).map_err(|error| SessionError::io(folder, "cannot be synced", error))
-}
-
 /// Length and checksum of a file of a session.
 pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionError> {
     let path = dir.join(relative);
