@@ -32,7 +32,10 @@ pub fn points_f64(model: &SensorModel, frame: &Frame, layer: &Layer, out: &mut V
             let range_mm = layer.range_mm[frame.index(column, channel)];
             out.push(match range_mm {
                 0 => DVec3::ZERO,
-                _ => sample_ray(model, frame, column, channel).at_range(f64::from(range_mm) * 1e-3),
+                _ => {
+                    let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+                    model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3)
+                }
             });
         }
     }
