@@ -161,6 +161,8 @@ impl Position {
             ];
             for (offset, value) in values.into_iter().enumerate() {
                 let word = (value.round().clamp(-2048.0, 2047.0) as i16 as u16) & 0xFFF;
+                // the upper four bits number the values of a unit
+                let word = word | (offset as u16) << 12;
                 put(INERTIAL.start + 8 * place + 2 * offset, &word.to_le_bytes());
             }
         }
