@@ -13,6 +13,7 @@ pub mod model;
 pub mod ouster;
 pub mod packet;
 pub mod projection;
+pub mod router;
 pub mod velodyne;
 
 pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};

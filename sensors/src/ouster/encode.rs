@@ -25,6 +25,8 @@ pub struct OusterEncoder {
     format: PacketFormat,
     kernels: Kernels,
     checksum: Checksum,
+    /// What IMU and zone packets say about the sensor; lidar packets say what their frame says.
+    pub health: Health,
     packet: Vec<u8>,
 }
 
@@ -35,6 +37,7 @@ impl OusterEncoder {
             format: metadata.packet_format(),
             kernels: kernels(metadata.profile),
             checksum: Checksum::Crc64,
+            health: Health::default(),
             packet: Vec::new(),
             metadata,
         }
@@ -63,7 +66,8 @@ impl OusterEncoder {
         let per_packet = self.format.columns_per_packet;
         for slot in 0..self.metadata.packet_slots() {
             let columns = slot * per_packet..((slot + 1) * per_packet).min(frame.columns());
-            let came = columns.clone().any(|column| frame.column_valid[column] || frame.column_time_ns[column] > 0);
+            let came =
+                columns.clone().any(|column| frame.column_valid[column] || frame.column_time_ns[column] > 0);
             if came && self.metadata.profile != Profile::Off {
                 self.lidar(frame, columns);
                 emit(&self.packet);
@@ -72,7 +76,13 @@ impl OusterEncoder {
     }
 
     /// One IMU packet. LEGACY packets hold the first sample only; ACCEL32 packets as many as the metadata says.
-    pub fn imu(&mut self, frame_id: u32, samples: &[ImuSample], columns: &[u16], nmea: Option<(u64, &str)>) -> &[u8] {
+    pub fn imu(
+        &mut self,
+        frame_id: u32,
+        samples: &[ImuSample],
+        columns: &[u16],
+        nmea: Option<(u64, &str)>,
+    ) -> &[u8] {
         self.packet.clear();
         if self.metadata.imu_profile == super::ImuProfile::Legacy {
             if let Some(sample) = samples.first() {
@@ -81,7 +91,7 @@ impl OusterEncoder {
             return &self.packet;
         }
         self.packet.resize(imu::accel32_bytes(self.metadata.imu_samples_per_packet), 0);
-        self.header(PacketKind::Imu, frame_id, Health::default());
+        self.header(PacketKind::Imu, frame_id, self.health);
         let held = &samples[..samples.len().min(self.metadata.imu_samples_per_packet)];
         imu::write_accel32(&mut self.packet, held, columns, nmea);
         self.footer();
@@ -92,7 +102,7 @@ impl OusterEncoder {
     pub fn zones(&mut self, report: &ZoneReport) -> &[u8] {
         self.packet.clear();
         self.packet.resize(zones::PACKET_BYTES, 0);
-        self.header(PacketKind::Zone, report.frame_id, Health::default());
+        self.header(PacketKind::Zone, report.frame_id, self.health);
         zones::write(report, &mut self.packet);
         self.footer();
         &self.packet

@@ -58,10 +58,16 @@ pub fn write_legacy(sample: &ImuSample) -> [u8; LEGACY_BYTES] {
 /// Reads the valid samples of an ACCEL32_GYRO32_NMEA packet.
 pub fn read_accel32(packet: &[u8]) -> impl Iterator<Item = ImuSample> + '_ {
     let samples = packet.get(HEADER_BYTES + NMEA_BLOCK_BYTES..packet.len().saturating_sub(FOOTER_BYTES));
-    samples.unwrap_or_default().chunks_exact(SAMPLE_BYTES).filter(|sample| sample[10] & 1 == 1).map(|sample| {
-        let values = |at: usize| [0, 4, 8].map(|axis| f64::from(f32_at(sample, at + axis)));
-        ImuSample { time_ns: u64_at(sample, 0), acceleration_m_s2: values(12), angular_rate_rad_s: values(24) }
-    })
+    samples.unwrap_or_default().chunks_exact(SAMPLE_BYTES).filter(|sample| sample[10] & 1 == 1).map(
+        |sample| {
+            let values = |at: usize| [0, 4, 8].map(|axis| f64::from(f32_at(sample, at + axis)));
+            ImuSample {
+                time_ns: u64_at(sample, 0),
+                acceleration_m_s2: values(12),
+                angular_rate_rad_s: values(24),
+            }
+        },
+    )
 }
 
 /// The GPS sentence of an ACCEL32_GYRO32_NMEA packet and when it came, ns; `None` when there is none.
@@ -74,7 +80,12 @@ pub fn read_nmea(packet: &[u8]) -> Option<(u64, &str)> {
 
 /// Writes samples and a GPS sentence into an ACCEL32_GYRO32_NMEA packet between header and footer. `columns` are the
 /// encoder positions of the samples.
-pub(super) fn write_accel32(packet: &mut [u8], samples: &[ImuSample], columns: &[u16], nmea: Option<(u64, &str)>) {
+pub(super) fn write_accel32(
+    packet: &mut [u8],
+    samples: &[ImuSample],
+    columns: &[u16],
+    nmea: Option<(u64, &str)>,
+) {
     if let Some((time_ns, text)) = nmea {
         packet[HEADER_BYTES..HEADER_BYTES + 8].copy_from_slice(&time_ns.to_le_bytes());
         for (byte, letter) in packet[NMEA_TEXT].iter_mut().zip(text.bytes()) {

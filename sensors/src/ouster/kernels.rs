@@ -76,7 +76,12 @@ fn unpack<const P: usize, const BYTES: usize>(
 }
 
 #[inline(always)]
-fn unpack_return<const BYTES: usize>(blocks: &[[u8; BYTES]], at: usize, out: &mut Layer, layout: &ReturnLayout) {
+fn unpack_return<const BYTES: usize>(
+    blocks: &[[u8; BYTES]],
+    at: usize,
+    out: &mut Layer,
+    layout: &ReturnLayout,
+) {
     let to = at + blocks.len();
     if layout.range.is_there() {
         for (block, out) in blocks.iter().zip(&mut out.range_mm[at..to]) {
@@ -138,7 +143,12 @@ fn pack<const P: usize, const BYTES: usize>(
 }
 
 #[inline(always)]
-fn pack_return<const BYTES: usize>(blocks: &mut [[u8; BYTES]], at: usize, from: &Layer, layout: &ReturnLayout) {
+fn pack_return<const BYTES: usize>(
+    blocks: &mut [[u8; BYTES]],
+    at: usize,
+    from: &Layer,
+    layout: &ReturnLayout,
+) {
     for (offset, block) in blocks.iter_mut().enumerate() {
         let sample = at + offset;
         put(block, layout.range, from.range_mm.get(sample).copied());

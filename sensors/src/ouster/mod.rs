@@ -15,6 +15,9 @@ mod claim;
 mod decoder;
 mod kernels;
 mod stream;
+mod strays;
+#[cfg(test)]
+mod tests;
 
 pub use claim::Claim;
 pub use decoder::OusterDecoder;

@@ -135,11 +135,6 @@ impl Profile {
     pub fn has_packet_header(self) -> bool {
         self != Self::Legacy
     }
-
-    /// Packets always have the functional-safety header.
-    pub fn is_fusa(self) -> bool {
-        self == Self::FusaRng15Rfl8Nir8Dual
-    }
 }
 
 const fn bits(at: u16, width: u8) -> Bits {
@@ -289,12 +284,7 @@ pub const LAYOUTS: [Layout; 14] = [
         profile: Profile::Rng19Rfl8Sig16Nir16Rgb16,
         name: "RNG19_RFL8_SIG16_NIR16_RGB16",
         bytes: 16,
-        first: ReturnLayout {
-            signal: bits(32, 16),
-            near_ir: bits(48, 16),
-            rgb: rgb(64),
-            ..rng19(0, 24)
-        },
+        first: ReturnLayout { signal: bits(32, 16), near_ir: bits(48, 16), rgb: rgb(64), ..rng19(0, 24) },
         second: NOTHING,
         raw_words: false,
     },
@@ -353,9 +343,10 @@ mod tests {
                     half.rgb[2],
                 ];
                 for field in fields {
-                    for bit in field.at as usize..field.at as usize + field.width as usize {
-                        assert!(!taken[bit], "{}: bit {bit}", layout.name);
-                        taken[bit] = true;
+                    let first = field.at as usize;
+                    for taken in &mut taken[first..first + field.width as usize] {
+                        assert!(!*taken, "{}: {field:?}", layout.name);
+                        *taken = true;
                     }
                 }
             }

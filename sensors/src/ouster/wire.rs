@@ -80,6 +80,15 @@ pub struct PacketFormat {
 }
 
 impl HeaderKind {
+    /// The only kind a profile can have: LEGACY counts frames in 16 bits, FUSA profiles bring their header.
+    pub fn of(profile: Profile) -> Option<Self> {
+        match profile {
+            Profile::Legacy => Some(Self::Standard),
+            Profile::FusaRng15Rfl8Nir8Dual => Some(Self::Fusa),
+            _ => None,
+        }
+    }
+
     /// Name in metadata.
     pub fn name(self) -> &'static str {
         match self {
@@ -123,9 +132,7 @@ impl Header {
     pub fn read(kind: HeaderKind, packet: &[u8]) -> Option<Self> {
         let bytes: &[u8; HEADER_BYTES] = packet.first_chunk()?;
         let (number, frame_id, init_at, serial_at, alert_at) = match kind {
-            HeaderKind::Standard => {
-                (u16_at(bytes, 0), u32::from(u16_at(bytes, 2)), 4, 7, 12)
-            }
+            HeaderKind::Standard => (u16_at(bytes, 0), u32::from(u16_at(bytes, 2)), 4, 7, 12),
             HeaderKind::Fusa => (u16::from(bytes[0]), u32_at(bytes, 4), 1, 11, 8),
         };
         Some(Self {

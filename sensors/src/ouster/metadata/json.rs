@@ -40,7 +40,12 @@ pub(super) struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    pub(super) fn error(&self, key: &str, expected: impl Into<String>, found: impl Into<String>) -> MetadataError {
+    pub(super) fn error(
+        &self,
+        key: &str,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> MetadataError {
         let path = if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) };
         MetadataError::Unexpected {
             name: self.name.to_owned(),
@@ -61,7 +66,11 @@ impl<'a> Section<'a> {
     }
 
     /// A whole number in a range.
-    pub(super) fn integer(&self, key: &str, range: std::ops::RangeInclusive<u64>) -> Result<Option<u64>, MetadataError> {
+    pub(super) fn integer(
+        &self,
+        key: &str,
+        range: std::ops::RangeInclusive<u64>,
+    ) -> Result<Option<u64>, MetadataError> {
         let Some(value) = self.get(key) else { return Ok(None) };
         match value.as_u64() {
             Some(number) if range.contains(&number) => Ok(Some(number)),
@@ -88,7 +97,8 @@ impl<'a> Section<'a> {
         let numbers: Result<Vec<f64>, _> = flat
             .enumerate()
             .map(|(index, item)| {
-                item.as_f64().ok_or_else(|| self.error(&format!("{key}[{index}]"), "a number", describe(item)))
+                item.as_f64()
+                    .ok_or_else(|| self.error(&format!("{key}[{index}]"), "a number", describe(item)))
             })
             .collect();
         numbers.map(Some)
@@ -96,7 +106,8 @@ impl<'a> Section<'a> {
 
     pub(super) fn integers(&self, key: &str) -> Result<Option<Vec<i64>>, MetadataError> {
         let Some(value) = self.get(key) else { return Ok(None) };
-        let list = value.as_array().ok_or_else(|| self.error(key, "a list of whole numbers", describe(value)))?;
+        let list =
+            value.as_array().ok_or_else(|| self.error(key, "a list of whole numbers", describe(value)))?;
         let integers: Result<Vec<i64>, _> = list
             .iter()
             .enumerate()

@@ -63,7 +63,15 @@ impl<'a> Document<'a> {
         if !SECTIONS.iter().any(|section| top.contains_key(*section)) {
             let format = optional(&whole, "data_format")?;
             let imu_format = optional(&whole, "imu_data_format")?;
-            return Ok(Self { info: whole, config: whole, beams: whole, lidar: whole, imu: whole, format, imu_format });
+            return Ok(Self {
+                info: whole,
+                config: whole,
+                beams: whole,
+                lidar: whole,
+                imu: whole,
+                format,
+                imu_format,
+            });
         }
         let missing: Vec<_> = SECTIONS.into_iter().filter(|section| !top.contains_key(*section)).collect();
         if !missing.is_empty() {
@@ -72,9 +80,8 @@ impl<'a> Document<'a> {
             let expected = format!("the sections {} of nested metadata", missing.join(", "));
             return Err(whole.error(missing[0], expected, format!("nothing{hint}")));
         }
-        let section = |key| {
-            optional(&whole, key)?.ok_or_else(|| whole.error(key, "an object", describe(&top[key])))
-        };
+        let section =
+            |key| optional(&whole, key)?.ok_or_else(|| whole.error(key, "an object", describe(&top[key])));
         Ok(Self {
             info: section("sensor_info")?,
             config: section("config_params")?,
@@ -128,7 +135,11 @@ impl<'a> Document<'a> {
             timestamp_mode: named(&self.config, "timestamp_mode", TimestampMode::from_name)?,
             imu_packets_per_frame: self.imu_integer("imu_packets_per_frame")?,
             imu_samples_per_packet: self.imu_integer("imu_measurements_per_packet")?,
-            sensor_from_imu: self.transform(&self.imu, "imu_to_sensor_transform", DEFAULT_SENSOR_FROM_IMU_MM)?,
+            sensor_from_imu: self.transform(
+                &self.imu,
+                "imu_to_sensor_transform",
+                DEFAULT_SENSOR_FROM_IMU_MM,
+            )?,
             model: self.model(&product_line, &altitudes, &azimuths)?,
             product_line,
         };
@@ -211,25 +222,33 @@ impl<'a> Document<'a> {
     }
 
     fn header(&self, profile: Profile) -> Result<HeaderKind, MetadataError> {
-        if profile.is_fusa() {
-            return Ok(HeaderKind::Fusa);
+        if let Some(kind) = HeaderKind::of(profile) {
+            return Ok(kind);
         }
         let said = match self.format {
             Some(format) => named(&format, "header_type", HeaderKind::from_name)?,
             None => None,
         };
-        let said = said.map_or_else(|| named(&self.config, "header_type", HeaderKind::from_name), |kind| Ok(Some(kind)))?;
+        let said = said.map_or_else(
+            || named(&self.config, "header_type", HeaderKind::from_name),
+            |kind| Ok(Some(kind)),
+        )?;
         Ok(said.unwrap_or(HeaderKind::Standard))
     }
 
     fn column_window(&self, last_column: usize) -> Result<[usize; 2], MetadataError> {
         let Some(format) = self.format else { return Ok([0, last_column]) };
         let Some(window) = format.integers("column_window")? else { return Ok([0, last_column]) };
-        let columns: Vec<usize> =
-            window.iter().filter_map(|column| usize::try_from(*column).ok()).collect();
+        let columns: Vec<usize> = window.iter().filter_map(|column| usize::try_from(*column).ok()).collect();
         match columns[..] {
-            [first, last] if window.len() == 2 && first <= last_column && last <= last_column => Ok([first, last]),
-            _ => Err(format.error("column_window", format!("two columns from 0 to {last_column}"), format!("{window:?}"))),
+            [first, last] if window.len() == 2 && first <= last_column && last <= last_column => {
+                Ok([first, last])
+            }
+            _ => Err(format.error(
+                "column_window",
+                format!("two columns from 0 to {last_column}"),
+                format!("{window:?}"),
+            )),
         }
     }
 
@@ -242,7 +261,9 @@ impl<'a> Document<'a> {
             if shifts.len() != rows {
                 return Err(format.error(key, format!("{rows} shifts"), format!("{} shifts", shifts.len())));
             }
-            let small = |shift: i64| i32::try_from(shift).ok().filter(|shift| shift.unsigned_abs() as usize <= columns);
+            let small = |shift: i64| {
+                i32::try_from(shift).ok().filter(|shift| shift.unsigned_abs() as usize <= columns)
+            };
             let shifts: Option<Vec<i32>> = shifts.iter().map(|shift| small(*shift)).collect();
             return shifts.ok_or_else(|| format.error(key, "shifts within one revolution", "a greater one"));
         }
@@ -253,7 +274,12 @@ impl<'a> Document<'a> {
     }
 
     /// A rigid transform of 16 row-major numbers in mm, or the default of old firmware.
-    fn transform(&self, section: &Section<'_>, key: &str, default: [f64; 16]) -> Result<DAffine3, MetadataError> {
+    fn transform(
+        &self,
+        section: &Section<'_>,
+        key: &str,
+        default: [f64; 16],
+    ) -> Result<DAffine3, MetadataError> {
         let matrix = self.matrix(section, key)?.unwrap_or(default);
         let row = |row: usize| DVec3::new(matrix[4 * row], matrix[4 * row + 1], matrix[4 * row + 2]);
         let rotation = DMat3::from_cols(row(0), row(1), row(2)).transpose();
@@ -271,7 +297,12 @@ impl<'a> Document<'a> {
         numbers.try_into().map(Some).map_err(|_| section.error(key, "16 numbers, row by row", found))
     }
 
-    fn model(&self, product_line: &str, altitudes: &[f64], azimuths: &[f64]) -> Result<SensorModel, MetadataError> {
+    fn model(
+        &self,
+        product_line: &str,
+        altitudes: &[f64],
+        azimuths: &[f64],
+    ) -> Result<SensorModel, MetadataError> {
         let (radial_mm, z_mm) = match self.matrix(&self.beams, "beam_to_lidar_transform")? {
             Some(matrix) => (matrix[3], matrix[11]),
             None => {
@@ -329,7 +360,11 @@ fn optional<'a>(whole: &Section<'a>, key: &'a str) -> Result<Option<Section<'a>>
 }
 
 /// A value that must be one of a list of names.
-fn named<T>(section: &Section<'_>, key: &str, from_name: fn(&str) -> Option<T>) -> Result<Option<T>, MetadataError> {
+fn named<T>(
+    section: &Section<'_>,
+    key: &str,
+    from_name: fn(&str) -> Option<T>,
+) -> Result<Option<T>, MetadataError> {
     let Some(name) = section.text(key)? else { return Ok(None) };
     from_name(name).map(Some).ok_or_else(|| section.error(key, "a known name", format!("{name:?}")))
 }

@@ -47,7 +47,8 @@ fn beam_intrinsics(metadata: &Metadata) -> Value {
     let degrees = |angles: Vec<f64>| -> Vec<f64> {
         angles.into_iter().map(|angle: f64| round_to(angle.to_degrees(), 1e9)).collect()
     };
-    let (radial_mm, z_mm) = beams.first().map_or((0.0, 0.0), |beam| (beam.origin_radial_m * 1e3, beam.origin_z_m * 1e3));
+    let (radial_mm, z_mm) =
+        beams.first().map_or((0.0, 0.0), |beam| (beam.origin_radial_m * 1e3, beam.origin_z_m * 1e3));
     let (radial_mm, z_mm) = (round_to(radial_mm, 1e9), round_to(z_mm, 1e9));
     json!({
         "beam_altitude_angles": degrees(beams.iter().map(|beam| beam.elevation_rad).collect()),
@@ -67,9 +68,11 @@ fn config_params(metadata: &Metadata) -> Value {
     config.insert("udp_profile_lidar".into(), metadata.profile.name().into());
     config.insert("udp_profile_imu".into(), metadata.imu_profile.name().into());
     let lidar_port = if metadata.profile == Profile::Off { Some(0) } else { metadata.lidar_port };
-    for (key, port) in
-        [("udp_port_lidar", lidar_port), ("udp_port_imu", metadata.imu_port), ("udp_port_zm", metadata.zone_port)]
-    {
+    for (key, port) in [
+        ("udp_port_lidar", lidar_port),
+        ("udp_port_imu", metadata.imu_port),
+        ("udp_port_zm", metadata.zone_port),
+    ] {
         if let Some(port) = port {
             config.insert(key.into(), port.into());
         }
