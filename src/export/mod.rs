@@ -18,7 +18,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-pub use cloud::{Cloud, Point, Source};
+pub use cloud::{Cloud, Echo, Point, Source};
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -208,7 +208,8 @@ impl GaussianProcess {
     /// Conditioned on the data; `None` when the data are not finite.
     pub fn new(data: Data, hyper: &Hyper) -> Option<Self> {
         let n = data.points.len();
-        let inverse_lengths: Vec<f64> = data.roles.iter().map(|&role| (-hyper.ln_lengths[role]).exp()).collect();
+        let inverse_lengths: Vec<f64> =
+            data.roles.iter().map(|&role| (-hyper.ln_lengths[role]).exp()).collect();
         let noise_ratio = hyper.ln_noise.exp();
         let mut kernel = DMatrix::zeros(n, n);
         for j in 0..n {
@@ -224,8 +225,16 @@ impl GaussianProcess {
         let lower = cholesky.l();
         let lower: Vec<Vec<f64>> = (0..n).map(|i| (0..=i).map(|j| lower[(i, j)]).collect()).collect();
         let ones = forward(&lower, &vec![1.0; n]);
-        (mean.is_finite() && variance.is_finite())
-            .then_some(Self { data, inverse_lengths, noise_ratio, mean, weights, variance, lower, ones })
+        (mean.is_finite() && variance.is_finite()).then_some(Self {
+            data,
+            inverse_lengths,
+            noise_ratio,
+            mean,
+            weights,
+            variance,
+            lower,
+            ones,
+        })
     }
 
     /// Belief at a point of the unit cube.
@@ -267,8 +276,9 @@ mod tests {
     use super::*;
 
     fn waves(count: usize) -> Data {
-        let points: Vec<Vec<f64>> =
-            (0..count).map(|i| vec![(i as f64 * 0.618_034).fract(), (i as f64 * 0.414_214).fract()]).collect();
+        let points: Vec<Vec<f64>> = (0..count)
+            .map(|i| vec![(i as f64 * 0.618_034).fract(), (i as f64 * 0.414_214).fract()])
+            .collect();
         let values = points.iter().map(|p| (5.0 * p[0]).sin() + 0.3 * p[1]).collect();
         Data::new(vec![0, 1], points, values)
     }
@@ -286,7 +296,10 @@ mod tests {
             low[axis] -= step;
             high[axis] += step;
             let slope = (loss(&high).0 - loss(&low).0) / (2.0 * step);
-            assert!((slope - gradient[axis]).abs() < 1e-4 * slope.abs().max(1.0), "{axis}: {slope} {gradient:?}");
+            assert!(
+                (slope - gradient[axis]).abs() < 1e-4 * slope.abs().max(1.0),
+                "{axis}: {slope} {gradient:?}"
+            );
         }
     }
 
@@ -296,7 +309,7 @@ mod tests {
         let hyper = data.fit(&[Hyper::typical(2)], 100);
         assert!(hyper.ln_lengths[1] > hyper.ln_lengths[0] + 0.5, "{hyper:?}");
         let process = GaussianProcess::new(data, &hyper).unwrap();
-        for point in [[0.3, 0.5], [0.72, 0.11], [0.5, 0.9]] {
+        for point in [[0.3_f64, 0.5], [0.72, 0.11], [0.5, 0.9]] {
             let truth = (5.0 * point[0]).sin() + 0.3 * point[1];
             let belief = process.predict(&point);
             assert!((belief.mean - truth).abs() < 0.02, "{point:?}: {belief:?}, true {truth}");

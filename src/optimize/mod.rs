@@ -8,8 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::rng::Rng;
 
+mod ascent;
+mod bayesian;
 mod cma_es;
 mod differential_evolution;
+mod gaussian_process;
 mod genetic;
 mod method;
 mod mounts;
@@ -21,6 +24,7 @@ mod random;
 mod search;
 mod space;
 
+pub use bayesian::Bayesian;
 pub use cma_es::CmaEs;
 pub use differential_evolution::DifferentialEvolution;
 pub use genetic::Genetic;

@@ -8,7 +8,7 @@ mod tree;
 
 pub use box_scene::BoxScene;
 pub use mesh::{Mesh, MeshError};
-pub use mesh_file::{MeshFileError, MeshUnit, UpAxis, load_mesh};
+pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
 
 use std::sync::Arc;
 

@@ -15,6 +15,8 @@ mod claim;
 mod decoder;
 mod kernels;
 mod stream;
+#[cfg(test)]
+mod tests;
 
 pub use claim::Claim;
 pub use decoder::OusterDecoder;

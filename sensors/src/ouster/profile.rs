@@ -135,11 +135,6 @@ impl Profile {
     pub fn has_packet_header(self) -> bool {
         self != Self::Legacy
     }
-
-    /// Packets always have the functional-safety header.
-    pub fn is_fusa(self) -> bool {
-        self == Self::FusaRng15Rfl8Nir8Dual
-    }
 }
 
 const fn bits(at: u16, width: u8) -> Bits {

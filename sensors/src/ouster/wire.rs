@@ -80,6 +80,15 @@ pub struct PacketFormat {
 }
 
 impl HeaderKind {
+    /// The only kind a profile can have: LEGACY counts frames in 16 bits, FUSA profiles bring their header.
+    pub fn of(profile: Profile) -> Option<Self> {
+        match profile {
+            Profile::Legacy => Some(Self::Standard),
+            Profile::FusaRng15Rfl8Nir8Dual => Some(Self::Fusa),
+            _ => None,
+        }
+    }
+
     /// Name in metadata.
     pub fn name(self) -> &'static str {
         match self {

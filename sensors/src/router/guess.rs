@@ -153,7 +153,7 @@ fn of_size(payload: &[u8], profiles: impl Iterator<Item = Profile>) -> Vec<Packe
     for profile in profiles {
         for pixels_per_column in PIXELS {
             for columns_per_packet in COLUMNS {
-                let header = if profile.is_fusa() { HeaderKind::Fusa } else { HeaderKind::Standard };
+                let header = HeaderKind::of(profile).unwrap_or(HeaderKind::Standard);
                 let format = PacketFormat { profile, header, columns_per_packet, pixels_per_column };
                 if format.packet_bytes() == payload.len() && columns_make_sense(&format, payload) {
                     formats.push(format);

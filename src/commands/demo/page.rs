@@ -32,7 +32,8 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
         Verdict::Differs => "The recording does not cover what was promised",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
-    let mut report = Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
+    let mut report =
+        Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
     pictures(&mut report, as_driven, recorded);
@@ -63,7 +64,9 @@ fn coverage_section(report: &mut Report, document: &Document) {
         number(agreement.missed as f64, 0),
         number(agreement.unexpected as f64, 0),
     ));
-    let figure = |name: &str, value: Option<f64>| vec![name.to_owned(), value.map_or("-".into(), |v| format!("{v:.5}"))];
+    let figure = |name: &str, value: Option<f64>| {
+        vec![name.to_owned(), value.map_or("-".into(), |v| format!("{v:.5}"))]
+    };
     report.table(
         &["agreement of as driven and recorded", ""],
         &[
@@ -98,7 +101,8 @@ fn rays_section(report: &mut Report, document: &Document) {
 fn pictures(report: &mut Report, as_driven: &Coverage, recorded: &Coverage) {
     let grid = recorded.grid();
     report.heading("Who saw what");
-    let bit = |sensor: usize, index: usize| recorded.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1 == 1;
+    let bit =
+        |sensor: usize, index: usize| recorded.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1 == 1;
     let seen = unfold_box(grid, &|index| {
         let others = (1..recorded.sensors()).any(|sensor| bit(sensor, index));
         Some(match (bit(0, index), others) {
@@ -191,10 +195,7 @@ fn recording_section(report: &mut Report, document: &Document) {
             ]
         })
         .collect();
-    report.table(
-        &["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"],
-        &rows,
-    );
+    report.table(&["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"], &rows);
     for problem in &document.problems {
         report.paragraph(problem);
     }

@@ -5,7 +5,8 @@ mod faults;
 mod scan;
 mod spin;
 
-pub use device::{MockSensor, MockSensorError};
+pub use device::{MockSensor, Surroundings};
 pub use faults::{FaultCounts, FaultInjector, Faults};
-pub use scan::{Column, Scan};
 pub use spin::Spin;
+
+use scan::{Column, Scan};

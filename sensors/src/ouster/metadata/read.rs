@@ -222,8 +222,8 @@ impl<'a> Document<'a> {
     }
 
     fn header(&self, profile: Profile) -> Result<HeaderKind, MetadataError> {
-        if profile.is_fusa() {
-            return Ok(HeaderKind::Fusa);
+        if let Some(kind) = HeaderKind::of(profile) {
+            return Ok(kind);
         }
         let said = match self.format {
             Some(format) => named(&format, "header_type", HeaderKind::from_name)?,

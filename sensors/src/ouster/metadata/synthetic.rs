@@ -44,7 +44,7 @@ impl<'a> Synthetic<'a> {
             serial,
             profile,
             imu_profile: ImuProfile::Legacy,
-            header: if profile.is_fusa() { HeaderKind::Fusa } else { HeaderKind::Standard },
+            header: HeaderKind::of(profile).unwrap_or(HeaderKind::Standard),
             columns_per_frame: 1024,
             columns_per_packet: 16,
             column_window: [0, 1023],
@@ -95,7 +95,7 @@ pub(super) fn metadata(wanted: &Synthetic<'_>) -> Result<Metadata, MetadataError
     if !(wanted.frame_rate_hz.is_finite() && wanted.frame_rate_hz > 0.0) {
         return Err(error("frame_rate_hz", "a positive rate", wanted.frame_rate_hz.to_string()));
     }
-    let header = if wanted.profile.is_fusa() { HeaderKind::Fusa } else { wanted.header };
+    let header = HeaderKind::of(wanted.profile).unwrap_or(wanted.header);
     let azimuths = model.beams().iter().map(|beam| beam.azimuth_offset_rad / std::f64::consts::TAU);
     let pixel_shift_by_row = azimuths.map(|turns| (turns * columns as f64).round() as i32).collect();
     let accel32 = wanted.imu_profile == ImuProfile::Accel32Gyro32Nmea;
