@@ -8,7 +8,6 @@ mod decode;
 mod demo;
 mod evaluate;
 mod inspect;
-mod interrupt;
 mod manual;
 mod mock;
 mod optimize;
@@ -18,6 +17,7 @@ mod recording;
 mod replay;
 mod rig;
 mod sensor_ids;
+mod signals;
 mod unread;
 mod validate;
 
