@@ -11,7 +11,8 @@ use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet};
 
 use crate::support::{Case, shared, with_shared};
 
-pub const CASES: &[Case] = &[with_shared("captures_match_their_digests", captures::captures_match_their_digests)];
+pub const CASES: &[Case] =
+    &[with_shared("captures_match_their_digests", captures::captures_match_their_digests)];
 
 /// A datagram that owns its bytes.
 #[derive(Clone, Debug, PartialEq)]

@@ -127,17 +127,20 @@ fn sensors() -> impl Strategy<Value = Metadata> {
         prop::bool::ANY,
         prop::option::of((0.0..1.0, 0.0..1.0)),
     )
-        .prop_filter_map("packets of more than 65507 bytes", |(profile, model, (columns, per_packet), fusa, window)| {
-            let mut wanted = Synthetic::new(model, 122_246_000_293, profile).columns(columns, per_packet);
-            if fusa {
-                wanted.header = HeaderKind::Fusa;
-            }
-            if let Some((first, last)) = window {
-                let column = |share: f64| (share * columns as f64) as usize;
-                wanted.column_window = [column(first), column(last)];
-            }
-            Metadata::synthetic(&wanted).ok()
-        })
+        .prop_filter_map(
+            "packets of more than 65507 bytes",
+            |(profile, model, (columns, per_packet), fusa, window)| {
+                let mut wanted = Synthetic::new(model, 122_246_000_293, profile).columns(columns, per_packet);
+                if fusa {
+                    wanted.header = HeaderKind::Fusa;
+                }
+                if let Some((first, last)) = window {
+                    let column = |share: f64| (share * columns as f64) as usize;
+                    wanted.column_window = [column(first), column(last)];
+                }
+                Metadata::synthetic(&wanted).ok()
+            },
+        )
 }
 
 proptest! {

@@ -101,8 +101,7 @@ fn rays_section(report: &mut Report, document: &Document) {
 fn pictures(report: &mut Report, as_driven: &Coverage, recorded: &Coverage) {
     let grid = recorded.grid();
     report.heading("Who saw what");
-    let bit =
-        |sensor: usize, index: usize| recorded.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1 == 1;
+    let bit = |sensor: usize, index: usize| recorded.contains(sensor, index);
     let seen = unfold_box(grid, &|index| {
         let others = (1..recorded.sensors()).any(|sensor| bit(sensor, index));
         Some(match (bit(0, index), others) {
