@@ -122,30 +122,8 @@ impl Coverage {
 
     /// How many cells are hit by any, by several, by each and by each alone.
     pub fn counts(&self) -> Counts {
-        let mut counts = Counts {
-            union: 0,
-            overlap: 0,
-            per_sensor: vec![0; self.sensors.len()],
-            unique_per_sensor: vec![0; self.sensors.len()],
-        };
-        let ones = |word: u64| u64::from(word.count_ones());
-        for word in 0..self.grid.len().div_ceil(64) {
-            let (mut any, mut several) = (0, 0);
-            for bitmap in &self.sensors {
-                several |= any & bitmap[word];
-                any |= bitmap[word];
-            }
-            if any == 0 {
-                continue;
-            }
-            counts.union += ones(any);
-            counts.overlap += ones(several);
-            for (sensor, bitmap) in self.sensors.iter().enumerate() {
-                counts.per_sensor[sensor] += ones(bitmap[word]);
-                counts.unique_per_sensor[sensor] += ones(bitmap[word] & !several);
-            }
-        }
-        counts
+        let bitmaps: Vec<_> = self.sensors.iter().map(Vec::as_slice).collect();
+        Counts::of_bitmaps(&bitmaps)
     }
 
     /// SHA-256 of the union bitmap, hexadecimal: bit `index` is bit `index % 8` of byte `index / 8`, the last byte
@@ -175,6 +153,35 @@ pub struct Counts {
 }
 
 impl Counts {
+    /// From one bitmap per sensor, all of one length; a bit is a cell.
+    #[inline(always)] // so that callers with better instructions count with them
+    pub fn of_bitmaps(sensors: &[&[u64]]) -> Self {
+        let mut counts = Self {
+            union: 0,
+            overlap: 0,
+            per_sensor: vec![0; sensors.len()],
+            unique_per_sensor: vec![0; sensors.len()],
+        };
+        let ones = |word: u64| u64::from(word.count_ones());
+        for word in 0..sensors.first().map_or(0, |bitmap| bitmap.len()) {
+            let (mut any, mut several) = (0, 0);
+            for bitmap in sensors {
+                several |= any & bitmap[word];
+                any |= bitmap[word];
+            }
+            if any == 0 {
+                continue;
+            }
+            counts.union += ones(any);
+            counts.overlap += ones(several);
+            for (sensor, bitmap) in sensors.iter().enumerate() {
+                counts.per_sensor[sensor] += ones(bitmap[word]);
+                counts.unique_per_sensor[sensor] += ones(bitmap[word] & !several);
+            }
+        }
+        counts
+    }
+
     /// Share of the cells hit that at least two sensors hit; 0 where nothing is hit.
     pub fn overlap_ratio(&self) -> f64 {
         self.overlap as f64 / self.union.max(1) as f64

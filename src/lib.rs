@@ -7,12 +7,14 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+pub mod files;
 pub mod rng;
 pub mod geometry;
 pub mod scene;
 pub mod trajectory;
 pub mod rig;
 pub mod coverage;
+pub mod surface;
 pub mod simulate;
 pub mod objective;
 pub mod optimize;

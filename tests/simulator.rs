@@ -10,6 +10,7 @@ use outrigger::rig::{MountFile, SensorEntry};
 
 pub const CASES: &[Case] = &[
     with_shared("the_definition_matches_the_released_program", the_definition_matches_the_released_program),
+    with_shared("the_fast_way_matches_the_released_program", the_fast_way_matches_the_released_program),
     with_shared(
         "evaluate_prints_what_the_released_program_found",
         evaluate_prints_what_the_released_program_found,
@@ -134,6 +135,20 @@ fn the_definition_matches_the_released_program() {
         let simulator = Simulator::new(&case.experiment()).unwrap();
         let seen = simulator.coverage_by_definition(&case.sensors()).unwrap();
         wrong.extend(case.differences(&simulator, &seen));
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+fn the_fast_way_matches_the_released_program() {
+    let mut wrong = Vec::new();
+    for case in Reference::all() {
+        let simulator = Simulator::new(&case.experiment()).unwrap();
+        let seen = simulator.see(&case.sensors()).unwrap();
+        wrong.extend(case.differences(&simulator, &seen));
+        let counts = simulator.count(&case.sensors()).unwrap();
+        if counts != seen.coverage.counts() {
+            wrong.push(format!("{}: counted {counts:?}", case.id));
+        }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }

@@ -13,9 +13,13 @@ mod mock;
 mod optimize;
 mod output;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
 mod signals;
+mod unread;
+mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
@@ -44,6 +48,8 @@ enum Verb {
     Record(record::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
+    /// How much of a mesh's surface the sensors see along a trajectory.
+    Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
     /// Devices to test against, on loopback and ptys.
@@ -82,6 +88,7 @@ impl Cli {
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
+            Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),

@@ -1,5 +1,7 @@
 //! Ctrl-C, counted: the first asks to stop in good order, later ones insist.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 
 use anyhow::Context as _;
@@ -42,4 +44,20 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
         .context("no thread for signals can be started")?;
     is_ready.recv().context("the thread for signals ended")?.context("signals cannot be caught")?;
     Ok(receiver)
+}
+
+/// A flag that the first Ctrl-C (or SIGTERM) sets; the second one ends the program at once.
+pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let interrupts = interrupts()?;
+    let flag = Arc::new(AtomicBool::new(false));
+    let setter = Arc::clone(&flag);
+    std::thread::spawn(move || {
+        if interrupts.recv().is_ok() {
+            setter.store(true, Ordering::Relaxed);
+            if interrupts.recv().is_ok() {
+                std::process::exit(130);
+            }
+        }
+    });
+    Ok(flag)
 }

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random, Space, Trial,
+    Bayesian, Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random,
+    Space, Trial,
 };
 
 /// What every method is told at the start.
@@ -25,6 +26,8 @@ pub enum Kind {
     Random,
     /// Random search, then pattern search.
     Pattern,
+    /// Gaussian process and expected improvement.
+    Bayesian,
     /// Genetic algorithm, then pattern search.
     Genetic,
     /// Particle swarm, then pattern search.
@@ -40,6 +43,7 @@ impl Kind {
     pub const ALL: &[Kind] = &[
         Kind::Random,
         Kind::Pattern,
+        Kind::Bayesian,
         Kind::Genetic,
         Kind::ParticleSwarm,
         Kind::CmaEs,
@@ -51,6 +55,7 @@ impl Kind {
         match self {
             Kind::Random => Method::Random(Random::new(space, settings)),
             Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
+            Kind::Bayesian => Method::Bayesian(Box::new(Bayesian::new(space, settings))),
             Kind::Genetic => Method::Genetic(Box::new(Genetic::start(space, settings))),
             Kind::ParticleSwarm => Method::ParticleSwarm(Box::new(ParticleSwarm::start(space, settings))),
             Kind::CmaEs => Method::CmaEs(Box::new(CmaEs::new(space, settings))),
@@ -60,11 +65,24 @@ impl Kind {
         }
     }
 
+    /// Evaluations at most when none are asked for: the published runs of the published methods, with room for the
+    /// closing pattern search.
+    pub fn published_budget(self) -> usize {
+        match self {
+            Kind::Random | Kind::Pattern => 1_000,
+            Kind::Bayesian => 300,
+            Kind::Genetic => 10_000,
+            Kind::ParticleSwarm => 6_000,
+            Kind::CmaEs | Kind::DifferentialEvolution => 3_500,
+        }
+    }
+
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
             Kind::Random => "random",
             Kind::Pattern => "pattern",
+            Kind::Bayesian => "bayesian",
             Kind::Genetic => "genetic",
             Kind::ParticleSwarm => "particle-swarm",
             Kind::CmaEs => "cma-es",
@@ -81,6 +99,8 @@ pub enum Method {
     Random(Random),
     /// See [`Pattern`].
     Pattern(Pattern),
+    /// See [`Bayesian`].
+    Bayesian(Box<Bayesian>),
     /// See [`Genetic`].
     Genetic(Box<Genetic>),
     /// See [`ParticleSwarm`].
@@ -96,6 +116,7 @@ impl Method {
         match self {
             Method::Random(method) => method,
             Method::Pattern(method) => method,
+            Method::Bayesian(method) => method.as_mut(),
             Method::Genetic(method) => method.as_mut(),
             Method::ParticleSwarm(method) => method.as_mut(),
             Method::CmaEs(method) => method.as_mut(),

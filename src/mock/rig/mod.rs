@@ -25,6 +25,7 @@ pub use proxy::{Damage, Proxy};
 
 enum Message {
     Inject(MockFault),
+    Truth(Sender<[Option<i32>; 2]>),
     Close,
 }
 
@@ -60,6 +61,14 @@ impl MockRig {
     /// Breaks something now.
     pub fn inject(&self, fault: MockFault) {
         let _ = self.messages.send(Message::Inject(fault)); // a rig that hung up has nothing left to break
+    }
+
+    /// Where the axes really are, rad: what a sensor on them sees by, and no encoder knows. None once the rig hung up.
+    pub fn true_positions_rad(&self) -> Option<[f64; 2]> {
+        let (reply, answer) = channel();
+        self.messages.send(Message::Truth(reply)).ok()?;
+        let [first, second] = answer.recv().ok()?;
+        Some([f64::from(first?) * 1e-6, f64::from(second?) * 1e-6])
     }
 
     /// Whether the rig still runs: it ends when it hangs up.
@@ -104,6 +113,10 @@ impl Line {
                 match message {
                     Message::Close | Message::Inject(MockFault::HangUp) => return,
                     Message::Inject(fault) => device.inject(now_us, fault),
+                    Message::Truth(reply) => {
+                        // who asked may have gone
+                        let _ = reply.send(device.true_positions_urad());
+                    }
                 }
             }
             match self.master.read(&mut bytes) {
