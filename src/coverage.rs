@@ -154,6 +154,7 @@ pub struct Counts {
 
 impl Counts {
     /// From one bitmap per sensor, all of one length; a bit is a cell.
+    #[inline(always)] // so that callers with better instructions count with them
     pub fn of_bitmaps(sensors: &[&[u64]]) -> Self {
         let mut counts = Self {
             union: 0,

@@ -1,8 +1,9 @@
 //! Velodyne captures against the digests of velodyne_decoder.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 
 use glam::DVec3;
+use sensors::capture::CaptureReader;
 use sensors::velodyne::{Options, VelodyneDecoder};
 use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet, SensorModel};
 
@@ -17,6 +18,7 @@ pub const CASES: &[Case] = &[
     with_shared("rustlidar_hdl32e", rustlidar_hdl32e),
     with_shared("synthetic_hdl32e_dual", synthetic_hdl32e_dual),
     with_shared("synthetic_vlp32c_dual", synthetic_vlp32c_dual),
+    with_shared("synthetic_hdl64e_s2", synthetic_hdl64e_s2),
     with_shared("nebula_vlp32_scan", nebula_vlp32_scan),
     with_shared("nebula_vlp16_scan", nebula_vlp16_scan),
     with_shared("field_of_view_gap", field_of_view_gap),
@@ -40,32 +42,17 @@ impl Datagram {
     }
 }
 
-/// UDP datagrams of a classic pcap file over Ethernet and IPv4.
+/// UDP datagrams of a capture.
 fn datagrams(path: &str) -> Vec<Datagram> {
-    let bytes = std::fs::read(shared(path)).unwrap();
-    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-    assert_eq!((word(0), word(20)), (0xa1b2_c3d4, 1), "{path}: classic pcap, us, Ethernet");
+    let mut reader = CaptureReader::open(&shared(path)).unwrap();
     let mut all = Vec::new();
-    let mut at = 24;
-    while at + 16 <= bytes.len() {
-        let length = word(at + 8) as usize;
-        let frame = &bytes[at + 16..at + 16 + length];
-        let address = |ip: usize, port: usize| {
-            let octets: [u8; 4] = frame[ip..ip + 4].try_into().unwrap();
-            SocketAddr::new(
-                IpAddr::V4(Ipv4Addr::from(octets)),
-                u16::from_be_bytes([frame[port], frame[port + 1]]),
-            )
-        };
-        let udp = 14 + usize::from(frame[14] & 15) * 4;
-        let udp_length = usize::from(u16::from_be_bytes([frame[udp + 4], frame[udp + 5]]));
+    while let Some(packet) = reader.next().unwrap() {
         all.push(Datagram {
-            host_time_ns: u64::from(word(at)) * 1_000_000_000 + u64::from(word(at + 4)) * 1000,
-            source: address(26, udp),
-            destination: address(30, udp + 2),
-            payload: frame[udp + 8..udp + udp_length].to_vec(),
+            host_time_ns: packet.host_time_ns,
+            source: packet.source,
+            destination: packet.destination,
+            payload: packet.payload.to_vec(),
         });
-        at += 16 + length;
     }
     all
 }
@@ -98,7 +85,7 @@ struct Point {
     second: bool,
     position_m: DVec3,
     range_m: f64,
-    reflectivity: u8,
+    intensity: f64,
 }
 
 /// Ranges the peer keeps, m.
@@ -113,20 +100,19 @@ fn points(model: &SensorModel, frame: &Frame) -> Vec<Point> {
             let index = frame.index(column, channel);
             let azimuth_rad =
                 frame.column_azimuth_rad[column] + frame.azimuth_rate_rad_per_ns * beam.fire_offset_ns;
-            let ray = model.ray(channel, azimuth_rad);
             for (second, layer) in [(false, Some(&frame.first)), (true, frame.second.as_ref())] {
                 let Some(layer) = layer.filter(|layer| layer.range_mm[index] > 0) else { continue };
                 let range_m = f64::from(layer.range_mm[index]) / 1e3;
-                if !PEER_RANGES_M.contains(&range_m) {
+                if !PEER_RANGES_M.contains(&(range_m - beam.range_offset_m)) {
                     continue;
                 }
                 points.push(Point {
                     time_ns: frame.column_time_ns[column] + beam.fire_offset_ns.round() as u64,
                     ring: rings[channel],
                     second,
-                    position_m: ray.at_range(range_m),
+                    position_m: model.point(channel, azimuth_rad, range_m),
                     range_m,
-                    reflectivity: layer.reflectivity[index],
+                    intensity: model.intensity(channel, range_m, layer.reflectivity[index]),
                 });
             }
         }
@@ -181,7 +167,7 @@ fn compare_frame(
         let second = points.iter().filter(|point| point.second).count() as u64;
         assert_eq!(second, expected["returns"]["1"].as_u64().unwrap(), "{name}: second returns");
     }
-    let intensity: f64 = points.iter().map(|point| f64::from(point.reflectivity)).sum();
+    let intensity: f64 = points.iter().map(|point| point.intensity).sum();
     assert_eq!(intensity, expected["sum"]["intensity"].as_f64().unwrap(), "{name}: intensity");
 
     let gaps = gaps(frame);
@@ -217,7 +203,7 @@ fn compare_frame(
             assert!(near_gap, "{name}: {sample} is {off_m} m and {off_ns} ns from ours");
             continue;
         }
-        assert_eq!(f64::from(nearest.reflectivity), value("intensity"), "{name}: {sample}");
+        assert_eq!(nearest.intensity, value("intensity"), "{name}: {sample}");
     }
 }
 
@@ -385,4 +371,13 @@ fn field_of_view_gap() {
         }
     }
     assert_eq!(gaps, 5);
+}
+
+/// The unit's calibration comes along in the packets.
+fn synthetic_hdl64e_s2() {
+    let name = "synthetic/syn_hdl64e_S2_single_with_calib";
+    let decoding = decode_capture(name);
+    assert_eq!(decoding.model.name, "hdl-64e-s2");
+    assert_eq!(decoding.model.corrections().len(), 64);
+    compare(name, &decoding, CLOSE);
 }

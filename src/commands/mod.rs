@@ -8,14 +8,17 @@ mod decode;
 mod demo;
 mod evaluate;
 mod inspect;
-mod interrupt;
 mod manual;
 mod mock;
 mod optimize;
 mod output;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
+mod signals;
+mod unread;
 mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use firmware_protocol::command::CLEAR_KEY;
 use firmware_protocol::{
@@ -59,6 +59,15 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// The usual options for a session with a name of its own.
+    pub fn new_session() -> Self {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let session = unix.as_nanos() as u32 ^ std::process::id().rotate_left(16);
+        Self { session: session.max(1), ..Self::default() }
+    }
+}
+
 /// Stops an operation from outside: the first time the rig decelerates and holds, the second time it stops at once.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicU8>);
@@ -67,6 +76,11 @@ impl Interrupt {
     /// Asks once more; returns how often it was asked.
     pub fn raise(&self) -> u8 {
         self.0.fetch_add(1, Ordering::Relaxed).saturating_add(1)
+    }
+
+    /// Forgets that it was asked: motion is allowed again.
+    pub fn reset(&self) {
+        self.0.store(0, Ordering::Relaxed);
     }
 
     /// How often it was asked.
@@ -190,6 +204,11 @@ impl<L: Link> RigController<L> {
         self.view.axes.len()
     }
 
+    /// The line.
+    pub fn link(&self) -> &L {
+        &self.link
+    }
+
     /// A handle that stops what is under way.
     pub fn interrupt(&self) -> Interrupt {
         self.interrupt.clone()
@@ -202,6 +221,7 @@ impl<L: Link> RigController<L> {
 
     /// Allows motion.
     pub fn arm(&mut self) -> Result<(), RigError> {
+        self.refuse_when_interrupted()?;
         self.order("arm", Order::Arm { armed: true }).map(drop)
     }
 
@@ -212,6 +232,7 @@ impl<L: Link> RigController<L> {
 
     /// Makes the positions of all axes trusted.
     pub fn home(&mut self) -> Result<(), RigError> {
+        self.refuse_when_interrupted()?;
         let id = self.order("home", Order::Home { axis: ALL_AXES })?;
         self.wait_for("homing", id, &mut |_| {})
     }
@@ -303,11 +324,13 @@ impl<L: Link> RigController<L> {
         mut progress: impl FnMut(&Progress),
     ) -> Result<Applied, RigError> {
         let targets = self.check(pitches_rad)?;
+        self.refuse_when_interrupted()?;
         if let [a_urad, b_urad] = targets[..] {
             let id = self.order("move", Order::MovePair { a_urad, b_urad })?;
             self.wait_for("the move", id, &mut progress)?;
         } else {
             for (axis, position_urad) in targets.iter().enumerate() {
+                self.refuse_when_interrupted()?;
                 let order = Order::MoveTo { axis: axis as u8, position_urad: *position_urad };
                 let id = self.order("move", order)?;
                 self.wait_for("the move", id, &mut progress)?;
@@ -495,16 +518,24 @@ impl<L: Link> RigController<L> {
     /// Does what an interrupt asks for: hold, then e-stop.
     pub(super) fn obey_interrupt(&mut self) -> Result<(), RigError> {
         let level = self.interrupt.level();
-        if level <= self.handled_interrupts {
+        let before = std::mem::replace(&mut self.handled_interrupts, level);
+        if level <= before {
             return Ok(());
         }
-        self.handled_interrupts = level;
         if level == 1 {
             self.hold()?;
             return Err(RigError::Interrupted { action: "the rig holds" });
         }
         self.e_stop()?;
         Err(RigError::Interrupted { action: "emergency stop" })
+    }
+
+    /// What was stopped from outside does not begin again before [`Interrupt::reset`].
+    fn refuse_when_interrupted(&self) -> Result<(), RigError> {
+        match self.interrupt.level() {
+            0 => Ok(()),
+            _ => Err(RigError::Interrupted { action: "nothing more was moved" }),
+        }
     }
 
     fn fault_names(&self) -> Vec<String> {

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use super::{
     Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, SerialLink, ServoReport,
@@ -41,9 +41,7 @@ pub struct Rig {
 impl Rig {
     /// Connects over a serial line (or a pty) with the usual options.
     pub fn connect(path: impl AsRef<Path>) -> Result<Self, RigError> {
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let session = (unix.as_nanos() as u32 ^ std::process::id().rotate_left(16)).max(1);
-        Self::connect_with(path, Options { session, ..Options::default() })
+        Self::connect_with(path, Options::new_session())
     }
 
     /// Connects over a serial line with these options.

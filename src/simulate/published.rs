@@ -368,7 +368,7 @@ impl Simulator {
             return Ok(self.coverage_by_definition(sensors)?.coverage.counts());
         };
         self.check(sensors)?;
-        Ok(shell::counts(&fast::see(self, plan, sensors)))
+        Ok(fast::counts(&fast::see(self, plan, sensors)))
     }
 
     fn bitmap(&self, shell: &shell::Shell) -> Vec<u64> {

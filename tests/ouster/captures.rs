@@ -48,7 +48,8 @@ fn matches_digest(path: &Path) {
     let decoding = decode(&metadata, &datagrams(&capture));
     let frames = digest["frames"].as_array().unwrap();
     let ids: Vec<_> = decoding.frames.iter().map(|frame| frame.frame_id).collect();
-    let expected_ids: Vec<_> = frames.iter().map(|frame| frame["frame_id"].as_u64().unwrap() as u32).collect();
+    let expected_ids: Vec<_> =
+        frames.iter().map(|frame| frame["frame_id"].as_u64().unwrap() as u32).collect();
     assert_eq!(ids, expected_ids, "{name}: {:?}", decoding.stats);
     assert_eq!(decoding.stats.malformed + decoding.stats.crc_errors + decoding.stats.foreign, 0, "{name}");
     for (frame, expected) in decoding.frames.iter().zip(frames) {
@@ -87,7 +88,14 @@ fn matches_frame(name: &str, model: &SensorModel, frame: &Frame, expected: &Valu
     }
 }
 
-fn matches_layer(name: &str, model: &SensorModel, frame: &Frame, layer: &Layer, expected: &Value, suffix: &str) {
+fn matches_layer(
+    name: &str,
+    model: &SensorModel,
+    frame: &Frame,
+    layer: &Layer,
+    expected: &Value,
+    suffix: &str,
+) {
     let Some(points) = expected.get(format!("points{suffix}")) else {
         assert_eq!(layer.points(), 0, "{name}: points{suffix}");
         return;

@@ -7,7 +7,7 @@ use super::claim::Claim;
 use super::imu;
 use super::metadata::{ImuProfile, Metadata};
 use super::profile::Profile;
-use super::stream::Stream;
+use super::stream::{Line, Stream};
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
 use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
@@ -115,6 +115,7 @@ impl OusterDecoder {
             PacketKind::Zone => zones::PACKET_BYTES,
         };
         if bytes.len() != expected {
+            self.refuse_damaged(packet)?;
             let reason = format!("{:?} packet of {} bytes, expected {expected}", header.kind, bytes.len());
             return Err(Rejected::Malformed { reason });
         }
@@ -135,7 +136,7 @@ impl OusterDecoder {
         let bytes = packet.payload;
         if bytes.len() != self.lidar_bytes {
             let reason = format!("{} bytes, expected {}", bytes.len(), self.lidar_bytes);
-            let ours = self.is_from_our_lidar_port(packet);
+            let ours = self.is_familiar(packet);
             return Err(if ours { Rejected::Malformed { reason } } else { Rejected::Foreign { reason } });
         }
         let format = self.metadata.packet_format();
@@ -179,7 +180,7 @@ impl OusterDecoder {
     /// For packets that do not identify themselves: damaged, when all else says they are ours.
     fn refuse_damaged(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
         let bytes = packet.payload;
-        if !self.is_from_our_lidar_port(packet) {
+        if !self.is_familiar(packet) {
             return Ok(());
         }
         if [self.lidar_bytes, self.imu_bytes].contains(&bytes.len()) {
@@ -193,7 +194,7 @@ impl OusterDecoder {
         Ok(())
     }
 
-    fn is_from_our_lidar_port(&self, packet: &Packet<'_>) -> bool {
+    fn is_familiar(&self, packet: &Packet<'_>) -> bool {
         self.source == Some(packet.source)
     }
 
@@ -234,11 +235,12 @@ impl Decoder for OusterDecoder {
         }
         let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
         self.stats.packets += 1;
-        let mut frames = |frame: &Frame| out(Decoded::Frame(frame));
         match kind {
             Kind::Lidar(place) => {
                 self.source.get_or_insert(packet.source);
-                self.stream.take(&self.metadata, &place, packet.payload, &mut self.stats, &mut frames);
+                let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+                let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+                self.stream.take(&mut line, &place, packet.payload);
             }
             Kind::LegacyImu => {
                 if let Some(bytes) = packet.payload.first_chunk() {
@@ -246,7 +248,7 @@ impl Decoder for OusterDecoder {
                 }
             }
             Kind::Imu(header) => {
-                self.note_revolution(&header, packet, &mut frames);
+                self.note_revolution(&header, packet, out);
                 if let Some((time_ns, text)) = imu::read_nmea(packet.payload) {
                     let (time, line) = self.nmea.get_or_insert_default();
                     *time = time_ns;
@@ -258,7 +260,7 @@ impl Decoder for OusterDecoder {
                 }
             }
             Kind::Zone(header) => {
-                self.note_revolution(&header, packet, &mut frames);
+                self.note_revolution(&header, packet, out);
                 if let Some(bytes) = packet.payload.first_chunk() {
                     zones::read(header.frame_id, bytes, &mut self.zone_report);
                     out(Decoded::Zones(&self.zone_report));
@@ -269,8 +271,8 @@ impl Decoder for OusterDecoder {
     }
 
     fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
-        let mut frames = |frame: &Frame| out(Decoded::Frame(frame));
-        self.stream.finish(&self.metadata, &mut self.stats, &mut frames);
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        self.stream.finish(&mut Line { metadata: &self.metadata, stats: &mut self.stats, out: frames });
     }
 
     fn stats(&self) -> &DecodeStats {
@@ -280,7 +282,7 @@ impl Decoder for OusterDecoder {
 
 impl OusterDecoder {
     /// Without lidar packets the other packets tell which revolution it is.
-    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, frames: &mut dyn FnMut(&Frame)) {
+    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) {
         if self.metadata.profile != Profile::Off {
             return;
         }
@@ -293,6 +295,8 @@ impl OusterDecoder {
             health: header.health,
         };
         self.source.get_or_insert(packet.source);
-        self.stream.note_revolution(&self.metadata, &place, &mut self.stats, frames);
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+        self.stream.note_revolution(&mut line, &place);
     }
 }

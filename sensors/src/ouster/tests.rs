@@ -34,15 +34,15 @@ fn decode(metadata: &Metadata, payloads: &[Vec<u8>]) -> (Vec<Frame>, crate::Deco
 }
 
 /// A frame whose every field is random within what the profile can say.
-fn random_frame(metadata: &Metadata, frame_id: u32, rng: &mut TestRng) -> Frame {
+fn random_frame(metadata: &Metadata, frame_id: u32, start_ns: u64, rng: &mut TestRng) -> Frame {
     let layout = metadata.profile.layout();
     let columns = metadata.columns_per_frame;
     let samples = columns * metadata.pixels_per_column;
     let expected = metadata.packets_per_frame() as u32;
     let mut frame = assembly::Assembly::new(metadata).frame;
-    let start_ns = u64::from(rng.next_u32()) << 16;
+    let step_ns = 1e9 / metadata.frame_rate_hz / columns as f64;
     frame.frame_id = frame_id;
-    frame.column_time_ns = (0..columns).map(|column| start_ns + 1 + 97_000 * column as u64).collect();
+    frame.column_time_ns = (0..columns).map(|column| start_ns + (column as f64 * step_ns) as u64).collect();
     frame.column_valid = (0..columns).map(|column| metadata.in_window(column)).collect();
     for column in 0..columns {
         if !metadata.expects_slot(column / metadata.columns_per_packet) {
@@ -127,28 +127,32 @@ fn sensors() -> impl Strategy<Value = Metadata> {
         prop::bool::ANY,
         prop::option::of((0.0..1.0, 0.0..1.0)),
     )
-        .prop_filter_map("packets of more than 65507 bytes", |(profile, model, (columns, per_packet), fusa, window)| {
-            let mut wanted = Synthetic::new(model, 122_246_000_293, profile).columns(columns, per_packet);
-            if fusa {
-                wanted.header = HeaderKind::Fusa;
-            }
-            if let Some((first, last)) = window {
-                let column = |share: f64| (share * columns as f64) as usize;
-                wanted.column_window = [column(first), column(last)];
-            }
-            Metadata::synthetic(&wanted).ok()
-        })
+        .prop_filter_map(
+            "packets of more than 65507 bytes",
+            |(profile, model, (columns, per_packet), fusa, window)| {
+                let mut wanted = Synthetic::new(model, 122_246_000_293, profile).columns(columns, per_packet);
+                if fusa {
+                    wanted.header = HeaderKind::Fusa;
+                }
+                if let Some((first, last)) = window {
+                    let column = |share: f64| (share * columns as f64) as usize;
+                    wanted.column_window = [column(first), column(last)];
+                }
+                Metadata::synthetic(&wanted).ok()
+            },
+        )
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn what_is_encoded_is_decoded(metadata in sensors(), seed in any::<[u8; 32]>(), first_id in any::<u16>()) {
+    fn what_is_encoded_is_decoded(metadata in sensors(), seed in any::<[u8; 32]>(), first_id in any::<u16>(), start_ns in 1..u64::MAX / 2) {
         let mut rng = TestRng::from_seed(proptest::test_runner::RngAlgorithm::ChaCha, &seed);
         let next_id = (u64::from(first_id) + 1) % metadata.header.frame_ids();
         let ids = [u32::from(first_id), next_id as u32];
-        let sent: Vec<_> = ids.iter().map(|id| random_frame(&metadata, *id, &mut rng)).collect();
+        let starts_ns = [start_ns, start_ns + 100_000_000];
+        let sent: Vec<_> = ids.iter().zip(starts_ns).map(|(id, start_ns)| random_frame(&metadata, *id, start_ns, &mut rng)).collect();
         let mut encoder = OusterEncoder::new(metadata.clone());
         let mut payloads = Vec::new();
         for frame in &sent {
@@ -166,7 +170,7 @@ proptest! {
         let mut encoder = OusterEncoder::new(metadata.clone());
         let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
         let mut payloads = Vec::new();
-        encoder.frame(&random_frame(&metadata, 1, &mut rng), &mut |payload| payloads.push(payload.to_vec()));
+        encoder.frame(&random_frame(&metadata, 1, 1, &mut rng), &mut |payload| payloads.push(payload.to_vec()));
         let mut decoder = OusterDecoder::new(metadata);
         for (index, mut payload) in payloads.into_iter().enumerate().take(40) {
             if index % 2 == 1 {

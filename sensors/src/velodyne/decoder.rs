@@ -7,13 +7,14 @@ use crate::model::SensorModel;
 use crate::packet::Packet;
 use crate::{Frame, catalogue};
 
+use super::calibration::{StatusReader, UnitStatus};
 use super::clock::HourClock;
 use super::detect::{self, ENOUGH_PACKETS, Identity};
 use super::position::Position;
 use super::product::{Family, Product, ReturnMode};
-use super::stream::{Cut, Stream};
+use super::stream::{Cut, S1_PACKET_NS, Stream};
 use super::window::{Held, Place, Window};
-use super::wire::{AZIMUTH_COUNTS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
+use super::wire::{AZIMUTH_COUNTS, BLOCKS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
 
 /// How to decode.
 #[derive(Clone, Debug, Default)]
@@ -52,6 +53,8 @@ pub struct VelodyneDecoder {
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
     recent: std::collections::VecDeque<(u64, u16)>,
     position: Position,
+    status_reader: StatusReader,
+    status: Option<UnitStatus>,
 }
 
 #[derive(Debug)]
@@ -63,8 +66,6 @@ struct Undecided {
 /// Blocks that every packet uses; the rest may be filler.
 const LEAST_BLOCKS: usize = 8;
 const RECENT_PACKETS: usize = 256;
-/// Packet period of an HDL-64E S1, which has no clock: as seen by hosts.
-const S1_PERIOD_NS: u64 = 384_300;
 
 impl VelodyneDecoder {
     /// A decoder that has seen nothing yet.
@@ -81,6 +82,8 @@ impl VelodyneDecoder {
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
             position: Position::default(),
+            status_reader: StatusReader::default(),
+            status: None,
         };
         if let Some(product) = decoder.options.product
             && product != Product::Vls128
@@ -96,7 +99,7 @@ impl VelodyneDecoder {
     }
 
     /// Beams of the sensor, once it is known: the model given in [`Options`], or the nominal one with fire offsets
-    /// that follow the measured cycle.
+    /// that follow the measured cycle, or, once an HDL-64E has sent it, the unit's own calibration.
     pub fn model(&self) -> Option<&SensorModel> {
         self.model.as_ref()
     }
@@ -104,6 +107,11 @@ impl VelodyneDecoder {
     /// Which returns the latest packet carried; none for HDL-64E, whose packets do not say.
     pub fn return_mode(&self) -> Option<ReturnMode> {
         self.mode
+    }
+
+    /// What an HDL-64E S2 or S3 said of itself, its calibration included, once it has said all (about 1.2 s).
+    pub fn unit_status(&self) -> Option<&UnitStatus> {
+        self.status.as_ref()
     }
 
     fn decide(&mut self, identity: Identity) {
@@ -192,8 +200,11 @@ impl VelodyneDecoder {
         check(data, stream)?;
         self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
         let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
-            let after_last = self.recent.back().map_or(0, |(time_ns, _)| time_ns + S1_PERIOD_NS);
-            (if host_ns > 0 { host_ns } else { after_last + self.window.len() as u64 * S1_PERIOD_NS }, false)
+            if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
+                self.stats.duplicated += 1;
+                return Ok(());
+            }
+            (self.host_time_ns(host_ns), false)
         } else {
             let resolved = self.clock.resolve(data.stamp_us(), host_ns);
             (resolved.time_ns, resolved.restarted)
@@ -225,12 +236,31 @@ impl VelodyneDecoder {
         Ok(())
     }
 
+    /// Time of a packet without a stamp: its arrival, or one period after the packet before.
+    fn host_time_ns(&self, host_ns: u64) -> u64 {
+        let newest_ns = self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|(ns, _)| *ns));
+        match (host_ns, newest_ns) {
+            (0, None) => 0,
+            (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
+            (host_ns, newest_ns) => host_ns.max(newest_ns.map_or(0, |newest_ns| newest_ns + 1)),
+        }
+    }
+
     fn take_next(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
         let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
         }
         self.recent.push_back((held.time_ns, DataPacket::of(&held.payload).azimuth(0)));
+        if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
+            let packet = DataPacket::of(&held.payload);
+            if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
+                if self.options.model.is_none() && status.calibrated.is_some() {
+                    self.model = status.calibration.model(stream.product()).ok().or(self.model.take());
+                }
+                self.status = Some(status);
+            }
+        }
         let mut give = |frame: &Frame| out(Decoded::Frame(frame));
         stream.take(&held, self.window.front(), &mut self.stats, &mut give);
         self.window.recycle(held);
@@ -309,7 +339,14 @@ fn check(data: DataPacket<'_>, stream: &Stream) -> Result<(), Rejected> {
             )));
         }
     }
-    check_azimuths(data, layout.blocks)?;
+    if product == Product::Hdl64eS1
+        && let Some(block) = (0..BLOCKS).find(|block| data.bank(*block).is_none_or(|bank| bank > 1))
+    {
+        let flag = data.flag(block);
+        return Err(malformed(format!("block {block} begins with {flag:#06x}, expected 0xeeff or 0xddff")));
+    }
+    let blocks = if product == Product::Hdl64eS1 { BLOCKS } else { layout.blocks };
+    check_azimuths(data, blocks)?;
     if product.model_byte().is_some() {
         let claimed = detect::claimed_product(data.model_byte());
         let same_kind = claimed.is_some_and(|(claimed, _)| claimed.lasers() == product.lasers());

@@ -6,6 +6,7 @@
 //! laser.
 
 mod building;
+pub mod calibration;
 mod clock;
 mod decoder;
 mod detect;
@@ -18,6 +19,7 @@ mod view;
 mod window;
 pub mod wire;
 
+pub use calibration::{Calibration, CalibrationError};
 pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
 pub use detect::Identity;
 pub use encode::{Column, VelodyneEncoder};
