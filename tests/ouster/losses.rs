@@ -177,6 +177,12 @@ pub fn whole_frames_that_are_missing_are_lost() {
         assert_eq!(counts(&decoding.stats), [gap.len() as u64, 0, 0, 0, 0, 0, 0]);
         assert_eq!(decoding.stats.complete_frames, FRAMES - (last - first) as u64);
     }
+    // also where the metadata is wrong about the rate, so that clock and counter disagree over the gap
+    let mistaken = Metadata { frame_rate_hz: 2.0 * metadata.frame_rate_hz, ..metadata.clone() };
+    let line = [&clean[..2 * PACKETS_PER_FRAME], &clean[8 * PACKETS_PER_FRAME..]].concat();
+    let decoding = decode(&mistaken, &line);
+    assert_eq!(counts(&decoding.stats), [6 * PACKETS_PER_FRAME as u64, 0, 0, 0, 0, 0, 0]);
+    assert_eq!((decoding.stats.complete_frames, decoding.stats.init_id_changes), (4, 0));
     // a recording that begins and ends inside a frame has lost nothing
     let decoding = decode(&metadata, &clean[50..1000]);
     assert_eq!(counts(&decoding.stats), [0; 7]);

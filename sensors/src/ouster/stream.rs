@@ -103,7 +103,7 @@ impl Stream {
     /// Hands out what is under construction.
     pub(super) fn finish(&mut self, line: &mut Line<'_>) {
         self.forget_strays(line.stats);
-        self.close_all(line);
+        self.close_all(line, End::CutOff);
         self.begin_anew();
     }
 
@@ -258,11 +258,11 @@ impl Stream {
         (line.out)(&self.current.frame);
     }
 
-    /// Ends both frames; the stream is not known to go on.
-    fn close_all(&mut self, line: &mut Line<'_>) {
-        self.close_current(line, if self.next.open { End::Followed } else { End::CutOff });
+    /// Ends both frames, the newer one in the given way.
+    fn close_all(&mut self, line: &mut Line<'_>, end: End) {
+        self.close_current(line, if self.next.open { End::Followed } else { end });
         self.promote();
-        self.close_current(line, End::CutOff);
+        self.close_current(line, end);
     }
 
     fn begin_anew(&mut self) {
@@ -276,12 +276,25 @@ impl Stream {
 
     /// The held packets were no accident: the stream goes on with them.
     fn believe_strays(&mut self, line: &mut Line<'_>, why: Stray) {
+        let has_init_id = line.metadata.profile.has_packet_header();
+        let ahead = self
+            .strays
+            .places()
+            .first()
+            .zip(self.newest)
+            .is_some_and(|(first, newest)| self.distance(newest, first.frame_id) > 0);
         if why == Stray::Clock {
             self.last = None; // the sensor's clock was set; its frames go on
+        } else if why == Stray::Jump && has_init_id && ahead {
+            self.close_all(line, End::Followed); // the sensor ran on unheard
+            self.last = None;
         } else {
-            self.close_all(line);
-            self.old_init_id = self.last.map(|last| last.init_id);
-            line.stats.init_id_changes += 1; // where packets name none, the counter that started over tells
+            self.close_all(line, End::CutOff);
+            if why == Stray::Restart {
+                self.old_init_id = self.last.map(|last| last.init_id);
+            }
+            // where packets name no initialization, the counter that started over tells
+            line.stats.init_id_changes += u64::from(why == Stray::Restart || !has_init_id);
             self.begin_anew();
         }
         let mut strays = std::mem::take(&mut self.strays);
@@ -306,6 +319,7 @@ impl Stream {
                 Stray::Restart if of_before => stats.late += 1,
                 Stray::Jump if behind => stats.late += 1,
                 Stray::Clock | Stray::Jump | Stray::Restart => {
+                    stats.packets -= 1; // taken too early
                     stats.malformed += 1;
                     self.note_rejected();
                 }

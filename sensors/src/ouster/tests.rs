@@ -172,6 +172,7 @@ proptest! {
         let mut payloads = Vec::new();
         encoder.frame(&random_frame(&metadata, 1, 1, &mut rng), &mut |payload| payloads.push(payload.to_vec()));
         let mut decoder = OusterDecoder::new(metadata);
+        let mut pushed = 1;
         for (index, mut payload) in payloads.into_iter().enumerate().take(40) {
             if index % 2 == 1 {
                 let start = at.index(payload.len());
@@ -180,9 +181,12 @@ proptest! {
                 }
             }
             let _ = decoder.push(&packet(&payload), &mut |_| {});
+            pushed += 1;
         }
         let _ = decoder.push(&packet(&noise), &mut |_| {});
         decoder.finish(&mut |_| {});
+        let stats = decoder.stats();
+        prop_assert_eq!(stats.packets + stats.malformed + stats.crc_errors + stats.foreign, pushed, "{:?}", stats);
     }
 }
 
