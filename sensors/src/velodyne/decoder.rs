@@ -4,21 +4,18 @@ use std::net::IpAddr;
 
 use crate::decoder::{DecodeStats, Decoded, Decoder, Rejected};
 use crate::model::SensorModel;
-use crate::ouster::Claim;
 use crate::packet::Packet;
 use crate::{Frame, catalogue};
 
 use super::calibration::{StatusReader, UnitStatus};
+use super::checks::{check, check_unknown, refuse_length};
 use super::clock::HourClock;
 use super::detect::{self, ENOUGH_PACKETS, Identity};
 use super::position::Position;
-use super::product::{Family, Product, ReturnMode};
+use super::product::{Product, ReturnMode};
 use super::stream::{Cut, S1_PACKET_NS, Stream};
 use super::window::{Held, Place, Window};
-use super::wire::{
-    AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DATA_PORT, DataPacket, POSITION_PACKET_BYTES,
-    POSITION_PORT,
-};
+use super::wire::{DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
 
 /// How to decode.
 #[derive(Clone, Debug, Default)]
@@ -47,15 +44,15 @@ pub const DEFAULT_HELD_PACKETS: usize = 3;
 pub struct VelodyneDecoder {
     options: Options,
     stats: DecodeStats,
-    source: Option<IpAddr>,
+    pub(super) source: Option<IpAddr>,
     /// Port that its data packets go to.
-    data_port: Option<u16>,
+    pub(super) data_port: Option<u16>,
     undecided: Vec<Undecided>,
-    stream: Option<Stream>,
+    pub(super) stream: Option<Stream>,
     model: Option<SensorModel>,
     mode: Option<ReturnMode>,
     /// Byte 1205 of the packets before; it does not change.
-    model_byte: Option<u8>,
+    pub(super) model_byte: Option<u8>,
     clock: HourClock,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
@@ -71,8 +68,6 @@ struct Undecided {
     payload: Box<[u8; DATA_PACKET_BYTES]>,
 }
 
-/// Blocks that every packet uses; the rest may be filler.
-const LEAST_BLOCKS: usize = 8;
 const RECENT_PACKETS: usize = 256;
 
 impl VelodyneDecoder {
@@ -129,59 +124,6 @@ impl VelodyneDecoder {
         self.stream = Some(Stream::new(identity, self.options.cut));
     }
 
-    /// How surely a packet comes from this sensor: by its length, flags and model byte, and by where earlier ones came
-    /// from. Velodyne packets carry no serial number.
-    pub fn claim(&self, packet: &Packet<'_>) -> Claim {
-        let usual_port = match packet.payload.len() {
-            POSITION_PACKET_BYTES => POSITION_PORT,
-            DATA_PACKET_BYTES => DATA_PORT,
-            _ => return Claim::No,
-        };
-        if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
-            let data = DataPacket::of(payload);
-            let refused = match &self.stream {
-                Some(stream) => check(data, stream, self.model_byte).is_err(),
-                None => check_unknown(data).is_err(),
-            };
-            if refused {
-                return Claim::No;
-            }
-        }
-        if self.check_source(packet).is_err() {
-            return Claim::No;
-        }
-        let port = packet.destination.port();
-        match (self.source, self.data_port) {
-            (Some(source), _) if !source.is_loopback() => Claim::Familiar,
-            (Some(_), Some(data_port)) if data_port == port => Claim::Familiar,
-            _ if port == usual_port => Claim::Likely,
-            _ => Claim::Possible,
-        }
-    }
-
-    /// Whether a packet may come from where this sensor's packets come from. Behind one loopback address there can be
-    /// several sensors: there the port of data packets counts as well.
-    fn check_source(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
-        let from = packet.source.ip();
-        let port = packet.destination.port();
-        match (self.source, self.data_port) {
-            (Some(known), _) if known != from => {
-                Err(foreign(format!("sent by {from}, this sensor's packets come from {known}")))
-            }
-            (Some(_), Some(known)) if from.is_loopback() && known != port && is_data(packet) => {
-                Err(foreign(format!("sent to port {port}, this sensor's data packets go to {known}")))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn remember_source(&mut self, packet: &Packet<'_>) {
-        self.source = Some(packet.source.ip());
-        if is_data(packet) {
-            self.data_port = Some(packet.destination.port());
-        }
-    }
-
     fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
             self.check_source(packet)?;
@@ -199,18 +141,7 @@ impl VelodyneDecoder {
             Ok(())
         } else {
             self.check_source(packet)?;
-            let length = packet.payload.len();
-            let begins_with_flag = packet
-                .payload
-                .first_chunk()
-                .is_some_and(|flag| BANK_FLAGS.contains(&u16::from_le_bytes(*flag)));
-            Err(if length < DATA_PACKET_BYTES && begins_with_flag {
-                malformed(format!("a data packet cut off after {length} bytes, expected {DATA_PACKET_BYTES}"))
-            } else {
-                foreign(format!(
-                    "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
-                ))
-            })
+            Err(refuse_length(packet.payload))
         }
     }
 
@@ -381,71 +312,6 @@ impl Decoder for VelodyneDecoder {
     }
 }
 
-fn is_data(packet: &Packet<'_>) -> bool {
-    packet.payload.len() == DATA_PACKET_BYTES
-}
-
-/// Whether a packet can be one of any product.
-fn check_unknown(data: DataPacket<'_>) -> Result<(), Rejected> {
-    match detect::family(data) {
-        None => return Err(malformed("block flags of no known bank".to_owned())),
-        Some(Family::ThirtyTwo) if detect::claimed_product(data.model_byte()).is_none() => {
-            let byte = data.model_byte();
-            return Err(foreign(format!("model byte {byte:#04x} is of no known product")));
-        }
-        Some(_) => {}
-    }
-    check_azimuths(data, LEAST_BLOCKS)
-}
-
-/// Whether a packet can be one of a stream.
-fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8>) -> Result<(), Rejected> {
-    let product = stream.product();
-    let layout = stream.layout(data);
-    for (block, bank) in layout.banks.iter().enumerate() {
-        if data.bank(block) != Some(usize::from(*bank)) {
-            let expected = BANK_FLAGS[usize::from(*bank)];
-            return Err(malformed(format!(
-                "block {block} of a {product} begins with {:#06x}, expected {expected:#06x}",
-                data.flag(block)
-            )));
-        }
-    }
-    if product == Product::Hdl64eS1
-        && let Some(block) = (0..BLOCKS).find(|block| data.bank(*block).is_none_or(|bank| bank > 1))
-    {
-        let flag = data.flag(block);
-        return Err(malformed(format!("block {block} begins with {flag:#06x}, expected 0xeeff or 0xddff")));
-    }
-    let blocks = if product == Product::Hdl64eS1 { BLOCKS } else { layout.blocks };
-    check_azimuths(data, blocks)?;
-    if product.model_byte().is_some() {
-        if model_byte.is_some_and(|known| known != data.model_byte()) {
-            let found = data.model_byte();
-            return Err(foreign(format!(
-                "model byte {found:#04x}, earlier packets of this {product} had another"
-            )));
-        }
-        if detect::mode(data).is_none() && product != Product::Hdl32e {
-            return Err(malformed(format!(
-                "return mode byte {:#04x}, expected 0x37, 0x38 or 0x39",
-                data.mode_byte()
-            )));
-        }
-    }
-    Ok(())
-}
-
-fn check_azimuths(data: DataPacket<'_>, blocks: usize) -> Result<(), Rejected> {
-    match (0..blocks).find(|block| data.azimuth(*block) >= AZIMUTH_COUNTS) {
-        Some(block) => Err(malformed(format!(
-            "azimuth {} in block {block}, expected less than {AZIMUTH_COUNTS}",
-            data.azimuth(block)
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// The nominal model of a product, its fire offsets stretched to the measured cycle.
 fn nominal(identity: &Identity) -> Option<SensorModel> {
     let model = catalogue::nominal(identity.product.name()).ok()?;
@@ -455,12 +321,4 @@ fn nominal(identity: &Identity) -> Option<SensorModel> {
         beam.fire_offset_ns *= stretch;
     }
     Some(model.with_beams(beams))
-}
-
-fn foreign(reason: String) -> Rejected {
-    Rejected::Foreign { reason }
-}
-
-fn malformed(reason: String) -> Rejected {
-    Rejected::Malformed { reason }
 }

@@ -7,6 +7,7 @@
 
 mod building;
 pub mod calibration;
+mod checks;
 mod clock;
 mod decoder;
 mod detect;

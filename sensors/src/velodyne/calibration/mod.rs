@@ -193,3 +193,45 @@ fn in_order(lasers: Vec<(i64, LaserCalibration)>) -> Result<Vec<LaserCalibration
     // as many lasers as places, none twice: all are filled
     Ok(ordered.into_iter().flatten().collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const YAML: &str =
+        "distance_resolution: 0.002\nlasers:\n- {laser_id: 0, vert_correction: 0.1, rot_correction: 0}\n";
+    const XML: &str = "<boost_serialization><DB><points_><item><px><id_>0</id_><rotCorrection_>1</rotCorrection_>\
+        <vertCorrection_>2</vertCorrection_><distCorrection_>3</distCorrection_></px></item></points_></DB>\
+        </boost_serialization>";
+
+    #[test]
+    fn hostile_files_are_refused() {
+        for text in
+            ["<a>".repeat(200_000), "[".repeat(200_000), "- ".repeat(200_000), "a: &a [*a]\n".to_owned()]
+        {
+            assert!(Calibration::from_bytes(text.as_bytes()).is_err());
+        }
+        let laughs = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b,*b,*b]\n\
+                      d: &d [*c,*c,*c,*c,*c,*c,*c]\ne: &e [*d,*d,*d,*d,*d,*d,*d]\nlasers: [*e,*e,*e,*e,*e,*e]\n";
+        assert!(Calibration::from_yaml(laughs).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_get_an_answer(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+            let _any_answer = Calibration::from_bytes(&bytes);
+        }
+
+        #[test]
+        fn a_damaged_file_gets_an_answer(xml: bool, at in 0_usize..300, byte: u8, cut in 0_usize..300) {
+            let mut bytes = if xml { XML } else { YAML }.as_bytes().to_vec();
+            prop_assert!(Calibration::from_bytes(&bytes).is_ok());
+            let at = at % bytes.len();
+            bytes[at] = byte;
+            bytes.truncate(bytes.len().saturating_sub(cut % 40));
+            let _any_answer = Calibration::from_bytes(&bytes);
+        }
+    }
+}

@@ -311,7 +311,7 @@ mod tests {
             distance_m: 1.2 + 0.001 * id as f64,
             near_distance_m: Some([1.3, 1.31]),
             vertical_offset_m: Some(0.2),
-            horizontal_offset_m: if id % 2 == 0 { 0.026 } else { -0.026 },
+            horizontal_offset_m: if id.is_multiple_of(2) { 0.026 } else { -0.026 },
             focal_distance_m: 12.5,
             focal_slope: 1.4,
             intensity_limits: [30, 255],
