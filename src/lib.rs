@@ -7,6 +7,7 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+pub mod files;
 pub mod rng;
 pub mod geometry;
 pub mod scene;

@@ -2,6 +2,10 @@
 //! metadata of every age, several sensors on one port.
 
 mod captures;
+mod golden;
+mod losses;
+mod metadata_files;
+mod shared_port;
 
 use std::path::PathBuf;
 
@@ -9,10 +13,28 @@ use sensors::capture::CaptureReader;
 use sensors::ouster::{ImuSample, Metadata, OusterDecoder, ZoneReport};
 use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet};
 
-use crate::support::{Case, shared, with_shared};
+use crate::support::{Case, case, shared, with_shared};
 
-pub const CASES: &[Case] =
-    &[with_shared("captures_match_their_digests", captures::captures_match_their_digests)];
+pub const CASES: &[Case] = &[
+    with_shared("captures_match_their_digests", captures::captures_match_their_digests),
+    with_shared("encoding_gives_the_captured_bytes", golden::encoding_gives_the_captured_bytes),
+    with_shared("imu_packets_are_in_si_units", golden::imu_packets_are_in_si_units),
+    with_shared(
+        "imu_and_zone_packets_come_back_to_the_byte",
+        golden::imu_and_zone_packets_come_back_to_the_byte,
+    ),
+    with_shared("every_loss_is_counted_once", losses::every_loss_is_counted_once),
+    with_shared("a_bad_line_never_splits_or_merges_frames", losses::a_bad_line_never_splits_or_merges_frames),
+    with_shared("whole_frames_that_are_missing_are_lost", losses::whole_frames_that_are_missing_are_lost),
+    with_shared("a_restarted_sensor_goes_on", losses::a_restarted_sensor_goes_on),
+    case("the_frame_counter_wraps", losses::the_frame_counter_wraps),
+    case("a_window_through_column_zero", losses::a_window_through_column_zero),
+    with_shared("metadata_of_every_age_is_read", metadata_files::metadata_of_every_age_is_read),
+    with_shared("malformed_metadata_is_named", metadata_files::malformed_metadata_is_named),
+    case("synthetic_metadata_survives_its_file", metadata_files::synthetic_metadata_survives_its_file),
+    with_shared("two_sensors_share_a_port", shared_port::two_sensors_share_a_port),
+    with_shared("a_velodyne_look_alike_is_foreign", shared_port::a_velodyne_look_alike_is_foreign),
+];
 
 /// A datagram that owns its bytes.
 #[derive(Clone, Debug, PartialEq)]

@@ -39,6 +39,9 @@ pub use payload::{DecodeError, Payload};
 pub use report::{AckCode, Report, ResetCause, Source, State};
 pub use servo::{Reading, Sense, Servo, Setpoint};
 
+#[cfg(test)]
+mod wire_tests;
+
 /// The version of the messages spoken here; `Hello` and `Info` negotiate it.
 pub const PROTOCOL_VERSION: u8 = 1;
 

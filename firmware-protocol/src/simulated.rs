@@ -179,7 +179,8 @@ impl SimulatedAxis {
     }
 
     fn heat(&mut self, elapsed_us: i64) {
-        self.temperature_mc = (self.temperature_mc + self.heating_mc_s * elapsed_us / 1_000_000).min(120_000);
+        let heated_mc = self.temperature_mc + self.heating_mc_s * elapsed_us / 1_000_000;
+        self.temperature_mc = heated_mc.clamp(20_000, 120_000);
     }
 }
 

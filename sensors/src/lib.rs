@@ -18,5 +18,5 @@ pub mod velodyne;
 
 pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};
 pub use frame::{Frame, Health, Layer};
-pub use model::{Beam, Ray, SensorModel};
+pub use model::{Beam, BeamCorrection, Ray, SensorModel};
 pub use packet::Packet;

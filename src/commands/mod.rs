@@ -8,15 +8,18 @@ mod decode;
 mod demo;
 mod evaluate;
 mod inspect;
-mod interrupt;
 mod manual;
 mod mock;
 mod optimize;
 mod output;
 mod predict;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
+mod signals;
+mod unread;
 mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.

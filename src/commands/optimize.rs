@@ -11,7 +11,7 @@ use anyhow::bail;
 use serde::Serialize;
 
 use super::evaluate::ExperimentArgs;
-use super::{Context, Outcome, interrupt, output};
+use super::{Context, Outcome, output, signals};
 use crate::objective::Evaluation;
 use crate::optimize::{
     KeepApart, Kind, MountProblem, PUBLISHED_MASTERS_MAX, Search, Settings, StoppedBy, Trial,
@@ -116,7 +116,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             None => begun(args, &problem)?,
         };
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
-    let stop = interrupt::stop_flag()?;
+    let stop = signals::stop_flag()?;
     let bar = progress_bar(budget);
     bar.set_position(search.evaluations() as u64);
     let start = Instant::now();

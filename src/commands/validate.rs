@@ -328,7 +328,7 @@ fn stations(trajectory: &Trajectory, mounts: &[Mount]) -> Vec<DVec3> {
     trajectory.stations_m(STATION_STEP_M).into_iter().map(|at| at + height_m * DVec3::Z).collect()
 }
 
-fn see<'a>(field: &'a Field, mounts: &[Mount], visible: &[bool]) -> (Seen, Completeness<'a>) {
+fn see(field: &Field, mounts: &[Mount], visible: &[bool]) -> (Seen, Completeness) {
     let mut completeness = Completeness::new(&field.samples, &THRESHOLDS_M);
     let rays = field.fan.cover(&field.scene, &field.trajectory, mounts, 1, &mut completeness);
     let seen = Seen {
@@ -400,7 +400,7 @@ fn write_flags(path: &Path, flags: &[bool]) -> anyhow::Result<()> {
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
     bytes.extend(packed);
-    crate::report::write_whole(path, &bytes).with_context(|| path.display().to_string())
+    crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())
 }
 
 fn summary(document: &Document) -> String {

@@ -18,7 +18,9 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-pub use cloud::{Cloud, Point, Source};
+use crate::files;
+
+pub use cloud::{Cloud, Echo, Point, Source};
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -114,13 +116,8 @@ impl Export {
         if !overwrite && path.exists() {
             return Err(ExportError::Exists { path: path.to_owned() });
         }
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let folder = folder.unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder).map_err(|error| refuse(error.into()))?;
-        let temporary = tempfile::Builder::new()
-            .prefix(".outrigger-")
-            .tempfile_in(folder)
-            .map_err(|e| refuse(e.into()))?;
+        std::fs::create_dir_all(files::folder_of(path)).map_err(|error| refuse(error.into()))?;
+        let temporary = files::temporary_beside(path).map_err(|error| refuse(error.into()))?;
         let file = temporary.as_file().try_clone().map_err(|error| refuse(error.into()))?;
         let writer = writer(format, file).map_err(refuse)?;
         Ok(Self { path: path.to_owned(), temporary, writer, overwrite, points: 0 })
@@ -136,7 +133,6 @@ impl Export {
     pub fn finish(self) -> Result<u64, ExportError> {
         let refuse = |cause: Cause| ExportError::Write { path: self.path.clone(), cause };
         self.writer.close().map_err(refuse)?;
-        make_readable(&self.temporary).map_err(|error| refuse(error.into()))?;
         self.temporary.as_file().sync_all().map_err(|error| refuse(error.into()))?;
         let persisted = match self.overwrite {
             true => self.temporary.persist(&self.path),
@@ -162,19 +158,6 @@ fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
         Format::E57 => Box::new(e57::E57Writer::new(file)?),
         Format::Mcap => Box::new(mcap::McapWriter::new(file)?),
     })
-}
-
-/// Temporary files are private; a result is as readable as the user's other files.
-#[cfg(unix)]
-fn make_readable(file: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
-    // std does not tell the umask; 0644 is what the usual one leaves
-    file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn make_readable(_file: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    Ok(())
 }
 
 /// Flushes a buffered file.

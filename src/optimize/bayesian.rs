@@ -20,6 +20,8 @@ const EXPLORATION_TRIES: usize = 5;
 /// Published stopping rule: the best of the last so many evaluations grew by less than this, relative.
 const STALL_EVALUATIONS: usize = 50;
 const STALL_TOLERANCE: f64 = 1e-5;
+/// Data that say enough for the parameters not to jump to another optimum.
+const REFIT_FROM_ONE_START: usize = 60;
 const GLOBAL_CANDIDATES: usize = 500;
 const LOCAL_CENTRES: usize = 5;
 const LOCAL_CANDIDATES: usize = 60;
@@ -93,11 +95,12 @@ impl Bayesian {
             start.ln_noise = rng.between(-12.0, -1.0);
             start
         };
-        let starts: Vec<Hyper> = match &self.hyper {
-            Some(hyper) => vec![hyper.clone(), random()],
-            None => std::iter::once(Hyper::typical(roles)).chain((0..4).map(|_| random())).collect(),
+        let (starts, iterations) = match &self.hyper {
+            Some(hyper) if count > REFIT_FROM_ONE_START => (vec![hyper.clone()], 8),
+            Some(hyper) => (vec![hyper.clone(), random()], 20),
+            None => (std::iter::once(Hyper::typical(roles)).chain((0..4).map(|_| random())).collect(), 40),
         };
-        let hyper = data.fit(&starts, if count < 100 { 60 } else { 20 });
+        let hyper = data.fit(&starts, iterations);
         self.hyper = Some(hyper.clone());
         self.fitted_at = count;
         hyper
@@ -111,22 +114,21 @@ impl Bayesian {
             0.0 => self.space.that_can_exceed(best.score),
             _ => self.space.clone(),
         };
-        let (roles, role_count) = roles(&space);
+        let view = View::new(&space);
         let known: Vec<&Trial> = self.trials.iter().filter(|trial| is_inside(&space, trial)).collect();
-        let points: Vec<Vec<f64>> =
-            known.iter().map(|trial| space.to_unit(&space.canonical(&trial.candidate.values))).collect();
+        let points: Vec<Vec<f64>> = known.iter().map(|trial| view.unit(&trial.candidate.values)).collect();
         let merits = merits(&known);
         let greatest = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut order: Vec<usize> = (0..known.len()).collect();
         order.sort_by(|&a, &b| known[a].order(known[b]));
         let centres: Vec<Vec<f64>> =
             order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
-        let data = Data::new(roles, points.clone(), merits);
-        let mut hyper = self.fit(&data, role_count, &mut rng);
+        let data = Data::new(view.roles.clone(), view.role_count, points.clone(), merits);
+        let mut hyper = self.fit(&data, view.role_count, &mut rng);
         let mut proposed = None;
         for _ in 0..=EXPLORATION_TRIES {
             let Some(process) = GaussianProcess::new(data.clone(), &hyper) else { break };
-            let hunt = Hunt { space: &space, process: &process, points: &points, greatest };
+            let hunt = Hunt { space: &space, view: &view, process: &process, points: &points, greatest };
             let (values, belief) = hunt.best(&centres, &mut rng);
             proposed = Some(values);
             if belief.deviation >= EXPLORATION_RATIO * process.noise_deviation() {
@@ -165,13 +167,33 @@ impl Optimizer for Bayesian {
     }
 }
 
-/// Role of each variable that can move, counted without gaps; those that cannot move share a role of no effect.
-fn roles(space: &Space) -> (Vec<usize>, usize) {
-    let mut names: Vec<usize> = space.variables().iter().map(|variable| variable.role).collect();
-    names.sort_unstable();
-    names.dedup();
-    let place = |role: &usize| names.iter().position(|name| name == role).unwrap_or(0);
-    (space.variables().iter().map(|variable| place(&variable.role)).collect(), names.len())
+/// The model's view of a space: the variables that matter somewhere in it.
+struct View<'a> {
+    space: &'a Space,
+    axes: Vec<usize>,
+    /// Role of each axis, counted without gaps over the whole space.
+    roles: Vec<usize>,
+    role_count: usize,
+}
+
+impl<'a> View<'a> {
+    fn new(space: &'a Space) -> Self {
+        let variables = space.variables();
+        let most: Vec<f64> = variables.iter().map(|variable| variable.high).collect();
+        let axes = (0..space.len()).filter(|&axis| space.is_active(&most, axis)).collect::<Vec<_>>();
+        let mut names: Vec<usize> = variables.iter().map(|variable| variable.role).collect();
+        names.sort_unstable();
+        names.dedup();
+        let place = |axis: &usize| names.iter().position(|name| *name == variables[*axis].role).unwrap_or(0);
+        let roles = axes.iter().map(place).collect();
+        Self { space, axes, roles, role_count: names.len() }
+    }
+
+    /// Where the design lies for the model: equal designs at one point.
+    fn unit(&self, values: &[f64]) -> Vec<f64> {
+        let unit = self.space.to_unit(&self.space.canonical(values));
+        self.axes.iter().map(|&axis| unit[axis]).collect()
+    }
 }
 
 fn is_inside(space: &Space, trial: &Trial) -> bool {
@@ -206,6 +228,7 @@ fn merits(trials: &[&Trial]) -> Vec<f64> {
 /// The search for the point of greatest expected improvement.
 struct Hunt<'a> {
     space: &'a Space,
+    view: &'a View<'a>,
     process: &'a GaussianProcess,
     /// Known points of the unit cube.
     points: &'a [Vec<f64>],
@@ -233,7 +256,8 @@ impl Hunt<'_> {
         for start in &mut prey {
             let mut scale = 0.05;
             for _ in 0..REFINE_ROUNDS {
-                let around = (0..4 * self.space.len().min(6)).map(|_| self.nearby(&start.values, scale, rng));
+                let around =
+                    (0..4 * self.view.axes.len().min(6)).map(|_| self.nearby(&start.values, scale, rng));
                 let found = self.judge(around.collect());
                 match found.into_iter().max_by(|a, b| a.acquisition.total_cmp(&b.acquisition)) {
                     Some(found) if found.acquisition > start.acquisition => *start = found,
@@ -265,7 +289,7 @@ impl Hunt<'_> {
 
     fn judge(&self, candidates: Vec<Vec<f64>>) -> Vec<Prey> {
         let one = |values: Vec<f64>| {
-            let unit = self.space.to_unit(&self.space.canonical(&values));
+            let unit = self.view.unit(&values);
             let belief = self.process.predict(&unit);
             let acquisition = if self.points.contains(&unit) {
                 f64::NEG_INFINITY

@@ -54,28 +54,25 @@ pub struct Data {
 }
 
 impl Data {
-    /// At least one point; all points as long as `roles`.
-    pub fn new(roles: Vec<usize>, points: Vec<Vec<f64>>, values: Vec<f64>) -> Self {
-        let role_count = roles.iter().max().map_or(0, |role| role + 1);
+    /// At least one point; all points as long as `roles`, whose numbers are below `role_count`.
+    pub fn new(roles: Vec<usize>, role_count: usize, points: Vec<Vec<f64>>, values: Vec<f64>) -> Self {
         Self { roles, role_count, points, values: DVector::from_vec(values) }
     }
 
-    /// Squared differences of all pairs, summed by role.
-    fn differences(&self) -> Vec<DMatrix<f64>> {
-        let n = self.points.len();
-        let mut by_role = vec![DMatrix::zeros(n, n); self.role_count];
-        for i in 0..n {
-            for j in 0..i {
+    /// Squared differences of all pairs `j <= i`, summed by role, role after role for each pair.
+    fn differences(&self) -> Vec<f64> {
+        let mut all = Vec::with_capacity(self.points.len() * (self.points.len() + 1) / 2 * self.role_count);
+        for j in 0..self.points.len() {
+            for i in j..self.points.len() {
+                let from = all.len();
+                all.resize(from + self.role_count, 0.0);
                 for (axis, &role) in self.roles.iter().enumerate() {
                     let difference = self.points[i][axis] - self.points[j][axis];
-                    by_role[role][(i, j)] += difference * difference;
-                }
-                for matrix in &mut by_role {
-                    matrix[(j, i)] = matrix[(i, j)];
+                    all[from + role] += difference * difference;
                 }
             }
         }
-        by_role
+        all
     }
 
     /// The most likely parameters from several starts. Without any that works (it takes values that are not finite):
@@ -93,43 +90,45 @@ impl Data {
     }
 
     /// Negative logarithm of marginal likelihood and prior, up to a constant, with its gradient.
-    fn loss(&self, differences: &[DMatrix<f64>], hyper: &Hyper) -> Option<(f64, Vec<f64>)> {
+    fn loss(&self, differences: &[f64], hyper: &Hyper) -> Option<(f64, Vec<f64>)> {
         let n = self.points.len();
         let inverse_squares: Vec<f64> = hyper.ln_lengths.iter().map(|ln| (-2.0 * ln).exp()).collect();
         let noise = hyper.ln_noise.exp();
         let mut kernel = DMatrix::zeros(n, n);
-        // the factor by which a change of squared distance moves the kernel
-        let mut slope = DMatrix::zeros(n, n);
+        // the factor by which a change of squared distance moves the kernel, pair by pair
+        let mut slopes = Vec::with_capacity(n * (n + 1) / 2);
+        let mut pairs = differences.chunks_exact(self.role_count);
         for j in 0..n {
-            for i in j..n {
-                let squared: f64 =
-                    differences.iter().zip(&inverse_squares).map(|(d, inverse)| d[(i, j)] * inverse).sum();
-                let (value, factor) = matern(squared);
+            for (i, pair) in (j..n).zip(&mut pairs) {
+                let squared: f64 = pair.iter().zip(&inverse_squares).map(|(d, inverse)| d * inverse).sum();
+                let (value, slope) = matern(squared);
                 kernel[(i, j)] = value;
                 kernel[(j, i)] = value;
-                slope[(i, j)] = factor;
-                slope[(j, i)] = factor;
+                slopes.push(slope);
             }
             kernel[(j, j)] += noise;
         }
         let (cholesky, _) = factor(kernel)?;
         let ln_determinant = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let inverse = cholesky.inverse();
-        let (_, weights, variance) = trend(&inverse, &self.values);
+        let (_, weights, variance) = trend(&cholesky, &self.values);
         let count = n as f64;
         let mut loss = 0.5 * (count * variance.ln() + ln_determinant);
         let mut gradient = vec![0.0; hyper.ln_lengths.len() + 1];
+        let mut pairs = differences.chunks_exact(self.role_count).zip(slopes);
         for j in 0..n {
-            for i in 0..n {
-                let pull = 0.5 * (inverse[(i, j)] - weights[i] * weights[j] / variance);
-                let pull_slope = pull * slope[(i, j)];
-                for (role, difference) in differences.iter().enumerate() {
-                    gradient[role] += pull_slope * difference[(i, j)] * inverse_squares[role];
-                }
-                if i == j {
-                    gradient[differences.len()] += pull * noise;
+            let pull = |i: usize| inverse[(i, j)] - weights[i] * weights[j] / variance;
+            for (i, (pair, slope)) in (j..n).zip(&mut pairs) {
+                // each pair stands twice in the matrix
+                let pull_slope = pull(i) * slope;
+                for (gradient, difference) in gradient.iter_mut().zip(pair) {
+                    *gradient += pull_slope * difference;
                 }
             }
+            gradient[self.role_count] += 0.5 * pull(j) * noise;
+        }
+        for (gradient, inverse) in gradient.iter_mut().zip(&inverse_squares) {
+            *gradient *= inverse;
         }
         let priors = std::iter::repeat_n(PRIOR_LENGTH, hyper.ln_lengths.len()).chain([PRIOR_NOISE]);
         for ((value, (mean, deviation)), slope) in hyper.to_vec().iter().zip(priors).zip(&mut gradient) {
@@ -171,12 +170,12 @@ fn factor(mut matrix: DMatrix<f64>) -> Option<(Cholesky<f64, Dyn>, f64)> {
 }
 
 /// Most likely mean, weights `K^-1 (y - mean)` and signal variance (never zero).
-fn trend(inverse: &DMatrix<f64>, values: &DVector<f64>) -> (f64, DVector<f64>, f64) {
-    let row_sums = inverse.column_sum();
-    let mean = row_sums.dot(values) / row_sums.sum();
-    let centred = values.add_scalar(-mean);
-    let weights = inverse * &centred;
-    let variance = centred.dot(&weights) / values.len() as f64;
+fn trend(cholesky: &Cholesky<f64, Dyn>, values: &DVector<f64>) -> (f64, DVector<f64>, f64) {
+    let from_values = cholesky.solve(values);
+    let from_ones = cholesky.solve(&DVector::repeat(values.len(), 1.0));
+    let mean = from_values.sum() / from_ones.sum();
+    let weights = from_values - mean * from_ones;
+    let variance = (values.dot(&weights) - mean * weights.sum()) / values.len() as f64;
     (mean, weights, variance.max(1e-12))
 }
 
@@ -189,8 +188,7 @@ pub struct GaussianProcess {
     mean: f64,
     weights: DVector<f64>,
     variance: f64,
-    /// Lower factor, row by row.
-    lower: Vec<Vec<f64>>,
+    lower: DMatrix<f64>,
     /// The factor applied to ones.
     ones: Vec<f64>,
 }
@@ -221,10 +219,10 @@ impl GaussianProcess {
             kernel[(j, j)] += noise_ratio;
         }
         let (cholesky, _) = factor(kernel)?;
-        let (mean, weights, variance) = trend(&cholesky.inverse(), &data.values);
+        let (mean, weights, variance) = trend(&cholesky, &data.values);
         let lower = cholesky.l();
-        let lower: Vec<Vec<f64>> = (0..n).map(|i| (0..=i).map(|j| lower[(i, j)]).collect()).collect();
-        let ones = forward(&lower, &vec![1.0; n]);
+        let mut ones = vec![1.0; n];
+        solve_lower(&lower, &mut ones);
         (mean.is_finite() && variance.is_finite()).then_some(Self {
             data,
             inverse_lengths,
@@ -239,10 +237,11 @@ impl GaussianProcess {
 
     /// Belief at a point of the unit cube.
     pub fn predict(&self, point: &[f64]) -> Prediction {
-        let correlation: Vec<f64> =
+        let mut correlation: Vec<f64> =
             self.data.points.iter().map(|p| matern(distance(p, point, &self.inverse_lengths)).0).collect();
         let mean = self.mean + correlation.iter().zip(self.weights.iter()).map(|(k, w)| k * w).sum::<f64>();
-        let solved = forward(&self.lower, &correlation);
+        solve_lower(&self.lower, &mut correlation);
+        let solved = correlation;
         let explained: f64 = solved.iter().map(|s| s * s).sum();
         let ones_solved: f64 = self.ones.iter().zip(&solved).map(|(o, s)| o * s).sum();
         let ones_ones: f64 = self.ones.iter().map(|o| o * o).sum();
@@ -261,14 +260,16 @@ fn distance(a: &[f64], b: &[f64], inverse_lengths: &[f64]) -> f64 {
     a.iter().zip(b).zip(inverse_lengths).map(|((a, b), inverse)| ((a - b) * inverse).powi(2)).sum()
 }
 
-fn forward(lower: &[Vec<f64>], right: &[f64]) -> Vec<f64> {
-    let mut solved: Vec<f64> = Vec::with_capacity(right.len());
-    for (row, value) in lower.iter().zip(right) {
-        let diagonal = row[row.len() - 1];
-        let known: f64 = row.iter().zip(&solved).map(|(l, s)| l * s).sum();
-        solved.push((value - known) / diagonal);
+/// Forward substitution in place, column by column so that the inner loop has no chain of sums.
+fn solve_lower(lower: &DMatrix<f64>, right: &mut [f64]) {
+    let n = right.len();
+    for (j, column) in lower.as_slice().chunks_exact(n).enumerate() {
+        right[j] /= column[j];
+        let solved = right[j];
+        for (value, l) in right[j + 1..].iter_mut().zip(&column[j + 1..]) {
+            *value -= solved * l;
+        }
     }
-    solved
 }
 
 #[cfg(test)]
@@ -280,7 +281,7 @@ mod tests {
             .map(|i| vec![(i as f64 * 0.618_034).fract(), (i as f64 * 0.414_214).fract()])
             .collect();
         let values = points.iter().map(|p| (5.0 * p[0]).sin() + 0.3 * p[1]).collect();
-        Data::new(vec![0, 1], points, values)
+        Data::new(vec![0, 1], 2, points, values)
     }
 
     #[test]
@@ -320,7 +321,7 @@ mod tests {
     #[test]
     fn points_given_many_times_do_not_break_it() {
         let points = vec![vec![0.4]; 30];
-        let data = Data::new(vec![0], points, vec![1.0; 30]);
+        let data = Data::new(vec![0], 1, points, vec![1.0; 30]);
         let hyper = Hyper { ln_lengths: vec![0.0], ln_noise: LN_NOISE.0 };
         let process = GaussianProcess::new(data.clone(), &hyper).unwrap();
         assert!((process.predict(&[0.4]).mean - 1.0).abs() < 1e-6);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use firmware_protocol::command::CLEAR_KEY;
 use firmware_protocol::{
@@ -14,8 +14,10 @@ use super::{AxisStatus, Link, RigError, RigStatus, ServoReport};
 
 const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
-/// Heartbeats of another session for this long mean that the rig restarted; one late one does not.
-const STRANGER: Duration = Duration::from_millis(350);
+/// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
+const STRANGERS: u32 = 5;
+/// A rig says something every 20 ms; this much silence is a rig without power behind a living adapter.
+const SILENCE: Duration = Duration::from_secs(1);
 
 /// How to talk to a rig.
 #[derive(Clone, Debug)]
@@ -59,6 +61,15 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// The usual options for a session with a name of its own.
+    pub fn new_session() -> Self {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let session = unix.as_nanos() as u32 ^ std::process::id().rotate_left(16);
+        Self { session: session.max(1), ..Self::default() }
+    }
+}
+
 /// Stops an operation from outside: the first time the rig decelerates and holds, the second time it stops at once.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicU8>);
@@ -67,6 +78,11 @@ impl Interrupt {
     /// Asks once more; returns how often it was asked.
     pub fn raise(&self) -> u8 {
         self.0.fetch_add(1, Ordering::Relaxed).saturating_add(1)
+    }
+
+    /// Forgets that it was asked: motion is allowed again.
+    pub fn reset(&self) {
+        self.0.store(0, Ordering::Relaxed);
     }
 
     /// How often it was asked.
@@ -181,13 +197,21 @@ impl<L: Link> RigController<L> {
         }
         self.ask("a first position", &[], |view| {
             view.heartbeat.is_some()
-                && view.axes.iter().all(|axis| axis.position.is_some() && axis.target.is_some())
+                && view
+                    .axes
+                    .iter()
+                    .all(|axis| axis.position.is_some() && axis.target.is_some() && axis.effort.is_some())
         })
     }
 
     /// How many axes the rig has.
     pub fn axis_count(&self) -> usize {
         self.view.axes.len()
+    }
+
+    /// The line.
+    pub fn link(&self) -> &L {
+        &self.link
     }
 
     /// A handle that stops what is under way.
@@ -202,6 +226,7 @@ impl<L: Link> RigController<L> {
 
     /// Allows motion.
     pub fn arm(&mut self) -> Result<(), RigError> {
+        self.refuse_when_interrupted()?;
         self.order("arm", Order::Arm { armed: true }).map(drop)
     }
 
@@ -212,6 +237,7 @@ impl<L: Link> RigController<L> {
 
     /// Makes the positions of all axes trusted.
     pub fn home(&mut self) -> Result<(), RigError> {
+        self.refuse_when_interrupted()?;
         let id = self.order("home", Order::Home { axis: ALL_AXES })?;
         self.wait_for("homing", id, &mut |_| {})
     }
@@ -223,12 +249,14 @@ impl<L: Link> RigController<L> {
 
     /// Decelerates, holds, disarms.
     pub fn stop(&mut self) -> Result<(), RigError> {
-        self.order("stop", Order::Stop { deceleration_mrad_s2: 0 }).map(drop)
+        self.order("stop", Order::Stop { deceleration_mrad_s2: 0 })?;
+        self.see("a standing rig", |state| !matches!(state, State::Moving | State::Homing | State::Holding))
     }
 
     /// Stops as fast as the rig can and latches that.
     pub fn e_stop(&mut self) -> Result<(), RigError> {
-        self.order("e-stop", Order::EStop).map(drop)
+        self.order("e-stop", Order::EStop)?;
+        self.see("an emergency stop", |state| state == State::EStop)
     }
 
     /// Takes every latched fault away whose cause is gone; an error names the first that stays.
@@ -303,11 +331,13 @@ impl<L: Link> RigController<L> {
         mut progress: impl FnMut(&Progress),
     ) -> Result<Applied, RigError> {
         let targets = self.check(pitches_rad)?;
+        self.refuse_when_interrupted()?;
         if let [a_urad, b_urad] = targets[..] {
             let id = self.order("move", Order::MovePair { a_urad, b_urad })?;
             self.wait_for("the move", id, &mut progress)?;
         } else {
             for (axis, position_urad) in targets.iter().enumerate() {
+                self.refuse_when_interrupted()?;
                 let order = Order::MoveTo { axis: axis as u8, position_urad: *position_urad };
                 let id = self.order("move", order)?;
                 self.wait_for("the move", id, &mut progress)?;
@@ -338,6 +368,15 @@ impl<L: Link> RigController<L> {
             });
         }
         Ok(Applied { axes })
+    }
+
+    /// Waits until the rig says that it is in such a state.
+    fn see(&mut self, what: &'static str, wanted: fn(State) -> bool) -> Result<(), RigError> {
+        let since_ns = self.link.now_ns();
+        self.ask(what, &[], |view| {
+            let seen = |target: super::view::TargetView| target.heard_ns >= since_ns && wanted(target.state);
+            view.axes.iter().all(|axis| axis.target.is_some_and(seen))
+        })
     }
 
     /// Everything known about the rig now.
@@ -495,16 +534,24 @@ impl<L: Link> RigController<L> {
     /// Does what an interrupt asks for: hold, then e-stop.
     pub(super) fn obey_interrupt(&mut self) -> Result<(), RigError> {
         let level = self.interrupt.level();
-        if level <= self.handled_interrupts {
+        let before = std::mem::replace(&mut self.handled_interrupts, level);
+        if level <= before {
             return Ok(());
         }
-        self.handled_interrupts = level;
         if level == 1 {
             self.hold()?;
             return Err(RigError::Interrupted { action: "the rig holds" });
         }
         self.e_stop()?;
         Err(RigError::Interrupted { action: "emergency stop" })
+    }
+
+    /// What was stopped from outside does not begin again before [`Interrupt::reset`].
+    fn refuse_when_interrupted(&self) -> Result<(), RigError> {
+        match self.interrupt.level() {
+            0 => Ok(()),
+            _ => Err(RigError::Interrupted { action: "nothing more was moved" }),
+        }
     }
 
     fn fault_names(&self) -> Vec<String> {
@@ -549,11 +596,13 @@ impl<L: Link> RigController<L> {
             }
             wait = Duration::ZERO;
         }
-        let stranger = self.view.stranger_since_ns;
-        if self.connected
-            && stranger.is_some_and(|since| self.link.now_ns() > since + STRANGER.as_nanos() as u64)
-        {
+        if self.connected && self.view.strangers >= STRANGERS {
             return Err(RigError::Restarted { cause: self.reset_cause() });
+        }
+        let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
+        if self.connected && silence_ns > SILENCE.as_nanos() as u64 {
+            let heard = "it says nothing at all: no power, or another program's hands on it".to_owned();
+            return Err(RigError::NoAnswer { what: "heartbeats", within: SILENCE, heard });
         }
         Ok(())
     }

@@ -10,7 +10,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use sensors::SensorModel;
 
-use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
+use crate::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::Mount;
 use crate::scene::Scene;
 use crate::surface::Completeness;
@@ -30,10 +30,10 @@ pub struct BeamFan {
     pub max_range_m: f64,
     /// Revolutions per second.
     pub rate_hz: f64,
-    /// Columns per revolution.
-    columns: usize,
-    /// Beams, ascending.
-    elevations_rad: Vec<f64>,
+    /// Sine and cosine of the azimuth, by column.
+    columns: Vec<(f64, f64)>,
+    /// Sine and cosine of the elevation, by beam, ascending.
+    beams: Vec<(f64, f64)>,
 }
 
 impl BeamFan {
@@ -42,23 +42,25 @@ impl BeamFan {
     pub fn nominal(model: &SensorModel, columns: usize, rate_hz: f64) -> Self {
         let mut elevations_rad: Vec<f64> = model.beams().iter().map(|beam| beam.elevation_rad).collect();
         elevations_rad.sort_by(f64::total_cmp);
+        let columns = columns.max(1);
+        let azimuths_rad = (0..columns).map(|column| TAU * column as f64 / columns as f64);
         Self {
             min_range_m: model.min_range_m,
             max_range_m: model.max_range_m,
             rate_hz,
-            columns: columns.max(1),
-            elevations_rad,
+            columns: azimuths_rad.map(f64::sin_cos).collect(),
+            beams: elevations_rad.into_iter().map(f64::sin_cos).collect(),
         }
     }
 
     /// Columns per revolution.
     pub fn columns(&self) -> usize {
-        self.columns
+        self.columns.len()
     }
 
     /// Rays of one revolution.
     pub fn rays_per_scan(&self) -> u64 {
-        (self.columns * self.elevations_rad.len()) as u64
+        (self.columns.len() * self.beams.len()) as u64
     }
 
     /// Whole revolutions that fit the trajectory's span.
@@ -77,31 +79,27 @@ impl BeamFan {
         scan: u64,
         mut hit: impl FnMut(DVec3),
     ) {
-        let body_from_sensor = Pose::new(glam::DQuat::IDENTITY, BODY_FROM_MOUNT_FRAME * mount.position_m());
+        let body_from_sensor_m = BODY_FROM_MOUNT_FRAME * mount.position_m();
         let body_from_sensor_axes = BODY_FROM_MOUNT_FRAME * mount.rotation();
         let [start_ns, end_ns] = trajectory.time_span_ns();
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
-        for first in (0..self.columns).step_by(TILE) {
-            let columns = first..(first + TILE).min(self.columns);
-            let placed: Vec<(DVec3, DMat3, f64)> = columns
+        for (tile, columns) in self.columns.chunks(TILE).enumerate() {
+            let placed: Vec<(DVec3, DMat3)> = (0..columns.len())
                 .filter_map(|column| {
-                    let turns = scan as f64 + column as f64 / self.columns as f64;
-                    let time_ns = start_ns + (turns / self.rate_hz * 1e9).round() as u64;
+                    let turn = (tile * TILE + column) as f64 / self.columns.len() as f64;
+                    let time_ns = start_ns + ((scan as f64 + turn) / self.rate_hz * 1e9).round() as u64;
                     let world_from_body = trajectory.at(time_ns.min(end_ns))?;
-                    let origin_m = world_from_body.transform_point(body_from_sensor.translation_m);
-                    let axes = DMat3::from_quat(world_from_body.rotation) * body_from_sensor_axes;
-                    Some((origin_m, axes, TAU * column as f64 / self.columns as f64))
+                    let origin_m = world_from_body.transform_point(body_from_sensor_m);
+                    Some((origin_m, DMat3::from_quat(world_from_body.rotation) * body_from_sensor_axes))
                 })
                 .collect();
-            for elevations_rad in self.elevations_rad.chunks(TILE) {
+            for beams in self.beams.chunks(TILE) {
                 origins_m.clear();
                 directions.clear();
-                for (origin_m, axes, azimuth_rad) in &placed {
-                    let (sin_azimuth, cos_azimuth) = azimuth_rad.sin_cos();
-                    for elevation_rad in elevations_rad {
-                        let (sin, cos) = elevation_rad.sin_cos();
+                for ((origin_m, axes), (sin_azimuth, cos_azimuth)) in placed.iter().zip(columns) {
+                    for (sin, cos) in beams {
                         origins_m.push(*origin_m);
-                        directions.push(*axes * DVec3::new(cos_azimuth * cos, sin_azimuth * cos, sin));
+                        directions.push(*axes * DVec3::new(cos_azimuth * cos, sin_azimuth * cos, *sin));
                     }
                 }
                 scene.cast_many(&origins_m, &directions, |ray, met| {
@@ -150,6 +148,7 @@ impl BeamFan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
     use crate::scene::BoxScene;
 
     fn room() -> Scene {

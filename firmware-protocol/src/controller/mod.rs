@@ -240,14 +240,19 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    /// Stopped before the target: what it stands on is the target now.
+    /// Stopped before the target: what it stands on is the target now. A rig that may not move pushes nowhere either: what
+    /// little the servo lags behind would go on for ever behind an encoder that stopped counting.
     fn rest_where_told(&mut self) {
+        let disarmed = core::mem::take(&mut self.disarm_when_stopped) || !self.armed;
         for axis in &mut self.axes {
+            if disarmed && matches!(axis.sense.reading, Reading::Measured(_)) {
+                axis.setpoint_urad = axis.measured_urad;
+            }
             axis.target_urad = axis.setpoint_urad;
         }
-        if core::mem::take(&mut self.disarm_when_stopped) {
+        if disarmed {
             self.armed = false;
-            if self.faults.is_empty() {
+            if self.faults.is_empty() && self.state != State::Boot {
                 self.state = State::Idle;
             }
         }
@@ -332,3 +337,6 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -38,8 +38,10 @@ pub(super) struct Assembly {
     pub(super) came: Vec<u64>,
     /// Slots of the window that came.
     pub(super) expected_came: usize,
-    /// Packets that were refused while the frame was open; they explain as many missing slots.
-    pub(super) rejected: u64,
+    /// Packets that were refused while the frame was open, and of these the ones after the last taken packet: they
+    /// explain as many missing slots.
+    rejected: u64,
+    rejected_since: u64,
     first_order: u64,
     last_order: u64,
 }
@@ -68,6 +70,7 @@ impl Assembly {
             came: vec![0; metadata.packet_slots().div_ceil(64)],
             expected_came: 0,
             rejected: 0,
+            rejected_since: 0,
             first_order: 0,
             last_order: 0,
         }
@@ -80,6 +83,7 @@ impl Assembly {
         self.came.fill(0);
         self.expected_came = 0;
         self.rejected = 0;
+        self.rejected_since = 0;
         self.first_order = u64::MAX;
         self.last_order = 0;
         let frame = &mut self.frame;
@@ -90,6 +94,12 @@ impl Assembly {
         frame.complete = false;
         frame.host_time_ns = [host_time_ns; 2];
         frame.health = Health::default();
+    }
+
+    /// Packets were refused that may belong here.
+    pub(super) fn note_rejected(&mut self, count: u64) {
+        self.rejected += count;
+        self.rejected_since += count;
     }
 
     pub(super) fn has(&self, slot: usize) -> bool {
@@ -115,6 +125,7 @@ impl Assembly {
     ) -> bool {
         self.came[place.slot / 64] |= 1 << (place.slot % 64);
         self.expected_came += usize::from(expected);
+        self.rejected_since = 0;
         let out_of_order = self.frame.packets > 0 && order < self.last_order;
         self.first_order = self.first_order.min(order);
         self.last_order = self.last_order.max(order);
@@ -140,14 +151,14 @@ impl Assembly {
         out_of_order
     }
 
-    /// Ends the frame: clears what did not come and returns how many packets were lost, by the order numbers
-    /// that `order_of` gives the expected slots.
+    /// Ends the frame: clears what did not come. Returns how many packets were lost, by the order numbers that
+    /// `order_of` gives the expected slots, and how many refused packets may belong to the next frame.
     pub(super) fn close(
         &mut self,
         metadata: &Metadata,
         end: End,
         order_of: impl Fn(usize) -> Option<u64>,
-    ) -> u64 {
+    ) -> (u64, u64) {
         self.open = false;
         let frame = &mut self.frame;
         let mut all_valid = true;
@@ -171,7 +182,8 @@ impl Assembly {
                 !before && !after
             })
             .count() as u64;
-        missing.saturating_sub(self.rejected)
+        let unexplained = self.rejected.saturating_sub(missing).min(self.rejected_since);
+        (missing.saturating_sub(self.rejected), unexplained)
     }
 }
 

@@ -7,7 +7,7 @@ use super::claim::Claim;
 use super::imu;
 use super::metadata::{ImuProfile, Metadata};
 use super::profile::Profile;
-use super::stream::Stream;
+use super::stream::{Line, Stream};
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
 use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
@@ -15,7 +15,6 @@ use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
 /// Decodes the packets of one sensor. Memory is bounded and reused: two frames and a few held packets.
 pub struct OusterDecoder {
     metadata: Metadata,
-    header: HeaderKind,
     lidar_bytes: usize,
     imu_bytes: usize,
     stream: Stream,
@@ -42,7 +41,6 @@ impl OusterDecoder {
             ImuProfile::Off => 0,
         };
         Self {
-            header: metadata.header,
             lidar_bytes: metadata.packet_format().packet_bytes(),
             imu_bytes,
             stream: Stream::new(&metadata),
@@ -54,7 +52,7 @@ impl OusterDecoder {
         }
     }
 
-    /// The sensor's metadata.
+    /// The sensor's metadata; its header layout is that of the packets.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -64,16 +62,24 @@ impl OusterDecoder {
         self.nmea.as_ref().map(|(time_ns, text)| (*time_ns, text.as_str()))
     }
 
-    /// How surely a packet comes from this sensor. Packets without a serial number (LEGACY, IMU of 48 bytes) are
-    /// told apart by size, port and where earlier ones came from.
+    /// How surely a packet comes from this sensor; does not look at checksums. Packets without a serial number
+    /// (LEGACY, IMU of 48 bytes) are told apart by size, port and where earlier ones came from.
     pub fn claim(&self, packet: &Packet<'_>) -> Claim {
-        match self.identify(packet) {
-            Err(_) => Claim::No,
-            Ok(Kind::LegacyImu) => self.claim_anonymous(packet, self.metadata.imu_port),
-            Ok(_) if self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some() => {
-                Claim::Certain
+        let bytes = packet.payload;
+        if self.metadata.imu_profile == ImuProfile::Legacy && bytes.len() == imu::LEGACY_BYTES {
+            return self.claim_anonymous(packet, self.metadata.imu_port);
+        }
+        if self.metadata.profile == Profile::Legacy {
+            let fits = bytes.len() == self.lidar_bytes && self.locate(bytes).is_ok();
+            return if fits { self.claim_anonymous(packet, self.metadata.lidar_port) } else { Claim::No };
+        }
+        let header = Header::read(self.header_kind(bytes), bytes);
+        match (header, self.metadata.serial_number()) {
+            (Some(header), Some(serial)) if header.serial == serial => Claim::Certain,
+            (Some(header), None) if bytes.len() == self.expected_bytes(header.kind) => {
+                self.claim_anonymous(packet, self.metadata.lidar_port)
             }
-            Ok(_) => self.claim_anonymous(packet, self.metadata.lidar_port),
+            _ => Claim::No,
         }
     }
 
@@ -97,7 +103,7 @@ impl OusterDecoder {
         if self.metadata.profile == Profile::Legacy {
             return self.identify_legacy(packet);
         }
-        let Some(header) = Header::read(self.header, bytes) else {
+        let Some(header) = Header::read(self.metadata.header, bytes) else {
             self.refuse_damaged(packet)?;
             let reason = format!("{} bytes without a known packet type", bytes.len());
             return Err(Rejected::Foreign { reason });
@@ -109,12 +115,9 @@ impl OusterDecoder {
             let reason = format!("serial number {}, expected {serial}", header.serial);
             return Err(Rejected::Foreign { reason });
         }
-        let expected = match header.kind {
-            PacketKind::Lidar => self.lidar_bytes,
-            PacketKind::Imu => self.imu_bytes,
-            PacketKind::Zone => zones::PACKET_BYTES,
-        };
+        let expected = self.expected_bytes(header.kind);
         if bytes.len() != expected {
+            self.refuse_damaged(packet)?;
             let reason = format!("{:?} packet of {} bytes, expected {expected}", header.kind, bytes.len());
             return Err(Rejected::Malformed { reason });
         }
@@ -135,7 +138,7 @@ impl OusterDecoder {
         let bytes = packet.payload;
         if bytes.len() != self.lidar_bytes {
             let reason = format!("{} bytes, expected {}", bytes.len(), self.lidar_bytes);
-            let ours = self.is_from_our_lidar_port(packet);
+            let ours = self.is_familiar(packet);
             return Err(if ours { Rejected::Malformed { reason } } else { Rejected::Foreign { reason } });
         }
         let format = self.metadata.packet_format();
@@ -179,7 +182,7 @@ impl OusterDecoder {
     /// For packets that do not identify themselves: damaged, when all else says they are ours.
     fn refuse_damaged(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
         let bytes = packet.payload;
-        if !self.is_from_our_lidar_port(packet) {
+        if !self.is_familiar(packet) {
             return Ok(());
         }
         if [self.lidar_bytes, self.imu_bytes].contains(&bytes.len()) {
@@ -193,24 +196,28 @@ impl OusterDecoder {
         Ok(())
     }
 
-    fn is_from_our_lidar_port(&self, packet: &Packet<'_>) -> bool {
+    fn is_familiar(&self, packet: &Packet<'_>) -> bool {
         self.source == Some(packet.source)
     }
 
-    /// Firmware from 4.0 on may write the functional-safety header where metadata says STANDARD: the serial number
-    /// tells.
-    fn settle_header(&mut self, bytes: &[u8]) {
-        let (Some(serial), true) = (self.metadata.serial_number(), self.metadata.profile.has_packet_header())
-        else {
-            return;
-        };
+    /// The header layout of a packet. Firmware from 4.0 on may write the functional-safety header where metadata says
+    /// STANDARD: the serial number tells.
+    fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
+        let Some(serial) = self.metadata.serial_number() else { return self.metadata.header };
         let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);
-        if !fits(self.header) {
-            for kind in [HeaderKind::Standard, HeaderKind::Fusa] {
-                if fits(kind) {
-                    self.header = kind;
-                }
-            }
+        let others = [HeaderKind::Standard, HeaderKind::Fusa];
+        if fits(self.metadata.header) {
+            self.metadata.header
+        } else {
+            others.into_iter().find(|kind| fits(*kind)).unwrap_or(self.metadata.header)
+        }
+    }
+
+    fn expected_bytes(&self, kind: PacketKind) -> usize {
+        match kind {
+            PacketKind::Lidar => self.lidar_bytes,
+            PacketKind::Imu => self.imu_bytes,
+            PacketKind::Zone => zones::PACKET_BYTES,
         }
     }
 
@@ -229,16 +236,21 @@ impl OusterDecoder {
 
 impl Decoder for OusterDecoder {
     fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
-        if self.source.is_none() {
-            self.settle_header(packet.payload);
+        if self.source.is_none() && self.metadata.profile.has_packet_header() {
+            let header = self.header_kind(packet.payload);
+            if header != self.metadata.header {
+                self.metadata.header = header;
+                self.stream = Stream::new(&self.metadata);
+            }
         }
         let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
         self.stats.packets += 1;
-        let mut frames = |frame: &Frame| out(Decoded::Frame(frame));
         match kind {
             Kind::Lidar(place) => {
                 self.source.get_or_insert(packet.source);
-                self.stream.take(&self.metadata, &place, packet.payload, &mut self.stats, &mut frames);
+                let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+                let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+                self.stream.take(&mut line, &place, packet.payload);
             }
             Kind::LegacyImu => {
                 if let Some(bytes) = packet.payload.first_chunk() {
@@ -246,7 +258,7 @@ impl Decoder for OusterDecoder {
                 }
             }
             Kind::Imu(header) => {
-                self.note_revolution(&header, packet, &mut frames);
+                self.note_revolution(&header, packet, out);
                 if let Some((time_ns, text)) = imu::read_nmea(packet.payload) {
                     let (time, line) = self.nmea.get_or_insert_default();
                     *time = time_ns;
@@ -258,7 +270,7 @@ impl Decoder for OusterDecoder {
                 }
             }
             Kind::Zone(header) => {
-                self.note_revolution(&header, packet, &mut frames);
+                self.note_revolution(&header, packet, out);
                 if let Some(bytes) = packet.payload.first_chunk() {
                     zones::read(header.frame_id, bytes, &mut self.zone_report);
                     out(Decoded::Zones(&self.zone_report));
@@ -269,8 +281,8 @@ impl Decoder for OusterDecoder {
     }
 
     fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
-        let mut frames = |frame: &Frame| out(Decoded::Frame(frame));
-        self.stream.finish(&self.metadata, &mut self.stats, &mut frames);
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        self.stream.finish(&mut Line { metadata: &self.metadata, stats: &mut self.stats, out: frames });
     }
 
     fn stats(&self) -> &DecodeStats {
@@ -280,7 +292,7 @@ impl Decoder for OusterDecoder {
 
 impl OusterDecoder {
     /// Without lidar packets the other packets tell which revolution it is.
-    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, frames: &mut dyn FnMut(&Frame)) {
+    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) {
         if self.metadata.profile != Profile::Off {
             return;
         }
@@ -293,6 +305,8 @@ impl OusterDecoder {
             health: header.health,
         };
         self.source.get_or_insert(packet.source);
-        self.stream.note_revolution(&self.metadata, &place, &mut self.stats, frames);
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+        self.stream.note_revolution(&mut line, &place);
     }
 }

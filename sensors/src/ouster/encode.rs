@@ -25,6 +25,8 @@ pub struct OusterEncoder {
     format: PacketFormat,
     kernels: Kernels,
     checksum: Checksum,
+    /// What IMU and zone packets say about the sensor; lidar packets say what their frame says.
+    pub health: Health,
     packet: Vec<u8>,
 }
 
@@ -35,6 +37,7 @@ impl OusterEncoder {
             format: metadata.packet_format(),
             kernels: kernels(metadata.profile),
             checksum: Checksum::Crc64,
+            health: Health::default(),
             packet: Vec::new(),
             metadata,
         }
@@ -88,7 +91,7 @@ impl OusterEncoder {
             return &self.packet;
         }
         self.packet.resize(imu::accel32_bytes(self.metadata.imu_samples_per_packet), 0);
-        self.header(PacketKind::Imu, frame_id, Health::default());
+        self.header(PacketKind::Imu, frame_id, self.health);
         let held = &samples[..samples.len().min(self.metadata.imu_samples_per_packet)];
         imu::write_accel32(&mut self.packet, held, columns, nmea);
         self.footer();
@@ -99,7 +102,7 @@ impl OusterEncoder {
     pub fn zones(&mut self, report: &ZoneReport) -> &[u8] {
         self.packet.clear();
         self.packet.resize(zones::PACKET_BYTES, 0);
-        self.header(PacketKind::Zone, report.frame_id, Health::default());
+        self.header(PacketKind::Zone, report.frame_id, self.health);
         zones::write(report, &mut self.packet);
         self.footer();
         &self.packet

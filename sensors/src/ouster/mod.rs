@@ -15,6 +15,7 @@ mod claim;
 mod decoder;
 mod kernels;
 mod stream;
+mod strays;
 #[cfg(test)]
 mod tests;
 

@@ -343,9 +343,10 @@ mod tests {
                     half.rgb[2],
                 ];
                 for field in fields {
-                    for bit in field.at as usize..field.at as usize + field.width as usize {
-                        assert!(!taken[bit], "{}: bit {bit}", layout.name);
-                        taken[bit] = true;
+                    let first = field.at as usize;
+                    for taken in &mut taken[first..first + field.width as usize] {
+                        assert!(!*taken, "{}: {field:?}", layout.name);
+                        *taken = true;
                     }
                 }
             }

@@ -1,48 +1,42 @@
 //! Packets to frames: which frame a packet belongs to, when a frame is finished, and what was lost on the way.
 //!
 //! Two frames are under construction at most: the current one, and the next one while packets of both arrive. A
-//! packet that continues neither (another initialization id, a frame counter that jumps or runs backwards) is held
-//! until enough packets in a row agree with it; then the stream starts anew there and the held packets are taken.
-//! One damaged counter can so neither split a frame nor merge two, and a restarted sensor loses nothing.
+//! packet whose initialization id, frame counter and clock do not continue what came before is held until enough
+//! packets in a row agree with it; then the stream goes on from there and the held packets are taken. A damaged
+//! counter can so neither split a frame nor merge two, and a restarted sensor loses nothing.
 
 use super::assembly::{Assembly, End, Place, has};
 use super::kernels::{Kernels, kernels};
 use super::metadata::Metadata;
+use super::strays::{Stray, Strays};
 use super::wire::PacketFormat;
 use crate::{DecodeStats, Frame};
 
-/// Frames the counter may run ahead or behind before that is taken for a restart: 1.6 s at 10 Hz.
-const NEAR_FRAMES: i64 = 16;
-/// Packets in a row that make a restart believable, when nothing but a restart explains them.
-const JUMP_PACKETS: usize = 3;
-/// The same for packets that could as well be late ones of closed frames.
-const LATE_PACKETS: usize = 16;
+/// Frames a packet may be behind and still be called late: 1.6 s at 10 Hz.
+const LATE_FRAMES: i64 = 16;
 /// Packets of the next frame that end the wait for the rest of the current one.
 const MOST_EARLY_PACKETS: usize = 8;
 /// Closed frames whose packets are remembered, to tell a packet that came twice from one that came late.
 const REMEMBERED_FRAMES: usize = 4;
+/// How far the clock may be from where the counter puts it: this part of a revolution, and of the time passed.
+const CLOCK_TOLERANCE: (f64, f64) = (0.5, 0.05);
 
 pub(super) struct Stream {
     format: PacketFormat,
     kernels: Kernels,
     current: Assembly,
     next: Assembly,
-    /// Newest frame counter that was opened.
-    newest: Option<Newest>,
+    /// Newest frame that was opened.
+    newest: Option<u32>,
+    /// The packet taken last: where counter and clock stand.
+    last: Option<Place>,
     closed: [Closed; REMEMBERED_FRAMES],
     closed_count: usize,
-    /// Initialization id of the running stream and of the one before.
-    init_id: Option<u32>,
+    /// Initialization id before the last restart.
     old_init_id: Option<u32>,
     strays: Strays,
     /// Refused packets since the last frame was closed, while none was open.
     rejected: u64,
-}
-
-#[derive(Clone, Copy)]
-struct Newest {
-    frame_id: u32,
-    time_ns: u64,
 }
 
 /// The packets of a closed frame.
@@ -51,27 +45,16 @@ struct Closed {
     frame_id: Option<u32>,
     init_id: u32,
     came: Vec<u64>,
+    /// Packets of it that were counted as lost and have not come late.
+    lost: u64,
 }
 
-/// Packets that continue nothing, in the order they came.
-#[derive(Default)]
-struct Strays {
-    why: Option<Stray>,
-    places: Vec<Place>,
-    bytes: Vec<u8>,
+/// What a stream works with and for.
+pub(super) struct Line<'a> {
+    pub(super) metadata: &'a Metadata,
+    pub(super) stats: &'a mut DecodeStats,
+    pub(super) out: &'a mut dyn FnMut(&Frame),
 }
-
-#[derive(Clone, Copy, PartialEq)]
-enum Stray {
-    /// Of a frame closed not long ago: late, unless the counter started over.
-    Late,
-    /// Of a frame far away.
-    Jump,
-    /// The sensor was initialised again.
-    Restart,
-}
-
-type Out<'a> = &'a mut dyn FnMut(&Frame);
 
 impl Stream {
     pub(super) fn new(metadata: &Metadata) -> Self {
@@ -82,9 +65,9 @@ impl Stream {
             current: Assembly::new(metadata),
             next: Assembly::new(metadata),
             newest: None,
+            last: None,
             closed: std::array::from_fn(|_| Closed { came: vec![0; words], ..Closed::default() }),
             closed_count: 0,
-            init_id: None,
             old_init_id: None,
             strays: Strays::default(),
             rejected: 0,
@@ -92,86 +75,45 @@ impl Stream {
     }
 
     /// Takes one whole and well-formed lidar packet.
-    pub(super) fn take(
-        &mut self,
-        metadata: &Metadata,
-        place: &Place,
-        packet: &[u8],
-        stats: &mut DecodeStats,
-        out: Out<'_>,
-    ) {
-        let Some(why) = self.stray(metadata, place) else {
-            self.forget_strays(stats);
-            self.accept(metadata, place, packet, stats, out);
+    pub(super) fn take(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
+        let Some(why) = self.stray(line.metadata, place) else {
+            self.forget_strays(line.stats);
+            self.accept(line, place, packet);
             return;
         };
-        if why == Stray::Late && self.came_before(place) {
-            stats.duplicated += 1;
-            return;
+        if !self.strays.agree(why, place, |from, to| self.distance(from, to)) {
+            self.forget_strays(line.stats);
         }
-        if !self.agrees_with_strays(why, place) {
-            self.forget_strays(stats);
+        if self.strays.hold(why, place, packet) {
+            self.believe_strays(line, why);
         }
-        self.strays.why = Some(why);
-        self.strays.places.push(*place);
-        self.strays.bytes.extend_from_slice(packet);
-        let enough = if why == Stray::Late { LATE_PACKETS } else { JUMP_PACKETS };
-        if self.strays.places.len() >= enough {
-            self.restart(metadata, why, stats, out);
-        }
-    }
-
-    /// Whether a packet tells the same story as those held before it.
-    fn agrees_with_strays(&self, why: Stray, place: &Place) -> bool {
-        let (Some(earlier), Some(first)) = (self.strays.why, self.strays.places.first()) else { return true };
-        let near = why == Stray::Late || self.distance(first.frame_id, place.frame_id).abs() <= 1;
-        earlier == why && first.init_id == place.init_id && near
     }
 
     /// A refused packet of this sensor: it explains one missing packet of the frame it came with.
     pub(super) fn note_rejected(&mut self) {
         if self.next.open {
-            self.next.rejected += 1;
+            self.next.note_rejected(1);
         } else if self.current.open {
-            self.current.rejected += 1;
+            self.current.note_rejected(1);
         } else {
             self.rejected += 1;
         }
     }
 
     /// Hands out what is under construction.
-    pub(super) fn finish(&mut self, metadata: &Metadata, stats: &mut DecodeStats, out: Out<'_>) {
-        match self.strays.why {
-            Some(why @ (Stray::Jump | Stray::Restart)) if !self.strays_are_old() => {
-                self.restart(metadata, why, stats, out);
-            }
-            _ => self.forget_strays(stats),
-        }
-        let end = if self.next.open { End::Followed } else { End::CutOff };
-        self.close_current(metadata, end, stats, out);
-        self.promote();
-        self.close_current(metadata, End::CutOff, stats, out);
-        self.newest = None;
-        self.init_id = None;
-        self.closed_count = 0;
-        for closed in &mut self.closed {
-            closed.frame_id = None;
-        }
+    pub(super) fn finish(&mut self, line: &mut Line<'_>) {
+        self.forget_strays(line.stats);
+        self.close_all(line);
+        self.begin_anew();
     }
 
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
-    pub(super) fn note_revolution(
-        &mut self,
-        metadata: &Metadata,
-        place: &Place,
-        stats: &mut DecodeStats,
-        out: Out<'_>,
-    ) {
+    pub(super) fn note_revolution(&mut self, line: &mut Line<'_>, place: &Place) {
         if self.current.open && self.current.frame.frame_id != place.frame_id {
             if self.distance(self.current.frame.frame_id, place.frame_id) < 0 {
                 return; // a straggler of a revolution that is over
             }
-            self.close_current(metadata, End::Followed, stats, out);
+            self.close_current(line, End::Followed);
         }
         if !self.current.open {
             self.current.start(place.frame_id, place.host_time_ns, false);
@@ -182,17 +124,19 @@ impl Stream {
 
     /// Why a packet does not continue the stream, if so.
     fn stray(&self, metadata: &Metadata, place: &Place) -> Option<Stray> {
-        let newest = self.newest?;
-        if self.init_id.is_some_and(|init_id| init_id != place.init_id) {
+        let (newest, last) = (self.newest?, self.last?);
+        if last.init_id != place.init_id {
             return Some(Stray::Restart);
         }
-        let oldest_open = if self.current.open { self.current.frame.frame_id } else { newest.frame_id };
+        let oldest_open = if self.current.open { self.current.frame.frame_id } else { newest };
         let distance = self.distance(oldest_open, place.frame_id);
-        if distance == 0 && self.current.open || (1..=NEAR_FRAMES).contains(&distance) {
-            return None;
+        let closed = distance < 0 || distance == 0 && !self.current.open;
+        match (closed, self.clock_fits(metadata, &last, place)) {
+            (true, _) if distance >= -LATE_FRAMES => Some(Stray::Late),
+            (true, _) => Some(Stray::Jump),
+            (false, true) => None,
+            (false, false) => Some(if distance <= 1 { Stray::Clock } else { Stray::Jump }),
         }
-        debug_assert!(metadata.packet_slots() > 0);
-        Some(if (-NEAR_FRAMES..=0).contains(&distance) { Stray::Late } else { Stray::Jump })
     }
 
     /// Frames from one counter value to another, the short way round.
@@ -202,95 +146,87 @@ impl Stream {
         if ahead > modulus / 2 { ahead - modulus } else { ahead }
     }
 
-    fn came_before(&self, place: &Place) -> bool {
-        self.closed.iter().any(|closed| {
-            closed.frame_id == Some(place.frame_id)
-                && closed.init_id == place.init_id
-                && has(&closed.came, place.slot)
-        })
+    /// Whether as much time passed between two packets as frame counter and columns say. In a window that goes
+    /// through column 0 the counter may step at either end of it.
+    fn clock_fits(&self, metadata: &Metadata, last: &Place, place: &Place) -> bool {
+        let slots = place.slot as f64 - last.slot as f64;
+        let turns = self.distance(last.frame_id, place.frame_id) as f64
+            + slots * metadata.columns_per_packet as f64 / metadata.columns_per_frame as f64;
+        let elapsed_ns = place.time_ns.wrapping_sub(last.time_ns) as i64;
+        let elapsed = elapsed_ns as f64 * 1e-9 * metadata.frame_rate_hz;
+        let tolerance = CLOCK_TOLERANCE.0 + CLOCK_TOLERANCE.1 * turns.abs();
+        let wraps = metadata.column_window[0] > metadata.column_window[1];
+        let off = (elapsed - turns).abs();
+        off <= tolerance || wraps && (off - 1.0).abs() <= tolerance
     }
 
     /// Takes a packet that continues the stream.
-    fn accept(
-        &mut self,
-        metadata: &Metadata,
-        place: &Place,
-        packet: &[u8],
-        stats: &mut DecodeStats,
-        out: Out<'_>,
-    ) {
+    fn accept(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
+        self.last = Some(*place);
         if !self.current.open {
-            self.open(metadata, place, false, stats);
+            self.open(line, place, false);
         } else if self.current.frame.frame_id != place.frame_id {
-            self.accept_early(metadata, place, packet, stats, out);
+            self.accept_early(line, place, packet);
             return;
         }
         if self.current.has(place.slot) {
-            stats.duplicated += 1;
+            line.stats.duplicated += 1;
             return;
         }
-        let behind = add(&mut self.current, &self.format, &self.kernels, metadata, place, packet);
-        stats.reordered += u64::from(behind || self.next.open);
+        let behind = add(&mut self.current, &self.format, &self.kernels, line.metadata, place, packet);
+        line.stats.reordered += u64::from(behind || self.next.open);
         if self.current.is_whole() {
-            self.close_current(metadata, End::Followed, stats, out);
+            self.close_current(line, End::Followed);
             self.promote();
         }
     }
 
     /// Takes a packet of a frame after the current one.
-    fn accept_early(
-        &mut self,
-        metadata: &Metadata,
-        place: &Place,
-        packet: &[u8],
-        stats: &mut DecodeStats,
-        out: Out<'_>,
-    ) {
+    fn accept_early(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
         if self.next.open && self.next.frame.frame_id != place.frame_id {
             let between = self.distance(self.next.frame.frame_id, place.frame_id) < 0;
-            self.close_current(metadata, End::Followed, stats, out);
+            self.close_current(line, End::Followed);
             if between {
                 // a frame that was counted as lost because a later one came first
                 self.current.start(place.frame_id, place.host_time_ns, false);
-                stats.lost_packets = stats.lost_packets.saturating_sub(metadata.packets_per_frame() as u64);
-                self.accept(metadata, place, packet, stats, out);
+                let expected = line.metadata.packets_per_frame() as u64;
+                line.stats.lost_packets = line.stats.lost_packets.saturating_sub(expected);
+                self.accept(line, place, packet);
                 return;
             }
             self.promote();
         }
         if !self.next.open {
-            self.open(metadata, place, true, stats);
+            self.open(line, place, true);
         }
         if self.next.has(place.slot) {
-            stats.duplicated += 1;
+            line.stats.duplicated += 1;
             return;
         }
-        let behind = add(&mut self.next, &self.format, &self.kernels, metadata, place, packet);
-        stats.reordered += u64::from(behind);
-        let patience = (metadata.packets_per_frame() / 4).clamp(2, MOST_EARLY_PACKETS);
+        let behind = add(&mut self.next, &self.format, &self.kernels, line.metadata, place, packet);
+        line.stats.reordered += u64::from(behind);
+        let patience = (line.metadata.packets_per_frame() / 4).clamp(2, MOST_EARLY_PACKETS);
         if self.next.is_whole() || self.next.frame.packets as usize >= patience {
-            self.close_current(metadata, End::Followed, stats, out);
+            self.close_current(line, End::Followed);
             self.promote();
             if self.current.is_whole() {
-                self.close_current(metadata, End::Followed, stats, out);
+                self.close_current(line, End::Followed);
             }
         }
     }
 
     /// Opens the current or the next frame and counts frames that never came at all.
-    fn open(&mut self, metadata: &Metadata, place: &Place, as_next: bool, stats: &mut DecodeStats) {
+    fn open(&mut self, line: &mut Line<'_>, place: &Place, as_next: bool) {
         if let Some(newest) = self.newest {
-            let skipped = (self.distance(newest.frame_id, place.frame_id) - 1).max(0) as u64;
-            stats.lost_packets += skipped * metadata.packets_per_frame() as u64;
+            let skipped = (self.distance(newest, place.frame_id) - 1).max(0) as u64;
+            line.stats.lost_packets += skipped * line.metadata.packets_per_frame() as u64;
         }
         let joined = self.newest.is_none();
-        self.newest = Some(Newest { frame_id: place.frame_id, time_ns: place.time_ns });
-        self.init_id.get_or_insert(place.init_id);
+        self.newest = Some(place.frame_id);
+        let rejected = if as_next { 0 } else { std::mem::take(&mut self.rejected) };
         let assembly = if as_next { &mut self.next } else { &mut self.current };
         assembly.start(place.frame_id, place.host_time_ns, joined);
-        if !as_next {
-            self.current.rejected = std::mem::take(&mut self.rejected);
-        }
+        assembly.note_rejected(rejected);
     }
 
     fn promote(&mut self) {
@@ -299,102 +235,103 @@ impl Stream {
         }
     }
 
-    fn close_current(&mut self, metadata: &Metadata, end: End, stats: &mut DecodeStats, out: Out<'_>) {
+    fn close_current(&mut self, line: &mut Line<'_>, end: End) {
         if !self.current.open {
             return;
         }
-        stats.lost_packets += self.current.close(metadata, end, |slot| slot_order(metadata, slot));
+        let (lost, unexplained) =
+            self.current.close(line.metadata, end, |slot| slot_order(line.metadata, slot));
+        if self.next.open {
+            self.next.note_rejected(unexplained);
+        } else {
+            self.rejected += unexplained;
+        }
         let closed = &mut self.closed[self.closed_count % REMEMBERED_FRAMES];
         self.closed_count += 1;
         closed.frame_id = Some(self.current.frame.frame_id);
-        closed.init_id = self.init_id.unwrap_or(0);
+        closed.init_id = self.last.map_or(0, |last| last.init_id);
         closed.came.copy_from_slice(&self.current.came);
-        stats.frames += 1;
-        stats.complete_frames += u64::from(self.current.frame.complete);
-        out(&self.current.frame);
+        closed.lost = lost;
+        line.stats.lost_packets += lost;
+        line.stats.frames += 1;
+        line.stats.complete_frames += u64::from(self.current.frame.complete);
+        (line.out)(&self.current.frame);
     }
 
-    /// The held packets were no accident: ends what is open and begins again with them.
-    fn restart(&mut self, metadata: &Metadata, why: Stray, stats: &mut DecodeStats, out: Out<'_>) {
-        let Some(first) = self.strays.places.first().copied() else { return };
-        let skipped = self.newest.and_then(|newest| self.frames_slept(metadata, newest, &first));
-        // a gap that the sensor's clock confirms was lost on the way; after any other jump nothing is known
-        let end = if skipped.is_some() { End::Followed } else { End::CutOff };
-        let current_end = if self.next.open { End::Followed } else { end };
-        self.close_current(metadata, current_end, stats, out);
+    /// Ends both frames; the stream is not known to go on.
+    fn close_all(&mut self, line: &mut Line<'_>) {
+        self.close_current(line, if self.next.open { End::Followed } else { End::CutOff });
         self.promote();
-        self.close_current(metadata, end, stats, out);
-        match skipped {
-            Some(skipped) => {
-                stats.lost_packets += skipped * metadata.packets_per_frame() as u64;
-                self.newest =
-                    Some(Newest { frame_id: first.frame_id.wrapping_sub(1), time_ns: first.time_ns });
-            }
-            None => {
-                stats.init_id_changes += 1;
-                self.newest = None;
-            }
+        self.close_current(line, End::CutOff);
+    }
+
+    fn begin_anew(&mut self) {
+        self.newest = None;
+        self.last = None;
+        self.rejected = 0;
+        for closed in &mut self.closed {
+            closed.frame_id = None;
         }
-        if why == Stray::Restart {
-            self.old_init_id = self.init_id;
+    }
+
+    /// The held packets were no accident: the stream goes on with them.
+    fn believe_strays(&mut self, line: &mut Line<'_>, why: Stray) {
+        if why == Stray::Clock {
+            self.last = None; // the sensor's clock was set; its frames go on
+        } else {
+            self.close_all(line);
+            self.old_init_id = self.last.map(|last| last.init_id);
+            line.stats.init_id_changes += 1; // where packets name none, the counter that started over tells
+            self.begin_anew();
         }
-        self.init_id = Some(first.init_id);
         let mut strays = std::mem::take(&mut self.strays);
-        let length = strays.bytes.len() / strays.places.len().max(1);
-        for (place, packet) in strays.places.iter().zip(strays.bytes.chunks_exact(length.max(1))) {
-            self.take(metadata, place, packet, stats, out);
+        for (place, packet) in strays.packets() {
+            self.take(line, place, packet);
         }
-        strays.clear();
-        if self.strays.why.is_none() {
+        if self.strays.why().is_none() {
+            strays.clear();
             self.strays = strays; // keeps the buffers
         }
     }
 
-    /// Whole frames that are missing before a packet, when the clock went on as far as the frame counter.
-    fn frames_slept(&self, metadata: &Metadata, newest: Newest, first: &Place) -> Option<u64> {
-        if self.init_id != Some(first.init_id) {
-            return None;
-        }
-        let counted = self.distance(newest.frame_id, first.frame_id);
-        let elapsed_ns = first.time_ns.checked_sub(newest.time_ns)?;
-        let elapsed = elapsed_ns as f64 * 1e-9 * metadata.frame_rate_hz;
-        let agree = counted > 0 && (elapsed - counted as f64).abs() <= 1.0 + 0.05 * counted as f64;
-        agree.then(|| counted as u64 - 1)
-    }
-
-    fn strays_are_old(&self) -> bool {
-        let old = self.old_init_id;
-        self.strays.places.first().is_some_and(|first| {
-            let behind =
-                self.newest.is_some_and(|newest| self.distance(newest.frame_id, first.frame_id) <= 0);
-            let same = self.init_id == Some(first.init_id);
-            old.is_some() && old == Some(first.init_id) || same && behind
-        })
-    }
-
-    /// The stream went on as before: the held packets were late, or damaged.
+    /// The stream went on as before: the held packets were late, or doubled, or damaged.
     fn forget_strays(&mut self, stats: &mut DecodeStats) {
-        if self.strays.why.is_none() {
-            return;
-        }
-        let count = self.strays.places.len() as u64;
-        if self.strays.why == Some(Stray::Late) || self.strays_are_old() {
-            stats.late += count;
-        } else {
-            stats.malformed += count;
-            for _ in 0..count {
-                self.note_rejected();
+        let Some(why) = self.strays.why() else { return };
+        let strays = std::mem::take(&mut self.strays);
+        for place in strays.places() {
+            let of_before = self.old_init_id == Some(place.init_id);
+            let behind = self.newest.is_some_and(|newest| self.distance(newest, place.frame_id) < 0);
+            match why {
+                Stray::Late => self.count_late(place, stats),
+                Stray::Restart if of_before => stats.late += 1,
+                Stray::Jump if behind => stats.late += 1,
+                Stray::Clock | Stray::Jump | Stray::Restart => {
+                    stats.malformed += 1;
+                    self.note_rejected();
+                }
             }
         }
+        self.strays = strays;
         self.strays.clear();
     }
-}
 
-impl Strays {
-    fn clear(&mut self) {
-        self.why = None;
-        self.places.clear();
-        self.bytes.clear();
+    /// A packet that came late is not lost; one that came before came twice.
+    fn count_late(&mut self, place: &Place, stats: &mut DecodeStats) {
+        let its_frame =
+            |closed: &&mut Closed| closed.frame_id == Some(place.frame_id) && closed.init_id == place.init_id;
+        let Some(closed) = self.closed.iter_mut().find(its_frame) else {
+            stats.late += 1;
+            return;
+        };
+        if has(&closed.came, place.slot) {
+            stats.duplicated += 1;
+            return;
+        }
+        closed.came[place.slot / 64] |= 1 << (place.slot % 64);
+        let found = closed.lost.min(1);
+        closed.lost -= found;
+        stats.late += 1;
+        stats.lost_packets = stats.lost_packets.saturating_sub(found);
     }
 }
 

@@ -34,15 +34,15 @@ fn decode(metadata: &Metadata, payloads: &[Vec<u8>]) -> (Vec<Frame>, crate::Deco
 }
 
 /// A frame whose every field is random within what the profile can say.
-fn random_frame(metadata: &Metadata, frame_id: u32, rng: &mut TestRng) -> Frame {
+fn random_frame(metadata: &Metadata, frame_id: u32, start_ns: u64, rng: &mut TestRng) -> Frame {
     let layout = metadata.profile.layout();
     let columns = metadata.columns_per_frame;
     let samples = columns * metadata.pixels_per_column;
     let expected = metadata.packets_per_frame() as u32;
     let mut frame = assembly::Assembly::new(metadata).frame;
-    let start_ns = u64::from(rng.next_u32()) << 16;
+    let step_ns = 1e9 / metadata.frame_rate_hz / columns as f64;
     frame.frame_id = frame_id;
-    frame.column_time_ns = (0..columns).map(|column| start_ns + 1 + 97_000 * column as u64).collect();
+    frame.column_time_ns = (0..columns).map(|column| start_ns + (column as f64 * step_ns) as u64).collect();
     frame.column_valid = (0..columns).map(|column| metadata.in_window(column)).collect();
     for column in 0..columns {
         if !metadata.expects_slot(column / metadata.columns_per_packet) {
@@ -147,11 +147,12 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn what_is_encoded_is_decoded(metadata in sensors(), seed in any::<[u8; 32]>(), first_id in any::<u16>()) {
+    fn what_is_encoded_is_decoded(metadata in sensors(), seed in any::<[u8; 32]>(), first_id in any::<u16>(), start_ns in 1..u64::MAX / 2) {
         let mut rng = TestRng::from_seed(proptest::test_runner::RngAlgorithm::ChaCha, &seed);
         let next_id = (u64::from(first_id) + 1) % metadata.header.frame_ids();
         let ids = [u32::from(first_id), next_id as u32];
-        let sent: Vec<_> = ids.iter().map(|id| random_frame(&metadata, *id, &mut rng)).collect();
+        let starts_ns = [start_ns, start_ns + 100_000_000];
+        let sent: Vec<_> = ids.iter().zip(starts_ns).map(|(id, start_ns)| random_frame(&metadata, *id, start_ns, &mut rng)).collect();
         let mut encoder = OusterEncoder::new(metadata.clone());
         let mut payloads = Vec::new();
         for frame in &sent {
@@ -169,7 +170,7 @@ proptest! {
         let mut encoder = OusterEncoder::new(metadata.clone());
         let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
         let mut payloads = Vec::new();
-        encoder.frame(&random_frame(&metadata, 1, &mut rng), &mut |payload| payloads.push(payload.to_vec()));
+        encoder.frame(&random_frame(&metadata, 1, 1, &mut rng), &mut |payload| payloads.push(payload.to_vec()));
         let mut decoder = OusterDecoder::new(metadata);
         for (index, mut payload) in payloads.into_iter().enumerate().take(40) {
             if index % 2 == 1 {
@@ -235,4 +236,37 @@ fn imu_and_zone_packets_come_back() {
     assert_eq!(reports, [report]);
     assert_eq!(frames, [(7, 0, false)]);
     assert_eq!(decoder.nmea(), Some((55, "$GPRMC,1*00")));
+}
+
+#[test]
+fn the_serial_number_settles_the_header() {
+    let wanted = Synthetic::new("os1-16", 0x12_3456_7890, Profile::Rng15Rfl8Nir8);
+    let said = Metadata::synthetic(&wanted).unwrap();
+    let spoken = Metadata::synthetic(&Synthetic { header: HeaderKind::Fusa, ..wanted }).unwrap();
+    let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
+    let frame = random_frame(&spoken, 70_000, 1, &mut rng);
+    let mut payloads = Vec::new();
+    OusterEncoder::new(spoken).frame(&frame, &mut |payload| payloads.push(payload.to_vec()));
+    assert_eq!(OusterDecoder::new(said.clone()).claim(&packet(&payloads[0])), Claim::Certain);
+    let (frames, _) = decode(&said, &payloads);
+    assert!(frames == [frame]);
+}
+
+#[test]
+fn a_damaged_packet_is_still_claimed_by_its_serial_number() {
+    let metadata = Metadata::synthetic(&Synthetic::new("os1-16", 77, Profile::Rng15Rfl8Nir8)).unwrap();
+    let other = Metadata::synthetic(&Synthetic::new("os1-16", 78, Profile::Rng15Rfl8Nir8)).unwrap();
+    let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
+    let mut payloads = Vec::new();
+    let frame = random_frame(&metadata, 1, 1, &mut rng);
+    OusterEncoder::new(metadata.clone()).frame(&frame, &mut |payload| payloads.push(payload.to_vec()));
+    let mut decoder = OusterDecoder::new(metadata);
+    let cut = packet(&payloads[0][..500]);
+    assert_eq!((decoder.claim(&cut), OusterDecoder::new(other).claim(&cut)), (Claim::Certain, Claim::No));
+    let refused = decoder.push(&cut, &mut |_| {}).unwrap_err();
+    assert!(matches!(refused, crate::Rejected::Malformed { .. }), "{refused}");
+    payloads[1][100] ^= 1;
+    assert_eq!(decoder.claim(&packet(&payloads[1])), Claim::Certain);
+    let refused = decoder.push(&packet(&payloads[1]), &mut |_| {}).unwrap_err();
+    assert!(matches!(refused, crate::Rejected::Checksum { .. }), "{refused}");
 }

@@ -74,6 +74,18 @@ pub(super) fn unclaimed(
         }
         return decoder_says.map_or_else(|| guess.to_string(), |says| format!("{guess}: {says}"));
     }
+    let sends_elsewhere =
+        |sensor: &&Sensor| !sensor.sources.is_empty() && !sensor.sources.contains(&packet.source.ip());
+    if let [sensor] = &sensors.iter().filter(sends_elsewhere).collect::<Vec<_>>()[..]
+        && ousters.len() == 1
+    {
+        return format!(
+            "{guess} from {}; the sensor of {} sends from {}: add the metadata of the other",
+            packet.source.ip(),
+            sensor.metadata_name.as_deref().unwrap_or("the metadata"),
+            sensor.sources[0],
+        );
+    }
     match (guess, &ousters[..]) {
         (Guess::OusterLidar { .. }, [(metadata, name)]) if metadata.profile != Profile::Legacy => {
             format!(

@@ -12,6 +12,8 @@ const COLUMNS: [usize; 5] = [16, 8, 4, 2, 1];
 const MOST_COLUMNS: u16 = 4096;
 /// Most samples an ACCEL32_GYRO32_NMEA packet is tried with.
 const MOST_IMU_SAMPLES: usize = 128;
+/// Of several formats that a packet can have, so many are named.
+const SHOWN_FORMATS: usize = 2;
 /// The four flags of Velodyne blocks begin with this byte.
 const VELODYNE_FLAG: u8 = 0xFF;
 
@@ -101,11 +103,15 @@ impl std::fmt::Display for Guess {
     fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::OusterLidar { formats, .. } => {
-                let names: Vec<String> = formats
-                    .iter()
-                    .map(|format| format!("{} x {} pixels", format.profile.name(), format.pixels_per_column))
-                    .collect();
-                write!(out, "Ouster lidar packet ({})", names.join(" or "))
+                let name = |format: &PacketFormat| {
+                    format!("{} x {} pixels", format.profile.name(), format.pixels_per_column)
+                };
+                let shown: Vec<String> = formats.iter().take(SHOWN_FORMATS).map(name).collect();
+                write!(out, "Ouster lidar packet ({}", shown.join(" or "))?;
+                match formats.len().saturating_sub(SHOWN_FORMATS) {
+                    0 => out.write_str(")"),
+                    more => write!(out, " or {more} more of that size)"),
+                }
             }
             Self::OusterImu { header: None } => out.write_str("Ouster IMU packet (LEGACY)"),
             Self::OusterImu { header: Some(_) } => out.write_str("Ouster IMU packet (ACCEL32_GYRO32_NMEA)"),
@@ -155,6 +161,7 @@ fn of_size(payload: &[u8], profiles: impl Iterator<Item = Profile>) -> Vec<Packe
             }
         }
     }
+    formats.sort_by_key(|format| std::cmp::Reverse(format.pixels_per_column)); // the more the likelier
     // packets of less than 16 columns are rare: believe in them only when nothing else fits
     let most = formats.iter().map(|format| format.columns_per_packet).max().unwrap_or(0);
     formats.retain(|format| format.columns_per_packet == most);

@@ -43,6 +43,10 @@ pub struct Unclaimed {
     pub reason: String,
     /// Someone's sensor data, as far as can be told: the loss matters.
     pub is_sensor_data: bool,
+    /// Metadata of its sensor would help.
+    pub needs_metadata: bool,
+    /// Serial number in the first of them.
+    pub serial: Option<u64>,
 }
 
 /// What became of a packet.
@@ -86,21 +90,23 @@ impl Router {
         self.unclaimed.values()
     }
 
-    /// Looks at a packet before decoding begins, to learn where sensors send from. Needed only where several sensors
-    /// share a format without serial numbers.
-    pub fn learn(&mut self, packet: &Packet<'_>) {
-        let (best, count) = self.best_claim(packet);
-        if let (Some((at, claim)), 1) = (best, count)
-            && claim > Claim::No
+    /// Looks at a packet before decoding begins, to learn where sensors send from: packets without a serial number
+    /// are told apart by that. True when there is nothing left to learn.
+    pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
+        if let (Some((at, claim)), 1) = self.best_claim(packet)
+            && is_evidence(claim, packet)
         {
             self.sensors[at].note_source(packet);
         }
+        self.sensors
+            .iter()
+            .all(|sensor| sensor.source_is_known || !matches!(sensor.decoder, Family::Ouster(_)))
     }
 
     /// Hands a packet to its sensor, and what that completes to `out`.
     pub fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
-        let at = match self.find(packet) {
-            Ok(at) => at,
+        let (at, claim) = match self.find(packet) {
+            Ok(found) => found,
             Err(reason) => {
                 self.count_unclaimed(packet, reason);
                 return Routed::Unclaimed;
@@ -112,7 +118,9 @@ impl Router {
         match outcome {
             Ok(()) => {
                 let sensor = &mut self.sensors[at];
-                sensor.note_source(packet);
+                if claim.is_some_and(|claim| is_evidence(claim, packet)) {
+                    sensor.note_source(packet);
+                }
                 sensor.first_source.get_or_insert(packet.source);
                 Routed::Taken(at)
             }
@@ -143,21 +151,15 @@ impl Router {
     }
 
     /// The sensor to try; otherwise the reason, where it is known already.
-    fn find(&mut self, packet: &Packet<'_>) -> Result<usize, Option<String>> {
-        let (best, count) = self.best_claim(packet);
-        if let Some((at, _)) = best {
-            if count == 1 {
-                return Ok(at);
-            }
-            let known: Vec<usize> = self.sources_of(packet);
-            return match known[..] {
-                [at] => Ok(at),
-                _ => Err(Some(explain::ambiguous(count))),
-            };
+    fn find(&mut self, packet: &Packet<'_>) -> Result<(usize, Option<Claim>), Option<String>> {
+        match self.best_claim(packet) {
+            (Some((at, claim)), 1) => return Ok((at, Some(claim))),
+            (Some(_), count) => return Err(Some(explain::ambiguous(count))),
+            (None, _) => {}
         }
         match Guess::of(packet.payload) {
-            Guess::VelodyneData => self.velodyne(packet, true),
-            Guess::VelodynePosition => self.velodyne(packet, false),
+            Guess::VelodyneData => self.velodyne(packet, true).map(|at| (at, None)),
+            Guess::VelodynePosition => self.velodyne(packet, false).map(|at| (at, None)),
             // damaged, perhaps: the sender's decoder knows
             _ => self
                 .sensors
@@ -165,6 +167,7 @@ impl Router {
                 .position(|sensor| {
                     matches!(sensor.decoder, Family::Ouster(_)) && sensor.first_source == Some(packet.source)
                 })
+                .map(|at| (at, None))
                 .ok_or(None),
         }
     }
@@ -191,11 +194,6 @@ impl Router {
             }
         }
         (best, count)
-    }
-
-    fn sources_of(&self, packet: &Packet<'_>) -> Vec<usize> {
-        let from_here = |sensor: &Sensor| sensor.sources.contains(&packet.source.ip());
-        self.sensors.iter().enumerate().filter(|(_, sensor)| from_here(sensor)).map(|(at, _)| at).collect()
     }
 
     /// The Velodyne of this sender and port; position packets go by the sender alone.
@@ -241,9 +239,17 @@ impl Router {
             _ => explain::unclaimed(&self.sensors, packet, &guess, reason),
         };
         let is_sensor_data = guess != Guess::Unknown && guess != Guess::VelodyneBlocks;
+        let (needs_metadata, serial) = (guess.is_ouster(), guess.serial());
         let (port, length) = key;
-        self.unclaimed.insert(key, Unclaimed { port, length, packets: 1, reason, is_sensor_data });
+        let entry = Unclaimed { port, length, packets: 1, reason, is_sensor_data, needs_metadata, serial };
+        self.unclaimed.insert(key, entry);
     }
+}
+
+/// Whether a packet that one sensor alone claims shows where that sensor sends from. An IMU packet without a serial
+/// number does not: its length alone makes it fit.
+fn is_evidence(claim: Claim, packet: &Packet<'_>) -> bool {
+    claim == Claim::Certain || (claim > Claim::No && packet.payload.len() != crate::ouster::imu::LEGACY_BYTES)
 }
 
 impl Owned {

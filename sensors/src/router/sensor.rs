@@ -12,6 +12,7 @@ pub struct Sensor {
     pub metadata_name: Option<String>,
     pub(super) decoder: Family,
     pub(super) sources: Vec<IpAddr>,
+    pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
 }
@@ -26,7 +27,14 @@ pub enum Family {
 
 impl Sensor {
     pub(super) fn new(decoder: Family, metadata_name: Option<String>) -> Self {
-        Self { metadata_name, decoder, sources: Vec::new(), first_source: None, data_port: None }
+        Self {
+            metadata_name,
+            decoder,
+            sources: Vec::new(),
+            source_is_known: false,
+            first_source: None,
+            data_port: None,
+        }
     }
 
     /// Its decoder.
@@ -119,6 +127,7 @@ impl Sensor {
     }
 
     pub(super) fn note_source(&mut self, packet: &Packet<'_>) {
+        self.source_is_known = true;
         let address = packet.source.ip();
         // loopback says nothing: recordings that were sent again come from there, whatever the sensor
         if !address.is_loopback() && !self.sources.contains(&address) && self.sources.len() < 16 {

@@ -4,16 +4,21 @@ use std::net::IpAddr;
 
 use crate::decoder::{DecodeStats, Decoded, Decoder, Rejected};
 use crate::model::SensorModel;
+use crate::ouster::Claim;
 use crate::packet::Packet;
 use crate::{Frame, catalogue};
 
+use super::calibration::{StatusReader, UnitStatus};
 use super::clock::HourClock;
 use super::detect::{self, ENOUGH_PACKETS, Identity};
 use super::position::Position;
 use super::product::{Family, Product, ReturnMode};
-use super::stream::{Cut, Stream};
+use super::stream::{Cut, S1_PACKET_NS, Stream};
 use super::window::{Held, Place, Window};
-use super::wire::{AZIMUTH_COUNTS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
+use super::wire::{
+    AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DATA_PORT, DataPacket, POSITION_PACKET_BYTES,
+    POSITION_PORT,
+};
 
 /// How to decode.
 #[derive(Clone, Debug, Default)]
@@ -43,15 +48,21 @@ pub struct VelodyneDecoder {
     options: Options,
     stats: DecodeStats,
     source: Option<IpAddr>,
+    /// Port that its data packets go to.
+    data_port: Option<u16>,
     undecided: Vec<Undecided>,
     stream: Option<Stream>,
     model: Option<SensorModel>,
     mode: Option<ReturnMode>,
+    /// Byte 1205 of the packets before; it does not change.
+    model_byte: Option<u8>,
     clock: HourClock,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
     recent: std::collections::VecDeque<(u64, u16)>,
     position: Position,
+    status_reader: StatusReader,
+    status: Option<UnitStatus>,
 }
 
 #[derive(Debug)]
@@ -63,24 +74,26 @@ struct Undecided {
 /// Blocks that every packet uses; the rest may be filler.
 const LEAST_BLOCKS: usize = 8;
 const RECENT_PACKETS: usize = 256;
-/// Packet period of an HDL-64E S1, which has no clock: as seen by hosts.
-const S1_PERIOD_NS: u64 = 384_300;
 
 impl VelodyneDecoder {
     /// A decoder that has seen nothing yet.
     pub fn new(options: Options) -> Self {
         let mut decoder = Self {
             source: options.source,
+            data_port: None,
             options,
             stats: DecodeStats::default(),
             undecided: Vec::new(),
             stream: None,
             model: None,
             mode: None,
+            model_byte: None,
             clock: HourClock::default(),
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
             position: Position::default(),
+            status_reader: StatusReader::default(),
+            status: None,
         };
         if let Some(product) = decoder.options.product
             && product != Product::Vls128
@@ -96,7 +109,7 @@ impl VelodyneDecoder {
     }
 
     /// Beams of the sensor, once it is known: the model given in [`Options`], or the nominal one with fire offsets
-    /// that follow the measured cycle.
+    /// that follow the measured cycle, or, once an HDL-64E has sent it, the unit's own calibration.
     pub fn model(&self) -> Option<&SensorModel> {
         self.model.as_ref()
     }
@@ -106,40 +119,98 @@ impl VelodyneDecoder {
         self.mode
     }
 
+    /// What an HDL-64E S2 or S3 said of itself, its calibration included, once it has said all (about 1.2 s).
+    pub fn unit_status(&self) -> Option<&UnitStatus> {
+        self.status.as_ref()
+    }
+
     fn decide(&mut self, identity: Identity) {
         self.model = self.options.model.clone().or_else(|| nominal(&identity));
         self.stream = Some(Stream::new(identity, self.options.cut));
     }
 
-    fn check_source(&mut self, source: IpAddr) -> Result<(), Rejected> {
-        match self.source {
-            Some(known) if known != source => {
-                Err(foreign(format!("sent by {source}, this sensor's packets come from {known}")))
+    /// How surely a packet comes from this sensor: by its length, flags and model byte, and by where earlier ones came
+    /// from. Velodyne packets carry no serial number.
+    pub fn claim(&self, packet: &Packet<'_>) -> Claim {
+        let usual_port = match packet.payload.len() {
+            POSITION_PACKET_BYTES => POSITION_PORT,
+            DATA_PACKET_BYTES => DATA_PORT,
+            _ => return Claim::No,
+        };
+        if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
+            let data = DataPacket::of(payload);
+            let refused = match &self.stream {
+                Some(stream) => check(data, stream, self.model_byte).is_err(),
+                None => check_unknown(data).is_err(),
+            };
+            if refused {
+                return Claim::No;
             }
-            _ => {
-                self.source = Some(source);
-                Ok(())
+        }
+        if self.check_source(packet).is_err() {
+            return Claim::No;
+        }
+        let port = packet.destination.port();
+        match (self.source, self.data_port) {
+            (Some(source), _) if !source.is_loopback() => Claim::Familiar,
+            (Some(_), Some(data_port)) if data_port == port => Claim::Familiar,
+            _ if port == usual_port => Claim::Likely,
+            _ => Claim::Possible,
+        }
+    }
+
+    /// Whether a packet may come from where this sensor's packets come from. Behind one loopback address there can be
+    /// several sensors: there the port of data packets counts as well.
+    fn check_source(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
+        let from = packet.source.ip();
+        let port = packet.destination.port();
+        match (self.source, self.data_port) {
+            (Some(known), _) if known != from => {
+                Err(foreign(format!("sent by {from}, this sensor's packets come from {known}")))
             }
+            (Some(_), Some(known)) if from.is_loopback() && known != port && is_data(packet) => {
+                Err(foreign(format!("sent to port {port}, this sensor's data packets go to {known}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn remember_source(&mut self, packet: &Packet<'_>) {
+        self.source = Some(packet.source.ip());
+        if is_data(packet) {
+            self.data_port = Some(packet.destination.port());
         }
     }
 
     fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
             match self.stream {
-                Some(_) => self.accept(payload, packet.host_time_ns, out),
-                None => self.keep_undecided(payload, packet.host_time_ns, out),
+                Some(_) => self.accept(payload, packet.host_time_ns, out)?,
+                None => self.keep_undecided(payload, packet.host_time_ns, out)?,
             }
+            self.remember_source(packet);
+            Ok(())
         } else if let Ok(payload) = <&[u8; POSITION_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
+            self.remember_source(packet);
             self.position = Position::parse(payload, packet.host_time_ns);
             out(Decoded::Position(&self.position));
             Ok(())
         } else {
+            self.check_source(packet)?;
             let length = packet.payload.len();
-            Err(foreign(format!(
-                "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
-            )))
+            let begins_with_flag = packet
+                .payload
+                .first_chunk()
+                .is_some_and(|flag| BANK_FLAGS.contains(&u16::from_le_bytes(*flag)));
+            Err(if length < DATA_PACKET_BYTES && begins_with_flag {
+                malformed(format!("a data packet cut off after {length} bytes, expected {DATA_PACKET_BYTES}"))
+            } else {
+                foreign(format!(
+                    "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
+                ))
+            })
         }
     }
 
@@ -149,16 +220,7 @@ impl VelodyneDecoder {
         host_ns: u64,
         out: &mut dyn FnMut(Decoded<'_>),
     ) -> Result<(), Rejected> {
-        let data = DataPacket::of(payload);
-        let known = match detect::family(data) {
-            None => return Err(malformed("block flags of no known bank".to_owned())),
-            Some(Family::ThirtyTwo) => detect::claimed_product(data.model_byte()).is_some(),
-            Some(_) => true,
-        };
-        if !known {
-            return Err(foreign(format!("model byte {:#04x} is of no known product", data.model_byte())));
-        }
-        check_azimuths(data, LEAST_BLOCKS)?;
+        check_unknown(DataPacket::of(payload))?;
         self.undecided.push(Undecided { host_ns, payload: Box::new(*payload) });
         self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS, out);
         Ok(())
@@ -189,11 +251,15 @@ impl VelodyneDecoder {
     ) -> Result<(), Rejected> {
         let Some(stream) = &mut self.stream else { return Ok(()) };
         let data = DataPacket::of(payload);
-        check(data, stream)?;
+        check(data, stream, self.model_byte)?;
+        self.model_byte = Some(data.model_byte());
         self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
         let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
-            let after_last = self.recent.back().map_or(0, |(time_ns, _)| time_ns + S1_PERIOD_NS);
-            (if host_ns > 0 { host_ns } else { after_last + self.window.len() as u64 * S1_PERIOD_NS }, false)
+            if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
+                self.stats.duplicated += 1;
+                return Ok(());
+            }
+            (self.host_time_ns(host_ns), false)
         } else {
             let resolved = self.clock.resolve(data.stamp_us(), host_ns);
             (resolved.time_ns, resolved.restarted)
@@ -225,12 +291,31 @@ impl VelodyneDecoder {
         Ok(())
     }
 
+    /// Time of a packet without a stamp: its arrival, or one period after the packet before.
+    fn host_time_ns(&self, host_ns: u64) -> u64 {
+        let newest_ns = self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|(ns, _)| *ns));
+        match (host_ns, newest_ns) {
+            (0, None) => 0,
+            (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
+            (host_ns, newest_ns) => host_ns.max(newest_ns.map_or(0, |newest_ns| newest_ns + 1)),
+        }
+    }
+
     fn take_next(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
         let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
         }
         self.recent.push_back((held.time_ns, DataPacket::of(&held.payload).azimuth(0)));
+        if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
+            let packet = DataPacket::of(&held.payload);
+            if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
+                if self.options.model.is_none() && status.calibrated.is_some() {
+                    self.model = status.calibration.model(stream.product()).ok().or(self.model.take());
+                }
+                self.status = Some(status);
+            }
+        }
         let mut give = |frame: &Frame| out(Decoded::Frame(frame));
         stream.take(&held, self.window.front(), &mut self.stats, &mut give);
         self.window.recycle(held);
@@ -296,27 +381,50 @@ impl Decoder for VelodyneDecoder {
     }
 }
 
+fn is_data(packet: &Packet<'_>) -> bool {
+    packet.payload.len() == DATA_PACKET_BYTES
+}
+
+/// Whether a packet can be one of any product.
+fn check_unknown(data: DataPacket<'_>) -> Result<(), Rejected> {
+    match detect::family(data) {
+        None => return Err(malformed("block flags of no known bank".to_owned())),
+        Some(Family::ThirtyTwo) if detect::claimed_product(data.model_byte()).is_none() => {
+            let byte = data.model_byte();
+            return Err(foreign(format!("model byte {byte:#04x} is of no known product")));
+        }
+        Some(_) => {}
+    }
+    check_azimuths(data, LEAST_BLOCKS)
+}
+
 /// Whether a packet can be one of a stream.
-fn check(data: DataPacket<'_>, stream: &Stream) -> Result<(), Rejected> {
+fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8>) -> Result<(), Rejected> {
     let product = stream.product();
     let layout = stream.layout(data);
     for (block, bank) in layout.banks.iter().enumerate() {
         if data.bank(block) != Some(usize::from(*bank)) {
-            let expected = super::wire::BANK_FLAGS[usize::from(*bank)];
+            let expected = BANK_FLAGS[usize::from(*bank)];
             return Err(malformed(format!(
                 "block {block} of a {product} begins with {:#06x}, expected {expected:#06x}",
                 data.flag(block)
             )));
         }
     }
-    check_azimuths(data, layout.blocks)?;
+    if product == Product::Hdl64eS1
+        && let Some(block) = (0..BLOCKS).find(|block| data.bank(*block).is_none_or(|bank| bank > 1))
+    {
+        let flag = data.flag(block);
+        return Err(malformed(format!("block {block} begins with {flag:#06x}, expected 0xeeff or 0xddff")));
+    }
+    let blocks = if product == Product::Hdl64eS1 { BLOCKS } else { layout.blocks };
+    check_azimuths(data, blocks)?;
     if product.model_byte().is_some() {
-        let claimed = detect::claimed_product(data.model_byte());
-        let same_kind = claimed.is_some_and(|(claimed, _)| claimed.lasers() == product.lasers());
-        // a VLP-16 may say it is an HDL-32E
-        let old_vlp_16 = data.model_byte() == 0x21 && product == Product::Vlp16;
-        if !same_kind && !old_vlp_16 {
-            return Err(foreign(format!("model byte {:#04x} is not that of a {product}", data.model_byte())));
+        if model_byte.is_some_and(|known| known != data.model_byte()) {
+            let found = data.model_byte();
+            return Err(foreign(format!(
+                "model byte {found:#04x}, earlier packets of this {product} had another"
+            )));
         }
         if detect::mode(data).is_none() && product != Product::Hdl32e {
             return Err(malformed(format!(

@@ -59,6 +59,11 @@ impl Window {
         self.held.front()
     }
 
+    /// The packet that came in last, in order of time.
+    pub fn back(&self) -> Option<&Held> {
+        self.held.back()
+    }
+
     /// Takes a buffer back for later packets.
     pub fn recycle(&mut self, held: Held) {
         self.spare.push(held.payload);

@@ -14,12 +14,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 
-use super::{Context, Outcome, interrupt, output};
+use super::{Context, Outcome, output, signals};
 use crate::compare::Verdict;
 use crate::coverage::VoxelGrid;
+use crate::files::write_json;
 use crate::receive::now_ns;
 use crate::record::Session;
-use crate::report::write_json;
 use crate::scene::{BoxScene, Scene};
 use crate::trajectory::Trajectory;
 
@@ -77,7 +77,7 @@ pub enum Fault {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     ensure!(args.speed.is_finite() && args.speed > 0.0, "--speed must be above 0, not {}", args.speed);
     ensure!(args.rate.is_finite() && args.rate > 0.0, "--rate must be above 0, not {}", args.rate);
-    let stop = interrupt::stop_flag()?;
+    let stop = signals::stop_flag()?;
     prepare_folder(&args.out)?;
     let mut progress = Progress::new();
 

@@ -54,7 +54,7 @@ impl FromStr for MockFault {
         let urad = |default_deg: f64| number(default_deg).map(|deg| (deg.to_radians() * 1e6) as i32);
         let fault = match name {
             "stuck" => AxisFault::Stuck,
-            "slow" => AxisFault::Slow(number(20.0)?.clamp(0.0, 100.0) as u8),
+            "slow" => AxisFault::Slow(number(10.0)?.clamp(0.0, 100.0) as u8),
             "backlash" => AxisFault::Backlash(urad(3.0)?),
             "jump" => AxisFault::EncoderJump(urad(10.0)?),
             "freeze" => AxisFault::EncoderFreeze,

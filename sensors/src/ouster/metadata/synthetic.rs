@@ -95,6 +95,10 @@ pub(super) fn metadata(wanted: &Synthetic<'_>) -> Result<Metadata, MetadataError
     if !(wanted.frame_rate_hz.is_finite() && wanted.frame_rate_hz > 0.0) {
         return Err(error("frame_rate_hz", "a positive rate", wanted.frame_rate_hz.to_string()));
     }
+    if wanted.profile == Profile::Legacy && wanted.imu_profile == ImuProfile::Accel32Gyro32Nmea {
+        let expected = "LEGACY or OFF beside LEGACY lidar packets";
+        return Err(error("imu_profile", expected, wanted.imu_profile.name().to_owned()));
+    }
     let header = HeaderKind::of(wanted.profile).unwrap_or(wanted.header);
     let azimuths = model.beams().iter().map(|beam| beam.azimuth_offset_rad / std::f64::consts::TAU);
     let pixel_shift_by_row = azimuths.map(|turns| (turns * columns as f64).round() as i32).collect();
