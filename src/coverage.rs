@@ -170,6 +170,17 @@ impl Coverage {
         union
     }
 
+    /// Cells hit by any sensor, ascending.
+    pub fn union_cells(&self) -> Vec<usize> {
+        let mut all = Vec::new();
+        for cells in &self.sensors {
+            cells.for_each(&self.grid, |cell| all.push(cell));
+        }
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
     /// Number of cells hit by any sensor.
     pub fn union_count(&self) -> u64 {
         self.counts().union
@@ -263,13 +274,23 @@ impl Cells {
     fn mark_on(&self, grid: &VoxelGrid, bitmap: &mut [u64]) {
         match self {
             Self::Whole(own) => bitmap.iter_mut().zip(own).for_each(|(word, own)| *word |= own),
+            Self::Bricks { .. } => self.for_each(grid, |cell| bitmap[cell / 64] |= 1 << (cell % 64)),
+        }
+    }
+
+    fn for_each(&self, grid: &VoxelGrid, mut take: impl FnMut(usize)) {
+        match self {
+            Self::Whole(bitmap) => {
+                for (at, word) in bitmap.iter().enumerate().filter(|(_, word)| **word != 0) {
+                    (0..64).filter(|bit| word >> bit & 1 == 1).for_each(|bit| take(at * 64 + bit));
+                }
+            }
             Self::Bricks { index, words } => {
                 for (brick, words) in index.bricks().iter().zip(words) {
                     let [i, j, k] = brick.map(|at| at as usize * 8);
                     for inside in (0..512).filter(|inside| words[inside / 64] >> (inside % 64) & 1 == 1) {
                         let (i, j, k) = (i + inside % 8, j + inside / 8 % 8, k + inside / 64);
-                        let cell = i + grid.cells[0] * (j + grid.cells[1] * k);
-                        bitmap[cell / 64] |= 1 << (cell % 64);
+                        take(i + grid.cells[0] * (j + grid.cells[1] * k));
                     }
                 }
             }
@@ -360,6 +381,8 @@ mod tests {
         assert_eq!(whole, bricks);
         assert_eq!(whole.counts(), bricks.counts());
         assert_eq!(whole.union_sha256(), bricks.union_sha256());
+        assert_eq!(whole.union_cells(), bricks.union_cells());
+        assert_eq!(whole.union_cells().len() as u64, whole.union_count());
         for cell in 0..grid().len() {
             assert_eq!(whole.contains(1, cell), bricks.contains(1, cell));
         }

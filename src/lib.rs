@@ -17,6 +17,7 @@ pub mod coverage;
 pub mod surface;
 pub mod simulate;
 pub mod objective;
+pub mod registration;
 pub mod optimize;
 pub mod compare;
 pub mod servo;
