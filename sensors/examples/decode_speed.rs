@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let repeats: usize = arguments.next().map_or(Ok(200), |text| text.parse())?;
     let metadata = Metadata::parse(&std::fs::read_to_string(&metadata)?, &metadata)?;
-    let bytes = std::fs::read(&capture)?;
+    let bytes: std::sync::Arc<[u8]> = std::fs::read(&capture)?.into();
 
     let mut packets = Vec::new();
     let mut reader = CaptureReader::open(Path::new(&capture))?;
@@ -41,8 +41,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let mut decoder = OusterDecoder::new(metadata.clone());
     report("capture bytes to frames", pixels, repeats, || {
-        let copy = std::io::Cursor::new(bytes.clone());
-        let mut reader = CaptureReader::new(copy, "memory").map_err(|error| error.to_string())?;
+        let read = std::io::Cursor::new(bytes.clone());
+        let mut reader = CaptureReader::new(read, "memory").map_err(|error| error.to_string())?;
         while let Some(packet) = reader.next().map_err(|error| error.to_string())? {
             decoder.push(&packet, &mut consume).map_err(|error| error.to_string())?;
         }
@@ -65,6 +65,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             projector.points_f32(frame, &frame.first, &mut points);
             std::hint::black_box(&points);
         }
+        Ok(())
+    })?;
+    report("capture bytes to points, f32", pixels, repeats, || {
+        let mut reader = CaptureReader::new(std::io::Cursor::new(bytes.clone()), "memory")
+            .map_err(|error| error.to_string())?;
+        let mut project = |decoded: Decoded<'_>| {
+            if let Decoded::Frame(frame) = decoded {
+                projector.points_f32(frame, &frame.first, &mut points);
+                std::hint::black_box(&points);
+            }
+        };
+        while let Some(packet) = reader.next().map_err(|error| error.to_string())? {
+            decoder.push(&packet, &mut project).map_err(|error| error.to_string())?;
+        }
+        decoder.finish(&mut project);
         Ok(())
     })?;
     let mut points = Vec::new();

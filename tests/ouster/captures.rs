@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use sensors::{Frame, Layer, SensorModel, projection};
+use sensors::projection::{self, Projector};
+use sensors::{Frame, Layer, SensorModel};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
@@ -105,6 +106,10 @@ fn matches_layer(
     assert_eq!(range_sum_mm, expected[format!("range_sum_mm{suffix}")], "{name}: range_sum_mm{suffix}");
     let mut points_m = Vec::new();
     projection::points_f64(model, frame, layer, &mut points_m);
+    let mut fast_m = Vec::new();
+    Projector::new(model).points_f64(frame, layer, &mut fast_m);
+    let farthest = points_m.iter().zip(&fast_m).map(|(exact, fast)| (*exact - DVec3::from(*fast)).length());
+    assert!(farthest.fold(0.0, f64::max) < POINT_TOLERANCE_M, "{name}: the fast way{suffix}");
     let sum: DVec3 = points_m.iter().sum();
     let off = (sum - vector(&expected[format!("xyz_sum_m{suffix}")])).length();
     assert!(off < POINT_TOLERANCE_M * layer.points() as f64, "{name}: xyz_sum_m{suffix}: {off} m off");

@@ -15,7 +15,6 @@ use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
 /// Decodes the packets of one sensor. Memory is bounded and reused: two frames and a few held packets.
 pub struct OusterDecoder {
     metadata: Metadata,
-    header: HeaderKind,
     lidar_bytes: usize,
     imu_bytes: usize,
     stream: Stream,
@@ -42,7 +41,6 @@ impl OusterDecoder {
             ImuProfile::Off => 0,
         };
         Self {
-            header: metadata.header,
             lidar_bytes: metadata.packet_format().packet_bytes(),
             imu_bytes,
             stream: Stream::new(&metadata),
@@ -54,7 +52,7 @@ impl OusterDecoder {
         }
     }
 
-    /// The sensor's metadata.
+    /// The sensor's metadata; its header layout is that of the packets.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -64,16 +62,24 @@ impl OusterDecoder {
         self.nmea.as_ref().map(|(time_ns, text)| (*time_ns, text.as_str()))
     }
 
-    /// How surely a packet comes from this sensor. Packets without a serial number (LEGACY, IMU of 48 bytes) are
-    /// told apart by size, port and where earlier ones came from.
+    /// How surely a packet comes from this sensor; does not look at checksums. Packets without a serial number
+    /// (LEGACY, IMU of 48 bytes) are told apart by size, port and where earlier ones came from.
     pub fn claim(&self, packet: &Packet<'_>) -> Claim {
-        match self.identify(packet) {
-            Err(_) => Claim::No,
-            Ok(Kind::LegacyImu) => self.claim_anonymous(packet, self.metadata.imu_port),
-            Ok(_) if self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some() => {
-                Claim::Certain
+        let bytes = packet.payload;
+        if self.metadata.imu_profile == ImuProfile::Legacy && bytes.len() == imu::LEGACY_BYTES {
+            return self.claim_anonymous(packet, self.metadata.imu_port);
+        }
+        if self.metadata.profile == Profile::Legacy {
+            let fits = bytes.len() == self.lidar_bytes && self.locate(bytes).is_ok();
+            return if fits { self.claim_anonymous(packet, self.metadata.lidar_port) } else { Claim::No };
+        }
+        let header = Header::read(self.header_kind(bytes), bytes);
+        match (header, self.metadata.serial_number()) {
+            (Some(header), Some(serial)) if header.serial == serial => Claim::Certain,
+            (Some(header), None) if bytes.len() == self.expected_bytes(header.kind) => {
+                self.claim_anonymous(packet, self.metadata.lidar_port)
             }
-            Ok(_) => self.claim_anonymous(packet, self.metadata.lidar_port),
+            _ => Claim::No,
         }
     }
 
@@ -97,7 +103,7 @@ impl OusterDecoder {
         if self.metadata.profile == Profile::Legacy {
             return self.identify_legacy(packet);
         }
-        let Some(header) = Header::read(self.header, bytes) else {
+        let Some(header) = Header::read(self.metadata.header, bytes) else {
             self.refuse_damaged(packet)?;
             let reason = format!("{} bytes without a known packet type", bytes.len());
             return Err(Rejected::Foreign { reason });
@@ -109,11 +115,7 @@ impl OusterDecoder {
             let reason = format!("serial number {}, expected {serial}", header.serial);
             return Err(Rejected::Foreign { reason });
         }
-        let expected = match header.kind {
-            PacketKind::Lidar => self.lidar_bytes,
-            PacketKind::Imu => self.imu_bytes,
-            PacketKind::Zone => zones::PACKET_BYTES,
-        };
+        let expected = self.expected_bytes(header.kind);
         if bytes.len() != expected {
             self.refuse_damaged(packet)?;
             let reason = format!("{:?} packet of {} bytes, expected {expected}", header.kind, bytes.len());
@@ -198,20 +200,24 @@ impl OusterDecoder {
         self.source == Some(packet.source)
     }
 
-    /// Firmware from 4.0 on may write the functional-safety header where metadata says STANDARD: the serial number
-    /// tells.
-    fn settle_header(&mut self, bytes: &[u8]) {
-        let (Some(serial), true) = (self.metadata.serial_number(), self.metadata.profile.has_packet_header())
-        else {
-            return;
-        };
+    /// The header layout of a packet. Firmware from 4.0 on may write the functional-safety header where metadata says
+    /// STANDARD: the serial number tells.
+    fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
+        let Some(serial) = self.metadata.serial_number() else { return self.metadata.header };
         let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);
-        if !fits(self.header) {
-            for kind in [HeaderKind::Standard, HeaderKind::Fusa] {
-                if fits(kind) {
-                    self.header = kind;
-                }
-            }
+        let others = [HeaderKind::Standard, HeaderKind::Fusa];
+        if fits(self.metadata.header) {
+            self.metadata.header
+        } else {
+            others.into_iter().find(|kind| fits(*kind)).unwrap_or(self.metadata.header)
+        }
+    }
+
+    fn expected_bytes(&self, kind: PacketKind) -> usize {
+        match kind {
+            PacketKind::Lidar => self.lidar_bytes,
+            PacketKind::Imu => self.imu_bytes,
+            PacketKind::Zone => zones::PACKET_BYTES,
         }
     }
 
@@ -230,8 +236,12 @@ impl OusterDecoder {
 
 impl Decoder for OusterDecoder {
     fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
-        if self.source.is_none() {
-            self.settle_header(packet.payload);
+        if self.source.is_none() && self.metadata.profile.has_packet_header() {
+            let header = self.header_kind(packet.payload);
+            if header != self.metadata.header {
+                self.metadata.header = header;
+                self.stream = Stream::new(&self.metadata);
+            }
         }
         let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
         self.stats.packets += 1;

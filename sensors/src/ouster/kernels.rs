@@ -1,6 +1,8 @@
 //! Pixel blocks to arrays and back: one pair of functions per profile, made by the compiler from the profile's
 //! table, so that every shift and mask is a constant in the inner loop.
 
+#![allow(unsafe_code)] // calls the AVX2 build of the inner loops once the CPU was asked for it
+
 use super::profile::{Bits, LAYOUTS, Layout, Profile, ReturnLayout};
 use crate::Layer;
 
@@ -58,8 +60,35 @@ fn unpack<const P: usize, const BYTES: usize>(
     first: &mut Layer,
     second: Option<&mut Layer>,
 ) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2<const P: usize, const BYTES: usize>(
+            blocks: &[u8],
+            at: usize,
+            first: &mut Layer,
+            second: Option<&mut Layer>,
+        ) {
+            unpack_here::<P, BYTES>(blocks, at, first, second);
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the CPU has the feature the function is compiled for.
+            unsafe { with_avx2::<P, BYTES>(blocks, at, first, second) };
+            return;
+        }
+    }
+    unpack_here::<P, BYTES>(blocks, at, first, second);
+}
+
+#[inline(always)]
+fn unpack_here<const P: usize, const BYTES: usize>(
+    blocks: &[u8],
+    at: usize,
+    first: &mut Layer,
+    second: Option<&mut Layer>,
+) {
     let (blocks, _) = blocks.as_chunks::<BYTES>();
-    unpack_return(blocks, at, first, const { &Table::<P, BYTES>::FIRST });
+    unpack_return(blocks, at, first, Table::<P, BYTES>::FIRST);
     if const { Table::<P, BYTES>::LAYOUT.raw_words } {
         for (block, words) in blocks.iter().zip(&mut first.raw_words[at..]) {
             let (quads, _) = block.as_chunks::<4>();
@@ -71,7 +100,7 @@ fn unpack<const P: usize, const BYTES: usize>(
     if const { Table::<P, BYTES>::LAYOUT.is_dual() }
         && let Some(second) = second
     {
-        unpack_return(blocks, at, second, const { &Table::<P, BYTES>::SECOND });
+        unpack_return(blocks, at, second, Table::<P, BYTES>::SECOND);
     }
 }
 
@@ -80,39 +109,35 @@ fn unpack_return<const BYTES: usize>(
     blocks: &[[u8; BYTES]],
     at: usize,
     out: &mut Layer,
-    layout: &ReturnLayout,
+    layout: ReturnLayout,
 ) {
-    let to = at + blocks.len();
-    if layout.range.is_there() {
-        for (block, out) in blocks.iter().zip(&mut out.range_mm[at..to]) {
-            *out = get(block, layout.range);
-        }
-    }
-    for (field, array) in [
-        (layout.flags, &mut out.flags),
-        (layout.reflectivity, &mut out.reflectivity),
-        (layout.window, &mut out.window),
-    ] {
-        if field.is_there() {
-            for (block, out) in blocks.iter().zip(&mut array[at..to]) {
-                *out = get(block, field) as u8;
-            }
-        }
-    }
-    for (field, array) in [
-        (layout.signal, &mut out.signal),
-        (layout.near_ir, &mut out.near_ir),
-        (layout.zone_mask, &mut out.zone_mask),
-    ] {
-        if field.is_there() {
-            for (block, out) in blocks.iter().zip(&mut array[at..to]) {
-                *out = get(block, field) as u16;
-            }
-        }
-    }
+    unpack_field(blocks, layout.range, at, &mut out.range_mm, |value| value);
+    unpack_field(blocks, layout.flags, at, &mut out.flags, |value| value as u8);
+    unpack_field(blocks, layout.reflectivity, at, &mut out.reflectivity, |value| value as u8);
+    unpack_field(blocks, layout.window, at, &mut out.window, |value| value as u8);
+    unpack_field(blocks, layout.signal, at, &mut out.signal, |value| value as u16);
+    unpack_field(blocks, layout.near_ir, at, &mut out.near_ir, |value| value as u16);
+    unpack_field(blocks, layout.zone_mask, at, &mut out.zone_mask, |value| value as u16);
     if layout.rgb[0].is_there() {
-        for (block, out) in blocks.iter().zip(&mut out.rgb[at..to]) {
+        for (block, out) in blocks.iter().zip(&mut out.rgb[at..]) {
             *out = layout.rgb.map(|field| get(block, field) as u16);
+        }
+    }
+}
+
+/// One field of all blocks: a loop of its own, so that it becomes vector code.
+#[inline(always)]
+fn unpack_field<T, const BYTES: usize>(
+    blocks: &[[u8; BYTES]],
+    field: Bits,
+    at: usize,
+    out: &mut [T],
+    narrow: impl Fn(u32) -> T,
+) {
+    if field.is_there() {
+        let out = &mut out[at..at + blocks.len()];
+        for (block, out) in blocks.iter().zip(out) {
+            *out = narrow(get(block, field));
         }
     }
 }
@@ -134,11 +159,11 @@ fn pack<const P: usize, const BYTES: usize>(
         }
         return; // the words hold every other field too
     }
-    pack_return(blocks, at, first, const { &Table::<P, BYTES>::FIRST });
+    pack_return(blocks, at, first, Table::<P, BYTES>::FIRST);
     if const { Table::<P, BYTES>::LAYOUT.is_dual() }
         && let Some(second) = second
     {
-        pack_return(blocks, at, second, const { &Table::<P, BYTES>::SECOND });
+        pack_return(blocks, at, second, Table::<P, BYTES>::SECOND);
     }
 }
 
@@ -147,7 +172,7 @@ fn pack_return<const BYTES: usize>(
     blocks: &mut [[u8; BYTES]],
     at: usize,
     from: &Layer,
-    layout: &ReturnLayout,
+    layout: ReturnLayout,
 ) {
     for (offset, block) in blocks.iter_mut().enumerate() {
         let sample = at + offset;
@@ -191,5 +216,39 @@ fn put<const BYTES: usize>(block: &mut [u8; BYTES], field: Bits, value: Option<i
     let bytes = (at % 8 + field.width as usize).div_ceil(8);
     for (byte, part) in block[at / 8..at / 8 + bytes].iter_mut().zip(spread.to_le_bytes()) {
         *byte |= part;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ouster::{Metadata, Synthetic, assembly::Assembly};
+
+    #[test]
+    fn both_builds_of_the_inner_loops_agree() {
+        fn check<const P: usize, const BYTES: usize>(profile: Profile) {
+            let metadata = Metadata::synthetic(&Synthetic::new("os1-64", 1, profile)).unwrap();
+            let blocks: Vec<u8> =
+                (0..64 * BYTES as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
+            let [plain, detected] =
+                [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
+                    let mut frame = Assembly::new(&metadata).frame;
+                    unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
+                    frame
+                });
+            assert!(plain == detected, "{profile:?}");
+            assert!(plain.first.range_mm[128..192].iter().any(|range| *range > 0));
+            assert!(
+                plain.first.range_mm[..128]
+                    .iter()
+                    .chain(&plain.first.range_mm[192..])
+                    .all(|range| *range == 0)
+            );
+        }
+        check::<0, 12>(Profile::Legacy);
+        check::<2, 16>(Profile::Rng19Rfl8Sig16Nir16Dual);
+        check::<3, 4>(Profile::Rng15Rfl8Nir8);
+        check::<5, 8>(Profile::FusaRng15Rfl8Nir8Dual);
+        check::<12, 20>(Profile::FiveWordPixel);
     }
 }

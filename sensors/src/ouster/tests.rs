@@ -237,3 +237,36 @@ fn imu_and_zone_packets_come_back() {
     assert_eq!(frames, [(7, 0, false)]);
     assert_eq!(decoder.nmea(), Some((55, "$GPRMC,1*00")));
 }
+
+#[test]
+fn the_serial_number_settles_the_header() {
+    let wanted = Synthetic::new("os1-16", 0x12_3456_7890, Profile::Rng15Rfl8Nir8);
+    let said = Metadata::synthetic(&wanted).unwrap();
+    let spoken = Metadata::synthetic(&Synthetic { header: HeaderKind::Fusa, ..wanted }).unwrap();
+    let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
+    let frame = random_frame(&spoken, 70_000, 1, &mut rng);
+    let mut payloads = Vec::new();
+    OusterEncoder::new(spoken).frame(&frame, &mut |payload| payloads.push(payload.to_vec()));
+    assert_eq!(OusterDecoder::new(said.clone()).claim(&packet(&payloads[0])), Claim::Certain);
+    let (frames, _) = decode(&said, &payloads);
+    assert!(frames == [frame]);
+}
+
+#[test]
+fn a_damaged_packet_is_still_claimed_by_its_serial_number() {
+    let metadata = Metadata::synthetic(&Synthetic::new("os1-16", 77, Profile::Rng15Rfl8Nir8)).unwrap();
+    let other = Metadata::synthetic(&Synthetic::new("os1-16", 78, Profile::Rng15Rfl8Nir8)).unwrap();
+    let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
+    let mut payloads = Vec::new();
+    let frame = random_frame(&metadata, 1, 1, &mut rng);
+    OusterEncoder::new(metadata.clone()).frame(&frame, &mut |payload| payloads.push(payload.to_vec()));
+    let mut decoder = OusterDecoder::new(metadata);
+    let cut = packet(&payloads[0][..500]);
+    assert_eq!((decoder.claim(&cut), OusterDecoder::new(other).claim(&cut)), (Claim::Certain, Claim::No));
+    let refused = decoder.push(&cut, &mut |_| {}).unwrap_err();
+    assert!(matches!(refused, crate::Rejected::Malformed { .. }), "{refused}");
+    payloads[1][100] ^= 1;
+    assert_eq!(decoder.claim(&packet(&payloads[1])), Claim::Certain);
+    let refused = decoder.push(&packet(&payloads[1]), &mut |_| {}).unwrap_err();
+    assert!(matches!(refused, crate::Rejected::Checksum { .. }), "{refused}");
+}

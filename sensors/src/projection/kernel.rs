@@ -1,5 +1,7 @@
 //! The inner loop of projection, in single or double precision.
 
+#![allow(unsafe_code)] // calls the AVX2 build of the inner loop once the CPU was asked for it
+
 use std::ops::{Add, Mul};
 
 /// Channels' lines, `origin + range * direction`, component by component.
@@ -52,8 +54,6 @@ impl<T: Real> Channels<T> {
     }
 }
 
-const LANES: usize = 16;
-
 /// One point per range, column by column; zeros where the range is 0.
 pub(super) fn points<T: Real>(
     channels: &Channels<T>,
@@ -62,6 +62,28 @@ pub(super) fn points<T: Real>(
     out: &mut Vec<[T; 3]>,
 ) {
     out.resize(range_mm.len(), [T::default(); 3]);
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2<T: Real>(
+            channels: &Channels<T>,
+            columns: &[Column<T>],
+            range_mm: &[u32],
+            out: &mut [[T; 3]],
+        ) {
+            points_here(channels, columns, range_mm, out);
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the CPU has the feature the function is compiled for.
+            unsafe { with_avx2(channels, columns, range_mm, out) };
+            return;
+        }
+    }
+    points_here(channels, columns, range_mm, out);
+}
+
+#[inline(always)]
+fn points_here<T: Real>(channels: &Channels<T>, columns: &[Column<T>], range_mm: &[u32], out: &mut [[T; 3]]) {
     let count = channels.len().max(1);
     for ((column, range_mm), out) in
         columns.iter().zip(range_mm.chunks_exact(count)).zip(out.chunks_exact_mut(count))
@@ -70,14 +92,14 @@ pub(super) fn points<T: Real>(
         let [x, y, z] = column.rows;
         let flat = x[2] == zero && y[2] == zero && z[0] == zero && z[1] == zero;
         if flat {
-            one_column::<T, true>(channels, column, range_mm, out)
+            one_column::<T, true>(channels, column, range_mm, out);
         } else {
-            one_column::<T, false>(channels, column, range_mm, out)
+            one_column::<T, false>(channels, column, range_mm, out);
         }
     }
 }
 
-/// `FLAT`: the rotation is about the vertical, as in every mounted-upright housing.
+/// `FLAT`: the rotation is about the vertical, as in every housing that stands upright.
 #[inline(always)]
 fn one_column<T: Real, const FLAT: bool>(
     channels: &Channels<T>,
@@ -85,32 +107,14 @@ fn one_column<T: Real, const FLAT: bool>(
     range_mm: &[u32],
     out: &mut [[T; 3]],
 ) {
-    let (ranges, rest) = range_mm.as_chunks::<LANES>();
-    let (outs, out_rest) = out.as_chunks_mut::<LANES>();
-    let [dx, dy, dz] = channels.direction.each_ref().map(|part| part.as_chunks::<LANES>());
-    let [ox, oy, oz] = channels.origin.each_ref().map(|part| part.as_chunks::<LANES>());
-    for (block, (ranges, out)) in ranges.iter().zip(outs).enumerate() {
-        let direction = [&dx.0[block], &dy.0[block], &dz.0[block]];
-        let origin = [&ox.0[block], &oy.0[block], &oz.0[block]];
-        let mut planes = [[T::default(); LANES]; 3];
-        for lane in 0..LANES {
-            let point =
-                point::<T, FLAT>(column, ranges[lane], direction.map(|d| d[lane]), origin.map(|o| o[lane]));
-            for axis in 0..3 {
-                planes[axis][lane] = point[axis];
-            }
-        }
-        for lane in 0..LANES {
-            out[lane] = [planes[0][lane], planes[1][lane], planes[2][lane]];
-        }
-    }
-    for (lane, (range_mm, out)) in rest.iter().zip(out_rest).enumerate() {
-        *out = point::<T, FLAT>(
-            column,
-            *range_mm,
-            [dx.1[lane], dy.1[lane], dz.1[lane]],
-            [ox.1[lane], oy.1[lane], oz.1[lane]],
-        );
+    let count = range_mm.len();
+    let [dx, dy, dz] = channels.direction.each_ref().map(|part| &part[..count]);
+    let [ox, oy, oz] = channels.origin.each_ref().map(|part| &part[..count]);
+    let out = &mut out[..count];
+    for at in 0..count {
+        let direction = [dx[at], dy[at], dz[at]];
+        let origin = [ox[at], oy[at], oz[at]];
+        out[at] = point::<T, FLAT>(column, range_mm[at], direction, origin);
     }
 }
 
@@ -135,5 +139,5 @@ fn point<T: Real, const FLAT: bool>(
             rz[0] * x + rz[1] * y + rz[2] * z + tz,
         ]
     };
-    if range_mm == 0 { [T::default(); 3] } else { point }
+    point.map(|coordinate| if range_mm == 0 { T::default() } else { coordinate })
 }
