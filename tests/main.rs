@@ -11,6 +11,7 @@ mod fuzz;
 mod optimize;
 mod ouster;
 mod rig;
+mod rig_verbs;
 mod scenes;
 mod session;
 mod simulator;
@@ -27,6 +28,7 @@ fn main() -> std::process::ExitCode {
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("rig_verbs", rig_verbs::CASES),
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),

@@ -104,6 +104,11 @@ impl SimulatedAxis {
         (self.output_nrad / NANO) as i32
     }
 
+    /// Whether it was told to drive its shaft.
+    pub fn is_driven(&self) -> bool {
+        self.setpoint.torque
+    }
+
     /// Breaks it.
     pub fn inject(&mut self, fault: AxisFault) {
         match fault {

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use firmware_protocol::{Frame, LinkCounters};
 
 use super::can_bus::CanLink;
-use super::{LinkError, SerialLink};
+use super::{DynamixelLink, LinkError, SerialLink};
 
 /// A frame and when it came.
 #[derive(Clone, Copy, Debug)]
@@ -75,12 +75,28 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
 }
 
-/// Opens a line by its address: `can:can0` is a CAN interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port, and
-/// anything else a serial port.
+/// Opens a line by its address: `can:can0` is a CAN interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port,
+/// `dynamixel:/dev/ttyUSB0@57600:1,2` a bus with two servos (baud rate and ids of axes 0 and 1; these are the defaults),
+/// and anything else a serial port.
 pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
     Ok(match address.split_once(':') {
         Some(("can", interface)) => Box::new(CanLink::open(interface)?),
         Some(("slcan", path)) => Box::new(SerialLink::open_slcan(Path::new(path))?),
+        Some(("dynamixel", bus)) => {
+            let (path, baud, ids) = dynamixel_address(bus).ok_or_else(|| LinkError::Open {
+                path: address.to_owned(),
+                reason: "expected dynamixel:PATH, dynamixel:PATH@BAUD or dynamixel:PATH@BAUD:ID,ID".into(),
+            })?;
+            Box::new(DynamixelLink::open(Path::new(path), baud, ids)?)
+        }
         _ => Box::new(SerialLink::open(Path::new(address))?),
     })
+}
+
+fn dynamixel_address(bus: &str) -> Option<(&str, u32, [u8; 2])> {
+    let Some((path, rest)) = bus.split_once('@') else { return Some((bus, 57_600, [1, 2])) };
+    let (baud, ids) = rest.split_once(':').unwrap_or((rest, "1,2"));
+    let (a, b) = ids.split_once(',')?;
+    let ids = [a.parse().ok()?, b.parse().ok()?];
+    (ids[0] != ids[1] && ids.iter().all(|id| *id <= 252)).then_some((path, baud.parse().ok()?, ids))
 }

@@ -6,6 +6,7 @@
 
 mod can_bus;
 mod controller;
+pub(crate) mod dynamixel;
 mod error;
 pub(crate) mod framing;
 mod link;
@@ -17,6 +18,7 @@ mod view;
 
 pub use can_bus::CanLink;
 pub use controller::{Applied, AppliedAxis, Interrupt, Options, Progress, ReportSink, RigController};
+pub use dynamixel::DynamixelLink;
 pub use error::{LinkError, RigError};
 pub use link::{Link, Received, open};
 pub use report::{AxisStatus, RigStatus, ServoReport};

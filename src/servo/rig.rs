@@ -18,10 +18,12 @@ const TURN: Duration = Duration::from_millis(10);
 /// Who wants reports; `None` once the conversation ended.
 type Subscribers = Arc<Mutex<Option<Vec<SyncSender<ServoReport>>>>>;
 
+type Controller = RigController<Box<dyn Link>>;
+type Operation = fn(&mut Controller) -> Result<(), RigError>;
 type Reply<T> = Sender<Result<T, RigError>>;
 
 enum Job {
-    Simple(fn(&mut RigController<Box<dyn Link>>) -> Result<(), RigError>, Reply<()>),
+    Simple(Operation, Reply<()>),
     Apply(Vec<f64>, Sender<Progress>, Reply<Applied>),
     Check(Vec<f64>, Reply<()>),
     Status(Reply<RigStatus>),
@@ -159,10 +161,7 @@ impl Rig {
         self.ask(Job::Status)
     }
 
-    fn simple(
-        &self,
-        operation: fn(&mut RigController<Box<dyn Link>>) -> Result<(), RigError>,
-    ) -> Result<(), RigError> {
+    fn simple(&self, operation: Operation) -> Result<(), RigError> {
         self.ask(|reply| Job::Simple(operation, reply))
     }
 
@@ -187,7 +186,7 @@ impl Drop for Rig {
 }
 
 struct Worker {
-    controller: RigController<Box<dyn Link>>,
+    controller: Controller,
     waiting: Receiver<Job>,
     subscribers: Subscribers,
     failure: Arc<Mutex<Option<RigError>>>,

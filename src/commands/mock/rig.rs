@@ -1,12 +1,14 @@
 //! `outrigger mock rig`: a servo rig behind a pty, with faults on a schedule.
 
+use std::path::Path;
 use std::str::FromStr;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 
 use crate::commands::{Context, Outcome, output, signals};
+use crate::mock::dynamixel::MockDynamixel;
 use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig};
 
 /// Arguments of `mock rig`.
@@ -24,6 +26,40 @@ pub struct Args {
     /// Put a CAN adapter with the LAWICEL text protocol in between: connect with slcan:PATH.
     #[arg(long)]
     slcan: bool,
+    /// Two Dynamixel X servos of ids 1 and 2 in place of a rig with its own firmware: connect with dynamixel:PATH. Only
+    /// faults of single axes can be scheduled.
+    #[arg(long, conflicts_with_all = ["pulse", "slcan"])]
+    dynamixel: bool,
+}
+
+/// What runs behind the pty.
+enum Device {
+    Rig(MockRig),
+    Servos(MockDynamixel),
+}
+
+impl Device {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Rig(rig) => rig.path(),
+            Self::Servos(servos) => servos.path(),
+        }
+    }
+
+    fn is_running(&self) -> bool {
+        match self {
+            Self::Rig(rig) => rig.is_running(),
+            Self::Servos(_) => true,
+        }
+    }
+
+    fn inject(&self, fault: MockFault) {
+        match (self, fault) {
+            (Self::Rig(rig), fault) => rig.inject(fault),
+            (Self::Servos(servos), MockFault::Axis(axis, fault)) => servos.inject(axis, fault),
+            (Self::Servos(_), _) => {} // refused before anything started
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -51,9 +87,18 @@ impl FromStr for Scheduled {
 /// Runs the verb until Ctrl-C or until the rig hangs up.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let interrupts = signals::interrupts()?;
+    let single = |fault: &Scheduled| matches!(fault.fault, MockFault::Axis(..));
+    if let Some(fault) = args.faults.iter().find(|fault| args.dynamixel && !single(fault)) {
+        bail!("--fault {}: bought servos have no such fault", fault.text);
+    }
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
-    let rig = MockRig::start(MockConfig { kind, slcan: args.slcan, ..MockConfig::default() }, args.seed)
-        .context("no pseudo terminal for the mock rig")?;
+    let started = if args.dynamixel {
+        MockDynamixel::start(args.seed).map(Device::Servos)
+    } else {
+        let config = MockConfig { kind, slcan: args.slcan, ..MockConfig::default() };
+        MockRig::start(config, args.seed).map(Device::Rig)
+    };
+    let rig = started.context("no pseudo terminal for the mock rig")?;
     let started = Instant::now();
     if context.json {
         output::print_json(&serde_json::json!({ "port": rig.path() }))?;

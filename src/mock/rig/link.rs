@@ -10,6 +10,9 @@ use crate::servo::{Link, LinkError, Received};
 
 const STEP_US: u64 = 1000;
 
+/// Is shown the time, µs, and where the axes really are, µrad.
+type Watch = Box<dyn FnMut(u64, [i32; 2]) + Send>;
+
 /// A mock rig and a line to it.
 pub struct SimulatedLink {
     device: MockDevice,
@@ -20,7 +23,7 @@ pub struct SimulatedLink {
     now_us: u64,
     faults: VecDeque<(u64, MockFault)>,
     cut: bool,
-    watch: Option<Box<dyn FnMut(u64, [i32; 2]) + Send>>,
+    watch: Option<Watch>,
 }
 
 impl SimulatedLink {

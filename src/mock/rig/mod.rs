@@ -3,15 +3,13 @@
 //! [`MockRig`] is what a program connects to as if it were a device; [`SimulatedLink`] is the same rig without a pty, a
 //! thread or a clock, with a line that damages what it carries.
 
-use std::io::{self, Read, Write};
-use std::os::fd::{AsFd, OwnedFd};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use super::pty::Pty;
 
 mod device;
 mod fault;
@@ -39,15 +37,10 @@ pub struct MockRig {
 impl MockRig {
     /// Opens a pty and starts the rig behind it. Noise and starting angles come from the seed.
     pub fn start(config: MockConfig, seed: u64) -> io::Result<Self> {
-        let pty = nix::pty::openpty(None, None)?;
-        let mut settings = tcgetattr(&pty.slave)?;
-        cfmakeraw(&mut settings); // a line discipline would echo the rig's own words back to it
-        tcsetattr(&pty.slave, SetArg::TCSANOW, &settings)?;
-        let path = nix::unistd::ttyname(&pty.slave)?;
-        let flags = nix::fcntl::OFlag::O_NONBLOCK;
-        nix::fcntl::fcntl(&pty.master, nix::fcntl::FcntlArg::F_SETFL(flags))?;
+        let pty = Pty::open()?;
+        let path = pty.path.clone();
         let (messages, inbox) = channel();
-        let line = Line { master: pty.master.into(), _slave: pty.slave, inbox };
+        let line = Line { pty, inbox };
         let device = MockDevice::new(config, seed, 0);
         let thread = std::thread::Builder::new().name("mock rig".into()).spawn(move || line.run(device))?;
         Ok(Self { path, messages, thread: Some(thread) })
@@ -96,9 +89,7 @@ impl Drop for MockRig {
 }
 
 struct Line {
-    master: std::fs::File,
-    /// Open for ever: without a slave, reading the master is an error.
-    _slave: OwnedFd,
+    pty: Pty,
     inbox: Receiver<Message>,
 }
 
@@ -119,22 +110,15 @@ impl Line {
                     }
                 }
             }
-            match self.master.read(&mut bytes) {
+            match self.pty.read(&mut bytes) {
                 Ok(count) => device.take(now_us, &bytes[..count]),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(_) => return,
             }
             device.step(now_us, &mut out);
-            // a host that does not read loses what a serial line would lose
             for frame in out.drain(..) {
-                let _ = self.master.write_all(&frame);
+                self.pty.write(&frame);
             }
-            let mut interest = [PollFd::new(self.master.as_fd(), PollFlags::POLLIN)];
-            let _ = poll(&mut interest, PollTimeout::from(1u8)); // an interrupted wait is a short wait
-            if started.elapsed() < Duration::from_micros(now_us + 500) {
-                std::thread::sleep(Duration::from_micros(500));
-            }
+            self.pty.wait_a_millisecond();
         }
     }
 }
