@@ -31,7 +31,7 @@ const SAVE_EVERY: Duration = Duration::from_secs(10);
 pub struct Args {
     #[command(flatten)]
     experiment: ExperimentArgs,
-    /// Search method [default: pattern].
+    /// Search method [default: staged].
     #[arg(long, value_enum)]
     method: Option<Kind>,
     /// Evaluations of the objective [default: the method's own].
@@ -150,7 +150,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 }
 
 fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
-    let kind = args.method.unwrap_or(Kind::Pattern);
+    let kind = args.method.unwrap_or(Kind::Staged);
     let settings = Settings {
         seed: args.seed.unwrap_or(1),
         budget: args.evals.map_or(kind.published_budget(), |evals| evals as usize),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Bayesian, Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random,
-    Space, Trial,
+    Space, Staged, Trial,
 };
 
 /// What every method is told at the start.
@@ -22,6 +22,8 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
+    /// Few sensors first, proofs, a model, then local evolution.
+    Staged,
     /// Uniform random search.
     Random,
     /// Random search, then pattern search.
@@ -41,6 +43,7 @@ pub enum Kind {
 impl Kind {
     /// Every method.
     pub const ALL: &[Kind] = &[
+        Kind::Staged,
         Kind::Random,
         Kind::Pattern,
         Kind::Bayesian,
@@ -53,6 +56,7 @@ impl Kind {
     /// The method, nothing evaluated yet.
     pub fn start(self, space: Space, settings: Settings) -> Method {
         match self {
+            Kind::Staged => Method::Staged(Box::new(Staged::new(space, settings))),
             Kind::Random => Method::Random(Random::new(space, settings)),
             Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
             Kind::Bayesian => Method::Bayesian(Box::new(Bayesian::new(space, settings))),
@@ -69,7 +73,7 @@ impl Kind {
     /// closing pattern search.
     pub fn published_budget(self) -> usize {
         match self {
-            Kind::Random | Kind::Pattern => 1_000,
+            Kind::Staged | Kind::Random | Kind::Pattern => 1_000,
             Kind::Bayesian => 300,
             Kind::Genetic => 10_000,
             Kind::ParticleSwarm => 6_000,
@@ -80,6 +84,7 @@ impl Kind {
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
+            Kind::Staged => "staged",
             Kind::Random => "random",
             Kind::Pattern => "pattern",
             Kind::Bayesian => "bayesian",
@@ -95,6 +100,8 @@ impl Kind {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
+    /// See [`Staged`].
+    Staged(Box<Staged>),
     /// See [`Random`].
     Random(Random),
     /// See [`Pattern`].
@@ -114,6 +121,7 @@ pub enum Method {
 impl Method {
     fn as_optimizer(&mut self) -> &mut dyn Optimizer {
         match self {
+            Method::Staged(method) => method.as_mut(),
             Method::Random(method) => method,
             Method::Pattern(method) => method,
             Method::Bayesian(method) => method.as_mut(),

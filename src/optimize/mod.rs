@@ -23,6 +23,7 @@ mod polished;
 mod random;
 mod search;
 mod space;
+mod staged;
 
 pub use bayesian::Bayesian;
 pub use cma_es::CmaEs;
@@ -35,6 +36,7 @@ pub use pattern::{Pattern, Poll};
 pub use random::Random;
 pub use search::{Measured, Search, SearchError, StoppedBy};
 pub use space::{Mirror, Space, SpaceError, Variable};
+pub use staged::Staged;
 
 /// A point to evaluate: one value per variable of the space, integers as whole numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
