@@ -26,6 +26,5 @@ pub mod record;
 pub mod export;
 pub mod chart;
 pub mod report;
-pub mod config;
 pub mod mock;
 pub mod commands;

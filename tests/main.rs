@@ -6,6 +6,7 @@ mod support;
 mod cli;
 mod closed_loop;
 mod decode;
+mod demo;
 mod export;
 mod fuzz;
 mod optimize;
@@ -23,6 +24,7 @@ fn main() -> std::process::ExitCode {
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
         ("decode", decode::CASES),
+        ("demo", demo::CASES),
         ("export", export::CASES),
         ("fuzz", fuzz::CASES),
         ("optimize", optimize::CASES),
