@@ -21,7 +21,7 @@ use crate::files::write_json;
 use crate::receive::now_ns;
 use crate::record::Session;
 use crate::scene::{BoxScene, Scene};
-use crate::trajectory::Trajectory;
+use crate::trajectory::{Gait, Trajectory};
 
 use document::{Document, FORMAT, SensorSummary};
 use progress::Progress;
@@ -85,10 +85,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let plan = plan::search(&args.preset, args.evals as usize, args.seed, &progress)?;
     plan.mount.write(&args.out.join("mount.json"))?;
     let scene = Scene::Box(BoxScene::closed(plan.preset.box_min_m.into(), plan.preset.box_max_m.into()));
-    let trajectory = straight_walk(plan.preset, args.speed);
+    let way = straight_way(plan.preset, args.speed);
+    let trajectory = Gait::default().walk(&way);
     let grid = VoxelGrid::centred_on(scene.bounds_m(), plan.preset.voxel_m);
     let walk = Walk {
         scene: &scene,
+        planned: &way,
         trajectory: &trajectory,
         rig: &plan.rig,
         mount: &plan.mount,
@@ -164,7 +166,7 @@ fn prepare_folder(out: &Path) -> anyhow::Result<()> {
 }
 
 /// Along the platform's own forward axis through the middle of the hall.
-fn straight_walk(preset: &crate::simulate::published::Preset, speed_m_s: f64) -> Trajectory {
+fn straight_way(preset: &crate::simulate::published::Preset, speed_m_s: f64) -> Trajectory {
     let half_m = preset.path_length_m / 2.0;
     let at = |x_m: f64| DVec3::new(x_m, 0.0, preset.platform_height_m);
     Trajectory::straight(at(-half_m), at(half_m), speed_m_s, now_ns())

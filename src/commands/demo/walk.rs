@@ -38,6 +38,9 @@ const DRAIN: Duration = Duration::from_millis(200);
 /// What the walk is given.
 pub struct Walk<'a> {
     pub scene: &'a Scene,
+    /// The way as planned.
+    pub planned: &'a Trajectory,
+    /// The way as walked, which the session records.
     pub trajectory: &'a Trajectory,
     pub rig: &'a Rig,
     pub mount: &'a MountFile,
@@ -94,9 +97,9 @@ pub fn record(
     Ok(Walked { manifest, packets_sent, failure: failure.err() })
 }
 
-/// Coverage that the walk promises: perfect sensors on the mounts as planned.
+/// Coverage that the walk promises: perfect sensors on the mounts and the way as planned.
 pub fn promise(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
-    let mut scanner = Scanner::new(walk.scene, walk.trajectory, walk.rig, scan::Spin::default());
+    let mut scanner = Scanner::new(walk.scene, walk.planned, walk.rig, scan::Spin::default());
     for (index, sensor) in walk.rig.sensors.iter().enumerate() {
         let columns = match mock_sensor(&sensor.model.name, index, 0)?.0.spin() {
             Spin::Angles { columns, .. } => columns as u32,
