@@ -5,7 +5,9 @@ mod support;
 
 mod cli;
 mod closed_loop;
+mod decode;
 mod export;
+mod fuzz;
 mod optimize;
 mod ouster;
 mod rig;
@@ -19,7 +21,9 @@ fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
+        ("decode", decode::CASES),
         ("export", export::CASES),
+        ("fuzz", fuzz::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),

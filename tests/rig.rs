@@ -24,6 +24,7 @@ pub const CASES: &[Case] = &[
     ),
     case("interrupts_hold_then_stop", interrupts_hold_then_stop),
     case("a_servo_that_measures_nothing_says_so", a_servo_that_measures_nothing_says_so),
+    case("the_rig_speaks_through_a_can_adapter", the_rig_speaks_through_a_can_adapter),
     case("stamps_are_on_the_hosts_clock", stamps_are_on_the_hosts_clock),
     case("a_damaged_line_never_moves_an_axis_too_far", a_damaged_line_never_moves_an_axis_too_far),
 ];
@@ -254,6 +255,18 @@ fn a_servo_that_measures_nothing_says_so() {
         rig.apply(&[0.9, 0.0], |_| {}),
         Err(RigError::OutsideLimits { whose: "the servo's own", .. })
     ));
+}
+
+fn the_rig_speaks_through_a_can_adapter() {
+    let mock = MockRig::start(MockConfig { slcan: true, ..MockConfig::default() }, 13).unwrap();
+    let rig = Rig::connect(format!("slcan:{}", mock.path().display())).unwrap();
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    let applied = rig.apply(&[0.15, 0.1]).unwrap();
+    assert!((applied.axes[1].measured_rad - 0.1).abs() < 0.006, "{applied:?}");
+    assert_eq!(rig.status().unwrap().damaged, 0);
+    let missing = Rig::connect("can:no-such-bus").err().unwrap();
+    assert!(missing.to_string().contains("cannot open can:no-such-bus"), "{missing}");
 }
 
 fn stamps_are_on_the_hosts_clock() {

@@ -80,8 +80,9 @@ impl Reference {
     fn counts_sha256(seen: &Seen) -> String {
         let cells = seen.coverage.grid().len();
         let count = |index: usize| {
-            let bit = |sensor| (seen.coverage.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1) as u8;
-            (0..seen.coverage.sensors()).map(bit).sum::<u8>()
+            (0..seen.coverage.sensors())
+                .map(|sensor| u8::from(seen.coverage.contains(sensor, index)))
+                .sum::<u8>()
         };
         let bytes: Vec<u8> = (0..cells).map(count).collect();
         sha2::Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect()

@@ -89,6 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
+    #[allow(clippy::unusual_byte_groupings)] // the groups are the fields
     fn lays_bits_out_as_written() {
         let id = MessageId::new(0x12, Direction::ToDevice, 5);
         assert_eq!(id.encode(), 0b010_10110_00001_00010010_0_0000101);

@@ -65,6 +65,15 @@ impl Frame {
         Self::new(sequence, Direction::ToHost, node, &report.encode())
     }
 
+    /// A frame from a CAN bus, whose controller checked it already: the identifier's 29 bits and the data. `None` when
+    /// they are no rig's, or not of this version.
+    pub fn from_can(identifier: u32, bytes: &[u8]) -> Option<Self> {
+        let id = MessageId::decode(identifier).filter(|id| id.readable())?;
+        let mut data = [0; MAX_DATA];
+        data.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(Self { sequence: 0, id, data, length: bytes.len() })
+    }
+
     /// The payload's bytes.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.length]

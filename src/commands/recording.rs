@@ -59,11 +59,6 @@ impl Recording {
         if self.is_standard_input() { "standard input".into() } else { self.path.display().to_string() }
     }
 
-    /// Metadata that was given.
-    pub fn metadata(&self) -> &[(Metadata, String)] {
-        &self.metadata
-    }
-
     /// Metadata files in the folder of the capture that describe one of the given sensors, or that bear its name.
     pub fn metadata_beside(&self, serials: &[u64]) -> Vec<PathBuf> {
         let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };

@@ -14,7 +14,7 @@ use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
 /// Arguments of `rig`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// The rig's serial device.
+    /// The rig's serial device, can:INTERFACE, or slcan:PATH of a CAN adapter.
     #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH", global = true)]
     port: Option<PathBuf>,
     /// Allow motion; without it nothing moves.

@@ -47,6 +47,15 @@ pub struct Point {
     pub near_ir: u16,
 }
 
+/// Which of a firing's returns a point is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Echo {
+    /// From 1.
+    pub number: u8,
+    /// How many there are.
+    pub of: u8,
+}
+
 /// The points of one frame; samples without a return are left out.
 #[derive(Clone, Debug)]
 pub struct Cloud {
@@ -95,6 +104,17 @@ impl Cloud {
     /// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
     pub fn stamp_ns(&self) -> u64 {
         if self.start_time_ns >= FIRST_DATE_NS { self.start_time_ns } else { self.host_time_ns }
+    }
+
+    /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
+    /// first one is missing is the first of one.
+    pub fn echoes(&self) -> impl Iterator<Item = (&Point, Echo)> {
+        let same = |a: Option<&Point>, b: &Point| a.is_some_and(|a| (a.column, a.ring) == (b.column, b.ring));
+        self.points.iter().enumerate().map(move |(at, point)| {
+            let after = at.checked_sub(1).is_some_and(|before| same(self.points.get(before), point));
+            let before = same(self.points.get(at + 1), point);
+            (point, Echo { number: 1 + u8::from(after), of: 1 + u8::from(before || after) })
+        })
     }
 
     /// Time of a point since the frame's first column, ns.

@@ -43,6 +43,7 @@ impl CloudWriter for E57Writer {
             Record { name: RecordName::RowIndex, data_type: whole(rings) },
             Record { name: RecordName::ColumnIndex, data_type: whole(columns) },
             Record { name: RecordName::ReturnIndex, data_type: whole(1) },
+            Record { name: RecordName::ReturnCount, data_type: whole(2) },
             Record {
                 name: RecordName::TimeStamp,
                 data_type: RecordDataType::Double { min: None, max: None },
@@ -57,7 +58,7 @@ impl CloudWriter for E57Writer {
         }
         let gps_time = seconds(cloud.stamp_ns()) - GPS_EPOCH_S;
         scan.set_acquisition_start(Some(DateTime { gps_time, atomic_reference: false }));
-        for point in &cloud.points {
+        for (point, echo) in cloud.echoes() {
             let position = point.position_m.as_vec3();
             scan.add_point(vec![
                 RecordValue::Single(position.x),
@@ -66,7 +67,8 @@ impl CloudWriter for E57Writer {
                 RecordValue::Single(point.intensity),
                 RecordValue::Integer(i64::from(point.ring)),
                 RecordValue::Integer(i64::from(point.column)),
-                RecordValue::Integer(i64::from(point.return_number) - 1),
+                RecordValue::Integer(i64::from(echo.number) - 1),
+                RecordValue::Integer(i64::from(echo.of)),
                 RecordValue::Double(f64::from(cloud.since_start_ns(point)) * 1e-9),
             ])?;
         }

@@ -36,20 +36,14 @@ impl LasWriter {
 impl CloudWriter for LasWriter {
     /// `gps_time` is the device clock in seconds, `point_source_id` the sensor's number from 1.
     fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
-        let mut returns = cloud.points.iter().peekable();
-        let mut previous = None;
-        while let Some(point) = returns.next() {
-            let firing = (point.column, point.ring);
-            let another = returns.peek().is_some_and(|next| (next.column, next.ring) == firing);
-            let second = previous == Some(firing);
-            previous = Some(firing);
+        for (point, echo) in cloud.echoes() {
             self.writer.write_point(Point {
                 x: point.position_m.x,
                 y: point.position_m.y,
                 z: point.position_m.z,
                 intensity: point.intensity.clamp(0.0, f32::from(u16::MAX)) as u16,
-                return_number: 1 + u8::from(second),
-                number_of_returns: 1 + u8::from(another || second),
+                return_number: echo.number,
+                number_of_returns: echo.of,
                 point_source_id: cloud.source.number.saturating_add(1),
                 user_data: point.reflectivity,
                 gps_time: Some(seconds(point.time_ns)),

@@ -38,6 +38,11 @@ pub(crate) struct BrickIndex {
 }
 
 impl BrickIndex {
+    /// Bricks in order of arrival.
+    pub fn bricks(&self) -> &[[i32; 3]] {
+        &self.bricks
+    }
+
     /// Number of bricks.
     pub fn len(&self) -> usize {
         self.bricks.len()

@@ -14,8 +14,10 @@ use super::{AxisStatus, Link, RigError, RigStatus, ServoReport};
 
 const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
-/// Heartbeats of another session for this long mean that the rig restarted; one late one does not.
-const STRANGER: Duration = Duration::from_millis(350);
+/// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
+const STRANGERS: u32 = 5;
+/// A rig says something every 20 ms; this much silence is a rig without power behind a living adapter.
+const SILENCE: Duration = Duration::from_secs(1);
 
 /// How to talk to a rig.
 #[derive(Clone, Debug)]
@@ -195,7 +197,10 @@ impl<L: Link> RigController<L> {
         }
         self.ask("a first position", &[], |view| {
             view.heartbeat.is_some()
-                && view.axes.iter().all(|axis| axis.position.is_some() && axis.target.is_some())
+                && view
+                    .axes
+                    .iter()
+                    .all(|axis| axis.position.is_some() && axis.target.is_some() && axis.effort.is_some())
         })
     }
 
@@ -244,12 +249,14 @@ impl<L: Link> RigController<L> {
 
     /// Decelerates, holds, disarms.
     pub fn stop(&mut self) -> Result<(), RigError> {
-        self.order("stop", Order::Stop { deceleration_mrad_s2: 0 }).map(drop)
+        self.order("stop", Order::Stop { deceleration_mrad_s2: 0 })?;
+        self.see("a standing rig", |state| !matches!(state, State::Moving | State::Homing | State::Holding))
     }
 
     /// Stops as fast as the rig can and latches that.
     pub fn e_stop(&mut self) -> Result<(), RigError> {
-        self.order("e-stop", Order::EStop).map(drop)
+        self.order("e-stop", Order::EStop)?;
+        self.see("an emergency stop", |state| state == State::EStop)
     }
 
     /// Takes every latched fault away whose cause is gone; an error names the first that stays.
@@ -361,6 +368,15 @@ impl<L: Link> RigController<L> {
             });
         }
         Ok(Applied { axes })
+    }
+
+    /// Waits until the rig says that it is in such a state.
+    fn see(&mut self, what: &'static str, wanted: fn(State) -> bool) -> Result<(), RigError> {
+        let since_ns = self.link.now_ns();
+        self.ask(what, &[], |view| {
+            let seen = |target: super::view::TargetView| target.heard_ns >= since_ns && wanted(target.state);
+            view.axes.iter().all(|axis| axis.target.is_some_and(seen))
+        })
     }
 
     /// Everything known about the rig now.
@@ -580,11 +596,13 @@ impl<L: Link> RigController<L> {
             }
             wait = Duration::ZERO;
         }
-        let stranger = self.view.stranger_since_ns;
-        if self.connected
-            && stranger.is_some_and(|since| self.link.now_ns() > since + STRANGER.as_nanos() as u64)
-        {
+        if self.connected && self.view.strangers >= STRANGERS {
             return Err(RigError::Restarted { cause: self.reset_cause() });
+        }
+        let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
+        if self.connected && silence_ns > SILENCE.as_nanos() as u64 {
+            let heard = "it says nothing at all: no power, or another program's hands on it".to_owned();
+            return Err(RigError::NoAnswer { what: "heartbeats", within: SILENCE, heard });
         }
         Ok(())
     }

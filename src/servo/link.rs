@@ -1,10 +1,12 @@
 //! What carries frames between host and rig.
 
-use std::time::Duration;
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use firmware_protocol::{Frame, LinkCounters};
 
-use super::LinkError;
+use super::can_bus::CanLink;
+use super::{LinkError, SerialLink};
 
 /// A frame and when it came.
 #[derive(Clone, Copy, Debug)]
@@ -13,6 +15,24 @@ pub struct Received {
     pub time_ns: u64,
     /// The frame.
     pub frame: Frame,
+}
+
+/// The Unix clock, read once: it never jumps while a line is open.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    started: Instant,
+    started_unix_ns: u64,
+}
+
+impl Clock {
+    pub(super) fn start() -> Self {
+        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Self { started: Instant::now(), started_unix_ns: unix.as_nanos() as u64 }
+    }
+
+    pub(super) fn now_ns(&self) -> u64 {
+        self.started_unix_ns + self.started.elapsed().as_nanos() as u64
+    }
 }
 
 /// A line to a rig. It also says what time it is, so that a simulated line brings simulated time.
@@ -53,4 +73,14 @@ impl<L: Link + ?Sized> Link for Box<L> {
     fn name(&self) -> &str {
         (**self).name()
     }
+}
+
+/// Opens a line by its address: `can:can0` is a CAN interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port, and
+/// anything else a serial port.
+pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
+    Ok(match address.split_once(':') {
+        Some(("can", interface)) => Box::new(CanLink::open(interface)?),
+        Some(("slcan", path)) => Box::new(SerialLink::open_slcan(Path::new(path))?),
+        _ => Box::new(SerialLink::open(Path::new(address))?),
+    })
 }

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::{
-    Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, SerialLink, ServoReport,
+    Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, ServoReport, open,
 };
 
 /// Reports that wait for a slow reader before they are dropped.
@@ -39,14 +39,14 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Connects over a serial line (or a pty) with the usual options.
-    pub fn connect(path: impl AsRef<Path>) -> Result<Self, RigError> {
-        Self::connect_with(path, Options::new_session())
+    /// Connects with the usual options; the address is a serial device's (or a pty's) path, or what [`open`] knows.
+    pub fn connect(address: impl AsRef<Path>) -> Result<Self, RigError> {
+        Self::connect_with(address, Options::new_session())
     }
 
-    /// Connects over a serial line with these options.
-    pub fn connect_with(path: impl AsRef<Path>, options: Options) -> Result<Self, RigError> {
-        Self::connect_over(Box::new(SerialLink::open(path.as_ref())?), options)
+    /// Connects with these options.
+    pub fn connect_with(address: impl AsRef<Path>, options: Options) -> Result<Self, RigError> {
+        Self::connect_over(open(&address.as_ref().to_string_lossy())?, options)
     }
 
     /// Connects over any line.

@@ -6,11 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use firmware_protocol::{Frame, LinkCounters, Receiver as FrameReceiver};
 use serialport::{SerialPort, TTYPort};
 
+use super::framing::Framing;
+use super::link::Clock;
+use super::slcan::{self, SlcanReceiver};
 use super::{Link, LinkError, Received};
 
 /// Bits per second of the rig's own firmware; a USB device or a pty ignores it.
@@ -25,6 +28,7 @@ pub struct SerialLink {
     path: String,
     port: TTYPort,
     frames: Receiver<Result<Received, LinkError>>,
+    slcan: bool,
     counters: Arc<Mutex<LinkCounters>>,
     clock: Clock,
     quit: Arc<AtomicBool>,
@@ -32,27 +36,20 @@ pub struct SerialLink {
     dead: Option<LinkError>,
 }
 
-/// The Unix clock, read once: it never jumps while a line is open.
-#[derive(Clone, Copy, Debug)]
-struct Clock {
-    started: Instant,
-    started_unix_ns: u64,
-}
-
-impl Clock {
-    fn start() -> Self {
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Self { started: Instant::now(), started_unix_ns: unix.as_nanos() as u64 }
-    }
-
-    fn now_ns(&self) -> u64 {
-        self.started_unix_ns + self.started.elapsed().as_nanos() as u64
-    }
-}
-
 impl SerialLink {
     /// Opens a device file, for this program alone.
     pub fn open(path: &Path) -> Result<Self, LinkError> {
+        Self::open_framed(path, Framing::Stuffed(FrameReceiver::default()))
+    }
+
+    /// Opens a CAN adapter that speaks the LAWICEL text protocol, and its channel.
+    pub fn open_slcan(path: &Path) -> Result<Self, LinkError> {
+        let mut link = Self::open_framed(path, Framing::Slcan(SlcanReceiver::default()))?;
+        link.write(slcan::OPEN)?;
+        Ok(link)
+    }
+
+    fn open_framed(path: &Path, framing: Framing) -> Result<Self, LinkError> {
         let path = path.display().to_string();
         let failed = |error: serialport::Error| match error.description.contains("exclusive lock") {
             true => LinkError::InUse { path: path.clone() },
@@ -68,9 +65,11 @@ impl SerialLink {
         let counters = Arc::new(Mutex::new(LinkCounters::default()));
         let quit = Arc::new(AtomicBool::new(false));
         let clock = Clock::start();
+        let slcan = matches!(framing, Framing::Slcan(_));
         let reader = Reader {
             path: path.clone(),
             input,
+            framing,
             sender,
             counters: counters.clone(),
             clock,
@@ -80,21 +79,15 @@ impl SerialLink {
             .name("rig serial".into())
             .spawn(move || reader.run())
             .map_err(|error| LinkError::Open { path: path.clone(), reason: error.to_string() })?;
-        Ok(Self { path, port, frames, counters, clock, quit, reader: Some(reader), dead: None })
+        Ok(Self { path, port, frames, slcan, counters, clock, quit, reader: Some(reader), dead: None })
     }
 
-    fn die(&mut self, error: LinkError) -> LinkError {
-        self.dead.get_or_insert(error).clone()
-    }
-}
-
-impl Link for SerialLink {
-    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
         if let Some(error) = &self.dead {
             return Err(error.clone());
         }
         // a partial write is a damaged frame to the rig, and the order is repeated
-        match self.port.write_all(frame.encode().bytes()) {
+        match self.port.write_all(bytes) {
             Ok(()) => Ok(()),
             Err(error) if error.kind() == ErrorKind::TimedOut => {
                 Err(LinkError::WriteTimeout { path: self.path.clone(), after: WRITE_TIMEOUT })
@@ -104,6 +97,16 @@ impl Link for SerialLink {
                 Err(self.die(hung_up))
             }
         }
+    }
+
+    fn die(&mut self, error: LinkError) -> LinkError {
+        self.dead.get_or_insert(error).clone()
+    }
+}
+
+impl Link for SerialLink {
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        if self.slcan { self.write(&slcan::encode(frame)) } else { self.write(frame.encode().bytes()) }
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, LinkError> {
@@ -136,6 +139,9 @@ impl Link for SerialLink {
 
 impl Drop for SerialLink {
     fn drop(&mut self) {
+        if self.slcan {
+            let _ = self.write(slcan::CLOSE); // an adapter that is gone needs no closing
+        }
         self.quit.store(true, Ordering::Relaxed);
         if let Some(reader) = self.reader.take() {
             let _ = reader.join(); // ends within one read timeout
@@ -146,6 +152,7 @@ impl Drop for SerialLink {
 struct Reader {
     path: String,
     input: TTYPort,
+    framing: Framing,
     sender: SyncSender<Result<Received, LinkError>>,
     counters: Arc<Mutex<LinkCounters>>,
     clock: Clock,
@@ -154,7 +161,6 @@ struct Reader {
 
 impl Reader {
     fn run(mut self) {
-        let mut frames = FrameReceiver::default();
         let mut bytes = [0; 1024];
         while !self.quit.load(Ordering::Relaxed) {
             let reason = match self.input.read(&mut bytes) {
@@ -162,7 +168,7 @@ impl Reader {
                 Ok(0) => "end of file".to_owned(),
                 Ok(count) => {
                     let time_ns = self.clock.now_ns();
-                    for frame in bytes[..count].iter().filter_map(|byte| frames.push(*byte)) {
+                    for frame in bytes[..count].iter().filter_map(|byte| self.framing.push(*byte)) {
                         // a full queue drops: nobody listens, and positions come again
                         if let Err(TrySendError::Disconnected(_)) =
                             self.sender.try_send(Ok(Received { time_ns, frame }))
@@ -170,7 +176,7 @@ impl Reader {
                             return;
                         }
                     }
-                    *self.counters.lock().unwrap_or_else(PoisonError::into_inner) = frames.counters();
+                    *self.counters.lock().unwrap_or_else(PoisonError::into_inner) = self.framing.counters();
                     continue;
                 }
                 Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {

@@ -55,8 +55,10 @@ pub(super) struct View {
     pub uid: Option<u64>,
     pub firmware: Option<u32>,
     pub heartbeat: Option<HeartbeatView>,
-    /// Since when only heartbeats of another session come.
-    pub stranger_since_ns: Option<u64>,
+    /// Heartbeats of another session since the last one of ours; a few may be late ones from before.
+    pub strangers: u32,
+    /// When the rig was last heard.
+    pub heard_ns: u64,
     pub axes: Vec<AxisView>,
     pub ack: Option<(u16, u8, AckCode, i32)>,
     /// Axis of each latched fault, as told.
@@ -87,6 +89,7 @@ impl View {
             return None;
         };
         let now_ns = received.time_ns;
+        self.heard_ns = now_ns;
         match report {
             Report::Info { protocol, axes, reset, session, .. } => {
                 self.info = Some(InfoView { protocol, axes, reset, session });
@@ -95,13 +98,13 @@ impl View {
             Report::Build { firmware, .. } => self.firmware = Some(firmware),
             Report::Heartbeat { armed, faults, session: theirs, .. } => {
                 if theirs == session {
-                    self.stranger_since_ns = None;
+                    self.strangers = 0;
                     self.heartbeat = Some(HeartbeatView { armed, faults });
                     for fault in Fault::ALL.into_iter().filter(|fault| !faults.contains(*fault)) {
                         self.fault_axis[usize::from(fault.code())] = None;
                     }
                 } else {
-                    self.stranger_since_ns.get_or_insert(now_ns);
+                    self.strangers += 1;
                 }
             }
             Report::TimeSync { sequence, device_us } => self.compare_clocks(sequence, device_us, now_ns),

@@ -383,9 +383,8 @@ struct Invariants {
 impl Invariants {
     fn check(&mut self, bench: &mut Bench) -> Result<(), TestCaseError> {
         let at = bench.at();
-        for axis in 0..2 {
-            let furthest = 1_047_198 + self.slack_urad[axis];
-            prop_assert!(at[axis].abs() <= furthest, "axis {axis} at {} urad", at[axis]);
+        for (angle, slack) in at.iter().zip(self.slack_urad) {
+            prop_assert!(angle.abs() <= 1_047_198 + slack, "an axis at {} urad", angle);
         }
         let apart = i64::from(at[1]) - i64::from(at[0]);
         let slack = i64::from(self.slack_urad.iter().sum::<i32>() - 2 * SLACK_URAD);
@@ -400,8 +399,8 @@ impl Invariants {
         if bench.now_us - since < 1_500_000 || bench.controller.path.is_some() {
             self.disarmed_at = at;
         } else {
-            for axis in 0..2 {
-                let crept = (at[axis] - self.disarmed_at[axis]).abs();
+            for (axis, (now, before)) in at.iter().zip(self.disarmed_at).enumerate() {
+                let crept = (now - before).abs();
                 prop_assert!(
                     crept < 3000 + bench.controller.servo_mut(axis).unwrap().backlash_urad,
                     "moves disarmed"

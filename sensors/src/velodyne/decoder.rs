@@ -4,6 +4,7 @@ use std::net::IpAddr;
 
 use crate::decoder::{DecodeStats, Decoded, Decoder, Rejected};
 use crate::model::SensorModel;
+use crate::ouster::Claim;
 use crate::packet::Packet;
 use crate::{Frame, catalogue};
 
@@ -14,7 +15,10 @@ use super::position::Position;
 use super::product::{Family, Product, ReturnMode};
 use super::stream::{Cut, S1_PACKET_NS, Stream};
 use super::window::{Held, Place, Window};
-use super::wire::{AZIMUTH_COUNTS, BLOCKS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
+use super::wire::{
+    AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DATA_PORT, DataPacket, POSITION_PACKET_BYTES,
+    POSITION_PORT,
+};
 
 /// How to decode.
 #[derive(Clone, Debug, Default)]
@@ -44,10 +48,14 @@ pub struct VelodyneDecoder {
     options: Options,
     stats: DecodeStats,
     source: Option<IpAddr>,
+    /// Port that its data packets go to.
+    data_port: Option<u16>,
     undecided: Vec<Undecided>,
     stream: Option<Stream>,
     model: Option<SensorModel>,
     mode: Option<ReturnMode>,
+    /// Byte 1205 of the packets before; it does not change.
+    model_byte: Option<u8>,
     clock: HourClock,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
@@ -72,12 +80,14 @@ impl VelodyneDecoder {
     pub fn new(options: Options) -> Self {
         let mut decoder = Self {
             source: options.source,
+            data_port: None,
             options,
             stats: DecodeStats::default(),
             undecided: Vec::new(),
             stream: None,
             model: None,
             mode: None,
+            model_byte: None,
             clock: HourClock::default(),
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
@@ -119,35 +129,88 @@ impl VelodyneDecoder {
         self.stream = Some(Stream::new(identity, self.options.cut));
     }
 
-    fn check_source(&mut self, source: IpAddr) -> Result<(), Rejected> {
-        match self.source {
-            Some(known) if known != source => {
-                Err(foreign(format!("sent by {source}, this sensor's packets come from {known}")))
+    /// How surely a packet comes from this sensor: by its length, flags and model byte, and by where earlier ones came
+    /// from. Velodyne packets carry no serial number.
+    pub fn claim(&self, packet: &Packet<'_>) -> Claim {
+        let usual_port = match packet.payload.len() {
+            POSITION_PACKET_BYTES => POSITION_PORT,
+            DATA_PACKET_BYTES => DATA_PORT,
+            _ => return Claim::No,
+        };
+        if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
+            let data = DataPacket::of(payload);
+            let refused = match &self.stream {
+                Some(stream) => check(data, stream, self.model_byte).is_err(),
+                None => check_unknown(data).is_err(),
+            };
+            if refused {
+                return Claim::No;
             }
-            _ => {
-                self.source = Some(source);
-                Ok(())
+        }
+        if self.check_source(packet).is_err() {
+            return Claim::No;
+        }
+        let port = packet.destination.port();
+        match (self.source, self.data_port) {
+            (Some(source), _) if !source.is_loopback() => Claim::Familiar,
+            (Some(_), Some(data_port)) if data_port == port => Claim::Familiar,
+            _ if port == usual_port => Claim::Likely,
+            _ => Claim::Possible,
+        }
+    }
+
+    /// Whether a packet may come from where this sensor's packets come from. Behind one loopback address there can be
+    /// several sensors: there the port of data packets counts as well.
+    fn check_source(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
+        let from = packet.source.ip();
+        let port = packet.destination.port();
+        match (self.source, self.data_port) {
+            (Some(known), _) if known != from => {
+                Err(foreign(format!("sent by {from}, this sensor's packets come from {known}")))
             }
+            (Some(_), Some(known)) if from.is_loopback() && known != port && is_data(packet) => {
+                Err(foreign(format!("sent to port {port}, this sensor's data packets go to {known}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn remember_source(&mut self, packet: &Packet<'_>) {
+        self.source = Some(packet.source.ip());
+        if is_data(packet) {
+            self.data_port = Some(packet.destination.port());
         }
     }
 
     fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
             match self.stream {
-                Some(_) => self.accept(payload, packet.host_time_ns, out),
-                None => self.keep_undecided(payload, packet.host_time_ns, out),
+                Some(_) => self.accept(payload, packet.host_time_ns, out)?,
+                None => self.keep_undecided(payload, packet.host_time_ns, out)?,
             }
+            self.remember_source(packet);
+            Ok(())
         } else if let Ok(payload) = <&[u8; POSITION_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
+            self.remember_source(packet);
             self.position = Position::parse(payload, packet.host_time_ns);
             out(Decoded::Position(&self.position));
             Ok(())
         } else {
+            self.check_source(packet)?;
             let length = packet.payload.len();
-            Err(foreign(format!(
-                "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
-            )))
+            let begins_with_flag = packet
+                .payload
+                .first_chunk()
+                .is_some_and(|flag| BANK_FLAGS.contains(&u16::from_le_bytes(*flag)));
+            Err(if length < DATA_PACKET_BYTES && begins_with_flag {
+                malformed(format!("a data packet cut off after {length} bytes, expected {DATA_PACKET_BYTES}"))
+            } else {
+                foreign(format!(
+                    "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
+                ))
+            })
         }
     }
 
@@ -157,16 +220,7 @@ impl VelodyneDecoder {
         host_ns: u64,
         out: &mut dyn FnMut(Decoded<'_>),
     ) -> Result<(), Rejected> {
-        let data = DataPacket::of(payload);
-        let known = match detect::family(data) {
-            None => return Err(malformed("block flags of no known bank".to_owned())),
-            Some(Family::ThirtyTwo) => detect::claimed_product(data.model_byte()).is_some(),
-            Some(_) => true,
-        };
-        if !known {
-            return Err(foreign(format!("model byte {:#04x} is of no known product", data.model_byte())));
-        }
-        check_azimuths(data, LEAST_BLOCKS)?;
+        check_unknown(DataPacket::of(payload))?;
         self.undecided.push(Undecided { host_ns, payload: Box::new(*payload) });
         self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS, out);
         Ok(())
@@ -197,7 +251,8 @@ impl VelodyneDecoder {
     ) -> Result<(), Rejected> {
         let Some(stream) = &mut self.stream else { return Ok(()) };
         let data = DataPacket::of(payload);
-        check(data, stream)?;
+        check(data, stream, self.model_byte)?;
+        self.model_byte = Some(data.model_byte());
         self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
         let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
             if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
@@ -326,13 +381,30 @@ impl Decoder for VelodyneDecoder {
     }
 }
 
+fn is_data(packet: &Packet<'_>) -> bool {
+    packet.payload.len() == DATA_PACKET_BYTES
+}
+
+/// Whether a packet can be one of any product.
+fn check_unknown(data: DataPacket<'_>) -> Result<(), Rejected> {
+    match detect::family(data) {
+        None => return Err(malformed("block flags of no known bank".to_owned())),
+        Some(Family::ThirtyTwo) if detect::claimed_product(data.model_byte()).is_none() => {
+            let byte = data.model_byte();
+            return Err(foreign(format!("model byte {byte:#04x} is of no known product")));
+        }
+        Some(_) => {}
+    }
+    check_azimuths(data, LEAST_BLOCKS)
+}
+
 /// Whether a packet can be one of a stream.
-fn check(data: DataPacket<'_>, stream: &Stream) -> Result<(), Rejected> {
+fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8>) -> Result<(), Rejected> {
     let product = stream.product();
     let layout = stream.layout(data);
     for (block, bank) in layout.banks.iter().enumerate() {
         if data.bank(block) != Some(usize::from(*bank)) {
-            let expected = super::wire::BANK_FLAGS[usize::from(*bank)];
+            let expected = BANK_FLAGS[usize::from(*bank)];
             return Err(malformed(format!(
                 "block {block} of a {product} begins with {:#06x}, expected {expected:#06x}",
                 data.flag(block)
@@ -348,12 +420,11 @@ fn check(data: DataPacket<'_>, stream: &Stream) -> Result<(), Rejected> {
     let blocks = if product == Product::Hdl64eS1 { BLOCKS } else { layout.blocks };
     check_azimuths(data, blocks)?;
     if product.model_byte().is_some() {
-        let claimed = detect::claimed_product(data.model_byte());
-        let same_kind = claimed.is_some_and(|(claimed, _)| claimed.lasers() == product.lasers());
-        // a VLP-16 may say it is an HDL-32E
-        let old_vlp_16 = data.model_byte() == 0x21 && product == Product::Vlp16;
-        if !same_kind && !old_vlp_16 {
-            return Err(foreign(format!("model byte {:#04x} is not that of a {product}", data.model_byte())));
+        if model_byte.is_some_and(|known| known != data.model_byte()) {
+            let found = data.model_byte();
+            return Err(foreign(format!(
+                "model byte {found:#04x}, earlier packets of this {product} had another"
+            )));
         }
         if detect::mode(data).is_none() && product != Product::Hdl32e {
             return Err(malformed(format!(

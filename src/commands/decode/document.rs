@@ -150,7 +150,7 @@ impl Document {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
-            self.losses.extend(sensor_losses(&ids[at], &counters));
+            self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], &counters));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
                 vendor: sensor.vendor(),
@@ -248,20 +248,6 @@ impl Document {
         }
         text
     }
-}
-
-/// Packets of a sensor that the decoder could not use.
-fn sensor_losses(id: &str, counters: &DecodeStats) -> Vec<String> {
-    [
-        (counters.lost_packets, "packets never came"),
-        (counters.late, "packets came too late"),
-        (counters.malformed, "packets are malformed"),
-        (counters.crc_errors, "packets fail their checksum"),
-    ]
-    .iter()
-    .filter(|(count, _)| *count > 0)
-    .map(|(count, what)| format!("{id}: {count} {what}"))
-    .collect()
 }
 
 impl Totals {

@@ -81,7 +81,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         if let Some(damage) = ending.damage {
             return Err(damage.into());
         }
-        bail!("{}", super::unread::why_nothing(&recording, &router, &ending.counters));
+        bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
     }
     if let Some(output) = output {
         document.set_files(output.finish()?);

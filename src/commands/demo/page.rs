@@ -108,8 +108,7 @@ fn pictures(report: &mut Report, document: &Document, as_driven: &Coverage, reco
     let grid = recorded.grid();
     let (who_saw, where_different) = (who_saw(document), where_different());
     report.heading("Who saw what");
-    let bit =
-        |sensor: usize, index: usize| recorded.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1 == 1;
+    let bit = |sensor: usize, index: usize| recorded.contains(sensor, index);
     let seen = unfold_box(grid, &|index| {
         let others = (1..recorded.sensors()).any(|sensor| bit(sensor, index));
         Some(match (bit(0, index), others) {

@@ -21,6 +21,9 @@ pub struct Args {
     /// Hobby servos that measure nothing, in place of motors with encoders.
     #[arg(long)]
     pulse: bool,
+    /// Put a CAN adapter with the LAWICEL text protocol in between: connect with slcan:PATH.
+    #[arg(long)]
+    slcan: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -49,7 +52,7 @@ impl FromStr for Scheduled {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let interrupts = signals::interrupts()?;
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
-    let rig = MockRig::start(MockConfig { kind, ..MockConfig::default() }, args.seed)
+    let rig = MockRig::start(MockConfig { kind, slcan: args.slcan, ..MockConfig::default() }, args.seed)
         .context("no pseudo terminal for the mock rig")?;
     let started = Instant::now();
     if context.json {

@@ -11,6 +11,8 @@ use firmware_protocol::{
 
 use super::MockFault;
 use crate::rng::Rng;
+use crate::servo::framing::Framing;
+use crate::servo::slcan::SlcanReceiver;
 
 /// Stream of the seed that places the axes at the start.
 const PLACING: u64 = 0x5259_4731;
@@ -34,6 +36,8 @@ pub struct MockConfig {
     pub node: u8,
     /// What drives its axes.
     pub kind: AxisKind,
+    /// Whether a CAN adapter with the LAWICEL text protocol sits between the line and the rig.
+    pub slcan: bool,
     /// Where the axes stand at the start, µrad; from the seed when absent.
     pub start_urad: Option<[i32; 2]>,
 }
@@ -45,7 +49,7 @@ impl Default for MockConfig {
         let inwards = HalfPlane { a: -1, b: 1, c: 1_396_263 };
         let keep_out = KeepOut::inside(&[inwards]).unwrap_or_default();
         let firmware = Config { keep_out, uid: 0x4F55_5452_4947_0001, ..Config::default() };
-        Self { firmware, node: 1, kind: AxisKind::Measured, start_urad: None }
+        Self { firmware, node: 1, kind: AxisKind::Measured, slcan: false, start_urad: None }
     }
 }
 
@@ -85,7 +89,8 @@ impl Servo for MockAxis {
 pub struct MockDevice {
     config: MockConfig,
     controller: Option<Controller<MockAxis, 2>>,
-    receiver: Receiver,
+    framing: Framing,
+    adapter: Option<Adapter>,
     sequence: u8,
     wrong_id: bool,
     late_us: u64,
@@ -108,10 +113,12 @@ impl MockDevice {
             }
         });
         let controller = Some(Controller::new(config.firmware, axes, ResetCause::PowerOn, now_us));
+        let adapter = config.slcan.then(Adapter::default);
         Self {
+            framing: framing(config.slcan),
+            adapter,
             config,
             controller,
-            receiver: Receiver::default(),
             sequence: 0,
             wrong_id: false,
             late_us: 0,
@@ -137,7 +144,7 @@ impl MockDevice {
                     self.controller =
                         Some(Controller::new(firmware, old.into_servos(), ResetCause::BrownOut, now_us));
                 }
-                self.receiver = Receiver::default();
+                self.framing = framing(self.config.slcan);
                 self.sequence = 0;
                 self.waiting.clear();
             }
@@ -169,7 +176,11 @@ impl MockDevice {
     /// Takes bytes from the line.
     pub fn take(&mut self, now_us: u64, bytes: &[u8]) {
         let Some(controller) = &mut self.controller else { return };
-        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)) {
+        if let Some(adapter) = &mut self.adapter {
+            self.waiting
+                .extend(bytes.iter().filter_map(|byte| adapter.answer(*byte)).map(|said| (now_us, said)));
+        }
+        for frame in bytes.iter().filter_map(|byte| self.framing.push(*byte)) {
             let id = frame.id;
             let mine = id.node == self.config.node || id.node == firmware_protocol::can::BROADCAST;
             if id.direction != Direction::ToDevice || !mine {
@@ -191,10 +202,46 @@ impl MockDevice {
         for report in self.answers.drain(..) {
             let frame = Frame::report(self.sequence, node, &report);
             self.sequence = self.sequence.wrapping_add(1);
-            self.waiting.push_back((now_us + self.late_us, frame.encode().bytes().to_vec()));
+            self.waiting.push_back((now_us + self.late_us, self.framing.encode(&frame)));
         }
         while self.waiting.front().is_some_and(|(due_us, _)| *due_us <= now_us) {
             out.extend(self.waiting.pop_front().map(|(_, bytes)| bytes));
         }
+    }
+}
+
+fn framing(slcan: bool) -> Framing {
+    if slcan { Framing::Slcan(SlcanReceiver::default()) } else { Framing::Stuffed(Receiver::default()) }
+}
+
+/// What a CAN adapter says by itself: yes and no.
+#[derive(Clone, Debug, Default)]
+struct Adapter {
+    first: Option<u8>,
+    open: bool,
+}
+
+impl Adapter {
+    fn answer(&mut self, byte: u8) -> Option<Vec<u8>> {
+        if byte != b'\r' {
+            self.first.get_or_insert(byte);
+            return None;
+        }
+        let no = vec![0x07];
+        let yes = vec![b'\r'];
+        Some(match self.first.take() {
+            None => yes,
+            Some(b'C') => {
+                self.open = false;
+                yes
+            }
+            Some(b'S') if !self.open => yes,
+            Some(b'O') if !self.open => {
+                self.open = true;
+                yes
+            }
+            Some(b'T') if self.open => b"Z\r".to_vec(),
+            Some(_) => no,
+        })
     }
 }
