@@ -28,11 +28,10 @@ pub struct Beam {
 pub struct BeamCorrection {
     /// Offset of the beam's origin to the left of its bearing, m (`horizOffsetCorrection`).
     pub origin_left_m: f64,
-    /// Offset of the beam's origin upward, square to the beam in its vertical plane, m (`vertOffsetCorrection`).
-    pub origin_up_m: f64,
     /// Distance correction at the near calibration distances, m, where it was measured: for the part of a distance
     /// along the sensor's lateral axis (`distCorrectionX`, at 2.40 m) and along its forward axis (`distCorrectionY`,
-    /// at 1.93 m). Toward 25.04 m both become the far one, `-range_offset_m` of the [`Beam`].
+    /// at 1.93 m). Toward 25.04 m both become the far one, `-range_offset_m` of the [`Beam`]; reported ranges from
+    /// there on take that one alone. Heights take the mean of both.
     pub near_distance_m: Option<[f64; 2]>,
     /// Distance at which the intensity needs no compensation, m, and the slope of the compensation; 0 is none.
     pub focal_distance_m: f64,
@@ -152,9 +151,7 @@ impl SensorModel {
             beam.origin_z_m,
         );
         if let Some(correction) = self.corrections.get(channel) {
-            let left = DVec3::new(-sin_bearing, cos_bearing, 0.0);
-            let up = DVec3::new(-sin_elevation * cos_bearing, -sin_elevation * sin_bearing, cos_elevation);
-            origin += correction.origin_left_m * left + correction.origin_up_m * up;
+            origin += correction.origin_left_m * DVec3::new(-sin_bearing, cos_bearing, 0.0);
         }
         Ray {
             origin_m: self.sensor_from_lidar.transform_point3(origin),
@@ -169,19 +166,19 @@ impl SensorModel {
         let ray = self.ray(channel, azimuth_rad);
         let point = ray.at_range(range_m);
         let near = self.corrections.get(channel).and_then(|correction| correction.near_distance_m);
-        let Some(near_m) = near else { return point };
+        let Some(near_m) = near.filter(|_| range_m < FAR_TARGET_M) else { return point };
         let far_m = -ray.range_offset_m;
         let from_sensor = self.sensor_from_lidar.inverse();
         let in_lidar = from_sensor.transform_point3(point);
         let direction = from_sensor.transform_vector3(ray.direction);
-        // lateral axis: the lidar's y; forward axis: its x; the height goes with the forward axis
         let more_m = |axis: usize, along_m: f64| {
             let share = (FAR_TARGET_M - along_m.abs()) / (FAR_TARGET_M - NEAR_TARGETS_M[axis]);
             (near_m[axis] - far_m) * share
         };
+        // lateral axis: the lidar's y; forward axis: its x
         let (lateral_m, forward_m) = (more_m(0, in_lidar.y), more_m(1, in_lidar.x));
-        let corrected = in_lidar + direction * DVec3::new(forward_m, lateral_m, forward_m);
-        self.sensor_from_lidar.transform_point3(corrected)
+        let more = DVec3::new(forward_m, lateral_m, 0.5 * (forward_m + lateral_m));
+        self.sensor_from_lidar.transform_point3(in_lidar + direction * more)
     }
 
     /// The intensity of a return as the calibration of an HDL-64E compensates it, 0 to 255; other sensors report it

@@ -108,16 +108,15 @@ impl Calibration {
             beam.elevation_rad = laser.vertical_rad;
             beam.azimuth_offset_rad = -laser.rotation_rad;
             beam.range_offset_m = -laser.distance_m;
-            match laser.vertical_offset_m {
-                // in an HDL-64E the offset is square to the beam: see the correction
-                _ if is_hdl_64e => beam.origin_z_m = 0.0,
-                Some(offset_m) => beam.origin_z_m = offset_m,
-                None => {}
+            match (laser.vertical_offset_m, is_hdl_64e) {
+                (Some(offset_m), _) => beam.origin_z_m = offset_m,
+                // distances of a calibrated unit and heights of a nominal one do not belong together
+                (None, true) => beam.origin_z_m = 0.0,
+                (None, false) => {}
             }
         }
         let corrections = self.lasers.iter().map(|laser| BeamCorrection {
             origin_left_m: laser.horizontal_offset_m,
-            origin_up_m: if is_hdl_64e { laser.vertical_offset_m.unwrap_or(0.0) } else { 0.0 },
             near_distance_m: laser.near_distance_m,
             focal_distance_m: laser.focal_distance_m,
             focal_slope: laser.focal_slope,
@@ -164,7 +163,6 @@ impl Calibration {
 /// A correction that changes nothing.
 const PLAIN: BeamCorrection = BeamCorrection {
     origin_left_m: 0.0,
-    origin_up_m: 0.0,
     near_distance_m: None,
     focal_distance_m: 0.0,
     focal_slope: 0.0,
@@ -205,6 +203,43 @@ mod tests {
     const XML: &str = "<boost_serialization><DB><points_><item><px><id_>0</id_><rotCorrection_>1</rotCorrection_>\
         <vertCorrection_>2</vertCorrection_><distCorrection_>3</distCorrection_></px></item></points_></DB>\
         </boost_serialization>";
+
+    /// Points and intensities that velodyne_decoder 3.1.0 gives for this calibration: laser, azimuth (0.01 degree), raw
+    /// distance and intensity of the packet, then x, y, z (m) and intensity.
+    const PEER: [(usize, u32, u32, u8, [f64; 3], f64); 8] = [
+        (0, 0, 6653, 85, [14.52883, -0.73837, 0.709], 88.941),
+        (32, 0, 22_961, 185, [46.73761, 0.45019, -6.03642], 255.0),
+        (0, 35, 6656, 94, [14.53005, -0.82778, 0.7092], 97.97),
+        (32, 35, 20_391, 110, [41.64467, 0.14956, -5.35662], 233.199),
+        (32, 52, 742, 77, [2.76691, 0.026, -0.16917], 134.064),
+        (32, 726, 8579, 198, [18.12858, -2.12155, -2.23829], 220.559),
+        (0, 743, 17_752, 44, [36.08025, -6.61506, 1.48095], 146.734),
+        (0, 760, 8219, 21, [17.3673, -3.2347, 0.81788], 40.126),
+    ];
+
+    #[test]
+    fn a_calibrated_hdl_64e_places_points_as_its_peer() {
+        let laser = |id: u32| LaserCalibration {
+            vertical_rad: (2.0 - 0.3 * f64::from(id)).to_radians(),
+            rotation_rad: (0.11 * f64::from(id) - 3.0).to_radians(),
+            distance_m: 1.2 + 0.001 * f64::from(id),
+            near_distance_m: Some([1.3, 1.31]),
+            vertical_offset_m: Some(0.2),
+            horizontal_offset_m: if id.is_multiple_of(2) { 0.026 } else { -0.026 },
+            focal_distance_m: 12.5,
+            focal_slope: 1.4,
+            intensity_limits: [30, 255],
+            enabled: true,
+        };
+        let calibration = Calibration { distance_unit_m: Some(0.002), lasers: (0..64).map(laser).collect() };
+        let model = calibration.model(Product::Hdl64eS2).unwrap();
+        for (laser, counts, distance, level, position_m, intensity) in PEER {
+            let range_m = f64::from(distance) * 0.002;
+            let point = model.point(laser, (f64::from(counts) * 0.01).to_radians(), range_m);
+            assert!(point.distance(position_m.into()) < 5e-5, "laser {laser} at {range_m} m: {point}");
+            assert!((model.intensity(laser, range_m, level) - intensity).abs() < 2e-3);
+        }
+    }
 
     #[test]
     fn hostile_files_are_refused() {
