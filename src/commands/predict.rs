@@ -169,7 +169,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let wall_s = start.elapsed().as_secs_f64();
     if let Some(path) = &args.out {
         let bytes = ply(&coverage, &rig);
-        crate::report::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
+        crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     let document = document(&scanner, &coverage, &returns, registration, warnings, wall_s);
     if context.json {
@@ -278,7 +278,7 @@ fn scan(scanner: &Scanner<'_>, coverage: &mut Coverage) -> (Vec<u64>, Option<Reg
         for back in &column.returns {
             coverage.add(sensor, back.point_m);
         }
-        if column.column % REGISTRATION_STEP != 0 {
+        if !column.column.is_multiple_of(REGISTRATION_STEP) {
             return;
         }
         let spin = &scanner.spins[sensor];
