@@ -208,15 +208,7 @@ impl Coverage {
                 }
             }
         }
-        let aligned = |cells| match cells {
-            &Cells::Whole(ref bitmap) => Cow::Borrowed(bitmap.as_slice()),
-            Cells::Bricks { index, words } => {
-                let of_brick =
-                    |brick: &[i32; 3]| index.find(*brick).map_or([0; 8], |slot| words[slot as usize]);
-                Cow::Owned(bricks.bricks().iter().flat_map(of_brick).collect())
-            }
-        };
-        let bitmaps: Vec<Cow<'_, [u64]>> = self.sensors.iter().map(aligned).collect();
+        let bitmaps: Vec<_> = self.sensors.iter().map(|cells| cells.aligned(&bricks)).collect();
         let bitmaps: Vec<_> = bitmaps.iter().map(|bitmap| &**bitmap).collect();
         Counts::of_bitmaps(&bitmaps)
     }
@@ -267,6 +259,18 @@ impl Cells {
                 }
             }
             _ => unreachable!("a grid's size decides how its cells are kept"),
+        }
+    }
+
+    /// A bitmap to count with: the whole one, or that of the given bricks in their order.
+    fn aligned(&self, bricks: &BrickIndex) -> Cow<'_, [u64]> {
+        match self {
+            Self::Whole(bitmap) => Cow::Borrowed(bitmap),
+            Self::Bricks { index, words } => {
+                let of_brick =
+                    |brick: &[i32; 3]| index.find(*brick).map_or([0; 8], |slot| words[slot as usize]);
+                Cow::Owned(bricks.bricks().iter().flat_map(of_brick).collect())
+            }
         }
     }
 

@@ -278,7 +278,7 @@ fn scan(scanner: &Scanner<'_>, coverage: &mut Coverage) -> (Vec<u64>, Option<Reg
         for back in &column.returns {
             coverage.add(sensor, back.point_m);
         }
-        if column.column % REGISTRATION_STEP != 0 {
+        if !column.column.is_multiple_of(REGISTRATION_STEP) {
             return;
         }
         let spin = &scanner.spins[sensor];

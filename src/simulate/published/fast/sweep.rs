@@ -1,5 +1,7 @@
 //! The inner loops: plain arithmetic over blocks of lanes, compiled once for each instruction set.
 
+#![allow(clippy::needless_range_loop)] // lanes of several arrays side by side become vector instructions
+
 use std::ops::Range;
 
 use super::{Plan, axes};
