@@ -140,7 +140,9 @@ fn frame(frame_id: u32, columns: usize, channels: usize) -> Frame {
     Frame {
         frame_id,
         channels,
-        column_time_ns: (0..columns as u64).map(|c| u64::from(frame_id) * 100_000_000 + c * 190_000).collect(),
+        column_time_ns: (0..columns as u64)
+            .map(|c| u64::from(frame_id) * 100_000_000 + c * 190_000)
+            .collect(),
         column_azimuth_rad: (0..columns)
             .map(|column| column as f64 / columns as f64 * std::f64::consts::TAU)
             .collect(),
