@@ -1,6 +1,8 @@
 //! The one integration binary. A case that lacks its data is left out at run time: it is counted as ignored, and a
 //! banner names it.
 
+#![allow(clippy::unwrap_used)] // a failed unwrap is a failed case
+
 mod support;
 
 mod cli;

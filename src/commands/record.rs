@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use sensors::ouster::Metadata;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{Context, Outcome, output};
@@ -216,8 +217,7 @@ fn say(message: &str) {
 
 fn read_metadata(path: &Path) -> anyhow::Result<String> {
     let text = std::fs::read_to_string(path).with_context(|| format!("metadata {}", path.display()))?;
-    serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(&text)
-        .with_context(|| format!("metadata {}: a JSON object is expected", path.display()))?;
+    Metadata::parse(&text, &path.display().to_string())?;
     Ok(text)
 }
 

@@ -109,7 +109,7 @@ fn send_once(args: &Args, path: &Path, sent: &mut Sent, bar: &ProgressBar) -> an
         port.packets += 1;
         sent.packets += 1;
         sent.bytes += packet.payload.len() as u64;
-        if sent.packets % 256 == 0 && std::io::stderr().is_terminal() {
+        if sent.packets.is_multiple_of(256) && std::io::stderr().is_terminal() {
             bar.set_message(format!("{} packets, {}", HumanCount(sent.packets), HumanBytes(sent.bytes)));
             bar.tick();
         }

@@ -39,7 +39,7 @@ pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionE
 /// Bytes an ordinary user may still write in the file system of a folder.
 pub(super) fn free_bytes(folder: &Path) -> io::Result<u64> {
     let state = nix::sys::statvfs::statvfs(folder)?;
-    Ok(u64::from(state.blocks_available()) * u64::from(state.fragment_size()))
+    Ok(state.blocks_available() * state.fragment_size())
 }
 
 /// Bytes as hexadecimal digits.

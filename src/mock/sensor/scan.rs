@@ -6,6 +6,7 @@ use sensors::{Frame, Layer, SensorModel};
 use crate::geometry::Pose;
 use crate::rng::Rng;
 use crate::scene::Scene;
+use crate::simulate::scan::cast_column;
 use crate::trajectory::Trajectory;
 
 /// A sensor on its way through a scene.
@@ -56,11 +57,7 @@ impl Scan<'_> {
         };
         let samples: Vec<Sample> = columns
             .par_iter()
-            .flat_map_iter(|column| {
-                let mut noise = Rng::new(self.seed, column.time_ns);
-                (0..channels)
-                    .map(move |channel| self.sample(column, channel, azimuth_rate_rad_per_ns, &mut noise))
-            })
+            .flat_map_iter(|column| self.column(column, azimuth_rate_rad_per_ns * 1e9))
             .collect();
         frame.first = Layer {
             range_mm: samples.iter().map(|sample| sample.range_mm).collect(),
@@ -72,35 +69,28 @@ impl Scan<'_> {
         frame
     }
 
-    fn sample(&self, column: &Column, channel: usize, rate: f64, noise: &mut Rng) -> Sample {
-        let fire_offset_ns = self.model.beams()[channel].fire_offset_ns;
-        let time_ns = column.time_ns.saturating_add_signed(fire_offset_ns.round() as i64);
-        // drawn for every sample, hit or not: a different scene has the same noise
-        let error_m = if self.noise_m > 0.0 { self.noise_m * noise.normal() } else { 0.0 };
-        let Some(world_from_body) = self.trajectory.at(time_ns) else { return Sample::default() };
-        let world_from_sensor = world_from_body * (self.body_from_sensor)(time_ns);
-        let ray = self.model.ray(channel, column.azimuth_rad + rate * fire_offset_ns);
-        let origin_m = world_from_sensor.transform_point(ray.origin_m);
-        let direction = world_from_sensor.rotate(ray.direction);
-        let Some(hit) = self.scene.cast(origin_m, direction) else { return Sample::default() };
-        let true_range_m = hit.distance_m + ray.range_offset_m;
-        if !(self.model.min_range_m..=self.model.max_range_m).contains(&true_range_m) {
-            return Sample::default();
+    fn column(&self, column: &Column, spin_rad_s: f64) -> impl Iterator<Item = Sample> + use<> {
+        let mut ranges_m = vec![None; self.model.channels()];
+        if let Some(world_from_body) = self.trajectory.at(column.time_ns) {
+            let world_from_sensor = world_from_body * (self.body_from_sensor)(column.time_ns);
+            let azimuth_rad = column.azimuth_rad;
+            cast_column(self.scene, world_from_sensor, self.model, azimuth_rad, spin_rad_s, &mut ranges_m);
         }
-        let step_mm = f64::from(self.range_step_mm.max(1));
-        let range_mm = ((true_range_m + error_m) * 1e3 / step_mm).round().max(1.0) * step_mm;
-        let facing = hit.normal.dot(direction).abs();
-        let signal = SIGNAL_AT_1_M * facing / hit.distance_m.max(1.0).powi(2);
-        Sample {
-            range_mm: range_mm as u32,
-            reflectivity: (REFLECTIVITY * facing) as u8,
-            signal: signal as u16,
-        }
+        let mut noise = Rng::new(self.seed, column.time_ns);
+        let (noise_m, step_mm) = (self.noise_m, f64::from(self.range_step_mm.max(1)));
+        ranges_m.into_iter().map(move |range_m| {
+            // drawn for every sample, hit or not: a different scene has the same noise
+            let error_m = if noise_m > 0.0 { noise_m * noise.normal() } else { 0.0 };
+            let Some(range_m) = range_m else { return Sample::default() };
+            let range_mm = ((range_m + error_m) * 1e3 / step_mm).round().max(1.0) * step_mm;
+            let signal = SIGNAL_AT_1_M / range_m.max(1.0).powi(2);
+            Sample { range_mm: range_mm as u32, reflectivity: REFLECTIVITY, signal: signal as u16 }
+        })
     }
 }
 
-/// A matt wall: half of it comes back, less where it is seen at an angle (Lambert).
-const REFLECTIVITY: f64 = 50.0;
+/// A matt wall: half of the light comes back.
+const REFLECTIVITY: u8 = 50;
 /// Photons from such a wall at 1 m: any number of the size real sensors report.
 const SIGNAL_AT_1_M: f64 = 20_000.0;
 /// Ambient light of an indoor scene, counts.
