@@ -135,12 +135,15 @@ fn frame(frame_id: u32, columns: usize, channels: usize) -> Frame {
     let layer = Layer {
         range_mm: (0..columns * channels).map(|at| 800 + at as u32 % 5000).collect(),
         reflectivity: vec![7; columns * channels],
+        raw_words: vec![[900, 0x0700_0384, 1, 2, 3]; columns * channels],
         ..Layer::default()
     };
     Frame {
         frame_id,
         channels,
-        column_time_ns: (0..columns as u64).map(|c| u64::from(frame_id) * 100_000_000 + c * 190_000).collect(),
+        column_time_ns: (0..columns as u64)
+            .map(|c| u64::from(frame_id) * 100_000_000 + c * 190_000)
+            .collect(),
         column_azimuth_rad: (0..columns)
             .map(|column| column as f64 / columns as f64 * std::f64::consts::TAU)
             .collect(),
