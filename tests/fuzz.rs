@@ -135,6 +135,7 @@ fn frame(frame_id: u32, columns: usize, channels: usize) -> Frame {
     let layer = Layer {
         range_mm: (0..columns * channels).map(|at| 800 + at as u32 % 5000).collect(),
         reflectivity: vec![7; columns * channels],
+        raw_words: vec![[900, 0x0700_0384, 1, 2, 3]; columns * channels],
         ..Layer::default()
     };
     Frame {

@@ -1,5 +1,6 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
@@ -7,6 +8,7 @@ use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
 use sensors::router::Router;
+use sensors::velodyne::Calibration;
 
 use crate::record::Session;
 
@@ -21,6 +23,18 @@ const MOST_METADATA_BYTES: u64 = 1 << 20;
 pub struct Recording {
     path: PathBuf,
     metadata: Vec<(Metadata, String)>,
+    calibrations: Vec<(Option<IpAddr>, Calibration)>,
+}
+
+/// Which sensors a recording is about: the options that `decode` and `inspect` share.
+#[derive(clap::Args, Debug)]
+pub struct SensorArgs {
+    /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none.
+    #[arg(long = "meta", value_name = "META.json")]
+    pub meta: Vec<PathBuf>,
+    /// Calibration of a Velodyne (db.xml or YAML); with several, name each by its address: 192.168.1.201=left.xml.
+    #[arg(long, value_name = "[ADDRESS=]FILE")]
+    pub calibration: Vec<String>,
 }
 
 /// How a pass over the packets ended.
@@ -36,8 +50,8 @@ pub struct Ending {
 impl Recording {
     /// Finds the packets (a session folder names them, and brings its metadata along) and reads the metadata.
     /// `-` is standard input.
-    pub fn open(capture: &Path, metadata_paths: &[PathBuf]) -> anyhow::Result<Self> {
-        let mut paths = metadata_paths.to_vec();
+    pub fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+        let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
         if capture.is_dir() && Session::is_session(capture) {
             path = capture.join(crate::record::file::PACKETS);
@@ -51,7 +65,9 @@ impl Recording {
             let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
             metadata.push((Metadata::parse(&text, &name)?, name));
         }
-        Ok(Self { path, metadata })
+        let calibrations =
+            sensors.calibration.iter().map(|text| calibration(text)).collect::<Result<_, _>>()?;
+        Ok(Self { path, metadata, calibrations })
     }
 
     /// The file that is read.
@@ -84,6 +100,9 @@ impl Recording {
         let mut router = Router::new();
         for (metadata, name) in &self.metadata {
             router.add_ouster(metadata.clone(), name.clone());
+        }
+        for (source, calibration) in &self.calibrations {
+            router.add_calibration(*source, calibration.clone());
         }
         if !self.metadata.is_empty() && !self.is_standard_input() {
             let mut reader = CaptureReader::open(&self.path)?;
@@ -150,6 +169,14 @@ impl Ending {
         }
         losses
     }
+}
+
+/// `FILE` or `ADDRESS=FILE`.
+fn calibration(text: &str) -> anyhow::Result<(Option<IpAddr>, Calibration)> {
+    let named = text.split_once('=').and_then(|(address, path)| Some((address.parse().ok()?, path)));
+    let (source, path) = named.map_or((None, text), |(address, path)| (Some(address), path));
+    let bytes = std::fs::read(path).with_context(|| path.to_owned())?;
+    Ok((source, Calibration::from_bytes(&bytes).with_context(|| path.to_owned())?))
 }
 
 fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use sensors::projection::points_f64;
+use sensors::projection::Projector;
 use sensors::{Frame, Layer, SensorModel};
 
 /// Stamps before this are no dates: 2000-01-01 in ns since 1970. A sensor without a time source counts from power-on.
@@ -57,7 +57,6 @@ pub struct Echo {
 }
 
 /// The points of one frame; samples without a return are left out.
-#[derive(Clone, Debug)]
 pub struct Cloud {
     /// Whose.
     pub source: Arc<Source>,
@@ -70,7 +69,7 @@ pub struct Cloud {
     /// In order of columns, then channels, then returns.
     pub points: Vec<Point>,
     rings: Vec<u16>,
-    scratch: Vec<DVec3>,
+    placer: Placer,
 }
 
 impl Cloud {
@@ -84,7 +83,7 @@ impl Cloud {
             host_time_ns: 0,
             points: Vec::new(),
             rings,
-            scratch: Vec::new(),
+            placer: Placer::new(model),
         }
     }
 
@@ -123,8 +122,7 @@ impl Cloud {
     }
 
     fn fill_layer(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer, return_number: u8) {
-        let mut positions = std::mem::take(&mut self.scratch);
-        points_f64(model, frame, layer, &mut positions);
+        let positions_m = self.placer.positions_m(model, frame, layer);
         for column in 0..frame.columns() {
             for channel in 0..frame.channels {
                 let at = frame.index(column, channel);
@@ -136,7 +134,7 @@ impl Cloud {
                 let signal = layer.signal.get(at).copied();
                 let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
                 self.points.push(Point {
-                    position_m: positions[at],
+                    position_m: DVec3::from_array(positions_m[at]),
                     range_mm,
                     time_ns: frame.column_time_ns[column].saturating_add_signed(offset_ns),
                     ring: self.rings.get(channel).copied().unwrap_or(0),
@@ -148,7 +146,30 @@ impl Cloud {
                 });
             }
         }
-        self.scratch = positions;
+    }
+}
+
+/// Places the samples of one sensor's frames, also of one that learns its calibration on the way.
+pub struct Placer {
+    model: SensorModel,
+    projector: Projector,
+    positions_m: Vec<[f64; 3]>,
+}
+
+impl Placer {
+    /// For a sensor with these beams.
+    pub fn new(model: &SensorModel) -> Self {
+        Self { model: model.clone(), projector: Projector::new(model), positions_m: Vec::new() }
+    }
+
+    /// Positions in the sensor frame, m, in the order of the layer; zero where nothing came back.
+    pub fn positions_m(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer) -> &[[f64; 3]] {
+        if self.model != *model {
+            self.model = model.clone();
+            self.projector = Projector::new(model);
+        }
+        self.projector.points_f64(frame, layer, &mut self.positions_m);
+        &self.positions_m
     }
 }
 

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 use crate::files;
 
-pub use cloud::{Cloud, Echo, Point, Source};
+pub use cloud::{Cloud, Echo, Placer, Point, Source};
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]

@@ -7,11 +7,14 @@
 mod explain;
 mod guess;
 mod sensor;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 
 use crate::ouster::{Claim, ImuSample, Metadata, OusterDecoder, ZoneReport};
-use crate::velodyne::{Options, Position, VelodyneDecoder};
+use crate::velodyne::{Calibration, Options, Position, VelodyneDecoder};
 use crate::{Decoded, Frame, Packet, Rejected};
 
 pub use guess::Guess;
@@ -27,6 +30,7 @@ const MOST_KINDS: usize = 256;
 pub struct Router {
     sensors: Vec<Sensor>,
     unclaimed: BTreeMap<(u16, usize), Unclaimed>,
+    calibrations: Vec<(Option<IpAddr>, Calibration)>,
     done: Vec<Owned>,
 }
 
@@ -80,6 +84,11 @@ impl Router {
         self.sensors.push(Sensor::new(decoder, Some(name.into())));
     }
 
+    /// Adds the calibration of a Velodyne: of the one that sends from `source`, or of any.
+    pub fn add_calibration(&mut self, source: Option<IpAddr>, calibration: Calibration) {
+        self.calibrations.push((source, calibration));
+    }
+
     /// All sensors: those of metadata first, then those found, in the order they were found.
     pub fn sensors(&self) -> &[Sensor] {
         &self.sensors
@@ -114,6 +123,7 @@ impl Router {
         };
         let done = &mut self.done;
         let outcome = self.sensors[at].push(packet, &mut |decoded| done.push(Owned::of(decoded)));
+        self.sensors[at].calibrate(&self.calibrations);
         self.hand_out(at, out);
         match outcome {
             Ok(()) => {
@@ -140,6 +150,7 @@ impl Router {
         for at in 0..self.sensors.len() {
             let done = &mut self.done;
             self.sensors[at].finish(&mut |decoded| done.push(Owned::of(decoded)));
+            self.sensors[at].calibrate(&self.calibrations);
             self.hand_out(at, out);
         }
     }

@@ -3,7 +3,7 @@
 use std::net::{IpAddr, SocketAddr};
 
 use crate::ouster::OusterDecoder;
-use crate::velodyne::VelodyneDecoder;
+use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
 use crate::{DecodeStats, Decoded, Decoder, Packet, Rejected, SensorModel};
 
 /// A sensor that packets are routed to.
@@ -15,6 +15,7 @@ pub struct Sensor {
     pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
+    calibrated: Option<Result<SensorModel, CalibrationError>>,
 }
 
 /// The two families.
@@ -34,6 +35,7 @@ impl Sensor {
             source_is_known: false,
             first_source: None,
             data_port: None,
+            calibrated: None,
         }
     }
 
@@ -92,12 +94,20 @@ impl Sensor {
         self.data_port
     }
 
-    /// Its beams, once they are known.
+    /// Its beams, once they are known; as calibrated, where a calibration was given.
     pub fn model(&self) -> Option<&SensorModel> {
+        if let Some(Ok(model)) = &self.calibrated {
+            return Some(model);
+        }
         match &self.decoder {
             Family::Ouster(decoder) => Some(&decoder.metadata().model),
             Family::Velodyne(decoder) => decoder.model(),
         }
+    }
+
+    /// Why the calibration that was given for it is not used.
+    pub fn calibration_error(&self) -> Option<&CalibrationError> {
+        self.calibrated.as_ref().and_then(|calibrated| calibrated.as_ref().err())
     }
 
     /// Everything its decoder counted.
@@ -124,6 +134,18 @@ impl Sensor {
             Family::Ouster(decoder) => decoder.finish(out),
             Family::Velodyne(decoder) => decoder.finish(out),
         }
+    }
+
+    /// Takes the first calibration that is meant for it, once it is known what it is.
+    pub(super) fn calibrate(&mut self, calibrations: &[(Option<IpAddr>, Calibration)]) {
+        if self.calibrated.is_some() || calibrations.is_empty() {
+            return;
+        }
+        let Family::Velodyne(decoder) = &self.decoder else { return };
+        let (Some(identity), Some(address)) = (decoder.identity(), self.first_source) else { return };
+        let meant =
+            calibrations.iter().find(|(source, _)| source.is_none_or(|source| source == address.ip()));
+        self.calibrated = meant.map(|(_, calibration)| calibration.model(identity.product));
     }
 
     pub(super) fn note_source(&mut self, packet: &Packet<'_>) {

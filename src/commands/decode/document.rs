@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use glam::DVec3;
 use sensors::capture::CaptureCounters;
-use sensors::projection::points_f64;
 use sensors::router::{Router, Unclaimed};
 use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use crate::commands::recording::{Ending, Recording};
+use crate::export::Placer;
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
@@ -27,7 +26,7 @@ pub struct Document {
     #[serde(skip)]
     found: BTreeMap<usize, Found>,
     #[serde(skip)]
-    positions: Vec<DVec3>,
+    placers: BTreeMap<usize, Placer>,
 }
 
 /// A point file that was written.
@@ -103,8 +102,13 @@ impl Document {
 
     /// Measures a frame.
     pub fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
-        points_f64(model, frame, &frame.first, &mut self.positions);
-        let sum: DVec3 = self.positions.iter().sum();
+        let placer = self.placers.entry(sensor).or_insert_with(|| Placer::new(model));
+        let mut sum = [0.0; 3];
+        for position_m in placer.positions_m(model, frame, &frame.first) {
+            for axis in 0..3 {
+                sum[axis] += position_m[axis];
+            }
+        }
         let times = frame.time_span_ns();
         let row = FrameRow {
             frame_id: frame.frame_id,
@@ -115,7 +119,7 @@ impl Document {
             packets: frame.packets,
             expected_packets: frame.expected_packets,
             range_sum_mm: frame.first.range_mm.iter().map(|range_mm| u64::from(*range_mm)).sum(),
-            xyz_sum_m: sum.to_array(),
+            xyz_sum_m: sum,
             first_time_ns: times.map(|[first, _]| first),
             last_time_ns: times.map(|[_, last]| last),
             first_host_time_ns: frame.host_time_ns[0],

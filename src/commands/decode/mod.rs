@@ -13,24 +13,24 @@ use self::document::Document;
 use self::frames::FrameRange;
 use self::output::Output;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::Recording;
+use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome};
 use crate::export::Format;
 
+const EXIT_CODES: &str = "\
+Exit codes: 0 when everything that the recording holds of the sensors was decoded; 3 when it was decoded but data is \
+missing: the file is cut off or damaged, datagrams lack fragments, or packets of a sensor were lost, late, malformed or \
+failed their checksum; 1 when nothing could be decoded. A recording that merely begins or ends in the middle of a \
+revolution is whole: its first or last frame says \"complete\": false.";
+
 /// Arguments of `decode`.
-///
-/// Exit codes: 0 when everything that the recording holds of the sensors was decoded, 3 when it was decoded but data
-/// is missing: the file is cut off or damaged, datagrams lack fragments, or packets of a sensor were lost, late,
-/// malformed or failed their checksum. A recording that merely begins or ends in the middle of a revolution is
-/// whole: its first or last frame says `"complete": false`. Exit code 1 when nothing could be decoded.
 #[derive(clap::Args, Debug)]
-#[command(verbatim_doc_comment)]
+#[command(after_help = EXIT_CODES)]
 pub struct Args {
     /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
     capture: PathBuf,
-    /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none.
-    #[arg(long = "meta", value_name = "META.json")]
-    meta: Vec<PathBuf>,
+    #[command(flatten)]
+    sensors: SensorArgs,
     /// Write points in this format; taken from the extension of --out where that says it.
     #[arg(long)]
     format: Option<Format>,
@@ -47,7 +47,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.meta)?;
+    let recording = Recording::open(&args.capture, &args.sensors)?;
     let mut output = Output::new(args, &recording)?;
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();
@@ -75,6 +75,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     router.finish(&mut take);
     if let Some(problem) = problem {
         return Err(problem.into());
+    }
+    for sensor in router.sensors() {
+        if let Some(error) = sensor.calibration_error() {
+            bail!("{} from {:?}: {error}", sensor.product(), sensor.source());
+        }
     }
     document.conclude(&recording, &router, &ending);
     if document.is_empty() {

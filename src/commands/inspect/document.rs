@@ -164,8 +164,19 @@ impl SensorReport {
             let mode = self.timestamp_mode.as_ref().map_or(String::new(), |mode| format!(" ({mode})"));
             let _ = writeln!(text, "    clock{mode} {}", clock.text());
         }
+        if let Some(pulse) = self.pulse {
+            let _ = writeln!(text, "    pulse per second: {}", format!("{pulse:?}").to_lowercase());
+        }
+        if let Some(hours) = self.hours_in_use {
+            let _ = writeln!(text, "    {hours} hours in use");
+        }
         if let Some(sentence) = &self.gps_sentence {
-            let _ = writeln!(text, "    GPS: {sentence}");
+            let valid = match self.gps_valid {
+                Some(true) => "valid",
+                Some(false) => "no fix",
+                None => "unreadable",
+            };
+            let _ = writeln!(text, "    GPS ({valid}): {sentence}");
         }
         for remark in self.remark.iter().chain(&self.warnings) {
             let _ = writeln!(text, "    {remark}");

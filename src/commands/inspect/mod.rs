@@ -11,27 +11,27 @@ use self::document::Document;
 use self::flows::Flows;
 use self::sensor::Watch;
 use super::output::{print_json, print_text};
-use super::recording::Recording;
+use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome};
 
+const EXIT_CODES: &str = "\
+Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
+recording is whole; 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments that \
+never came); 1 when the file cannot be read.";
+
 /// Arguments of `inspect`.
-///
-/// Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the
-/// recording is whole, 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments
-/// that never came), 1 when the file cannot be read.
 #[derive(clap::Args, Debug)]
-#[command(verbatim_doc_comment)]
+#[command(after_help = EXIT_CODES)]
 pub struct Args {
     /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
     capture: PathBuf,
-    /// Metadata of an Ouster sensor; once per sensor.
-    #[arg(long = "meta", value_name = "META.json")]
-    meta: Vec<PathBuf>,
+    #[command(flatten)]
+    sensors: SensorArgs,
 }
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.meta)?;
+    let recording = Recording::open(&args.capture, &args.sensors)?;
     let mut router = recording.router()?;
     let mut flows = Flows::default();
     let mut watches: Vec<Watch> = Vec::new();

@@ -1,6 +1,7 @@
 //! What is watched of one sensor while it is decoded.
 
 use sensors::router::{Family, Sensor};
+use sensors::velodyne::{Fix, Position, PulseState};
 use sensors::{DecodeStats, Decoded, Health};
 use serde::Serialize;
 
@@ -18,6 +19,7 @@ pub struct Watch {
     clock: ClockWatch,
     imu_samples: u64,
     position_packets: u64,
+    position: Option<Position>,
     zone_reports: u64,
     health: Option<Health>,
 }
@@ -65,6 +67,12 @@ pub struct SensorReport {
     pub clock: Option<ClockReport>,
     /// GPS sentence the sensor passed on last.
     pub gps_sentence: Option<String>,
+    /// Whether the receiver calls its position valid; none where the sentence cannot be read.
+    pub gps_valid: Option<bool>,
+    /// Pulse per second, as the last position packet says.
+    pub pulse: Option<PulseState>,
+    /// Hours in use, where the sensor says so.
+    pub hours_in_use: Option<u16>,
     /// The sensor's own warnings in its last revolution.
     pub warnings: Vec<String>,
     /// Everything its decoder counted.
@@ -88,7 +96,10 @@ impl Watch {
                 }
             }
             Decoded::Imu(_) => self.imu_samples += 1,
-            Decoded::Position(_) => self.position_packets += 1,
+            Decoded::Position(position) => {
+                self.position_packets += 1;
+                self.position = Some((*position).clone());
+            }
             Decoded::Zones(_) => self.zone_reports += 1,
         }
     }
@@ -96,8 +107,8 @@ impl Watch {
     /// Says what was seen.
     pub fn report(&self, id: String, sensor: &Sensor) -> SensorReport {
         let per_frame = |count: u64| (self.frames > 0).then(|| count as f64 / self.frames as f64);
-        let (mut firmware, mut timestamp_mode, mut gps_sentence, mut remark) =
-            (String::new(), None, None, None);
+        let (mut firmware, mut timestamp_mode, mut remark) = (String::new(), None, None);
+        let gps_sentence;
         match sensor.family() {
             Family::Ouster(decoder) => {
                 firmware.clone_from(&decoder.metadata().firmware);
@@ -105,6 +116,8 @@ impl Watch {
                 gps_sentence = decoder.nmea().map(|(_, text)| text.to_owned());
             }
             Family::Velodyne(decoder) => {
+                let sentence = self.position.as_ref().map(|position| position.sentence.clone());
+                gps_sentence = sentence.filter(|sentence| !sentence.is_empty());
                 remark = decoder.identity().and_then(|identity| identity.remark.clone());
             }
         }
@@ -128,7 +141,13 @@ impl Watch {
             position_packets: self.position_packets,
             zone_reports: self.zone_reports,
             clock: self.clock.report(),
+            gps_valid: gps_sentence.as_deref().and_then(|text| Fix::parse(text).ok()).map(|fix| fix.valid),
             gps_sentence,
+            pulse: self.position.as_ref().map(|position| position.pulse),
+            hours_in_use: match sensor.family() {
+                Family::Velodyne(decoder) => decoder.unit_status().map(|status| status.hours),
+                Family::Ouster(_) => None,
+            },
             warnings: self.health.map(warnings).unwrap_or_default(),
             counters: sensor.stats().clone(),
         }
