@@ -7,14 +7,17 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+pub mod files;
 pub mod rng;
 pub mod geometry;
 pub mod scene;
 pub mod trajectory;
 pub mod rig;
 pub mod coverage;
+pub mod surface;
 pub mod simulate;
 pub mod objective;
+pub mod registration;
 pub mod optimize;
 pub mod compare;
 pub mod servo;
@@ -23,6 +26,5 @@ pub mod record;
 pub mod export;
 pub mod chart;
 pub mod report;
-pub mod config;
 pub mod mock;
 pub mod commands;

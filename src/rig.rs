@@ -62,7 +62,7 @@ impl MountedSensor {
     /// Where the beams meet, in the mount frame, m: the lidar origin, within 2 mm the middle of the housing of every
     /// model with a drawing.
     pub fn lidar_origin_m(&self) -> DVec3 {
-        let lidar_origin = DVec3::from(self.model.sensor_from_lidar().translation);
+        let lidar_origin = self.model.sensor_from_lidar().translation;
         let in_mount_axes = BODY_FROM_MOUNT_FRAME.transpose() * lidar_origin;
         self.mount.position_m() + self.mount.rotation() * in_mount_axes
     }

@@ -99,7 +99,7 @@ impl FromStr for RollArg {
 
 /// Masters as typed.
 #[derive(Clone, Debug)]
-struct Masters(Vec<Placement>);
+pub struct Masters(pub Vec<Placement>);
 
 impl FromStr for Masters {
     type Err = String;

@@ -12,9 +12,15 @@ mod manual;
 mod mock;
 mod optimize;
 mod output;
+mod predict;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
+mod signals;
+mod unread;
+mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
@@ -35,6 +41,8 @@ enum Verb {
     Optimize(optimize::Args),
     /// Score given mounts.
     Evaluate(evaluate::Args),
+    /// What a mount will cover along a trajectory through a scene.
+    Predict(predict::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
@@ -43,6 +51,8 @@ enum Verb {
     Record(record::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
+    /// How much of a mesh's surface the sensors see along a trajectory.
+    Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
     /// Devices to test against, on loopback and ptys.
@@ -77,10 +87,12 @@ impl Cli {
             Verb::Demo(args) => demo::run(&args, context),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
+            Verb::Predict(args) => predict::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
+            Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),

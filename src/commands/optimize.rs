@@ -5,15 +5,13 @@ mod state;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use serde::Serialize;
 
 use super::evaluate::ExperimentArgs;
-use super::{Context, Outcome, output};
+use super::{Context, Outcome, output, signals};
 use crate::objective::Evaluation;
 use crate::optimize::{
     KeepApart, Kind, MountProblem, PUBLISHED_MASTERS_MAX, Search, Settings, StoppedBy, Trial,
@@ -118,7 +116,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             None => begun(args, &problem)?,
         };
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
-    let stop = stop_flag()?;
+    let stop = signals::stop_flag()?;
     let bar = progress_bar(budget);
     bar.set_position(search.evaluations() as u64);
     let start = Instant::now();
@@ -170,27 +168,6 @@ fn continued(args: &Args, search: Search) -> anyhow::Result<Search> {
         );
     }
     Ok(search)
-}
-
-/// Set by the first Ctrl-C; the second one ends the program at once.
-fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let flag = Arc::new(AtomicBool::new(false));
-    let setter = Arc::clone(&flag);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .context("cannot listen for Ctrl-C")?;
-    std::thread::spawn(move || {
-        runtime.block_on(async {
-            if tokio::signal::ctrl_c().await.is_ok() {
-                setter.store(true, std::sync::atomic::Ordering::Relaxed);
-                if tokio::signal::ctrl_c().await.is_ok() {
-                    std::process::exit(130);
-                }
-            }
-        });
-    });
-    Ok(flag)
 }
 
 fn progress_bar(budget: usize) -> indicatif::ProgressBar {

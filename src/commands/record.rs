@@ -1,12 +1,287 @@
-//! `outrigger record`
+//! `outrigger record`: live packets into a session folder.
 
-use super::{Context, Outcome};
+use std::io::Write as _;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::{Context, Outcome, output};
+use crate::receive::{Listen, Monitor, Options, Receiver, now_ns};
+use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
+
+/// A sensor that sent nothing for so long is named.
+const SILENT: Duration = Duration::from_secs(2);
+/// How often counters are looked at.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// Arguments of `record`.
 #[derive(clap::Args, Debug)]
-pub struct Args {}
+pub struct Args {
+    /// A sensor: name, local port (or address and port), metadata file of an Ouster. Once per sensor.
+    #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json]", required = true, value_parser = parse_listen)]
+    listen: Vec<ListenArg>,
+    /// Take a sensor's packets only from this address; tells sensors on one port apart.
+    #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
+    source: Vec<(String, IpAddr)>,
+    /// The session's folder, empty or absent; by default named after the time.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Stop after this many seconds; by default at Ctrl-C.
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    duration: Option<Duration>,
+    /// Kernel receive buffer to ask for, per port, in MiB.
+    #[arg(long, value_name = "MIB", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    receive_buffer: u16,
+}
 
 /// Runs the verb.
-pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let mut listens: Vec<Listen> = args.listen.iter().map(|sensor| sensor.listen.clone()).collect();
+    for (name, source) in &args.source {
+        let sensor = listens.iter_mut().find(|listen| listen.name == *name);
+        sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
+    }
+    let metadata: Vec<Option<String>> = args
+        .listen
+        .iter()
+        .map(|sensor| sensor.metadata.as_deref().map(read_metadata).transpose())
+        .collect::<Result<_, _>>()?;
+    let options =
+        Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
+    let receiver = Receiver::start(&listens, options)?;
+    for warning in receiver.monitor().sockets().iter().filter_map(|socket| socket.buffer_warning()) {
+        say(&format!("warning: {warning}"));
+    }
+    for (sensor, listen) in listens.iter().enumerate() {
+        say(&format!("{}: listening on {}", listen.name, receiver.address(sensor)));
+    }
+    let infos: Vec<SensorInfo> = listens
+        .iter()
+        .zip(metadata)
+        .enumerate()
+        .map(|(sensor, (listen, metadata))| SensorInfo::of(listen, receiver.address(sensor), metadata))
+        .collect();
+    let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::record::folder_name_now()));
+    let session = SessionWriter::create(&dir, &infos)?;
+    let recording = Recording::start(receiver, session)?;
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_all().build().context("no tokio runtime")?;
+    runtime.block_on(watch(&recording, &listens, args.duration))?;
+    let monitor = recording.monitor().clone();
+    let manifest = recording.stop()?;
+    conclude(&manifest, &monitor, &dir, context)
+}
+
+/// Shows what arrives until the time is up, a signal comes or recording ends by itself.
+async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Duration>) -> anyhow::Result<()> {
+    let mut interrupt = signal(SignalKind::interrupt()).context("cannot wait for Ctrl-C")?;
+    let mut terminate = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
+    let mut tick = tokio::time::interval(LOOK);
+    let begun = Instant::now();
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
+        bar.set_style(style);
+    }
+    let mut silence = Silence::new(listens.len());
+    let mut said_low_disk = false;
+    while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
+        tokio::select! {
+            _ = interrupt.recv() => break,
+            _ = terminate.recv() => break,
+            _ = tick.tick() => {}
+        }
+        bar.set_message(status_line(recording, listens));
+        for (message, event) in silence.look(recording.monitor(), listens) {
+            bar.suspend(|| say(&message));
+            recording.session().write_event(&event)?;
+        }
+        if let (Some(low), false) = (recording.session().low_disk(), said_low_disk) {
+            said_low_disk = true;
+            let left =
+                low.seconds_left.map_or(String::new(), |left| format!(", about {left:.0} s at this rate"));
+            bar.suspend(|| say(&format!("warning: {} left on the disk{left}", HumanBytes(low.free_bytes))));
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn status_line(recording: &Recording, listens: &[Listen]) -> String {
+    let monitor = recording.monitor();
+    let lost: u64 = monitor.kernel_drops().iter().sum::<u64>()
+        + monitor.sensors().iter().map(|sensor| sensor.queue_dropped).sum::<u64>();
+    let sensors: Vec<String> = monitor
+        .sensors()
+        .iter()
+        .zip(listens)
+        .map(|(counters, listen)| format!("{} {}", listen.name, HumanCount(counters.packets)))
+        .collect();
+    format!("{} packets, {}, lost {lost}", sensors.join(", "), HumanBytes(recording.session().packet_bytes()))
+}
+
+/// Which sensors send nothing.
+struct Silence {
+    begun: Instant,
+    /// Packets seen so far, when they last grew, and whether the sensor was already named.
+    sensors: Vec<(u64, Instant, bool)>,
+}
+
+impl Silence {
+    fn new(sensors: usize) -> Self {
+        let begun = Instant::now();
+        Self { begun, sensors: vec![(0, begun, false); sensors] }
+    }
+
+    /// What to say now, and the event to keep.
+    fn look(&mut self, monitor: &Monitor, listens: &[Listen]) -> Vec<(String, serde_json::Value)> {
+        let mut news = Vec::new();
+        for (sensor, counters) in monitor.sensors().iter().enumerate() {
+            let (seen, grown, named) = &mut self.sensors[sensor];
+            let port = monitor.address(sensor).port();
+            let name = &listens[sensor].name;
+            let mut tell = |event: &str, message: String| {
+                news.push((
+                    message,
+                    serde_json::json!({"time_ns": now_ns(), "event": event, "sensor": name}),
+                ));
+            };
+            if counters.packets > *seen {
+                if *named {
+                    let after_s = self.begun.elapsed().as_secs_f64();
+                    tell("sensor_heard", format!("{name}: packets on port {port} since {after_s:.1} s"));
+                }
+                (*seen, *grown, *named) = (counters.packets, Instant::now(), false);
+            } else if !*named && grown.elapsed() >= SILENT {
+                *named = true;
+                let message = if *seen == 0 {
+                    format!("{name}: no packets on port {port}: is it powered, is udp_dest set to this host?")
+                } else {
+                    format!("{name}: no packets on port {port} for {} s, after {seen}", SILENT.as_secs())
+                };
+                tell("sensor_silent", message);
+            }
+        }
+        news
+    }
+}
+
+fn conclude(manifest: &Manifest, monitor: &Monitor, dir: &Path, context: Context) -> anyhow::Result<Outcome> {
+    let mut warnings = Vec::new();
+    for socket in monitor.sockets() {
+        if let (foreign @ 1.., Some(first)) =
+            (socket.counters.foreign_source, socket.counters.first_foreign_source)
+        {
+            let named = socket.sensors.join(", ");
+            warnings.push(format!(
+                "{foreign} packets on {} came from others than {named}, first {first}",
+                socket.address
+            ));
+        }
+    }
+    for sensor in manifest.sensors.iter().filter(|sensor| sensor.packets == 0) {
+        warnings.push(format!("{}: not one packet came", sensor.name));
+    }
+    let losses = manifest.losses;
+    let lost = losses.total() > 0 || manifest.sensors.iter().any(|sensor| sensor.packets == 0);
+    if context.json {
+        output::print_json(&serde_json::json!({
+            "session": dir, "complete": manifest.complete, "sensors": manifest.sensors, "sockets": manifest.sockets,
+            "losses": losses, "files": manifest.files, "warnings": warnings,
+        }))?;
+    } else {
+        for sensor in &manifest.sensors {
+            say(&format!("{}: {} packets, {} lost", sensor.name, sensor.packets, sensor.losses.total()));
+        }
+        for warning in &warnings {
+            say(&format!("warning: {warning}"));
+        }
+        if losses.total() > 0 {
+            let (kernel, queue) = (losses.kernel_dropped, losses.queue_dropped);
+            say(&format!("lost: {kernel} in the kernel's buffer, {queue} in the queue to the disk"));
+        }
+        let mut stdout = std::io::stdout();
+        // a reader that went away (a closed pipe) is not an error
+        let _ = writeln!(stdout, "{}", dir.display());
+    }
+    Ok(if lost { Outcome::DataLost } else { Outcome::Done })
+}
+
+fn say(message: &str) {
+    let _ = writeln!(std::io::stderr(), "outrigger: {message}");
+}
+
+fn read_metadata(path: &Path) -> anyhow::Result<String> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("metadata {}", path.display()))?;
+    serde_json::from_str::<serde_json::Map<String, serde_json::Value>>(&text)
+        .with_context(|| format!("metadata {}: a JSON object is expected", path.display()))?;
+    Ok(text)
+}
+
+/// A sensor as typed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct ListenArg {
+    listen: Listen,
+    metadata: Option<PathBuf>,
+}
+
+fn parse_listen(text: &str) -> Result<ListenArg, String> {
+    const FORM: &str = "expected NAME=PORT, NAME=ADDRESS:PORT or either with :METADATA.json behind";
+    let (name, rest) = text.split_once('=').ok_or(FORM)?;
+    let (ip, rest) = match rest.strip_prefix('[') {
+        Some(v6) => {
+            let (ip, rest) = v6.split_once("]:").ok_or(FORM)?;
+            (ip.parse::<IpAddr>().map_err(|error| format!("{ip}: {error}"))?, rest)
+        }
+        None => match rest.split_once(':') {
+            Some((ip, behind)) if ip.contains('.') => {
+                (IpAddr::V4(ip.parse().map_err(|error| format!("{ip}: {error}"))?), behind)
+            }
+            _ => (IpAddr::V4(Ipv4Addr::UNSPECIFIED), rest),
+        },
+    };
+    let (port, metadata) = match rest.split_once(':') {
+        Some((port, path)) if !path.is_empty() => (port, Some(PathBuf::from(path))),
+        _ => (rest, None),
+    };
+    let port = port.parse::<u16>().map_err(|_| format!("{port:?} is no port (0 to 65535); {FORM}"))?;
+    Ok(ListenArg {
+        listen: Listen { name: name.into(), address: SocketAddr::new(ip, port), source: None },
+        metadata,
+    })
+}
+
+fn parse_source(text: &str) -> Result<(String, IpAddr), String> {
+    let (name, address) = text.split_once('=').ok_or("expected NAME=ADDRESS")?;
+    Ok((name.into(), address.parse().map_err(|error| format!("{address}: {error}"))?))
+}
+
+fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text.parse().map_err(|error| format!("{error}"))?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| format!("{text}: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn listens_as_typed() {
+        let parsed = |text: &str| {
+            let arg = parse_listen(text).unwrap();
+            (arg.listen.address.to_string(), arg.metadata.map(|path| path.display().to_string()))
+        };
+        assert_eq!(parsed("left=7502"), ("0.0.0.0:7502".into(), None));
+        assert_eq!(parsed("left=7502:a:b.json"), ("0.0.0.0:7502".into(), Some("a:b.json".into())));
+        assert_eq!(parsed("l=127.0.0.1:7502:m.json"), ("127.0.0.1:7502".into(), Some("m.json".into())));
+        assert_eq!(parsed("l=[::1]:2368"), ("[::1]:2368".into(), None));
+        for (wrong, words) in
+            [("7502", "NAME=PORT"), ("a=70000", "70000"), ("a=1.2.3:4", "1.2.3"), ("a=", "no port")]
+        {
+            assert!(parse_listen(wrong).unwrap_err().contains(words), "{wrong}");
+        }
+    }
 }

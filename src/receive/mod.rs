@@ -19,6 +19,7 @@ pub use counters::{Monitor, SensorCounters, SocketCounters, SocketReport};
 pub use thread::{Receiver, Stop};
 
 use std::net::{IpAddr, SocketAddr};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// One sensor to listen to. Sensors that send to the same address are told apart by their source.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -46,6 +47,11 @@ impl Default for Options {
     fn default() -> Self {
         Self { receive_buffer_bytes: 8 << 20, queue_datagrams: 4096 }
     }
+}
+
+/// The system's clock, which is the kernel's arrival clock: UTC nanoseconds since 1970.
+pub fn now_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as u64)
 }
 
 /// Why receiving cannot start or go on.

@@ -7,7 +7,6 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread::JoinHandle;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use tokio::io::Interest;
 use tokio::net::UdpSocket;
@@ -258,7 +257,7 @@ impl Task {
             };
             let host_time_ns = arrival.time_ns.unwrap_or_else(|| {
                 cells.stamped_late.fetch_add(1, Ordering::Relaxed);
-                SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as u64)
+                super::now_ns()
             });
             let local = cells.about.address;
             let destination = SocketAddr::new(arrival.destination.unwrap_or(local.ip()), local.port());

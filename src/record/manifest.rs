@@ -51,7 +51,7 @@ pub struct SensorEntry {
     /// Its metadata, a path in the session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metadata: Option<String>,
-    /// Packets in packets.pcapng; 0 until the session is closed.
+    /// Packets in packets.pcapng when the manifest was written; final once the session is closed.
     pub packets: u64,
     /// What it lost.
     pub losses: Losses,
@@ -135,7 +135,7 @@ impl Manifest {
 
 /// UTC time of a count of nanoseconds since 1970, RFC 3339 with nine decimals. Days to civil date: Hinnant,
 /// "chrono-compatible low-level date algorithms".
-fn rfc3339(time_ns: u64) -> String {
+pub(super) fn rfc3339(time_ns: u64) -> String {
     let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
     let days = seconds / 86_400 + 719_468; // since 0000-03-01
     let (era, day_of_era) = (days / 146_097, days % 146_097);

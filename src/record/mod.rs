@@ -23,10 +23,17 @@ mod writer;
 
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
-pub use session::Session;
+pub use session::{Session, SessionPackets};
 pub use writer::{SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};
+
+/// A folder name that says when: `session-2026-11-21T111500Z`.
+pub fn folder_name_now() -> String {
+    let time = manifest::rfc3339(crate::receive::now_ns());
+    let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
+    format!("session-{}Z", seconds.replace(':', ""))
+}
 
 /// Names of the files in a session.
 pub mod file {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::Hit;
-use super::tree::{PACKET, TriangleTree};
+use super::tree::{OccluderMemory, PACKET, TriangleTree};
 use crate::rng::Rng;
 
 /// A mesh ready for ray casting. Triangles may intersect, overlap and leave holes.
@@ -106,8 +106,9 @@ impl Mesh {
         tolerance_m: f64,
         mut report: impl FnMut(usize, bool),
     ) {
+        let mut memory = OccluderMemory::default();
         for (block, points) in points_m.chunks(PACKET).enumerate() {
-            self.tree.occluded_packet(origin_m, points, tolerance_m, |lane, hidden| {
+            self.tree.occluded_packet(origin_m, points, tolerance_m, &mut memory, |lane, hidden| {
                 report(block * PACKET + lane, hidden);
             });
         }

@@ -1,13 +1,16 @@
 //! What rays hit.
 
 mod box_scene;
+pub(crate) mod bricks;
 mod mesh;
 mod mesh_file;
 mod tree;
+mod voxels;
 
 pub use box_scene::BoxScene;
 pub use mesh::{Mesh, MeshError};
-pub use mesh_file::{MeshFileError, MeshUnit, UpAxis, load_mesh};
+pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
+pub use voxels::{Cell, VoxelMap, VoxelMapError};
 
 use std::sync::Arc;
 
@@ -29,6 +32,8 @@ pub enum Scene {
     Box(BoxScene),
     /// Triangles, shared by clones.
     Mesh(Arc<Mesh>),
+    /// Cells of a recording, shared by clones.
+    Voxels(Arc<VoxelMap>),
 }
 
 impl Scene {
@@ -37,6 +42,7 @@ impl Scene {
         match self {
             Scene::Box(scene) => scene.cast(origin_m, direction),
             Scene::Mesh(scene) => scene.cast(origin_m, direction),
+            Scene::Voxels(scene) => scene.cast(origin_m, direction),
         }
     }
 
@@ -50,9 +56,9 @@ impl Scene {
     ) {
         match self {
             Scene::Mesh(scene) => scene.cast_many(origins_m, directions, report),
-            Scene::Box(scene) => {
+            Scene::Box(_) | Scene::Voxels(_) => {
                 for (index, (origin, direction)) in origins_m.iter().zip(directions).enumerate() {
-                    report(index, scene.cast(*origin, *direction));
+                    report(index, self.cast(*origin, *direction));
                 }
             }
         }
@@ -63,6 +69,7 @@ impl Scene {
         match self {
             Scene::Box(scene) => [scene.min_m, scene.max_m],
             Scene::Mesh(scene) => scene.bounds_m(),
+            Scene::Voxels(scene) => scene.bounds_m(),
         }
     }
 }

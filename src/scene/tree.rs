@@ -32,6 +32,13 @@ pub(super) struct TreeHit {
     pub normal: DVec3,
 }
 
+/// The last triangles that hid something: what hides a point likely hides its neighbour.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OccluderMemory {
+    places: [u32; 4],
+    next: usize,
+}
+
 /// Triangles in tree order and the boxes above them.
 #[derive(Clone, Debug)]
 pub(super) struct TriangleTree {
@@ -122,6 +129,7 @@ impl TriangleTree {
         origin_m: DVec3,
         points_m: &[DVec3],
         tolerance_m: f64,
+        memory: &mut OccluderMemory,
         mut report: impl FnMut(usize, bool),
     ) {
         let count = points_m.len().min(PACKET);
@@ -134,9 +142,19 @@ impl TriangleTree {
         }
         packet.repeat_first(count);
         packet.prepare();
-        walk_packet::<true>(&self.nodes, &self.corners, &mut packet);
+        for &place in &memory.places {
+            meet_triangle(&self.corners[place as usize], place, &mut packet);
+        }
+        if !packet.all_won() {
+            walk_packet::<true>(&self.nodes, &self.corners, &mut packet);
+        }
         for lane in 0..count {
-            report(lane, packet.won[lane] != NONE);
+            let won = packet.won[lane];
+            if won != NONE && !memory.places.contains(&won) {
+                memory.places[memory.next] = won;
+                memory.next = (memory.next + 1) % memory.places.len();
+            }
+            report(lane, won != NONE);
         }
     }
 

@@ -33,7 +33,7 @@ impl Occluder {
     /// The housing of a mounted sensor: a cylinder about its spin axis, its middle at the lidar origin.
     pub fn housing(sensor: &MountedSensor) -> Self {
         let body_from_sensor = sensor.mount.body_from_sensor();
-        let lidar_origin_m = DVec3::from(sensor.model.sensor_from_lidar().translation);
+        let lidar_origin_m = sensor.model.sensor_from_lidar().translation;
         Self::Cylinder {
             centre_m: body_from_sensor.transform_point(lidar_origin_m),
             axis: body_from_sensor.rotate(DVec3::Z),

@@ -368,7 +368,7 @@ impl Simulator {
             return Ok(self.coverage_by_definition(sensors)?.coverage.counts());
         };
         self.check(sensors)?;
-        Ok(shell::counts(&fast::see(self, plan, sensors)))
+        Ok(fast::counts(&fast::see(self, plan, sensors)))
     }
 
     fn bitmap(&self, shell: &shell::Shell) -> Vec<u64> {
@@ -405,12 +405,11 @@ impl Simulator {
                 }
             }
             let position_m = [sensor.x_m, sensor.y_m, sensor.z_m + preset.platform_height_m];
-            for axis in 0..3 {
+            let walls_m = preset.box_min_m.iter().zip(preset.box_max_m);
+            for (axis, (at_m, (low_m, high_m))) in position_m.iter().zip(walls_m).enumerate() {
                 let half_path_m =
                     if axis == self.experiment.path.axis() { preset.path_length_m / 2.0 } else { 0.0 };
-                if position_m[axis] - half_path_m <= preset.box_min_m[axis]
-                    || position_m[axis] + half_path_m >= preset.box_max_m[axis]
-                {
+                if at_m - half_path_m <= *low_m || at_m + half_path_m >= high_m {
                     return Err(ExperimentError::OutsideBox { sensor: index + 1 });
                 }
             }

@@ -2,9 +2,11 @@
 
 mod checks;
 mod files;
+mod gait;
 mod shapes;
 
 pub use checks::{Suspicion, SuspicionKind, WalkLimits};
+pub use gait::Gait;
 
 use glam::DVec3;
 

@@ -1,6 +1,33 @@
 //! Velodyne VLP-16, Puck LITE, Puck Hi-Res, VLP-32, VLS-128, HDL-32E and HDL-64E: data and position packets,
 //! calibration, encode and decode.
+//!
+//! A data packet ([`wire`]) holds firing sequences; [`VelodyneDecoder`] puts packets in order, dates and places each
+//! sequence, and gathers a revolution of them in a [`crate::Frame`]: one column per firing sequence, one channel per
+//! laser.
 
-/// One position packet.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Position {}
+mod building;
+pub mod calibration;
+mod checks;
+mod clock;
+mod decoder;
+mod detect;
+mod encode;
+mod heads;
+mod nmea;
+mod position;
+mod product;
+mod stream;
+#[cfg(test)]
+mod tests;
+mod view;
+mod window;
+pub mod wire;
+
+pub use calibration::{Calibration, CalibrationError};
+pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
+pub use detect::Identity;
+pub use encode::{Column, VelodyneEncoder};
+pub use nmea::{Fix, NmeaError};
+pub use position::{Inertial, Position, PulseState, Thermal};
+pub use product::{Product, ReturnMode};
+pub use stream::Cut;

@@ -6,8 +6,8 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
-use crate::report;
 use crate::simulate::published::Roll;
 
 const FORMAT: &str = "outrigger-search/1";
@@ -79,6 +79,6 @@ pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
 
 /// Writes a state file, whole or not at all.
 pub fn write(path: &Path, question: &Value, search: &Search) -> anyhow::Result<()> {
-    report::write_json(path, &Written { format: FORMAT, question, search })
+    files::write_json(path, &Written { format: FORMAT, question, search })
         .with_context(|| format!("state file {} cannot be written", path.display()))
 }

@@ -12,7 +12,8 @@ use std::ops::Range;
 
 use super::shell::{Shell, ShellSize};
 use super::{Path, Phase, Placement, Simulator, brute};
-use sweep::{Hits, View};
+use sweep::View;
+pub(super) use sweep::counts;
 
 /// What the fast way prepares once per experiment.
 #[derive(Clone, Debug)]
@@ -22,26 +23,30 @@ pub(super) struct Plan {
     comb_step: usize,
     /// Every how many poses the walk has moved on by whole voxels: poses fall into so many classes.
     classes: usize,
-    /// Sine and cosine of every azimuth.
+    /// Sine and cosine of every azimuth of the first pose.
     azimuths: Vec<[f64; 2]>,
+    /// Sine and cosine of what each class adds to them.
+    turns: Vec<[f64; 2]>,
     /// Sines and cosines of the elevations, filled up to whole blocks with the last beam.
     elevations: [Vec<f64>; 2],
+    beams: usize,
     /// Bits of a fixed-point number before the point.
     whole_bits: u32,
 }
 
 impl Plan {
-    /// None where the walk has no such structure: no two poses share their azimuths, or no number of poses spans whole
-    /// voxels.
+    /// None where the numbers of the fast way would not fit: extremely many voxels.
     pub fn new(simulator: &Simulator) -> Option<Self> {
         let experiment = &simulator.experiment;
-        if experiment.phase != Phase::Locked {
-            return None;
-        }
         let poses_per_m = experiment.sub_poses as f64;
         let step = |poses: usize| poses as f64 / (poses_per_m * experiment.voxel_m);
         let is_whole = |value: f64| (value - value.round()).abs() < 1e-9;
-        let classes = (1..=experiment.poses()).find(|poses| is_whole(step(*poses)))?;
+        let whole_steps = (1..experiment.poses()).find(|poses| is_whole(step(*poses)));
+        let (classes, comb_step) = match (experiment.phase, whole_steps) {
+            (Phase::Locked, Some(classes)) => (classes, step(classes).round() as usize),
+            // every pose is a class of its own
+            _ => (experiment.poses(), 1),
+        };
         let (u, w) = axes(experiment.path);
         let size = ShellSize {
             cells_u: simulator.cells[u],
@@ -54,24 +59,32 @@ impl Plan {
         if whole_bits > 11 {
             return None;
         }
+        let sin_cos = |angle_rad: f64| [angle_rad.sin(), angle_rad.cos()];
+        let first_rad = brute::azimuth_rad(simulator, 0, 0);
         let azimuths = (0..experiment.azimuths)
-            .map(|azimuth| {
-                let (sin, cos) = brute::azimuth_rad(simulator, 0, azimuth).sin_cos();
-                [sin, cos]
-            })
+            .map(|azimuth| sin_cos(brute::azimuth_rad(simulator, 0, azimuth)))
             .collect();
+        let turns =
+            (0..classes).map(|class| sin_cos(brute::azimuth_rad(simulator, class, 0) - first_rad)).collect();
         let beams = simulator.elevations.len();
         let padded = beams.next_multiple_of(sweep::LANES);
         let column =
             |part: usize| (0..padded).map(|at| simulator.elevations[at.min(beams - 1)][part]).collect();
         Some(Self {
             size,
-            comb_step: step(classes).round() as usize,
+            comb_step,
             classes,
             azimuths,
+            turns,
             elevations: [column(0), column(1)],
+            beams,
             whole_bits,
         })
+    }
+
+    /// Beam of a lane; the last block repeats the last beam where beams do not fill it.
+    fn beam(&self, block: usize, lane: usize) -> usize {
+        (block * sweep::LANES + lane).min(self.beams - 1)
     }
 }
 
@@ -89,12 +102,13 @@ pub(super) fn see(simulator: &Simulator, plan: &Plan, sensors: &[Placement]) -> 
     while next < sensors.len() {
         let master = &sensors[next];
         let is_pair = sensors.get(next + 1).is_some_and(|other| *other == master.mirrored());
-        if is_pair && plan.azimuths.len().is_multiple_of(2) {
+        let mirrors = simulator.experiment.phase == Phase::Locked && plan.azimuths.len().is_multiple_of(2);
+        if is_pair && mirrors {
             shells.extend(see_pair(simulator, plan, master));
             next += 2;
         } else {
             let mut shell = Shell::new(plan.size);
-            look(simulator, plan, master, 0..plan.azimuths.len(), None, &mut shell);
+            look(simulator, plan, master, std::slice::from_ref(&(0..plan.azimuths.len())), None, &mut shell);
             shell.settle();
             shells.push(shell);
             next += 1;
@@ -113,16 +127,14 @@ fn see_pair(simulator: &Simulator, plan: &Plan, master: &Placement) -> [Shell; 2
     let mut common = Shell::new(plan.size);
     // voxels that the definition found for the mirror image, in its own place
     let mut mirrored = Shell::new(plan.size);
-    for columns in [1..azimuths / 2, azimuths / 2 + 1..azimuths] {
-        look(simulator, plan, master, columns, Some((&image, &mut mirrored)), &mut common);
-    }
+    let columns = [1..azimuths / 2, azimuths / 2 + 1..azimuths];
+    look(simulator, plan, master, &columns, Some((&image, &mut mirrored)), &mut common);
     common.settle();
     let mut shells = [common.clone(), common.mirrored(along)];
     shells[1].join(&mirrored);
     for (sensor, shell) in [master, &image].into_iter().zip(&mut shells) {
         let mut own = Shell::new(plan.size);
-        look(simulator, plan, sensor, 0..1, None, &mut own);
-        look(simulator, plan, sensor, azimuths / 2..azimuths / 2 + 1, None, &mut own);
+        look(simulator, plan, sensor, &[0..1, azimuths / 2..azimuths / 2 + 1], None, &mut own);
         own.settle();
         shell.join(&own);
     }
@@ -135,21 +147,22 @@ fn look(
     simulator: &Simulator,
     plan: &Plan,
     sensor: &Placement,
-    columns: Range<usize>,
+    columns: &[Range<usize>],
     mut image: Option<(&Placement, &mut Shell)>,
     shell: &mut Shell,
 ) {
     let poses = simulator.stations_m.len();
-    for class in 0..plan.classes.min(poses) {
-        let own_poses = (poses - class).div_ceil(plan.classes);
-        let view = View::new(simulator, plan, sensor, class, own_poses, image.is_some());
-        let mut hits = Hits::new(plan, own_poses);
-        sweep::run(plan, &view, columns.clone(), &mut hits);
-        hits.mark(plan, own_poses, shell);
-        for undecided in &hits.undecided {
-            let whole_walk = 0..own_poses;
+    let views: Vec<_> = (0..plan.classes.min(poses))
+        .map(|class| {
+            let own_poses = (poses - class).div_ceil(plan.classes);
+            View::new(simulator, plan, sensor, class, own_poses, image.is_some())
+        })
+        .collect();
+    for views in views.chunk_by(|a, b| a.poses == b.poses) {
+        for undecided in sweep::run(plan, views, columns, shell) {
+            let whole_walk = 0..views[0].poses;
             let chosen = undecided.pose.map_or(whole_walk, |pose| pose..pose + 1);
-            for pose in chosen.map(|pose| class + pose * plan.classes) {
+            for pose in chosen.map(|pose| undecided.class + pose * plan.classes) {
                 decide(simulator, sensor, undecided.azimuth, undecided.beam, pose, shell);
                 if let Some((image, shell)) = &mut image {
                     let azimuths = plan.azimuths.len();

@@ -1,0 +1,323 @@
+//! Records of pcap and blocks of pcapng, either byte order, as link-layer frames with a time.
+//!
+//! Sources: IETF draft-ietf-opsawg-pcap (classic), draft-ietf-opsawg-pcapng sections 3.5 and 4.
+
+use std::ops::Range;
+
+use super::buffer::Buffer;
+use super::error::{CaptureCounters, CaptureError, Truncated};
+use super::identify::looks_like;
+use super::pcapng_blocks::{self as blocks, Body, Bytes};
+
+/// Longest frame that is believed; what links carry is far below (65 kB with offloading).
+const MAX_CAPTURED: u32 = 1 << 20;
+/// Longest descriptive block that is read whole; longer ones are passed over.
+const MAX_DESCRIPTION: u32 = 1 << 20;
+
+/// One link-layer frame; `place` is valid in the buffer until the next one is asked for.
+pub(super) struct LinkFrame {
+    pub(super) place: Range<usize>,
+    pub(super) link_type: u16,
+    pub(super) interface: usize,
+    pub(super) time_ns: u64,
+    pub(super) original_length: usize,
+}
+
+/// One interface of a capture.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Interface {
+    /// Name the recorder gave it, if any.
+    pub name: Option<String>,
+    /// Link type, as registered for pcap.
+    pub link_type: u16,
+    /// Packets the recorder says it dropped here.
+    pub dropped: u64,
+    #[serde(skip)]
+    clock: Clock,
+}
+
+/// What an interface's stamps count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Clock {
+    pub(super) ticks_per_second: u128,
+    pub(super) offset_s: i64,
+}
+
+impl Default for Clock {
+    fn default() -> Self {
+        Self { ticks_per_second: 1_000_000, offset_s: 0 }
+    }
+}
+
+impl Clock {
+    fn time_ns(self, ticks: u64) -> u64 {
+        let since_offset = u128::from(ticks) * 1_000_000_000 / self.ticks_per_second; // below 2^94
+        let time_ns = since_offset as i128 + i128::from(self.offset_s) * 1_000_000_000;
+        time_ns.clamp(0, i128::from(u64::MAX)) as u64
+    }
+}
+
+pub(super) struct Framing {
+    pub(super) buffer: Buffer,
+    name: String,
+    format: Format,
+    /// Of the current section; pcap has one.
+    interfaces: Vec<Interface>,
+    /// Drop counts of sections that are over.
+    dropped_before: u64,
+    done: bool,
+}
+
+#[derive(Clone, Copy)]
+enum Format {
+    Pcap { order: Bytes },
+    Pcapng { order: Bytes },
+}
+
+impl Framing {
+    pub(super) fn new(mut buffer: Buffer, name: String) -> Result<Self, CaptureError> {
+        let read_error = |source| CaptureError::Read { name: name.clone(), offset: 0, source };
+        let have = buffer.fill(24).map_err(read_error)?;
+        let start = buffer.available();
+        let magic = start.first_chunk::<4>().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+        let classic = |order, ticks_per_second| (Format::Pcap { order }, ticks_per_second);
+        let (format, ticks_per_second) = match magic {
+            0xa1b2_c3d4 => classic(Bytes::Little, 1_000_000),
+            0xa1b2_3c4d => classic(Bytes::Little, 1_000_000_000),
+            0xd4c3_b2a1 => classic(Bytes::Big, 1_000_000),
+            0x4d3c_b2a1 => classic(Bytes::Big, 1_000_000_000),
+            blocks::SECTION_HEADER => (Format::Pcapng { order: Bytes::Little }, 1),
+            _ => {
+                let start = &start[..start.len().min(4096)];
+                return Err(CaptureError::NotACapture { looks_like: looks_like(start), name });
+            }
+        };
+        let mut interfaces = Vec::new();
+        if let Format::Pcap { order } = format {
+            if have < 24 {
+                let looks_like = format!("a pcap header of {have} bytes; it has 24");
+                return Err(CaptureError::NotACapture { looks_like, name });
+            }
+            interfaces.push(Interface {
+                link_type: order.u32(start, 20) as u16, // the upper half tells about checksums
+                clock: Clock { ticks_per_second, offset_s: 0 },
+                ..Default::default()
+            });
+            buffer.consume(24);
+        }
+        Ok(Self { buffer, name, format, interfaces, dropped_before: 0, done: false })
+    }
+
+    pub(super) fn interfaces(&self) -> &[Interface] {
+        &self.interfaces
+    }
+
+    /// The next frame, or `None` at the end; a file that ends inside a record is noted in `counters`.
+    pub(super) fn next(&mut self, counters: &mut CaptureCounters) -> Result<Option<LinkFrame>, CaptureError> {
+        if self.done {
+            return Ok(None);
+        }
+        let next = match self.format {
+            Format::Pcap { order } => self.next_record(order, counters),
+            Format::Pcapng { .. } => self.next_block(counters),
+        };
+        self.done = !matches!(next, Ok(Some(_)));
+        next
+    }
+
+    fn next_record(
+        &mut self,
+        order: Bytes,
+        counters: &mut CaptureCounters,
+    ) -> Result<Option<LinkFrame>, CaptureError> {
+        const HEADER: usize = 16;
+        if !self.need(HEADER, counters)? {
+            return Ok(None);
+        }
+        let header = self.buffer.available();
+        let [seconds, fraction, captured, original] = [0, 4, 8, 12].map(|at| order.u32(header, at));
+        if captured > MAX_CAPTURED {
+            return Err(self.damaged(
+                format!("a record of {captured} bytes"),
+                format!("at most {MAX_CAPTURED}, and a record header"),
+            ));
+        }
+        let interface = &self.interfaces[0]; // made with the file header
+        let (clock, link_type) = (interface.clock, interface.link_type);
+        let length = captured as usize;
+        if !self.need(HEADER + length, counters)? {
+            return Ok(None);
+        }
+        let at = self.buffer.consume(HEADER + length) + HEADER;
+        let ticks = u64::from(seconds) * clock.ticks_per_second as u64 + u64::from(fraction); // at most 1e9 per s
+        Ok(Some(LinkFrame {
+            place: at..at + length,
+            link_type,
+            interface: 0,
+            time_ns: clock.time_ns(ticks),
+            original_length: original as usize,
+        }))
+    }
+
+    fn next_block(&mut self, counters: &mut CaptureCounters) -> Result<Option<LinkFrame>, CaptureError> {
+        loop {
+            if !self.need(12, counters)? {
+                return Ok(None);
+            }
+            let head = self.buffer.available();
+            if head.starts_with(&blocks::SECTION_HEADER.to_le_bytes()) {
+                match head.get(8..12) {
+                    Some([0x4d, 0x3c, 0x2b, 0x1a]) => self.format = Format::Pcapng { order: Bytes::Little },
+                    Some([0x1a, 0x2b, 0x3c, 0x4d]) => self.format = Format::Pcapng { order: Bytes::Big },
+                    found => {
+                        let found = format!("a section header with byte-order magic {found:02x?}");
+                        return Err(self.damaged(found, "1a 2b 3c 4d in either order".into()));
+                    }
+                }
+                self.dropped_before += self.interfaces.iter().map(|entry| entry.dropped).sum::<u64>();
+                self.interfaces.clear();
+            }
+            let Format::Pcapng { order } = self.format else { return Ok(None) };
+            let head = self.buffer.available();
+            let (kind, length) = (order.u32(head, 0), order.u32(head, 4));
+            if length < 12 || !length.is_multiple_of(4) {
+                let found = format!("a block of type {kind:#x} and length {length}");
+                return Err(self.damaged(found, "a length of 12 or more, in steps of 4".into()));
+            }
+            if !blocks::is_read(kind) {
+                self.skip_block(length, counters)?;
+                if counters.truncated.is_some() {
+                    return Ok(None);
+                }
+                continue;
+            }
+            if length > MAX_CAPTURED + MAX_DESCRIPTION {
+                let found = format!("a block of type {kind:#x} and {length} bytes");
+                return Err(self.damaged(found, format!("at most {} bytes", MAX_CAPTURED + MAX_DESCRIPTION)));
+            }
+            if !self.need(length as usize, counters)? {
+                return Ok(None);
+            }
+            if let Some(frame) = self.take_block(order, kind, length as usize, counters)? {
+                return Ok(Some(frame));
+            }
+        }
+    }
+
+    /// Reads one whole block; a frame, if it holds one.
+    fn take_block(
+        &mut self,
+        order: Bytes,
+        kind: u32,
+        length: usize,
+        counters: &mut CaptureCounters,
+    ) -> Result<Option<LinkFrame>, CaptureError> {
+        let whole = &self.buffer.available()[..length];
+        let trailer = order.u32(whole, length - 4);
+        if trailer as usize != length {
+            return Err(self.damaged(
+                format!("a block whose two lengths are {length} and {trailer}"),
+                "the same number twice".into(),
+            ));
+        }
+        let body = &whole[8..length - 4];
+        let body = match blocks::parse(kind, order, body) {
+            Ok(body) => body,
+            Err((found, expected)) => return Err(self.damaged(found, expected)),
+        };
+        let packet = match body {
+            Body::Other => None,
+            Body::Interface(interface) => {
+                self.interfaces.push(Interface {
+                    name: interface.name,
+                    link_type: interface.link_type,
+                    dropped: 0,
+                    clock: interface.clock,
+                });
+                None
+            }
+            Body::Statistics { interface, dropped } => {
+                if let Some(entry) = self.interfaces.get_mut(interface as usize) {
+                    entry.dropped = entry.dropped.max(dropped);
+                }
+                None
+            }
+            Body::Packet(packet) => Some(packet),
+        };
+        let Some(packet) = packet else {
+            self.sum_drops(counters);
+            self.buffer.consume(length);
+            return Ok(None);
+        };
+        let known = self.interfaces.len();
+        let Some(interface) = self.interfaces.get_mut(packet.interface as usize) else {
+            return Err(self.damaged(
+                format!("a packet of interface {}", packet.interface),
+                format!("one of the {known} interfaces described before it"),
+            ));
+        };
+        if packet.dropped > 0 {
+            interface.dropped += packet.dropped;
+        }
+        let frame = LinkFrame {
+            place: packet.data,
+            link_type: interface.link_type,
+            interface: packet.interface as usize,
+            time_ns: packet.ticks.map_or(0, |ticks| interface.clock.time_ns(ticks)),
+            original_length: packet.original_length as usize,
+        };
+        if packet.dropped > 0 {
+            self.sum_drops(counters);
+        }
+        let at = self.buffer.consume(length) + 8;
+        Ok(Some(LinkFrame { place: frame.place.start + at..frame.place.end + at, ..frame }))
+    }
+
+    fn sum_drops(&self, counters: &mut CaptureCounters) {
+        let here: u64 = self.interfaces.iter().map(|entry| entry.dropped).sum();
+        counters.dropped_by_recorder = self.dropped_before + here;
+    }
+
+    fn skip_block(&mut self, length: u32, counters: &mut CaptureCounters) -> Result<(), CaptureError> {
+        let offset = self.buffer.offset();
+        let passed = match self.buffer.skip(u64::from(length)) {
+            Ok(passed) => passed,
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => self.buffer.offset() - offset,
+            Err(error) => return Err(self.stopped(error)),
+        };
+        if passed < u64::from(length) {
+            counters.truncated =
+                Some(Truncated { offset, found_bytes: passed, expected_bytes: u64::from(length) });
+        }
+        Ok(())
+    }
+
+    /// Whether `length` bytes are there; a file that ends before them is noted, unless it ends at a border.
+    fn need(&mut self, length: usize, counters: &mut CaptureCounters) -> Result<bool, CaptureError> {
+        let (have, cut) = match self.buffer.fill(length) {
+            Ok(have) => (have, have > 0),
+            // a gzip stream that was cut off, perhaps between two records
+            Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+                (self.buffer.available().len(), true)
+            }
+            Err(error) => return Err(self.stopped(error)),
+        };
+        if have < length && cut {
+            counters.truncated = Some(Truncated {
+                offset: self.buffer.offset(),
+                found_bytes: have as u64,
+                expected_bytes: length as u64,
+            });
+        }
+        Ok(have == length)
+    }
+
+    fn stopped(&self, source: std::io::Error) -> CaptureError {
+        let offset = self.buffer.offset() + self.buffer.available().len() as u64;
+        CaptureError::Read { name: self.name.clone(), offset, source }
+    }
+
+    fn damaged(&self, found: String, expected: String) -> CaptureError {
+        CaptureError::Damaged { name: self.name.clone(), offset: self.buffer.offset(), found, expected }
+    }
+}

@@ -1,0 +1,192 @@
+//! Streams the UDP datagrams of a capture.
+
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use flate2::bufread::MultiGzDecoder;
+
+use super::buffer::Buffer;
+use super::dissect::{Carried, dissect, udp};
+use super::error::{CaptureCounters, CaptureError};
+use super::framing::{Framing, Interface, LinkFrame};
+use super::reassembly::{Added, Reassembly};
+use crate::Packet;
+
+/// Reads a capture from front to back: pcap or pcapng in either byte order, plain or gzip. Memory does not depend on
+/// the file's length, and no packet costs an allocation.
+///
+/// ```no_run
+/// # fn main() -> Result<(), sensors::capture::CaptureError> {
+/// let mut capture = sensors::capture::CaptureReader::open("drive.pcapng".as_ref())?;
+/// while let Some(packet) = capture.next()? {
+///     println!("{} {} bytes", packet.source, packet.payload.len());
+/// }
+/// if let Some(cut) = capture.counters().truncated {
+///     println!("{cut}");
+/// }
+/// # Ok(())
+/// # }
+/// ```
+pub struct CaptureReader {
+    framing: Framing,
+    reassembly: Reassembly,
+    counters: CaptureCounters,
+    interface: usize,
+    position: Arc<AtomicU64>,
+}
+
+/// Where the bytes of a datagram lie while it is handed out.
+enum Found {
+    InFrame(LinkFrame),
+    Reassembled { slot: usize, time_ns: u64 },
+}
+
+impl CaptureReader {
+    /// Opens a file; gzip is recognised by its content.
+    pub fn open(path: &Path) -> Result<Self, CaptureError> {
+        let name = path.display().to_string();
+        let open_error = |source| CaptureError::Open { name: name.clone(), source };
+        let file = File::open(path).map_err(open_error)?;
+        if file.metadata().map_err(open_error)?.is_dir() {
+            return Err(open_error(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        Self::new(file, name)
+    }
+
+    /// Reads from anywhere; `name` stands in messages.
+    pub fn new(read: impl Read + Send + 'static, name: impl Into<String>) -> Result<Self, CaptureError> {
+        let name = name.into();
+        let position = Arc::new(AtomicU64::new(0));
+        let read_error = |source| CaptureError::Read { name: name.clone(), offset: 0, source };
+        let mut counting = Counting { read, position: position.clone() };
+        let mut start = Vec::with_capacity(2);
+        (&mut counting).take(2).read_to_end(&mut start).map_err(read_error)?;
+        let gzip = start == [0x1f, 0x8b];
+        let read = io::Cursor::new(start).chain(counting);
+        let read: Box<dyn Read + Send> = match gzip {
+            true => Box::new(MultiGzDecoder::new(BufReader::new(read))),
+            false => Box::new(read),
+        };
+        Ok(Self {
+            framing: Framing::new(Buffer::new(read), name)?,
+            reassembly: Reassembly::default(),
+            counters: CaptureCounters::default(),
+            interface: 0,
+            position,
+        })
+    }
+
+    /// The next datagram; `None` at the end, also where the file was cut off (see [`CaptureCounters::truncated`]).
+    /// The host time of a datagram that came in fragments is that of the fragment which completed it.
+    #[expect(clippy::should_implement_trait, reason = "an Iterator cannot lend its buffer")]
+    pub fn next(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
+        Ok(self.next_from()?.map(|(_, packet)| packet))
+    }
+
+    /// The next datagram, as [`CaptureReader::next`] gives it, and the number of its interface.
+    pub fn next_from(&mut self) -> Result<Option<(usize, Packet<'_>)>, CaptureError> {
+        let found = loop {
+            let Some(frame) = self.framing.next(&mut self.counters)? else {
+                self.reassembly.finish();
+                self.counters.fragments_incomplete = self.reassembly.incomplete();
+                return Ok(None);
+            };
+            self.counters.frames += 1;
+            self.interface = frame.interface;
+            if let Some(found) = self.take(frame) {
+                self.counters.datagrams += 1;
+                break found;
+            }
+        };
+        let (carried, host_time_ns) = match &found {
+            Found::InFrame(frame) => {
+                (dissect(frame.link_type, self.framing.buffer.at(frame.place.clone())), frame.time_ns)
+            }
+            Found::Reassembled { slot, time_ns } => {
+                let key = self.reassembly.key(*slot);
+                (udp(key.source, key.destination, self.reassembly.datagram(*slot)), *time_ns)
+            }
+        };
+        match carried {
+            Carried::Udp { source, destination, payload } => {
+                Ok(Some((self.interface, Packet { host_time_ns, source, destination, payload })))
+            }
+            _ => Ok(None), // `take` lets nothing else through
+        }
+    }
+
+    /// What was met so far.
+    pub fn counters(&self) -> &CaptureCounters {
+        &self.counters
+    }
+
+    /// Interfaces described so far in the current section; a classic pcap has one.
+    pub fn interfaces(&self) -> &[Interface] {
+        self.framing.interfaces()
+    }
+
+    /// The interface of the packet handed out last.
+    pub fn interface(&self) -> Option<&Interface> {
+        self.framing.interfaces().get(self.interface)
+    }
+
+    /// Bytes taken from the file so far (packed ones, if it is packed), to show progress.
+    pub fn position(&self) -> u64 {
+        self.position.load(Ordering::Relaxed)
+    }
+
+    /// Counts a frame as what it is; a datagram, if it holds or completes one.
+    fn take(&mut self, frame: LinkFrame) -> Option<Found> {
+        let counters = &mut self.counters;
+        let bytes = self.framing.buffer.at(frame.place.clone());
+        let cut = if frame.original_length > bytes.len() {
+            &mut counters.cut_by_snap_length
+        } else {
+            &mut counters.malformed
+        };
+        match dissect(frame.link_type, bytes) {
+            Carried::Udp { .. } => return Some(Found::InFrame(frame)),
+            Carried::Fragment(fragment) => {
+                counters.fragments += 1;
+                let added = self.reassembly.add(&fragment, frame.time_ns);
+                counters.fragments_incomplete = self.reassembly.incomplete();
+                match added {
+                    Added::Complete(slot) => {
+                        let key = fragment.key;
+                        let datagram = self.reassembly.datagram(slot);
+                        if matches!(udp(key.source, key.destination, datagram), Carried::Udp { .. }) {
+                            return Some(Found::Reassembled { slot, time_ns: frame.time_ns });
+                        }
+                        counters.malformed += 1;
+                    }
+                    Added::Waiting => {}
+                    Added::Duplicate => counters.fragments_duplicated += 1,
+                    Added::Malformed => counters.malformed += 1,
+                }
+            }
+            Carried::NotIp => counters.not_ip += 1,
+            Carried::NotUdp => counters.not_udp += 1,
+            Carried::OtherLinkType => counters.other_link_type += 1,
+            Carried::Cut => *cut += 1,
+            Carried::Malformed => counters.malformed += 1,
+        }
+        None
+    }
+}
+
+/// Counts what goes through.
+struct Counting<R> {
+    read: R,
+    position: Arc<AtomicU64>,
+}
+
+impl<R: Read> Read for Counting<R> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let count = self.read.read(into)?;
+        self.position.fetch_add(count as u64, Ordering::Relaxed);
+        Ok(count)
+    }
+}

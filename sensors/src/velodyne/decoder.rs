@@ -1,0 +1,324 @@
+//! Packets of one Velodyne to frames.
+
+use std::net::IpAddr;
+
+use crate::decoder::{DecodeStats, Decoded, Decoder, Rejected};
+use crate::model::SensorModel;
+use crate::packet::Packet;
+use crate::{Frame, catalogue};
+
+use super::calibration::{StatusReader, UnitStatus};
+use super::checks::{check, check_unknown, refuse_length};
+use super::clock::HourClock;
+use super::detect::{self, ENOUGH_PACKETS, Identity};
+use super::position::Position;
+use super::product::{Product, ReturnMode};
+use super::stream::{Cut, S1_PACKET_NS, Stream};
+use super::window::{Held, Place, Window};
+use super::wire::{DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
+
+/// How to decode.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// The product, where it is known; found from the packets otherwise.
+    pub product: Option<Product>,
+    /// The calibrated unit; the nominal model of the product otherwise. Decides no range: a frame holds raw ranges.
+    pub model: Option<SensorModel>,
+    /// Where frames end.
+    pub cut: Cut,
+    /// Sender; that of the first data packet otherwise.
+    pub source: Option<IpAddr>,
+    /// Packets held back to put swapped ones in order; [`DEFAULT_HELD_PACKETS`] otherwise. At least one: a packet
+    /// that straddles a field-of-view window is dated by the one after it.
+    pub held_packets: Option<usize>,
+}
+
+/// Packets held back by default (4 ms of a VLP-16).
+pub const DEFAULT_HELD_PACKETS: usize = 3;
+
+/// Decodes one sensor. In frames of two returns per firing the first layer is the last return, the second layer the
+/// strongest, or the second strongest where the last is the strongest (which of the two the packet does not say);
+/// a firing with one echo leaves the second layer empty. Frames of one return carry it in the first layer, strongest
+/// or last as [`VelodyneDecoder::return_mode`] says.
+#[derive(Debug)]
+pub struct VelodyneDecoder {
+    options: Options,
+    stats: DecodeStats,
+    pub(super) source: Option<IpAddr>,
+    /// Port that its data packets go to.
+    pub(super) data_port: Option<u16>,
+    undecided: Vec<Undecided>,
+    pub(super) stream: Option<Stream>,
+    model: Option<SensorModel>,
+    mode: Option<ReturnMode>,
+    /// Byte 1205 of the packets before; it does not change.
+    pub(super) model_byte: Option<u8>,
+    clock: HourClock,
+    window: Window,
+    /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
+    recent: std::collections::VecDeque<(u64, u16)>,
+    position: Position,
+    status_reader: StatusReader,
+    status: Option<UnitStatus>,
+}
+
+#[derive(Debug)]
+struct Undecided {
+    host_ns: u64,
+    payload: Box<[u8; DATA_PACKET_BYTES]>,
+}
+
+const RECENT_PACKETS: usize = 256;
+
+impl VelodyneDecoder {
+    /// A decoder that has seen nothing yet.
+    pub fn new(options: Options) -> Self {
+        let mut decoder = Self {
+            source: options.source,
+            data_port: None,
+            options,
+            stats: DecodeStats::default(),
+            undecided: Vec::new(),
+            stream: None,
+            model: None,
+            mode: None,
+            model_byte: None,
+            clock: HourClock::default(),
+            window: Window::default(),
+            recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
+            position: Position::default(),
+            status_reader: StatusReader::default(),
+            status: None,
+        };
+        if let Some(product) = decoder.options.product
+            && product != Product::Vls128
+        {
+            decoder.decide(Identity { product, cycle_ns: product.cycle_ns(), remark: None });
+        }
+        decoder
+    }
+
+    /// What sends the packets, once it is known.
+    pub fn identity(&self) -> Option<&Identity> {
+        self.stream.as_ref().map(|stream| &stream.identity)
+    }
+
+    /// Beams of the sensor, once it is known: the model given in [`Options`], or the nominal one with fire offsets
+    /// that follow the measured cycle, or, once an HDL-64E has sent it, the unit's own calibration.
+    pub fn model(&self) -> Option<&SensorModel> {
+        self.model.as_ref()
+    }
+
+    /// Which returns the latest packet carried; none for HDL-64E, whose packets do not say.
+    pub fn return_mode(&self) -> Option<ReturnMode> {
+        self.mode
+    }
+
+    /// What an HDL-64E S2 or S3 said of itself, its calibration included, once it has said all (about 1.2 s).
+    pub fn unit_status(&self) -> Option<&UnitStatus> {
+        self.status.as_ref()
+    }
+
+    fn decide(&mut self, identity: Identity) {
+        self.model = self.options.model.clone().or_else(|| nominal(&identity));
+        self.stream = Some(Stream::new(identity, self.options.cut));
+    }
+
+    fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+        if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
+            self.check_source(packet)?;
+            match self.stream {
+                Some(_) => self.accept(payload, packet.host_time_ns, out)?,
+                None => self.keep_undecided(payload, packet.host_time_ns, out)?,
+            }
+            self.remember_source(packet);
+            Ok(())
+        } else if let Ok(payload) = <&[u8; POSITION_PACKET_BYTES]>::try_from(packet.payload) {
+            self.check_source(packet)?;
+            self.remember_source(packet);
+            self.position = Position::parse(payload, packet.host_time_ns);
+            out(Decoded::Position(&self.position));
+            Ok(())
+        } else {
+            self.check_source(packet)?;
+            Err(refuse_length(packet.payload))
+        }
+    }
+
+    fn keep_undecided(
+        &mut self,
+        payload: &[u8; DATA_PACKET_BYTES],
+        host_ns: u64,
+        out: &mut dyn FnMut(Decoded<'_>),
+    ) -> Result<(), Rejected> {
+        check_unknown(DataPacket::of(payload))?;
+        self.undecided.push(Undecided { host_ns, payload: Box::new(*payload) });
+        self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS, out);
+        Ok(())
+    }
+
+    fn try_to_decide(&mut self, all: bool, out: &mut dyn FnMut(Decoded<'_>)) {
+        let packets = self.undecided.iter().map(|undecided| DataPacket::of(&undecided.payload));
+        let Some(mut identity) = detect::identify(packets, all) else { return };
+        if let Some(product) = self.options.product {
+            identity.product = product;
+        }
+        self.decide(identity);
+        for undecided in std::mem::take(&mut self.undecided) {
+            // nobody waits for the answer any more
+            match self.accept(&undecided.payload, undecided.host_ns, out) {
+                Ok(()) => {}
+                Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
+                Err(_) => self.stats.malformed += 1,
+            }
+        }
+    }
+
+    fn accept(
+        &mut self,
+        payload: &[u8; DATA_PACKET_BYTES],
+        host_ns: u64,
+        out: &mut dyn FnMut(Decoded<'_>),
+    ) -> Result<(), Rejected> {
+        let Some(stream) = &mut self.stream else { return Ok(()) };
+        let data = DataPacket::of(payload);
+        check(data, stream, self.model_byte)?;
+        self.model_byte = Some(data.model_byte());
+        self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
+        let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
+            if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
+                self.stats.duplicated += 1;
+                return Ok(());
+            }
+            (self.host_time_ns(host_ns), false)
+        } else {
+            let resolved = self.clock.resolve(data.stamp_us(), host_ns);
+            (resolved.time_ns, resolved.restarted)
+        };
+        if restarted {
+            self.flush(out);
+            self.close_frame(out);
+            self.recent.clear();
+        }
+        if let Some((last_ns, _)) = self.recent.back()
+            && time_ns <= *last_ns
+        {
+            self.take_late(time_ns, host_ns, payload);
+            return Ok(());
+        }
+        match self.window.insert(time_ns, host_ns, payload) {
+            Place::Duplicate => {
+                self.stats.duplicated += 1;
+                return Ok(());
+            }
+            Place::Between => self.stats.reordered += 1,
+            Place::Last => {}
+        }
+        self.stats.packets += 1;
+        let held = self.options.held_packets.unwrap_or(DEFAULT_HELD_PACKETS).max(1);
+        while self.window.len() > held {
+            self.take_next(out);
+        }
+        Ok(())
+    }
+
+    /// Time of a packet without a stamp: its arrival, or one period after the packet before.
+    fn host_time_ns(&self, host_ns: u64) -> u64 {
+        let newest_ns = self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|(ns, _)| *ns));
+        match (host_ns, newest_ns) {
+            (0, None) => 0,
+            (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
+            (host_ns, newest_ns) => host_ns.max(newest_ns.map_or(0, |newest_ns| newest_ns + 1)),
+        }
+    }
+
+    fn take_next(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
+        if self.recent.len() == RECENT_PACKETS {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((held.time_ns, DataPacket::of(&held.payload).azimuth(0)));
+        if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
+            let packet = DataPacket::of(&held.payload);
+            if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
+                if self.options.model.is_none() && status.calibrated.is_some() {
+                    self.model = status.calibration.model(stream.product()).ok().or(self.model.take());
+                }
+                self.status = Some(status);
+            }
+        }
+        let mut give = |frame: &Frame| out(Decoded::Frame(frame));
+        stream.take(&held, self.window.front(), &mut self.stats, &mut give);
+        self.window.recycle(held);
+    }
+
+    /// Takes a packet that is older than what was decoded last.
+    fn take_late(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES]) {
+        let azimuth = DataPacket::of(payload).azimuth(0);
+        if self.recent.contains(&(time_ns, azimuth)) {
+            self.stats.duplicated += 1;
+            return;
+        }
+        // it was counted as lost when its successor came
+        self.stats.lost_packets = self.stats.lost_packets.saturating_sub(1);
+        let Some(stream) = &mut self.stream else { return };
+        if stream.open_since_ns().is_none_or(|since_ns| time_ns < since_ns) {
+            self.stats.late += 1;
+            return;
+        }
+        self.stats.packets += 1;
+        self.stats.reordered += 1;
+        let held = Held { time_ns, host_ns, payload: Box::new(*payload) };
+        stream.take_late(&held);
+        let at = self.recent.partition_point(|(recent_ns, _)| *recent_ns <= time_ns);
+        self.recent.insert(at, (time_ns, azimuth));
+    }
+
+    fn flush(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        while self.window.len() > 0 {
+            self.take_next(out);
+        }
+    }
+
+    fn close_frame(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        if let Some(stream) = &mut self.stream {
+            stream.close(false, &mut self.stats, &mut |frame| out(Decoded::Frame(frame)));
+            stream.forget_previous();
+        }
+    }
+}
+
+impl Decoder for VelodyneDecoder {
+    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+        let result = self.push_any(packet, out);
+        match &result {
+            Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
+            Err(_) => self.stats.malformed += 1,
+            Ok(()) => {}
+        }
+        result
+    }
+
+    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        if self.stream.is_none() {
+            self.try_to_decide(true, out);
+        }
+        self.flush(out);
+        self.close_frame(out);
+    }
+
+    fn stats(&self) -> &DecodeStats {
+        &self.stats
+    }
+}
+
+/// The nominal model of a product, its fire offsets stretched to the measured cycle.
+fn nominal(identity: &Identity) -> Option<SensorModel> {
+    let model = catalogue::nominal(identity.product.name()).ok()?;
+    let stretch = identity.cycle_ns / identity.product.cycle_ns();
+    let mut beams = model.beams().to_vec();
+    for beam in &mut beams {
+        beam.fire_offset_ns *= stretch;
+    }
+    Some(model.with_beams(beams))
+}

@@ -1,0 +1,74 @@
+//! A few packets held back, in order of device time: swapped ones fall into place, and each is decoded with its
+//! successor in sight.
+
+use std::collections::VecDeque;
+
+use super::wire::DATA_PACKET_BYTES;
+
+/// A packet with its resolved device time.
+#[derive(Clone, Debug)]
+pub(crate) struct Held {
+    /// Device time of the stamp, ns.
+    pub time_ns: u64,
+    pub host_ns: u64,
+    pub payload: Box<[u8; DATA_PACKET_BYTES]>,
+}
+
+/// Where a packet fell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// After all others.
+    Last,
+    /// Between others: it came after a later one.
+    Between,
+    /// It is here already.
+    Duplicate,
+}
+
+#[derive(Debug, Default)]
+pub(crate) struct Window {
+    held: VecDeque<Held>,
+    spare: Vec<Held>,
+}
+
+impl Window {
+    pub fn len(&self) -> usize {
+        self.held.len()
+    }
+
+    /// Copies a packet in.
+    pub fn insert(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES]) -> Place {
+        let at = self.held.partition_point(|held| held.time_ns <= time_ns);
+        let mut same_time = self.held.range(..at).rev().take_while(|held| held.time_ns == time_ns);
+        if same_time.any(|held| *held.payload == *payload) {
+            return Place::Duplicate;
+        }
+        let place = if at == self.held.len() { Place::Last } else { Place::Between };
+        let mut held = match self.spare.pop() {
+            Some(spare) => Held { time_ns, host_ns, ..spare },
+            None => Held { time_ns, host_ns, payload: Box::new([0; DATA_PACKET_BYTES]) },
+        };
+        held.payload.copy_from_slice(payload);
+        self.held.insert(at, held);
+        place
+    }
+
+    pub fn pop(&mut self) -> Option<Held> {
+        self.held.pop_front()
+    }
+
+    /// The packet that comes next.
+    pub fn front(&self) -> Option<&Held> {
+        self.held.front()
+    }
+
+    /// The packet that came in last, in order of time.
+    pub fn back(&self) -> Option<&Held> {
+        self.held.back()
+    }
+
+    /// Takes a buffer back for later packets.
+    pub fn recycle(&mut self, held: Held) {
+        self.spare.push(held);
+    }
+}

@@ -1,0 +1,114 @@
+//! What a moving sensor measures in a scene: ranges, column by column, each at its own time and azimuth.
+
+use rayon::prelude::*;
+use sensors::{Frame, Layer, SensorModel};
+
+use crate::geometry::Pose;
+use crate::rng::Rng;
+use crate::scene::Scene;
+use crate::trajectory::Trajectory;
+
+/// A sensor on its way through a scene.
+#[derive(Clone, Copy)]
+pub struct Scan<'a> {
+    /// What it sees.
+    pub scene: &'a Scene,
+    /// Where the platform is.
+    pub trajectory: &'a Trajectory,
+    /// Beams and limits.
+    pub model: &'a SensorModel,
+    /// Where the sensor sits on the platform, at a time in ns.
+    pub body_from_sensor: &'a (dyn Fn(u64) -> Pose + Sync),
+    /// Standard deviation of the range noise, m.
+    pub noise_m: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+    /// What one count of the sent range stands for, mm: the sensor rounds to it.
+    pub range_step_mm: u32,
+}
+
+/// One firing of all beams.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Column {
+    /// When, ns.
+    pub time_ns: u64,
+    /// Encoder azimuth, rad, clockwise.
+    pub azimuth_rad: f64,
+}
+
+impl Scan<'_> {
+    /// Measures one frame. Columns outside the trajectory's time never come.
+    pub fn frame(&self, frame_id: u32, columns: &[Column], azimuth_rate_rad_per_ns: f64) -> Frame {
+        let channels = self.model.channels();
+        let came = |column: &Column| self.trajectory.at(column.time_ns).is_some();
+        let mut frame = Frame {
+            frame_id,
+            channels,
+            column_time_ns: columns
+                .iter()
+                .map(|column| if came(column) { column.time_ns } else { 0 })
+                .collect(),
+            column_azimuth_rad: columns.iter().map(|column| column.azimuth_rad).collect(),
+            column_valid: columns.iter().map(came).collect(),
+            azimuth_rate_rad_per_ns,
+            complete: true,
+            ..Frame::default()
+        };
+        let samples: Vec<Sample> = columns
+            .par_iter()
+            .flat_map_iter(|column| {
+                let mut noise = Rng::new(self.seed, column.time_ns);
+                (0..channels)
+                    .map(move |channel| self.sample(column, channel, azimuth_rate_rad_per_ns, &mut noise))
+            })
+            .collect();
+        frame.first = Layer {
+            range_mm: samples.iter().map(|sample| sample.range_mm).collect(),
+            reflectivity: samples.iter().map(|sample| sample.reflectivity).collect(),
+            signal: samples.iter().map(|sample| sample.signal).collect(),
+            near_ir: vec![AMBIENT; samples.len()],
+            ..Layer::default()
+        };
+        frame
+    }
+
+    fn sample(&self, column: &Column, channel: usize, rate: f64, noise: &mut Rng) -> Sample {
+        let fire_offset_ns = self.model.beams()[channel].fire_offset_ns;
+        let time_ns = column.time_ns.saturating_add_signed(fire_offset_ns.round() as i64);
+        // drawn for every sample, hit or not: a different scene has the same noise
+        let error_m = if self.noise_m > 0.0 { self.noise_m * noise.normal() } else { 0.0 };
+        let Some(world_from_body) = self.trajectory.at(time_ns) else { return Sample::default() };
+        let world_from_sensor = world_from_body * (self.body_from_sensor)(time_ns);
+        let ray = self.model.ray(channel, column.azimuth_rad + rate * fire_offset_ns);
+        let origin_m = world_from_sensor.transform_point(ray.origin_m);
+        let direction = world_from_sensor.rotate(ray.direction);
+        let Some(hit) = self.scene.cast(origin_m, direction) else { return Sample::default() };
+        let true_range_m = hit.distance_m + ray.range_offset_m;
+        if !(self.model.min_range_m..=self.model.max_range_m).contains(&true_range_m) {
+            return Sample::default();
+        }
+        let step_mm = f64::from(self.range_step_mm.max(1));
+        let range_mm = ((true_range_m + error_m) * 1e3 / step_mm).round().max(1.0) * step_mm;
+        let facing = hit.normal.dot(direction).abs();
+        let signal = SIGNAL_AT_1_M * facing / hit.distance_m.max(1.0).powi(2);
+        Sample {
+            range_mm: range_mm as u32,
+            reflectivity: (REFLECTIVITY * facing) as u8,
+            signal: signal as u16,
+        }
+    }
+}
+
+/// A matt wall: half of it comes back, less where it is seen at an angle (Lambert).
+const REFLECTIVITY: f64 = 50.0;
+/// Photons from such a wall at 1 m: any number of the size real sensors report.
+const SIGNAL_AT_1_M: f64 = 20_000.0;
+/// Ambient light of an indoor scene, counts.
+const AMBIENT: u16 = 80;
+
+#[derive(Clone, Copy, Default)]
+struct Sample {
+    range_mm: u32,
+    reflectivity: u8,
+    signal: u16,
+}

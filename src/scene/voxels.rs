@@ -1,0 +1,400 @@
+//! A map of cells that are occupied, free or unknown, built from recorded rays: what the recording itself can say about
+//! a place of which nobody has a mesh.
+//!
+//! A ray makes the cells that it crosses free and the cell in which it ends occupied. A cell that was hit often enough
+//! is occupied however many rays grazed it: far floor is crossed at a small angle by every ray that ends behind it.
+
+use glam::DVec3;
+
+use super::Hit;
+use super::bricks::{BrickIndex, CELLS, cell_of, split};
+
+/// State of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cell {
+    /// No ray reached it.
+    Unknown,
+    /// Rays crossed it.
+    Free,
+    /// Rays ended in it.
+    Occupied,
+}
+
+/// A map of cubic cells in a hash of 8 x 8 x 8 bricks; memory grows with the surface seen, not with the volume.
+#[derive(Clone, Debug)]
+pub struct VoxelMap {
+    voxel_m: f64,
+    least_hits: u8,
+    longest_ray_m: f64,
+    index: BrickIndex,
+    bricks: Vec<Brick>,
+    /// Least and greatest cell that was hit.
+    hit_cells: Option<[[i32; 3]; 2]>,
+    rejected: u64,
+}
+
+/// 512 cells.
+#[derive(Clone, Debug)]
+struct Brick {
+    crossed: [u64; CELLS / 64],
+    /// Made when the first ray ends in the brick: most bricks hold air.
+    ends: Option<Box<Ends>>,
+}
+
+#[derive(Clone, Debug)]
+struct Ends {
+    /// Hits by cell, no more than 255.
+    hits: [u8; CELLS],
+    /// Mean of those hits, as seen from the cell's centre, in voxels.
+    mean: [[f32; 3]; CELLS],
+}
+
+impl VoxelMap {
+    /// An unknown world. Cells of edge `voxel_m` are occupied from `least_hits` hits on; rays longer than
+    /// `longest_ray_m` are not believed.
+    ///
+    /// # Errors
+    /// An edge or a length that is not finite and above 0, or no hits.
+    pub fn new(voxel_m: f64, least_hits: u8, longest_ray_m: f64) -> Result<Self, VoxelMapError> {
+        for (name, value) in [("voxel edge", voxel_m), ("longest ray", longest_ray_m)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(VoxelMapError { reason: format!("{name} of {value} m, expected above 0") });
+            }
+        }
+        if least_hits == 0 {
+            return Err(VoxelMapError { reason: "0 hits make no cell occupied, expected at least 1".into() });
+        }
+        let (index, bricks) = (BrickIndex::default(), Vec::new());
+        Ok(Self { voxel_m, least_hits, longest_ray_m, index, bricks, hit_cells: None, rejected: 0 })
+    }
+
+    /// Edge of a cell, m.
+    pub fn voxel_m(&self) -> f64 {
+        self.voxel_m
+    }
+
+    /// Rays that were not finite, too long, or out of reach.
+    pub fn rejected(&self) -> u64 {
+        self.rejected
+    }
+
+    /// A return: free from the sensor to the point, occupied there.
+    pub fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
+        if !self.cross(origin_m, point_m) {
+            return;
+        }
+        let cell = self.cell_at(point_m);
+        let Some(number) = self.brick(split(cell).0) else { return };
+        let inside = split(cell).1;
+        let ends = self.bricks[number].ends.get_or_insert_with(|| Box::new(Ends::NONE));
+        let before = ends.hits[inside];
+        ends.hits[inside] = before.saturating_add(1);
+        let centre = DVec3::from(cell.map(f64::from)) + 0.5;
+        let offset = (point_m / self.voxel_m - centre).as_vec3();
+        for axis in 0..3 {
+            ends.mean[inside][axis] += (offset[axis] - ends.mean[inside][axis]) / (f32::from(before) + 1.0);
+        }
+        let [low, high] = self.hit_cells.unwrap_or([cell, cell]);
+        let each =
+            |pick: fn(i32, i32) -> i32, bound: [i32; 3]| [0, 1, 2].map(|axis| pick(bound[axis], cell[axis]));
+        self.hit_cells = Some([each(i32::min, low), each(i32::max, high)]);
+    }
+
+    /// A beam that brought nothing back: free as far as the sensor surely would have seen something.
+    pub fn add_miss(&mut self, origin_m: DVec3, direction: DVec3, sure_range_m: f64) {
+        self.cross(origin_m, origin_m + sure_range_m * direction);
+    }
+
+    /// State of the cell around a point.
+    pub fn cell(&self, point_m: DVec3) -> Cell {
+        self.state(self.cell_at(point_m), &mut (LAST_NONE, None))
+    }
+
+    /// Number of cells that are free, and that are occupied.
+    pub fn counts(&self) -> [u64; 2] {
+        let mut counts = [0, 0];
+        for brick in &self.bricks {
+            for inside in 0..CELLS {
+                match brick.state(inside, self.least_hits) {
+                    Cell::Unknown => {}
+                    Cell::Free => counts[0] += 1,
+                    Cell::Occupied => counts[1] += 1,
+                }
+            }
+        }
+        counts
+    }
+
+    /// Least axis-aligned box around the cells that were hit, m; an empty box at the origin when there is none.
+    pub fn bounds_m(&self) -> [DVec3; 2] {
+        let Some([low, high]) = self.hit_cells else { return [DVec3::ZERO; 2] };
+        let corner = |cell: [i32; 3]| self.voxel_m * DVec3::from(cell.map(f64::from));
+        [corner(low), corner(high) + self.voxel_m]
+    }
+
+    /// First occupied cell along a ray (unit direction). The distance is that of the mean of the cell's hits, seen along
+    /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
+    /// occupied cell hits it.
+    pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
+        let (enter_m, leave_m) = clip(origin_m, direction, self.bounds_m())?;
+        // a hair inside, so that the first cell lies within the bounds
+        let start_m = origin_m + (enter_m + 1e-9 * self.voxel_m) * direction;
+        let mut walk = CellWalk::new(start_m, direction, self.voxel_m);
+        let mut last = (LAST_NONE, None);
+        let length_m = leave_m - enter_m;
+        let mut entered_m = 0.0;
+        let mut axis = direction.abs().max_position();
+        while entered_m <= length_m {
+            if self.state(walk.cell, &mut last) == Cell::Occupied {
+                let left_m = walk.next_m();
+                let along_m = self.mean_m(walk.cell).map_or(entered_m, |mean| direction.dot(mean - start_m));
+                let mut normal = DVec3::ZERO;
+                normal[axis] = -direction[axis].signum();
+                let distance_m = enter_m + along_m.clamp(entered_m, left_m.max(entered_m));
+                return Some(Hit { distance_m, normal });
+            }
+            (entered_m, axis) = walk.step();
+        }
+        None
+    }
+
+    /// Marks the cells from one point to before another as crossed. False when the ray is not believed.
+    fn cross(&mut self, from_m: DVec3, to_m: DVec3) -> bool {
+        let way = to_m - from_m;
+        let length_m = way.length();
+        let reach = 1e8 * self.voxel_m;
+        let near = from_m.abs().max_element() < reach && to_m.abs().max_element() < reach;
+        // NaN fails every comparison
+        if !(length_m <= self.longest_ray_m && near) {
+            self.rejected += 1;
+            return false;
+        }
+        let end = self.cell_at(to_m);
+        let direction = if length_m > 0.0 { way / length_m } else { DVec3::X };
+        let mut walk = CellWalk::new(from_m, direction, self.voxel_m);
+        let steps: u64 = (0..3).map(|axis| u64::from(walk.cell[axis].abs_diff(end[axis]))).sum();
+        let mut last = (LAST_NONE, None);
+        for _ in 0..steps {
+            let (brick, inside) = split(walk.cell);
+            if brick != last.0 {
+                last = (brick, self.brick(brick));
+            }
+            if let Some(number) = last.1 {
+                self.bricks[number].crossed[inside / 64] |= 1 << (inside % 64);
+            }
+            walk.step();
+        }
+        true
+    }
+
+    fn cell_at(&self, point_m: DVec3) -> [i32; 3] {
+        cell_of(point_m, 1.0 / self.voxel_m)
+    }
+
+    fn brick(&mut self, brick: [i32; 3]) -> Option<usize> {
+        let number = self.index.find_or_add(brick)? as usize;
+        if number == self.bricks.len() {
+            self.bricks.push(Brick { crossed: [0; CELLS / 64], ends: None });
+        }
+        Some(number)
+    }
+
+    fn state(&self, cell: [i32; 3], last: &mut ([i32; 3], Option<u32>)) -> Cell {
+        let (brick, inside) = split(cell);
+        if brick != last.0 {
+            *last = (brick, self.index.find(brick));
+        }
+        last.1.map_or(Cell::Unknown, |number| self.bricks[number as usize].state(inside, self.least_hits))
+    }
+
+    fn mean_m(&self, cell: [i32; 3]) -> Option<DVec3> {
+        let (brick, inside) = split(cell);
+        let ends = self.bricks[self.index.find(brick)? as usize].ends.as_ref()?;
+        let mean = DVec3::from(ends.mean[inside].map(f64::from));
+        Some(self.voxel_m * (DVec3::from(cell.map(f64::from)) + 0.5 + mean))
+    }
+}
+
+/// No brick has these coordinates.
+const LAST_NONE: [i32; 3] = [i32::MAX; 3];
+
+impl Ends {
+    const NONE: Self = Self { hits: [0; CELLS], mean: [[0.0; 3]; CELLS] };
+}
+
+impl Brick {
+    fn state(&self, inside: usize, least_hits: u8) -> Cell {
+        let hits = self.ends.as_ref().map_or(0, |ends| ends.hits[inside]);
+        match (hits >= least_hits, self.crossed[inside / 64] >> (inside % 64) & 1) {
+            (true, _) => Cell::Occupied,
+            (false, 1) => Cell::Free,
+            // too few hits to believe, but light got there
+            (false, _) if hits > 0 => Cell::Free,
+            (false, _) => Cell::Unknown,
+        }
+    }
+}
+
+/// Cells along a ray, one face at a time (Amanatides and Woo 1987, doi:10.2312/egtp.19871000).
+struct CellWalk {
+    cell: [i32; 3],
+    step: [i32; 3],
+    /// Way to the next face of each axis, m.
+    to_face_m: [f64; 3],
+    /// Way between two faces of each axis, m.
+    between_m: [f64; 3],
+}
+
+impl CellWalk {
+    fn new(from_m: DVec3, direction: DVec3, voxel_m: f64) -> Self {
+        let cell = cell_of(from_m, 1.0 / voxel_m);
+        let mut walk =
+            Self { cell, step: [0; 3], to_face_m: [f64::INFINITY; 3], between_m: [f64::INFINITY; 3] };
+        for axis in 0..3 {
+            let slope = direction[axis];
+            if slope == 0.0 {
+                continue;
+            }
+            let face = f64::from(cell[axis]) + f64::from(u8::from(slope > 0.0));
+            walk.step[axis] = if slope > 0.0 { 1 } else { -1 };
+            walk.to_face_m[axis] = ((face * voxel_m - from_m[axis]) / slope).max(0.0);
+            walk.between_m[axis] = voxel_m / slope.abs();
+        }
+        walk
+    }
+
+    /// Way to where the ray leaves the cell, m.
+    fn next_m(&self) -> f64 {
+        self.to_face_m[0].min(self.to_face_m[1]).min(self.to_face_m[2])
+    }
+
+    /// On to the next cell: way walked to it, m, and the axis of the face.
+    fn step(&mut self) -> (f64, usize) {
+        let to = self.to_face_m;
+        let axis = if to[0] <= to[1] && to[0] <= to[2] {
+            0
+        } else if to[1] <= to[2] {
+            1
+        } else {
+            2
+        };
+        let walked_m = to[axis];
+        self.cell[axis] = self.cell[axis].saturating_add(self.step[axis]);
+        self.to_face_m[axis] += self.between_m[axis];
+        (walked_m, axis)
+    }
+}
+
+/// Part of a ray inside a box: distances at which it enters and leaves, m.
+fn clip(origin_m: DVec3, direction: DVec3, [low, high]: [DVec3; 2]) -> Option<(f64, f64)> {
+    let (mut enter_m, mut leave_m) = (0.0_f64, f64::INFINITY);
+    for axis in 0..3 {
+        if direction[axis] == 0.0 {
+            if origin_m[axis] < low[axis] || origin_m[axis] >= high[axis] {
+                return None;
+            }
+            continue;
+        }
+        let a = (low[axis] - origin_m[axis]) / direction[axis];
+        let b = (high[axis] - origin_m[axis]) / direction[axis];
+        enter_m = enter_m.max(a.min(b));
+        leave_m = leave_m.min(a.max(b));
+    }
+    (enter_m < leave_m).then_some((enter_m, leave_m))
+}
+
+/// A map that cannot be.
+#[derive(Debug, thiserror::Error)]
+#[error("voxel map: {reason}")]
+pub struct VoxelMapError {
+    reason: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+    use crate::scene::BoxScene;
+
+    /// A room whose walls run through cell centres, mapped from one point.
+    fn mapped(voxel_m: f64) -> (BoxScene, VoxelMap) {
+        let half = 0.5 * voxel_m;
+        let walls = BoxScene::closed(DVec3::new(-3.0, -2.0, -1.0) - half, DVec3::new(3.0, 2.0, 1.5) + half);
+        let mut map = VoxelMap::new(voxel_m, 1, 100.0).unwrap();
+        let mut rng = Rng::new(3, 0);
+        let from_m = DVec3::new(0.31, -0.17, 0.12);
+        for _ in 0..120_000 {
+            let direction = DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
+            let hit = walls.cast(from_m, direction).unwrap();
+            map.add_return(from_m, from_m + hit.distance_m * direction);
+        }
+        (walls, map)
+    }
+
+    #[test]
+    fn a_mapped_room_is_free_inside_occupied_at_its_walls_and_unknown_behind() {
+        let (_, map) = mapped(0.1);
+        assert_eq!(map.cell(DVec3::new(1.0, 1.0, 0.5)), Cell::Free);
+        assert_eq!(map.cell(DVec3::new(3.05, 0.5, 0.5)), Cell::Occupied);
+        assert_eq!(map.cell(DVec3::new(0.5, 0.5, -1.05)), Cell::Occupied);
+        assert_eq!(map.cell(DVec3::new(3.2, 0.5, 0.5)), Cell::Unknown);
+        let [free, occupied] = map.counts();
+        let cells = 62 * 42 * 27;
+        let walls = cells - 60 * 40 * 25;
+        // a few cells of the wall were grazed and not hit
+        assert!((free as f64 - 60_000.0).abs() < 300.0, "{free} free");
+        assert!(free + occupied <= cells, "{free} free, {occupied} occupied of {cells}");
+        assert!(occupied <= walls && occupied as f64 > 0.95 * walls as f64, "{occupied} of {walls}");
+    }
+
+    #[test]
+    fn rays_through_the_map_agree_with_the_room() {
+        let (walls, map) = mapped(0.1);
+        let mut rng = Rng::new(4, 0);
+        let (mut within, mut met) = (0, 0);
+        for _ in 0..2000 {
+            let from_m = DVec3::new(rng.between(-2.5, 2.5), rng.between(-1.5, 1.5), rng.between(-0.5, 1.0));
+            let direction = DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
+            let truth = walls.cast(from_m, direction).unwrap();
+            let Some(hit) = map.cast(from_m, direction) else { continue };
+            met += 1;
+            assert!(hit.normal.dot(direction) < 0.0);
+            // perpendicular to the wall the map is no worse than half a voxel
+            let off_m = (hit.distance_m - truth.distance_m).abs() * truth.normal.dot(direction).abs();
+            within += usize::from(off_m <= 0.05 + 1e-9);
+        }
+        assert!(met >= 1990, "{met} of 2000 rays met the walls");
+        assert!(within as f64 >= 0.99 * f64::from(met), "{within} of {met}");
+    }
+
+    #[test]
+    fn a_miss_is_free_and_says_nothing_about_its_end() {
+        let mut map = VoxelMap::new(0.5, 2, 50.0).unwrap();
+        map.add_miss(DVec3::ZERO, DVec3::X, 10.0);
+        assert_eq!(map.cell(DVec3::new(5.2, 0.1, 0.1)), Cell::Free);
+        assert_eq!(map.cell(DVec3::new(10.2, 0.1, 0.1)), Cell::Unknown);
+        assert_eq!(map.cast(DVec3::ZERO, DVec3::X), None);
+        let wall = DVec3::new(8.2, 0.2, 0.3);
+        map.add_return(DVec3::new(0.2, 0.2, 0.3), wall);
+        assert_eq!(map.cell(wall), Cell::Free, "one hit is less than two");
+        map.add_return(DVec3::new(0.2, 0.2, 0.3), wall);
+        assert_eq!(map.cell(wall), Cell::Occupied);
+        let hit = map.cast(DVec3::new(1.0, 0.2, 0.3), DVec3::X).unwrap();
+        assert!((hit.distance_m - 7.2).abs() < 1e-6, "{}", hit.distance_m);
+        assert_eq!(map.cast(DVec3::new(8.1, 0.2, 0.3), DVec3::Y).map(|hit| hit.distance_m), Some(0.0));
+    }
+
+    #[test]
+    fn rays_that_nobody_can_believe_are_counted() {
+        let mut map = VoxelMap::new(0.1, 1, 200.0).unwrap();
+        for end in [DVec3::NAN, DVec3::INFINITY, DVec3::new(201.0, 0.0, 0.0), DVec3::splat(1e300)] {
+            map.add_return(DVec3::ZERO, end);
+        }
+        map.add_return(DVec3::splat(1e9), DVec3::splat(1e9));
+        assert_eq!((map.rejected(), map.counts()), (5, [0, 0]));
+        assert!(VoxelMap::new(0.0, 1, 1.0).is_err());
+        assert!(VoxelMap::new(0.1, 0, 1.0).is_err());
+        map.add_return(DVec3::ONE, DVec3::ONE);
+        assert_eq!(map.counts(), [0, 1], "a return at the sensor itself");
+    }
+}
