@@ -254,7 +254,7 @@ fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64) -> 
 /// `master` and `mirrored`, numbered where there are several.
 fn sensor_name(index: usize, is_mirrored: bool, masters: usize) -> String {
     let (master, side) = match is_mirrored {
-        true => (index / 2, if index % 2 == 0 { "master" } else { "mirrored" }),
+        true => (index / 2, if index.is_multiple_of(2) { "master" } else { "mirrored" }),
         false => (index, "sensor"),
     };
     if masters == 1 { side.into() } else { format!("{side}-{}", master + 1) }

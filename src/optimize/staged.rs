@@ -4,9 +4,10 @@
 //! 1. Seed points take the least count only: fewer sensors cost fewer rays, and a good score there often proves that
 //!    larger counts cannot win ([`Space::that_can_exceed`]). Counts that stay possible get seed points in turn.
 //! 2. Bayesian optimization over what is left, symmetries folded.
-//! 3. Evolution around the best points, with steps of all sizes from the first to the last evaluation (log-uniform):
-//!    the objective is a smooth hill under needles of every width, so no single step size is right. Parents narrow from
-//!    many to one.
+//! 3. Local searches around many of the best points, with steps of all sizes, log-uniform for each variable: the objective
+//!    is a smooth hill under needles whose width differs from variable to variable, so no single step size is right. The
+//!    worse half of the searches is given up in each round (sequential halving: Karnin, Koren, Somekh 2013,
+//!    <https://proceedings.mlr.press/v28/karnin13.html>).
 
 use serde::{Deserialize, Serialize};
 
@@ -16,11 +17,18 @@ use crate::rng::Rng;
 const SEEDS_PER_COUNT: usize = 12;
 /// Bayesian evaluations at most: beyond, the model costs more than the objective and says less.
 const MODELLED_MAX: usize = 120;
-/// Children between two looks at the ranking.
-const GENERATION: usize = 12;
-const PARENTS_FIRST: f64 = 30.0;
-const STEP_MAX: f64 = 0.2;
-const STEP_MIN: f64 = 1e-4;
+/// Share of the local evaluations that look for places worth a local search.
+const SCOUT_SHARE: f64 = 0.25;
+/// Scouts start from so many of the best points.
+const SCOUTED: usize = 30;
+const SCOUT_STEPS: (f64, f64) = (0.01, 0.2);
+const SCOUTS_AT_ONCE: usize = 16;
+/// Local searches at first: one for so many local evaluations, within bounds.
+const EVALUATIONS_PER_LINE: usize = 40;
+const LINES: (usize, usize) = (2, 64);
+const LINE_STEPS: (f64, f64) = (1e-5, 0.1);
+/// Least distance between the starts of two local searches, as a share of some variable's range.
+const APART: f64 = 2e-3;
 
 /// Cheap first, then modelled, then local.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -32,9 +40,12 @@ pub struct Staged {
     next_count: f64,
     trials: Vec<Trial>,
     model: Option<Bayesian>,
-    is_local: bool,
-    /// Best first; all distinct trials that may be parents.
-    parents: Vec<Trial>,
+    /// Best point of each local search, the best first at the start of each round; empty before the first.
+    lines: Vec<Trial>,
+    /// Local search that each candidate of the last batch belongs to.
+    asked: Vec<usize>,
+    /// Evaluations left of this round.
+    round_left: usize,
 }
 
 impl Staged {
@@ -49,8 +60,9 @@ impl Staged {
             next_count,
             trials: Vec::new(),
             model: None,
-            is_local: false,
-            parents: Vec::new(),
+            lines: Vec::new(),
+            asked: Vec::new(),
+            round_left: 0,
         }
     }
 
@@ -84,35 +96,83 @@ impl Staged {
         MODELLED_MAX.min(self.settings.budget)
     }
 
-    fn children(&mut self, rng: &mut Rng) -> Vec<Candidate> {
+    /// Evaluations planned for scouts and local searches together.
+    fn local(&self) -> usize {
+        self.settings.budget.saturating_sub(self.modelled())
+    }
+
+    fn scouts(&mut self, rng: &mut Rng) -> Vec<Candidate> {
         let space = self.rest();
-        if self.parents.is_empty() {
-            self.parents = self.trials.clone();
-            self.parents.sort_by(Trial::order);
-        }
-        let planned = self.settings.budget.saturating_sub(self.modelled()).max(1) as f64;
-        let used = (self.trials.len().saturating_sub(self.modelled()) as f64 / planned).min(1.0);
-        let count = PARENTS_FIRST.powf(1.0 - used).round() as usize;
-        let parents = self.parents.len().min(count.max(1));
-        let child = |_| {
-            let parent = &self.parents[rng.below(parents as u64) as usize].candidate.values;
-            Candidate { values: vary(&space, parent, rng) }
+        let best = self.ranked();
+        let best = &best[..best.len().min(SCOUTED)];
+        let scout = |_| {
+            let from = &best[rng.below(best.len() as u64) as usize].candidate.values;
+            Candidate { values: vary(&space, from, SCOUT_STEPS, rng) }
         };
-        (0..GENERATION).map(child).collect()
+        (0..SCOUTS_AT_ONCE).map(scout).collect()
+    }
+
+    fn ranked(&self) -> Vec<&Trial> {
+        let mut ranked: Vec<&Trial> = self.trials.iter().collect();
+        ranked.sort_by(|a, b| a.order(b));
+        ranked
+    }
+
+    /// The best points that lie apart from each other, one for each local search.
+    fn begin_lines(&mut self) {
+        let wanted = (self.local() / EVALUATIONS_PER_LINE).clamp(LINES.0, LINES.1);
+        let mut lines: Vec<(Vec<f64>, Trial)> = Vec::new();
+        for trial in self.ranked() {
+            let unit = self.space.to_unit(&self.space.canonical(&trial.candidate.values));
+            let is_apart = |other: &Vec<f64>| unit.iter().zip(other).any(|(a, b)| (a - b).abs() > APART);
+            if lines.iter().all(|(other, _)| is_apart(other)) {
+                lines.push((unit, trial.clone()));
+            }
+            if lines.len() == wanted {
+                break;
+            }
+        }
+        self.lines = lines.into_iter().map(|(_, trial)| trial).collect();
+        self.round_left = self.round();
+    }
+
+    /// Evaluations of one round: the halvings left share what is left of the plan.
+    fn round(&self) -> usize {
+        let rounds = self.lines.len().max(1).ilog2() as usize + 1;
+        (self.settings.budget.saturating_sub(self.trials.len()) / rounds).max(self.lines.len())
+    }
+
+    fn children(&mut self, rng: &mut Rng) -> Vec<Candidate> {
+        if self.lines.is_empty() {
+            self.begin_lines();
+        }
+        if self.round_left == 0 {
+            self.lines.sort_by(Trial::order);
+            self.lines.truncate(self.lines.len().div_ceil(2));
+            self.round_left = self.round();
+        }
+        let space = self.rest();
+        let count = if self.lines.len() < 8 { 8usize.div_ceil(self.lines.len()) } else { 1 };
+        self.asked = (0..count).flat_map(|_| 0..self.lines.len()).collect();
+        let child = |&line: &usize| Candidate {
+            values: vary(&space, &self.lines[line].candidate.values, LINE_STEPS, rng),
+        };
+        self.asked.iter().map(child).collect()
     }
 }
 
-/// A child: each free variable moves with even odds (at least one does), by a normal step of log-uniform size.
-fn vary(space: &Space, parent: &[f64], rng: &mut Rng) -> Vec<f64> {
-    let mut values = parent.to_vec();
-    let free = space.free(parent);
+/// A point near another: each free variable moves with even odds (at least one does), by a normal step whose size is
+/// log-uniform within `steps`, shares of its range; integers move by one.
+fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Vec<f64> {
+    let mut values = from.to_vec();
+    let free = space.free(from);
     if free.is_empty() {
         return values;
     }
-    let scale = STEP_MIN * (STEP_MAX / STEP_MIN).powf(rng.uniform());
     let sure = free[rng.below(free.len() as u64) as usize];
     for index in free {
         let variable = &space.variables()[index];
+        let scale = steps.0 * (steps.1 / steps.0).powf(rng.uniform());
         if variable.integer {
             if index == sure || rng.uniform() < scale {
                 values[index] += if rng.uniform() < 0.5 { 1.0 } else { -1.0 };
@@ -141,16 +201,20 @@ impl Optimizer for Staged {
         }
         if self.trials.len() < self.modelled() {
             if self.model.is_none() {
-                self.model =
-                    Some(Bayesian::continued(self.space.clone(), self.settings, self.trials.clone()));
+                let settings = Settings { early_stop: false, ..self.settings };
+                self.model = Some(Bayesian::continued(self.space.clone(), settings, self.trials.clone()));
             }
             if let Some(model) = &mut self.model {
                 return model.ask();
             }
         }
         self.model = None;
-        self.is_local = true;
-        self.children(&mut rng)
+        let scouted = self.modelled() + (self.local() as f64 * SCOUT_SHARE) as usize;
+        if self.lines.is_empty() && self.trials.len() < scouted {
+            self.scouts(&mut rng)
+        } else {
+            self.children(&mut rng)
+        }
     }
 
     fn tell(&mut self, trials: &[Trial]) {
@@ -158,12 +222,11 @@ impl Optimizer for Staged {
         if let Some(model) = &mut self.model {
             model.tell(trials);
         }
-        if self.is_local {
-            for trial in trials {
-                let place = self.parents.partition_point(|known| !trial.beats(known));
-                self.parents.insert(place, trial.clone());
+        for (&line, trial) in std::mem::take(&mut self.asked).iter().zip(trials) {
+            if trial.beats(&self.lines[line]) {
+                self.lines[line] = trial.clone();
             }
-            self.parents.truncate(PARENTS_FIRST as usize);
+            self.round_left = self.round_left.saturating_sub(1);
         }
     }
 }

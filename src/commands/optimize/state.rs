@@ -61,7 +61,9 @@ pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
         bail!("state file {}: format is {:?}, this program reads {FORMAT:?}", path.display(), read.format);
     }
     if let Some(wanted) = question.as_object() {
-        for (name, now) in wanted {
+        // the preset first: where it differs, so do others that follow from it
+        let preset = wanted.get_key_value("preset");
+        for (name, now) in preset.into_iter().chain(wanted) {
             let then = &read.question[name];
             if then != now {
                 bail!(
