@@ -534,4 +534,35 @@ mod tests {
         );
         assert_eq!(simulator.coverage_by_definition(&[]).unwrap_err(), ExperimentError::NoSensors);
     }
+
+    /// Poses between metres, odd numbers of azimuths, free phases: what no published number covers.
+    #[test]
+    fn the_fast_way_is_the_definition_wherever_it_goes() {
+        let masters = [[0.0604, 0.21, -0.08, 32.7, 0.0], [0.07, 0.17, -0.05, -41.3, 7.0], [0.0; 5]];
+        for path in [Path::Lateral, Path::Forward] {
+            for (sub_poses, phase, azimuths) in [
+                (2, Phase::Locked, 36),
+                (3, Phase::Locked, 25),
+                (8, Phase::Locked, 12),
+                (1, Phase::Free, 30),
+                (3, Phase::Free, 11),
+            ] {
+                let experiment = Experiment {
+                    path,
+                    sub_poses,
+                    phase,
+                    azimuths,
+                    roll: Roll::Free,
+                    ..Experiment::published(&VLP_16)
+                };
+                let simulator = Simulator::new(&experiment).unwrap();
+                let sensors = experiment.sensors(&masters.map(Placement::from));
+                let fast = simulator.see(&sensors).unwrap();
+                let definition = simulator.coverage_by_definition(&sensors).unwrap();
+                assert_eq!(fast.lost_rays, definition.lost_rays, "{experiment:?}");
+                assert!(fast == definition, "{experiment:?}");
+                assert_eq!(simulator.count(&sensors).unwrap(), definition.coverage.counts());
+            }
+        }
+    }
 }

@@ -107,87 +107,94 @@ pub(super) fn see(simulator: &Simulator, plan: &Plan, sensors: &[Placement]) -> 
             shells.extend(see_pair(simulator, plan, master));
             next += 2;
         } else {
-            let mut shell = Shell::new(plan.size);
-            look(simulator, plan, master, std::slice::from_ref(&(0..plan.azimuths.len())), None, &mut shell);
-            shell.settle();
-            shells.push(shell);
+            shells.push(see_alone(simulator, plan, master, std::slice::from_ref(&(0..plan.azimuths.len()))));
             next += 1;
         }
     }
     shells
 }
 
+/// What a sensor sees in ranges of azimuths.
+fn see_alone(simulator: &Simulator, plan: &Plan, sensor: &Placement, columns: &[Range<usize>]) -> Shell {
+    let mut shell = Shell::new(plan.size);
+    for ray in look(simulator, plan, sensor, columns, false, &mut shell) {
+        decide(simulator, sensor, &ray, &mut shell);
+    }
+    shell.settle();
+    shell
+}
+
 /// A sensor and its mirror image. The ray at azimuth a of one is the mirror image of the ray at 180 degrees - a of the
 /// other, up to rounding; azimuths 0 and 180, where a rounding of the published sine makes all the difference, are
-/// looked at for each sensor on its own.
+/// looked at for each sensor on its own, and so is what the definition must decide.
 fn see_pair(simulator: &Simulator, plan: &Plan, master: &Placement) -> [Shell; 2] {
     let azimuths = plan.azimuths.len();
-    let image = master.mirrored();
+    let poses = simulator.stations_m.len();
     let along = simulator.experiment.path == Path::Lateral;
+    let image = master.mirrored();
     let mut common = Shell::new(plan.size);
-    // voxels that the definition found for the mirror image, in its own place
-    let mut mirrored = Shell::new(plan.size);
     let columns = [1..azimuths / 2, azimuths / 2 + 1..azimuths];
-    look(simulator, plan, master, &columns, Some((&image, &mut mirrored)), &mut common);
+    let undecided = look(simulator, plan, master, &columns, true, &mut common);
     common.settle();
-    let mut shells = [common.clone(), common.mirrored(along)];
-    shells[1].join(&mirrored);
+    let mirrored = common.mirrored(along);
+    let mut shells = [common, mirrored];
+    for ray in undecided {
+        decide(simulator, master, &ray, &mut shells[0]);
+        let mirrored = Ray {
+            azimuth: (azimuths + azimuths / 2 - ray.azimuth) % azimuths,
+            pose: if along { poses - 1 - ray.pose } else { ray.pose },
+            ..ray
+        };
+        decide(simulator, &image, &mirrored, &mut shells[1]);
+    }
     for (sensor, shell) in [master, &image].into_iter().zip(&mut shells) {
-        let mut own = Shell::new(plan.size);
-        look(simulator, plan, sensor, &[0..1, azimuths / 2..azimuths / 2 + 1], None, &mut own);
-        own.settle();
-        shell.join(&own);
+        shell.join(&see_alone(simulator, plan, sensor, &[0..1, azimuths / 2..azimuths / 2 + 1]));
     }
     shells
 }
 
-/// Marks what a sensor sees in a range of azimuths. What only the definition can decide goes there, for the mirror
-/// image too where there is one.
+/// One ray at one pose.
+struct Ray {
+    azimuth: usize,
+    beam: usize,
+    pose: usize,
+}
+
+/// Marks what a sensor sees in ranges of azimuths, and returns what only the definition can decide.
 fn look(
     simulator: &Simulator,
     plan: &Plan,
     sensor: &Placement,
     columns: &[Range<usize>],
-    mut image: Option<(&Placement, &mut Shell)>,
+    is_mirrored: bool,
     shell: &mut Shell,
-) {
+) -> Vec<Ray> {
     let poses = simulator.stations_m.len();
     let views: Vec<_> = (0..plan.classes.min(poses))
         .map(|class| {
             let own_poses = (poses - class).div_ceil(plan.classes);
-            View::new(simulator, plan, sensor, class, own_poses, image.is_some())
+            View::new(simulator, plan, sensor, class, own_poses, is_mirrored)
         })
         .collect();
+    let mut rays = Vec::new();
     for views in views.chunk_by(|a, b| a.poses == b.poses) {
         for undecided in sweep::run(plan, views, columns, shell) {
-            let whole_walk = 0..views[0].poses;
-            let chosen = undecided.pose.map_or(whole_walk, |pose| pose..pose + 1);
-            for pose in chosen.map(|pose| undecided.class + pose * plan.classes) {
-                decide(simulator, sensor, undecided.azimuth, undecided.beam, pose, shell);
-                if let Some((image, shell)) = &mut image {
-                    let azimuths = plan.azimuths.len();
-                    let azimuth = (azimuths + azimuths / 2 - undecided.azimuth) % azimuths;
-                    let along = simulator.experiment.path == Path::Lateral;
-                    let pose = if along { poses - 1 - pose } else { pose };
-                    decide(simulator, image, azimuth, undecided.beam, pose, shell);
-                }
-            }
+            let chosen = undecided.pose.map_or(0..views[0].poses, |pose| pose..pose + 1);
+            rays.extend(chosen.map(|pose| Ray {
+                azimuth: undecided.azimuth,
+                beam: undecided.beam,
+                pose: undecided.class + pose * plan.classes,
+            }));
         }
     }
+    rays
 }
 
-/// Marks what one ray hits at one pose, by the definition.
-fn decide(
-    simulator: &Simulator,
-    sensor: &Placement,
-    azimuth: usize,
-    beam: usize,
-    pose: usize,
-    shell: &mut Shell,
-) {
-    let azimuth_rad = brute::azimuth_rad(simulator, pose, azimuth);
-    let direction = brute::direction(simulator, sensor, azimuth_rad, beam);
-    let origin_m = brute::origin_m(simulator, sensor, simulator.stations_m[pose]);
+/// Marks what one ray hits, by the definition.
+fn decide(simulator: &Simulator, sensor: &Placement, ray: &Ray, shell: &mut Shell) {
+    let azimuth_rad = brute::azimuth_rad(simulator, ray.pose, ray.azimuth);
+    let direction = brute::direction(simulator, sensor, azimuth_rad, ray.beam);
+    let origin_m = brute::origin_m(simulator, sensor, simulator.stations_m[ray.pose]);
     if let Some(index) = brute::voxel(simulator, origin_m, direction) {
         let [nx, ny, _] = simulator.cells;
         let cell = [index % nx, index / nx % ny, index / (nx * ny)];
