@@ -1,8 +1,12 @@
 //! Which cells of space were hit, by which sensor. [`Coverage::add`] is the only way in, for predicted and recorded
 //! points alike.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 use sha2::{Digest as _, Sha256};
+
+use crate::scene::bricks::{self, BrickIndex};
 
 /// A regular grid of cubic cells; cell (i, j, k) spans `origin_m + voxel_m * (i..i+1, j..j+1, k..k+1)`.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,28 +49,57 @@ impl VoxelGrid {
         Some(i + self.cells[0] * (j + self.cells[1] * k))
     }
 
+    /// Brick of a cell, and the cell's number in it.
+    fn brick(&self, cell: usize) -> ([i32; 3], usize) {
+        let [i, j, k] = self.place(cell);
+        bricks::split([i as i32, j as i32, k as i32])
+    }
+
+    /// i, j, k of a cell.
+    fn place(&self, cell: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.cells;
+        [cell % nx, cell / nx % ny, cell / (nx * ny)]
+    }
+
     /// Centre of a cell, m.
     pub fn centre_m(&self, index: usize) -> DVec3 {
-        let i = index % self.cells[0];
-        let j = index / self.cells[0] % self.cells[1];
-        let k = index / (self.cells[0] * self.cells[1]);
+        let [i, j, k] = self.place(index);
         self.origin_m + self.voxel_m * (DVec3::new(i as f64, j as f64, k as f64) + 0.5)
     }
 }
 
-/// Cells hit, one bitmap per sensor, bit `index` of a bitmap is bit `index % 64` of word `index / 64`.
-#[derive(Clone, Debug, PartialEq)]
+/// Cells hit by each sensor. Bit `index` of a bitmap is bit `index % 64` of word `index / 64`. Small grids are kept as
+/// whole bitmaps; of large ones only the bricks of 8 x 8 x 8 cells that were hit, so that memory grows with the surface.
+#[derive(Clone, Debug)]
 pub struct Coverage {
     grid: VoxelGrid,
-    sensors: Vec<Vec<u64>>,
+    sensors: Vec<Cells>,
     outside: u64,
+}
+
+/// Grids up to this many cells are kept whole (8 MiB per sensor).
+const WHOLE_CELLS: usize = 1 << 26;
+
+#[derive(Clone, Debug)]
+enum Cells {
+    Whole(Vec<u64>),
+    Bricks { index: BrickIndex, words: Vec<[u64; 8]> },
 }
 
 impl Coverage {
     /// Nothing covered yet.
     pub fn new(grid: VoxelGrid, sensors: usize) -> Self {
-        let words = grid.len().div_ceil(64);
-        Self { grid, sensors: vec![vec![0; words]; sensors], outside: 0 }
+        let whole = grid.len() <= WHOLE_CELLS;
+        Self::with_storage(grid, sensors, whole)
+    }
+
+    fn with_storage(grid: VoxelGrid, sensors: usize, whole: bool) -> Self {
+        let empty = if whole {
+            Cells::Whole(vec![0; grid.len().div_ceil(64)])
+        } else {
+            Cells::Bricks { index: BrickIndex::default(), words: Vec::new() }
+        };
+        Self { grid, sensors: vec![empty; sensors], outside: 0 }
     }
 
     /// Coverage from whole bitmaps, one per sensor, for kernels that mark many cells at once. Bits beyond the grid must
@@ -78,7 +111,7 @@ impl Coverage {
             assert_eq!(bitmap.len(), words, "a bitmap covers the whole grid");
             assert!(last == 0 || bitmap[words - 1] >> last == 0, "no bit lies beyond the grid");
         }
-        Self { grid, sensors, outside: 0 }
+        Self { grid, sensors: sensors.into_iter().map(Cells::Whole).collect(), outside: 0 }
     }
 
     /// The grid.
@@ -89,7 +122,7 @@ impl Coverage {
     /// Marks the cell around a point as seen by a sensor. Points outside the grid are counted, not marked.
     pub fn add(&mut self, sensor: usize, point_m: DVec3) {
         match self.grid.index(point_m) {
-            Some(index) => self.sensors[sensor][index / 64] |= 1 << (index % 64),
+            Some(cell) => self.sensors[sensor].mark(&self.grid, cell),
             None => self.outside += 1,
         }
     }
@@ -99,53 +132,93 @@ impl Coverage {
         self.outside
     }
 
-    /// Bitmap of one sensor.
-    pub fn sensor_bitmap(&self, sensor: usize) -> &[u64] {
-        &self.sensors[sensor]
-    }
-
     /// Number of sensors.
     pub fn sensors(&self) -> usize {
         self.sensors.len()
     }
 
-    /// Cells hit by any sensor.
+    /// Whether a sensor hit a cell.
+    pub fn contains(&self, sensor: usize, cell: usize) -> bool {
+        match &self.sensors[sensor] {
+            Cells::Whole(bitmap) => bitmap[cell / 64] >> (cell % 64) & 1 == 1,
+            Cells::Bricks { index, words } => {
+                let (brick, inside) = self.grid.brick(cell);
+                let found = index.find(brick).map(|slot| words[slot as usize][inside / 64]);
+                found.is_some_and(|word| word >> (inside % 64) & 1 == 1)
+            }
+        }
+    }
+
+    /// Bitmap of one sensor over the whole grid; made for the purpose where the grid is large.
+    pub fn sensor_bitmap(&self, sensor: usize) -> Cow<'_, [u64]> {
+        match &self.sensors[sensor] {
+            Cells::Whole(bitmap) => Cow::Borrowed(bitmap),
+            cells => {
+                let mut bitmap = vec![0; self.grid.len().div_ceil(64)];
+                cells.mark_on(&self.grid, &mut bitmap);
+                Cow::Owned(bitmap)
+            }
+        }
+    }
+
+    /// Cells hit by any sensor, a bitmap over the whole grid.
     pub fn union(&self) -> Vec<u64> {
-        let words = self.grid.len().div_ceil(64);
-        (0..words).map(|word| self.sensors.iter().fold(0, |all, bits| all | bits[word])).collect()
+        let mut union = vec![0; self.grid.len().div_ceil(64)];
+        for cells in &self.sensors {
+            cells.mark_on(&self.grid, &mut union);
+        }
+        union
+    }
+
+    /// Cells hit by any sensor, ascending.
+    pub fn union_cells(&self) -> Vec<usize> {
+        let mut all = Vec::new();
+        for cells in &self.sensors {
+            cells.for_each(&self.grid, |cell| all.push(cell));
+        }
+        all.sort_unstable();
+        all.dedup();
+        all
     }
 
     /// Number of cells hit by any sensor.
     pub fn union_count(&self) -> u64 {
-        self.union().iter().map(|word| u64::from(word.count_ones())).sum()
+        self.counts().union
+    }
+
+    /// Adds what another coverage of the same grid and sensors has seen.
+    pub fn join(&mut self, other: &Self) {
+        assert!(
+            self.grid == other.grid && self.sensors.len() == other.sensors.len(),
+            "the same grid and sensors"
+        );
+        for (cells, more) in self.sensors.iter_mut().zip(&other.sensors) {
+            cells.join(more);
+        }
+        self.outside += other.outside;
     }
 
     /// How many cells are hit by any, by several, by each and by each alone.
     pub fn counts(&self) -> Counts {
-        let mut counts = Counts {
-            union: 0,
-            overlap: 0,
-            per_sensor: vec![0; self.sensors.len()],
-            unique_per_sensor: vec![0; self.sensors.len()],
-        };
-        let ones = |word: u64| u64::from(word.count_ones());
-        for word in 0..self.grid.len().div_ceil(64) {
-            let (mut any, mut several) = (0, 0);
-            for bitmap in &self.sensors {
-                several |= any & bitmap[word];
-                any |= bitmap[word];
-            }
-            if any == 0 {
-                continue;
-            }
-            counts.union += ones(any);
-            counts.overlap += ones(several);
-            for (sensor, bitmap) in self.sensors.iter().enumerate() {
-                counts.per_sensor[sensor] += ones(bitmap[word]);
-                counts.unique_per_sensor[sensor] += ones(bitmap[word] & !several);
+        let mut bricks = BrickIndex::default();
+        for cells in &self.sensors {
+            if let Cells::Bricks { index, .. } = cells {
+                for brick in index.bricks() {
+                    bricks.find_or_add(*brick);
+                }
             }
         }
-        counts
+        let aligned = |cells| match cells {
+            &Cells::Whole(ref bitmap) => Cow::Borrowed(bitmap.as_slice()),
+            Cells::Bricks { index, words } => {
+                let of_brick =
+                    |brick: &[i32; 3]| index.find(*brick).map_or([0; 8], |slot| words[slot as usize]);
+                Cow::Owned(bricks.bricks().iter().flat_map(of_brick).collect())
+            }
+        };
+        let bitmaps: Vec<Cow<'_, [u64]>> = self.sensors.iter().map(aligned).collect();
+        let bitmaps: Vec<_> = bitmaps.iter().map(|bitmap| &**bitmap).collect();
+        Counts::of_bitmaps(&bitmaps)
     }
 
     /// SHA-256 of the union bitmap, hexadecimal: bit `index` is bit `index % 8` of byte `index / 8`, the last byte
@@ -159,6 +232,78 @@ impl Coverage {
         }
         hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
     }
+}
+
+impl PartialEq for Coverage {
+    /// The same grid, the same cells for every sensor, as many points outside; however they are kept.
+    fn eq(&self, other: &Self) -> bool {
+        self.grid == other.grid
+            && self.outside == other.outside
+            && self.sensors.len() == other.sensors.len()
+            && (0..self.sensors.len()).all(|sensor| self.sensor_bitmap(sensor) == other.sensor_bitmap(sensor))
+    }
+}
+
+impl Cells {
+    fn mark(&mut self, grid: &VoxelGrid, cell: usize) {
+        match self {
+            Self::Whole(bitmap) => bitmap[cell / 64] |= 1 << (cell % 64),
+            Self::Bricks { index, words } => {
+                let (brick, inside) = grid.brick(cell);
+                words_of(index, words, brick)[inside / 64] |= 1 << (inside % 64);
+            }
+        }
+    }
+
+    fn join(&mut self, other: &Self) {
+        match (self, other) {
+            (Self::Whole(bitmap), Self::Whole(more)) => {
+                bitmap.iter_mut().zip(more).for_each(|(word, more)| *word |= more);
+            }
+            (Self::Bricks { index, words }, Self::Bricks { index: more_index, words: more }) => {
+                for (brick, more) in more_index.bricks().iter().zip(more) {
+                    let words = words_of(index, words, *brick);
+                    words.iter_mut().zip(more).for_each(|(word, more)| *word |= more);
+                }
+            }
+            _ => unreachable!("a grid's size decides how its cells are kept"),
+        }
+    }
+
+    /// Marks every cell on a bitmap over the whole grid.
+    fn mark_on(&self, grid: &VoxelGrid, bitmap: &mut [u64]) {
+        match self {
+            Self::Whole(own) => bitmap.iter_mut().zip(own).for_each(|(word, own)| *word |= own),
+            Self::Bricks { .. } => self.for_each(grid, |cell| bitmap[cell / 64] |= 1 << (cell % 64)),
+        }
+    }
+
+    fn for_each(&self, grid: &VoxelGrid, mut take: impl FnMut(usize)) {
+        match self {
+            Self::Whole(bitmap) => {
+                for (at, word) in bitmap.iter().enumerate().filter(|(_, word)| **word != 0) {
+                    (0..64).filter(|bit| word >> bit & 1 == 1).for_each(|bit| take(at * 64 + bit));
+                }
+            }
+            Self::Bricks { index, words } => {
+                for (brick, words) in index.bricks().iter().zip(words) {
+                    let [i, j, k] = brick.map(|at| at as usize * 8);
+                    for inside in (0..512).filter(|inside| words[inside / 64] >> (inside % 64) & 1 == 1) {
+                        let (i, j, k) = (i + inside % 8, j + inside / 8 % 8, k + inside / 64);
+                        take(i + grid.cells[0] * (j + grid.cells[1] * k));
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn words_of<'a>(index: &mut BrickIndex, words: &'a mut Vec<[u64; 8]>, brick: [i32; 3]) -> &'a mut [u64; 8] {
+    let slot = index.find_or_add(brick).expect("a grid with a cell number has few enough bricks") as usize;
+    if slot == words.len() {
+        words.push([0; 8]);
+    }
+    &mut words[slot]
 }
 
 /// How many cells were hit.
@@ -175,8 +320,94 @@ pub struct Counts {
 }
 
 impl Counts {
+    /// From one bitmap per sensor, all of one length; a bit is a cell.
+    #[inline(always)] // so that callers with better instructions count with them
+    pub fn of_bitmaps(sensors: &[&[u64]]) -> Self {
+        let mut counts = Self {
+            union: 0,
+            overlap: 0,
+            per_sensor: vec![0; sensors.len()],
+            unique_per_sensor: vec![0; sensors.len()],
+        };
+        let ones = |word: u64| u64::from(word.count_ones());
+        for word in 0..sensors.first().map_or(0, |bitmap| bitmap.len()) {
+            let (mut any, mut several) = (0, 0);
+            for bitmap in sensors {
+                several |= any & bitmap[word];
+                any |= bitmap[word];
+            }
+            if any == 0 {
+                continue;
+            }
+            counts.union += ones(any);
+            counts.overlap += ones(several);
+            for (sensor, bitmap) in sensors.iter().enumerate() {
+                counts.per_sensor[sensor] += ones(bitmap[word]);
+                counts.unique_per_sensor[sensor] += ones(bitmap[word] & !several);
+            }
+        }
+        counts
+    }
+
     /// Share of the cells hit that at least two sensors hit; 0 where nothing is hit.
     pub fn overlap_ratio(&self) -> f64 {
         self.overlap as f64 / self.union.max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    fn grid() -> VoxelGrid {
+        VoxelGrid { origin_m: DVec3::new(-1.0, 2.0, 0.0), voxel_m: 0.1, cells: [37, 21, 13] }
+    }
+
+    fn filled(whole: bool, seed: u64) -> Coverage {
+        let mut coverage = Coverage::with_storage(grid(), 3, whole);
+        let mut rng = Rng::new(seed, 0);
+        for _ in 0..4000 {
+            let point_m = DVec3::new(rng.between(-1.1, 2.8), rng.between(1.9, 4.2), rng.between(-0.1, 1.4));
+            coverage.add(rng.below(3) as usize, point_m);
+        }
+        coverage
+    }
+
+    #[test]
+    fn bricks_and_whole_bitmaps_say_the_same() {
+        let (mut whole, mut bricks) = (filled(true, 1), filled(false, 1));
+        assert!(whole.outside() > 0);
+        assert_eq!(whole, bricks);
+        assert_eq!(whole.counts(), bricks.counts());
+        assert_eq!(whole.union_sha256(), bricks.union_sha256());
+        assert_eq!(whole.union_cells(), bricks.union_cells());
+        assert_eq!(whole.union_cells().len() as u64, whole.union_count());
+        for cell in 0..grid().len() {
+            assert_eq!(whole.contains(1, cell), bricks.contains(1, cell));
+        }
+        whole.join(&filled(true, 2));
+        assert_ne!(whole, bricks);
+        bricks.join(&filled(false, 2));
+        assert_eq!(whole, bricks);
+    }
+
+    #[test]
+    fn counts_add_up() {
+        let counts = filled(true, 3).counts();
+        assert!(counts.union <= counts.per_sensor.iter().sum());
+        assert_eq!(counts.union, counts.overlap + counts.unique_per_sensor.iter().sum::<u64>());
+    }
+
+    #[test]
+    fn a_large_grid_costs_what_was_hit() {
+        let grid = VoxelGrid { origin_m: DVec3::ZERO, voxel_m: 0.01, cells: [100_000, 100_000, 1_000] };
+        let mut coverage = Coverage::new(grid, 1);
+        for step in 0..1000 {
+            coverage.add(0, DVec3::new(f64::from(step) + 0.005, 500.0, 5.0));
+        }
+        assert_eq!(coverage.union_count(), 1000);
+        let Cells::Bricks { words, .. } = &coverage.sensors[0] else { panic!("too large to keep whole") };
+        assert_eq!(words.len(), 1000);
     }
 }

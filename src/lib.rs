@@ -7,6 +7,7 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+pub mod files;
 pub mod rng;
 pub mod geometry;
 pub mod scene;
@@ -16,6 +17,7 @@ pub mod coverage;
 pub mod surface;
 pub mod simulate;
 pub mod objective;
+pub mod registration;
 pub mod optimize;
 pub mod compare;
 pub mod servo;
@@ -24,6 +26,5 @@ pub mod record;
 pub mod export;
 pub mod chart;
 pub mod report;
-pub mod config;
 pub mod mock;
 pub mod commands;

@@ -151,6 +151,17 @@ impl Objective {
         &self.weights
     }
 
+    /// The terms of J of sensors whose coverage is counted already, without the rest of an evaluation.
+    pub fn terms(&self, sensors: &[Placement], counts: &Counts) -> Terms {
+        let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
+        score(&self.weights, counts, min_angle_deg(&axes), sensors.len())
+    }
+
+    /// Least distance between two sensor origins: both housings, or the least distance asked for where that is more, m.
+    pub fn needed_distance_m(&self) -> f64 {
+        (2.0 * self.housing.model.housing_radius_m).max(self.least_distance_m)
+    }
+
     /// Scores masters: roll rule and mirror images as the experiment says.
     pub fn evaluate(&self, masters: &[Placement]) -> Result<Evaluation, ExperimentError> {
         self.evaluate_sensors(&self.simulator.experiment().sensors(masters))

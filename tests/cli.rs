@@ -1,5 +1,105 @@
 //! The program as a user meets it: flags, exit codes, JSON documents, messages.
 
-use crate::support::Case;
+use std::process::{Command, Output};
 
-pub const CASES: &[Case] = &[];
+use crate::support::{Case, case};
+
+pub const CASES: &[Case] = &[
+    case("wrong_usage_is_exit_code_2", wrong_usage_is_exit_code_2),
+    case("every_verb_explains_itself", every_verb_explains_itself),
+    case("manual_and_completions_are_printed", manual_and_completions_are_printed),
+    case("a_missing_or_wrong_file_is_named", a_missing_or_wrong_file_is_named),
+    case("a_closed_pipe_is_no_panic", a_closed_pipe_is_no_panic),
+];
+
+fn outrigger(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn wrong_usage_is_exit_code_2() {
+    for arguments in [
+        &["evaluate", "--presett", "paper-os1-64"][..],
+        &["no-such-verb"],
+        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,NaN,0"],
+        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5"],
+        &["decode"],
+    ] {
+        let output = outrigger(arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr(&output));
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+fn verbs() -> Vec<String> {
+    let help = outrigger(&["--help"]);
+    let text = String::from_utf8(help.stdout).unwrap();
+    let commands = text.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
+    let verb = |line: &str| line.strip_prefix("  ")?.split_whitespace().next().map(str::to_owned);
+    commands.lines().filter(|line| !line.starts_with("   ")).filter_map(verb).collect()
+}
+
+fn every_verb_explains_itself() {
+    let verbs = verbs();
+    assert!(verbs.len() > 10, "{verbs:?}");
+    for verb in &verbs {
+        let output = outrigger(&[verb, "--help"]);
+        assert!(output.status.success(), "{verb}");
+        assert!(output.stdout.len() > 100, "{verb} says nothing about itself");
+    }
+}
+
+fn manual_and_completions_are_printed() {
+    let manual = String::from_utf8(outrigger(&["man"]).stdout).unwrap();
+    let completions = String::from_utf8(outrigger(&["completions", "bash"]).stdout).unwrap();
+    assert!(manual.contains(".TH outrigger"), "{manual}");
+    for verb in verbs() {
+        assert!(completions.contains(&verb), "{verb}");
+        assert!(manual.contains(&verb), "{verb}");
+    }
+}
+
+fn a_missing_or_wrong_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let nan = folder.path().join("nan.json");
+    let sensor = r#"{"name":"a","model":"os1-64","x_m":NaN,"y_m":0,"z_m":0,"pitch_deg":0,"roll_deg":0}"#;
+    let frame = "mount: x right, y forward, z up";
+    std::fs::write(
+        &nan,
+        format!("{{\"format\":\"outrigger-mount/1\",\"frame\":\"{frame}\",\"sensors\":[{sensor}]}}"),
+    )
+    .unwrap();
+    let nan = nan.to_str().unwrap();
+    for (arguments, named) in [
+        (&["decode", "no-such.pcap"][..], "no-such.pcap"),
+        (&["inspect", "no-such.pcap"], "no-such.pcap"),
+        (&["decode", "Cargo.toml"], "Cargo.toml"),
+        (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
+        (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
+        (&["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,0,0"], "paper-os1-64"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+            .args(arguments)
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(named), "{arguments:?}: {}", stderr(&output));
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+}
+
+fn a_closed_pipe_is_no_panic() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+        .args(["evaluate", "--preset", "paper-vlp-16", "--masters", "0.1,0,0,20,0", "--json"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
+}

@@ -1,5 +1,247 @@
-//! Point files and mount files as other programs read them.
+//! Point files read back: each holds the points that were given, and appears only when whole.
 
-use crate::support::Case;
+use std::path::Path;
 
-pub const CASES: &[Case] = &[];
+use glam::DVec3;
+use outrigger::export::{Cloud, Export, ExportError, Format, Source};
+use sensors::projection::points_f64;
+use sensors::{Frame, Layer, SensorModel, catalogue};
+
+use crate::support::{Case, case};
+
+pub const CASES: &[Case] = &[
+    case("pcd_and_ply_hold_the_points", pcd_and_ply_hold_the_points),
+    case("csv_holds_the_points", csv_holds_the_points),
+    case("las_and_laz_hold_the_points", las_and_laz_hold_the_points),
+    case("e57_holds_a_scan_per_frame", e57_holds_a_scan_per_frame),
+    case("mcap_holds_a_message_per_frame", mcap_holds_a_message_per_frame),
+    case("a_file_appears_whole_or_not_at_all", a_file_appears_whole_or_not_at_all),
+    case("the_same_points_give_the_same_bytes", the_same_points_give_the_same_bytes),
+];
+
+const START_NS: u64 = 1_700_000_000_123_456_789;
+
+fn model() -> SensorModel {
+    catalogue::nominal("vlp-16").unwrap()
+}
+
+fn source() -> Source {
+    Source {
+        id: "left, vlp-16".into(),
+        number: 2,
+        vendor: "Velodyne".into(),
+        model: "vlp-16".into(),
+        serial: "AG123".into(),
+    }
+}
+
+/// Five columns with a hole, and a second return here and there.
+fn frame() -> Frame {
+    let (columns, channels) = (5, 16);
+    let mut first = Layer { range_mm: vec![0; columns * channels], ..Layer::default() };
+    first.reflectivity = vec![0; columns * channels];
+    let mut second = first.clone();
+    for at in 0..columns * channels {
+        if at % 7 != 2 {
+            first.range_mm[at] = 1000 + 37 * at as u32;
+            first.reflectivity[at] = at as u8;
+        }
+        if at % 16 == 5 {
+            second.range_mm[at] = 2000 + at as u32;
+            second.reflectivity[at] = 200;
+        }
+    }
+    Frame {
+        frame_id: 41,
+        channels,
+        column_time_ns: (0..columns as u64).map(|column| START_NS + column * 55_296).collect(),
+        column_azimuth_rad: (0..columns).map(|column| column as f64 * 0.4).collect(),
+        column_valid: vec![true; columns],
+        azimuth_rate_rad_per_ns: 6e-8,
+        first,
+        second: Some(second),
+        host_time_ns: [START_NS + 5, START_NS + 9],
+        ..Frame::default()
+    }
+}
+
+fn cloud() -> Cloud {
+    let mut cloud = Cloud::new(source(), &model());
+    cloud.fill(&model(), &frame());
+    cloud
+}
+
+fn write(format: Format, frames: usize, path: &Path) -> u64 {
+    let mut export = Export::create(path, format, false).unwrap();
+    for _ in 0..frames {
+        export.add(&cloud()).unwrap();
+    }
+    export.finish().unwrap()
+}
+
+/// Every return once, with its position by the exact projection.
+fn expected() -> Vec<DVec3> {
+    let (model, frame) = (model(), frame());
+    let mut positions = Vec::new();
+    for layer in [&frame.first, frame.second.as_ref().unwrap()] {
+        let mut of_layer = Vec::new();
+        points_f64(&model, &frame, layer, &mut of_layer);
+        positions.extend(of_layer.into_iter().filter(|position| *position != DVec3::ZERO));
+    }
+    positions
+}
+
+/// The same points, in whatever order, within a tolerance.
+fn assert_same(mut found: Vec<DVec3>, tolerance_m: f64) {
+    let mut expected = expected();
+    assert_eq!(found.len(), expected.len());
+    let order = |a: &DVec3, b: &DVec3| a.length().total_cmp(&b.length());
+    found.sort_by(order);
+    expected.sort_by(order);
+    for (found, expected) in found.iter().zip(&expected) {
+        assert!(found.distance(*expected) <= tolerance_m, "{found} {expected}");
+    }
+}
+
+fn f32_at(bytes: &[u8], at: usize) -> f64 {
+    f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()))
+}
+
+fn pcd_and_ply_hold_the_points() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, format, ends_with, count_line) in [
+        ("a.pcd", Format::Pcd, "DATA binary\n", "POINTS "),
+        ("a.ply", Format::Ply, "end_header\n", "element vertex "),
+    ] {
+        let path = folder.path().join(name);
+        let points = write(format, 1, &path);
+        let bytes = std::fs::read(&path).unwrap();
+        let end = bytes.windows(ends_with.len()).position(|window| window == ends_with.as_bytes()).unwrap();
+        let header = std::str::from_utf8(&bytes[..end]).unwrap();
+        let count = header.lines().find_map(|line| line.strip_prefix(count_line)).unwrap();
+        assert_eq!(count.parse::<u64>().unwrap(), points);
+        let body = &bytes[end + ends_with.len()..];
+        assert_eq!(body.len() as u64, 32 * points);
+        let records: Vec<&[u8]> = body.chunks(32).collect();
+        let positions = records.iter().map(|r| DVec3::new(f32_at(r, 0), f32_at(r, 4), f32_at(r, 8)));
+        assert_same(positions.collect(), 1e-6);
+        let times: Vec<u32> =
+            records.iter().map(|r| u32::from_le_bytes(r[16..20].try_into().unwrap())).collect();
+        assert!(times.iter().all(|time_ns| *time_ns < 5 * 55_296) && *times.last().unwrap() > 4 * 55_000);
+        let rings = records.iter().map(|r| u16::from_le_bytes(r[30..32].try_into().unwrap()));
+        assert_eq!(rings.max(), Some(15));
+        assert_eq!(records.iter().filter(|r| r[29] == 2).count(), 5);
+    }
+}
+
+fn csv_holds_the_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    write(Format::Csv, 1, &path);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut lines = text.lines();
+    assert!(
+        lines.next().unwrap().starts_with("sensor,frame_id,column,ring,return_number,time_ns,t,x_m,y_m,z_m")
+    );
+    let positions = lines.map(|line| {
+        let rest = line.strip_prefix("\"left, vlp-16\",41,").unwrap();
+        let numbers: Vec<f64> = rest.split(',').map(|number| number.parse().unwrap()).collect();
+        DVec3::new(numbers[5], numbers[6], numbers[7])
+    });
+    assert_same(positions.collect(), 2e-6);
+}
+
+fn las_and_laz_hold_the_points() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, format) in [("a.las", Format::Las), ("a.laz", Format::Laz)] {
+        let path = folder.path().join(name);
+        write(format, 1, &path);
+        let mut reader = las::Reader::from_path(&path).unwrap();
+        let data = reader.read_all().unwrap();
+        let points: Vec<las::Point> = data.points().map(Result::unwrap).collect();
+        assert_same(points.iter().map(|p| DVec3::new(p.x, p.y, p.z)).collect(), 1e-4);
+        assert!(points.iter().all(|point| point.point_source_id == 3));
+        let time_s = points[0].gps_time.unwrap();
+        assert!((time_s - START_NS as f64 * 1e-9).abs() < 1e-5);
+        let rings: Vec<u16> = points
+            .iter()
+            .map(|point| u16::from_le_bytes(point.extra_bytes[..2].try_into().unwrap()))
+            .collect();
+        assert_eq!(rings.iter().max(), Some(&15));
+        assert_eq!(points.iter().filter(|point| point.return_number == 2).count(), 4); // where both came back
+        assert_eq!(points.iter().filter(|point| point.number_of_returns == 2).count(), 8);
+    }
+}
+
+fn e57_holds_a_scan_per_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.e57");
+    write(Format::E57, 2, &path);
+    let mut reader = e57::E57Reader::from_file(&path).unwrap();
+    let scans = reader.pointclouds();
+    assert_eq!(scans.len(), 2);
+    assert_ne!(scans[0].guid, scans[1].guid);
+    for scan in scans {
+        assert_eq!(scan.sensor_serial.as_deref(), Some("AG123"));
+        let points = reader.pointcloud_simple(&scan).unwrap();
+        let positions = points.map(|point| match point.unwrap().cartesian {
+            e57::CartesianCoordinate::Valid { x, y, z } => DVec3::new(x, y, z),
+            other => panic!("{other:?}"),
+        });
+        assert_same(positions.collect(), 1e-6);
+    }
+}
+
+fn mcap_holds_a_message_per_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let points = write(Format::Mcap, 2, &path);
+    let bytes = std::fs::read(&path).unwrap();
+    let messages: Vec<mcap::Message> =
+        mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
+    assert_eq!(messages.len(), 2);
+    for message in messages {
+        assert_eq!(message.channel.topic, "/left__vlp_16/points");
+        assert_eq!(message.channel.schema.as_ref().unwrap().name, "sensor_msgs/msg/PointCloud2");
+        assert_eq!(message.log_time, START_NS + 5);
+        let data = &message.data;
+        let seconds = u32::from_le_bytes(data[4..8].try_into().unwrap());
+        assert_eq!(u64::from(seconds), START_NS / 1_000_000_000);
+        let count = points as usize / 2;
+        let body = &data[data.len() - 1 - 22 * count..data.len() - 1];
+        let positions = body.chunks(22).map(|r| DVec3::new(f32_at(r, 0), f32_at(r, 4), f32_at(r, 8)));
+        assert_same(positions.collect(), 1e-6);
+    }
+}
+
+fn a_file_appears_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("new/a.ply");
+    let mut export = Export::create(&path, Format::Ply, false).unwrap();
+    export.add(&cloud()).unwrap();
+    assert!(!path.exists());
+    drop(export);
+    assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 0, "nothing is left behind");
+    write(Format::Ply, 1, &path);
+    let before = std::fs::read(&path).unwrap();
+    assert!(matches!(Export::create(&path, Format::Ply, false), Err(ExportError::Exists { .. })));
+    let mut again = Export::create(&path, Format::Ply, true).unwrap();
+    again.add(&cloud()).unwrap();
+    again.add(&cloud()).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+    again.finish().unwrap();
+    assert!(std::fs::metadata(&path).unwrap().len() > before.len() as u64);
+}
+
+fn the_same_points_give_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    for format in [Format::Pcd, Format::Ply, Format::Csv, Format::Las, Format::Laz, Format::E57, Format::Mcap]
+    {
+        let bytes = ["a", "b"].map(|name| {
+            let path = folder.path().join(name).with_extension(format.extension());
+            write(format, 2, &path);
+            std::fs::read(&path).unwrap()
+        });
+        assert!(bytes[0] == bytes[1], "{format:?}");
+    }
+}

@@ -5,10 +5,14 @@ mod support;
 
 mod cli;
 mod closed_loop;
+mod decode;
+mod demo;
 mod export;
+mod fuzz;
 mod optimize;
 mod ouster;
 mod rig;
+mod rig_verbs;
 mod scenes;
 mod session;
 mod simulator;
@@ -19,10 +23,14 @@ fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
+        ("decode", decode::CASES),
+        ("demo", demo::CASES),
         ("export", export::CASES),
+        ("fuzz", fuzz::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("rig_verbs", rig_verbs::CASES),
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),

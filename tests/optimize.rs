@@ -41,6 +41,11 @@ fn branin_space() -> Space {
     Space::new(vec![real("a", -5.0, 10.0), real("b", 0.0, 15.0)]).unwrap()
 }
 
+/// Evaluations for a test in which the model of a Bayesian method would take most of the time.
+fn few_if_modelled(kind: Kind, budget: usize) -> usize {
+    if kind == Kind::Bayesian { budget.min(60) } else { budget }
+}
+
 fn run(space: &Space, kind: Kind, settings: Settings, f: impl Fn(&[f64]) -> f64 + Sync) -> Search {
     let mut search = Search::new(space.clone(), kind, settings);
     let stop = AtomicBool::new(false);
@@ -50,7 +55,11 @@ fn run(space: &Space, kind: Kind, settings: Settings, f: impl Fn(&[f64]) -> f64 
 
 fn every_method_finds_the_minimum_of_branin() {
     for &kind in Kind::ALL {
-        let (budget, close) = if kind == Kind::Random { (2000, 0.1) } else { (400, 0.01) };
+        let (budget, close) = match kind {
+            Kind::Random => (2000, 0.1),
+            Kind::Bayesian => (45, 0.02),
+            _ => (400, 0.01),
+        };
         let search = run(&branin_space(), kind, settings(1, budget), branin);
         let best = search.best().unwrap().score;
         assert!(best <= -0.397_887 + 1e-6 && best > -0.397_887 - close, "{}: {best}", kind.name());
@@ -60,22 +69,24 @@ fn every_method_finds_the_minimum_of_branin() {
 
 fn same_seed_same_search_on_one_and_two_threads() {
     for &kind in Kind::ALL {
+        let budget = few_if_modelled(kind, 90);
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let search = pool.install(|| run(&branin_space(), kind, settings(5, 90), branin));
+            let search = pool.install(|| run(&branin_space(), kind, settings(5, budget), branin));
             serde_json::to_string(&search).unwrap()
         };
         assert_eq!(on(1), on(2), "{}", kind.name());
-        let other = run(&branin_space(), kind, settings(6, 90), branin);
+        let other = run(&branin_space(), kind, settings(6, budget), branin);
         assert_ne!(on(1), serde_json::to_string(&other).unwrap(), "{}: the seed does nothing", kind.name());
     }
 }
 
 fn a_search_resumed_from_disk_goes_on() {
     for &kind in Kind::ALL {
-        let whole = run(&branin_space(), kind, settings(9, 80), branin);
-        let mut search = Search::new(branin_space(), kind, settings(9, 80));
-        for (leg, limit) in [7, 33, 34, 80].into_iter().enumerate() {
+        let budget = few_if_modelled(kind, 80);
+        let whole = run(&branin_space(), kind, settings(9, budget), branin);
+        let mut search = Search::new(branin_space(), kind, settings(9, budget));
+        for (leg, limit) in [7, 33, 34, budget].into_iter().enumerate() {
             // an interruption in the middle of a batch, then a limit, then the rest
             let stop = AtomicBool::new(false);
             let calls = std::sync::atomic::AtomicUsize::new(0);
@@ -111,10 +122,11 @@ fn a_nan_is_an_error_that_names_the_point() {
 
 fn a_constant_objective_is_no_harm() {
     for &kind in Kind::ALL {
-        let search = run(&branin_space(), kind, settings(2, 120), |_| 3.0);
+        let budget = few_if_modelled(kind, 120);
+        let search = run(&branin_space(), kind, settings(2, budget), |_| 3.0);
         assert_eq!(search.best().unwrap().score, 3.0);
         assert_eq!(search.best_at(), 1, "{}: an equal is not better", kind.name());
-        assert_eq!(search.evaluations(), 120, "{}", kind.name());
+        assert_eq!(search.evaluations(), budget, "{}", kind.name());
     }
 }
 
@@ -124,17 +136,18 @@ fn infeasible_starts_find_the_feasible_corner() {
         if kind == Kind::Random {
             continue;
         }
-        let mut search = Search::new(branin_space(), kind, settings(4, 300));
+        let budget = few_if_modelled(kind, 300);
+        let mut search = Search::new(branin_space(), kind, settings(4, budget));
         let objective = |x: &[f64]| -> Result<Measured, Infallible> {
             Ok(Measured { score: -x[0], violation: (24.0 - x[0] - x[1]).max(0.0), rays: 0 })
         };
-        search.run(300, objective, |_| (), &AtomicBool::new(false)).unwrap();
+        search.run(budget, objective, |_| (), &AtomicBool::new(false)).unwrap();
         let best = search.best().unwrap();
         assert_eq!(best.violation, 0.0, "{}: {best:?}", kind.name());
         assert!(best.score > -9.9, "{}: the best feasible score is -9: {best:?}", kind.name());
         let history: Vec<_> = search.history().collect();
-        assert_eq!(history.len(), 300);
-        assert_eq!(history[299], (300, Some(best.score)));
+        assert_eq!(history.len(), budget);
+        assert_eq!(history[budget - 1], (budget, Some(best.score)));
     }
 }
 

@@ -1,5 +1,396 @@
-//! The mock rig behind a pty, driven through the serial link.
+//! The rig: the mock device behind a pty and behind a damaged line, driven as the program drives it.
 
-use crate::support::Case;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
-pub const CASES: &[Case] = &[];
+use firmware_protocol::simulated::AxisFault;
+use firmware_protocol::{AckCode, Config, HalfPlane, KeepOut, ResetCause};
+use outrigger::mock::dynamixel::MockDynamixel;
+use outrigger::mock::rig::{AxisKind, Damage, MockConfig, MockFault, MockRig, SimulatedLink};
+use outrigger::servo::{Link, LinkError, Options, Rig, RigController, RigError, SerialLink, ServoReport};
+
+use crate::support::{Case, case};
+
+pub const CASES: &[Case] = &[
+    case("pitches_are_applied_over_a_pty_and_read_back", pitches_are_applied_over_a_pty_and_read_back),
+    case("a_cut_cable_ends_a_move_with_an_error", a_cut_cable_ends_a_move_with_an_error),
+    case("a_second_program_is_kept_off_the_line", a_second_program_is_kept_off_the_line),
+    case("a_rig_that_does_not_answer_is_named", a_rig_that_does_not_answer_is_named),
+    case("each_layer_refuses_its_own_limits", each_layer_refuses_its_own_limits),
+    case("faults_are_reported_by_name", faults_are_reported_by_name),
+    case("a_restart_on_the_way_is_told_apart", a_restart_on_the_way_is_told_apart),
+    case(
+        "slow_answers_are_waited_for_and_wrong_ones_ignored",
+        slow_answers_are_waited_for_and_wrong_ones_ignored,
+    ),
+    case("interrupts_hold_then_stop", interrupts_hold_then_stop),
+    case("a_servo_that_measures_nothing_says_so", a_servo_that_measures_nothing_says_so),
+    case("the_rig_speaks_through_a_can_adapter", the_rig_speaks_through_a_can_adapter),
+    case("bought_servos_are_a_rig_too", bought_servos_are_a_rig_too),
+    case("bought_servos_that_shut_down_are_a_fault", bought_servos_that_shut_down_are_a_fault),
+    case("stamps_are_on_the_hosts_clock", stamps_are_on_the_hosts_clock),
+    case("a_damaged_line_never_moves_an_axis_too_far", a_damaged_line_never_moves_an_axis_too_far),
+];
+
+const NO_DAMAGE: Damage = Damage { share: 0.0, longest_delay_us: 0 };
+
+type Simulated = RigController<SimulatedLink>;
+
+/// Armed and homed, in simulated time.
+fn ready(link: SimulatedLink, options: Options) -> Simulated {
+    let mut rig = RigController::connect(link, options).unwrap();
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    rig
+}
+
+fn clean(seed: u64) -> SimulatedLink {
+    SimulatedLink::new(MockConfig::default(), seed, NO_DAMAGE)
+}
+
+fn pitches_are_applied_over_a_pty_and_read_back() {
+    let mock = MockRig::start(MockConfig::default(), 1).unwrap();
+    let rig = Rig::connect(mock.path()).unwrap();
+    let reports = rig.reports();
+    let refused = rig.apply(&[0.1, -0.1]);
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotArmed, .. })), "{refused:?}");
+    rig.arm().unwrap();
+    let refused = rig.apply(&[0.1, -0.1]);
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotHomed, .. })), "{refused:?}");
+    rig.home().unwrap();
+    let pitches = [0.2f64, -0.2];
+    let mut seen = Vec::new();
+    let applied = rig.apply_with(&pitches, |progress| seen.push(progress.measured_rad.clone())).unwrap();
+    assert!(seen.len() > 3, "progress is told");
+    for (axis, wanted) in applied.axes.iter().zip(pitches) {
+        assert!((axis.measured_rad - wanted).abs() < 0.3f64.to_radians(), "{axis:?}");
+        assert_eq!(axis.source, "measured");
+        assert!(axis.uncertainty_rad > 0.0);
+    }
+    let status = rig.status().unwrap();
+    assert!(status.axes.iter().all(|axis| axis.state == "holding" && axis.faults.is_empty()), "{status:?}");
+    let heard: Vec<ServoReport> = reports.try_iter().collect();
+    assert!(heard.iter().any(|report| report.state == "moving"), "{} reports", heard.len());
+    for axis in 0..2 {
+        let times: Vec<u64> =
+            heard.iter().filter(|report| report.axis == axis).map(|report| report.time_ns).collect();
+        assert!(times.windows(2).all(|pair| pair[0] < pair[1]), "time goes on");
+    }
+    let line = serde_json::to_string(&heard[0]).unwrap();
+    assert_eq!(serde_json::from_str::<ServoReport>(&line).unwrap(), heard[0]);
+}
+
+fn a_cut_cable_ends_a_move_with_an_error() {
+    let mock = MockRig::start(MockConfig::default(), 2).unwrap();
+    let rig = Rig::connect(mock.path()).unwrap();
+    let reports = rig.reports();
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    let mut cut = Some(mock);
+    let started = Instant::now();
+    let result = rig.apply_with(&[0.9, -0.9], |_| {
+        // the move has begun when progress is told
+        if started.elapsed() > Duration::from_millis(300) {
+            cut.take().into_iter().for_each(MockRig::close);
+        }
+    });
+    let error = result.unwrap_err();
+    assert!(cut.is_none() && matches!(error, RigError::Link(LinkError::HungUp { .. })), "{error}");
+    assert!(error.to_string().starts_with("rig cable: "), "{error}");
+    // the channel closes, and everything asked later says why
+    assert!(reports.into_iter().count() > 0);
+    for _ in 0..3 {
+        assert!(matches!(rig.status(), Err(RigError::Link(LinkError::HungUp { .. }))));
+    }
+    assert_eq!(rig.reports().into_iter().count(), 0);
+}
+
+fn a_second_program_is_kept_off_the_line() {
+    let mock = MockRig::start(MockConfig::default(), 3).unwrap();
+    let first = SerialLink::open(mock.path()).unwrap();
+    let second = SerialLink::open(mock.path()).err();
+    assert!(matches!(second, Some(LinkError::InUse { .. })), "{second:?}");
+    drop(first);
+    SerialLink::open(mock.path()).unwrap();
+    let nothing = SerialLink::open(std::path::Path::new("/dev/no-such-rig")).err().unwrap().to_string();
+    assert!(nothing.contains("cannot open /dev/no-such-rig"), "{nothing}");
+}
+
+fn a_rig_that_does_not_answer_is_named() {
+    let mut link = clean(4);
+    link.inject_at(0, MockFault::WrongId(true));
+    let error = RigController::connect(link, Options::default()).err().unwrap();
+    assert!(matches!(error, RigError::NoAnswer { what: "hello", .. }), "{error}");
+    assert!(error.to_string().contains("of them for others"), "{error}");
+    let wrong = RigController::connect(clean(4), Options { node: 9, ..Options::default() }).err().unwrap();
+    assert!(matches!(wrong, RigError::NoAnswer { what: "hello", .. }), "{wrong}");
+}
+
+fn each_layer_refuses_its_own_limits() {
+    let outside = |rig: &mut Simulated, pitches: [f64; 2]| match rig.apply(&pitches, |_| {}) {
+        Err(RigError::OutsideLimits { axis, whose, .. }) => (axis, whose),
+        other => panic!("{other:?}"),
+    };
+    let limits_rad = vec![(-0.5, 0.5), (-2.0, 2.0)];
+    let mut rig = ready(clean(5), Options { limits_rad, ..Options::default() });
+    assert_eq!(outside(&mut rig, [0.6, 0.0]), (0, "the configured"));
+    assert_eq!(outside(&mut rig, [0.0, 1.1]), (1, "the firmware's"));
+    // firmware that would allow more than the servo can do
+    let mut firmware = MockConfig::default().firmware;
+    firmware.axes[1].maximum_urad = 2_000_000;
+    let loose = MockConfig { firmware, ..MockConfig::default() };
+    let mut rig = ready(SimulatedLink::new(loose, 5, NO_DAMAGE), Options::default());
+    assert_eq!(outside(&mut rig, [0.0, 1.8]), (1, "the servo's own"));
+    // the keep-out region, here and in the firmware
+    let region = KeepOut::inside(&[HalfPlane { a: -1, b: 1, c: 1_000_000 }]).unwrap();
+    let mut rig = ready(clean(6), Options { keep_out: region, ..Options::default() });
+    assert!(matches!(rig.apply(&[-0.6, 0.6], |_| {}), Err(RigError::KeepOut { .. })));
+    let mut rig = ready(clean(6), Options::default());
+    let refused = rig.apply(&[-0.75, 0.75], |_| {});
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::KeepOut, .. })), "{refused:?}");
+    // numbers that are none
+    assert!(matches!(rig.apply(&[f64::NAN, 0.0], |_| {}), Err(RigError::NoAngle { axis: 0, .. })));
+    assert!(matches!(rig.apply(&[0.0], |_| {}), Err(RigError::AxisCount { given: 1, axes: 2 })));
+    // after all those refusals the rig stands where it stood, and still moves
+    rig.apply(&[0.3, -0.3], |_| {}).unwrap();
+}
+
+fn faults_are_reported_by_name() {
+    let cases = [
+        (AxisFault::Stuck, "stall"),
+        (AxisFault::Slow(10), "following_error"),
+        (AxisFault::EncoderJump(150_000), "encoder_jump"),
+        (AxisFault::EncoderFreeze, "stall"),
+        (AxisFault::EncoderInvalid, "encoder_invalid"),
+        (AxisFault::Overheat(200), "over_temperature"),
+        (AxisFault::UnderVoltage(8000), "under_voltage"),
+        (AxisFault::TorqueLost, "torque_lost"),
+    ];
+    for (broken, name) in cases {
+        let mut link = clean(7);
+        link.inject_at(1_200_000, MockFault::Axis(1, broken));
+        let mut rig = ready(link, Options::default());
+        let error = rig.apply(&[0.9, -0.9], |_| {}).unwrap_err();
+        let RigError::Fault { faults, axis } = &error else { panic!("{broken:?}: {error}") };
+        assert!(faults.contains(&name.to_owned()), "{broken:?}: {error}");
+        assert_eq!(*axis, Some(1), "{broken:?}");
+        rig.idle(Duration::from_millis(400)).unwrap();
+        let status = rig.status().unwrap();
+        assert!(status.axes[1].faults.contains(&name.to_owned()), "{broken:?}: {status:?}");
+        assert!(!status.axes[0].faults.contains(&name.to_owned()), "{broken:?}: {status:?}");
+        let refused = rig.arm().unwrap_err();
+        assert!(matches!(refused, RigError::Fault { .. }), "{refused}");
+    }
+    // more play is no fault: the encoder sits on the output
+    let mut link = clean(7);
+    link.inject_at(0, MockFault::Axis(0, AxisFault::Backlash(20_000)));
+    ready(link, Options::default()).apply(&[0.4, -0.4], |_| {}).unwrap();
+}
+
+fn a_restart_on_the_way_is_told_apart() {
+    let mut link = clean(8);
+    link.inject_at(1_200_000, MockFault::Reboot);
+    let mut rig = ready(link, Options::default());
+    let error = rig.apply(&[0.9, -0.9], |_| {}).unwrap_err();
+    assert!(matches!(error, RigError::Restarted { cause: ResetCause::BrownOut }), "{error}");
+    assert!(error.to_string().contains("not homed"), "{error}");
+}
+
+fn slow_answers_are_waited_for_and_wrong_ones_ignored() {
+    let mut link = clean(9);
+    link.inject_at(1_000_000, MockFault::Late(400));
+    let mut rig = ready(link, Options::default());
+    rig.idle(Duration::from_millis(500)).unwrap();
+    let applied = rig.apply(&[0.3, -0.3], |_| {}).unwrap();
+    assert!((applied.axes[0].measured_rad - 0.3).abs() < 0.006);
+    let mut link = clean(9);
+    link.inject_at(1_200_000, MockFault::WrongId(true));
+    link.inject_at(1_900_000, MockFault::WrongId(false));
+    ready(link, Options::default()).apply(&[0.9, -0.9], |_| {}).unwrap();
+}
+
+fn interrupts_hold_then_stop() {
+    let mut rig = ready(clean(10), Options::default());
+    let interrupt = rig.interrupt();
+    let mut steps = 0;
+    let result = rig.apply(&[0.9, -0.9], |_| {
+        steps += 1;
+        if steps == 20 {
+            interrupt.raise();
+        }
+    });
+    assert!(matches!(result, Err(RigError::Interrupted { action: "the rig holds" })), "{result:?}");
+    rig.idle(Duration::from_secs(1)).unwrap();
+    let status = rig.status().unwrap();
+    assert_eq!((status.axes[0].state.as_str(), status.armed), ("holding", true));
+    assert!(status.axes[0].position_deg < 40.0, "{status:?}");
+    assert!(
+        matches!(rig.apply(&[0.0, 0.0], |_| {}), Err(RigError::Interrupted { .. })),
+        "nothing begins again"
+    );
+    interrupt.reset();
+    let mut steps = 0;
+    let result = rig.apply(&[-0.2, 0.2], |_| {
+        steps += 1;
+        if steps == 10 {
+            interrupt.raise();
+            interrupt.raise();
+        }
+    });
+    assert!(matches!(result, Err(RigError::Interrupted { action: "emergency stop" })), "{result:?}");
+    rig.idle(Duration::from_millis(500)).unwrap();
+    assert_eq!(rig.status().unwrap().axes[0].state, "e_stop");
+    interrupt.reset();
+    assert!(matches!(rig.arm(), Err(RigError::Fault { .. })));
+    rig.clear_faults().unwrap();
+    rig.arm().unwrap();
+    rig.apply(&[0.0, 0.0], |_| {}).unwrap();
+}
+
+fn a_servo_that_measures_nothing_says_so() {
+    let config = MockConfig { kind: AxisKind::Pulse, ..MockConfig::default() };
+    let mut rig = ready(SimulatedLink::new(config, 11, NO_DAMAGE), Options::default());
+    let applied = rig.apply(&[0.3, -0.3], |_| {}).unwrap();
+    assert!(applied.axes.iter().all(|axis| axis.source == "commanded"), "{applied:?}");
+    assert_eq!(rig.status().unwrap().axes[0].source, "commanded");
+    // the pulse ends at 45 degrees though the firmware would allow 60
+    assert!(matches!(
+        rig.apply(&[0.9, 0.0], |_| {}),
+        Err(RigError::OutsideLimits { whose: "the servo's own", .. })
+    ));
+}
+
+fn the_rig_speaks_through_a_can_adapter() {
+    let mock = MockRig::start(MockConfig { slcan: true, ..MockConfig::default() }, 13).unwrap();
+    let rig = Rig::connect(format!("slcan:{}", mock.path().display())).unwrap();
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    let applied = rig.apply(&[0.15, 0.1]).unwrap();
+    assert!((applied.axes[1].measured_rad - 0.1).abs() < 0.006, "{applied:?}");
+    assert_eq!(rig.status().unwrap().damaged, 0);
+    let missing = Rig::connect("can:no-such-bus").err().unwrap();
+    assert!(missing.to_string().contains("cannot open can:no-such-bus"), "{missing}");
+}
+
+fn bought_servos_are_a_rig_too() {
+    let mock = MockDynamixel::start(14).unwrap();
+    let address = format!("dynamixel:{}@1000000:1,2", mock.path().display());
+    let rig = Rig::connect(&address).unwrap();
+    let start = rig.status().unwrap();
+    assert!((start.axes[1].position_deg - 0.1f64.to_degrees()).abs() < 0.3, "{start:?}");
+    let refused = rig.apply(&[0.2, 0.2]);
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotArmed, .. })), "{refused:?}");
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    for pitches in [[0.2, -0.15], [-0.1, 0.1]] {
+        let applied = rig.apply(&pitches).unwrap();
+        for (axis, wanted) in applied.axes.iter().zip(pitches) {
+            assert!((axis.measured_rad - wanted).abs() < 0.3f64.to_radians(), "{axis:?}");
+        }
+    }
+    let status = rig.status().unwrap();
+    assert_eq!((status.axes[0].state.as_str(), status.damaged), ("holding", 0));
+    // the other end goes away
+    drop(mock);
+    let end = Instant::now() + Duration::from_secs(5);
+    let error = loop {
+        match rig.status() {
+            Err(error) => break error,
+            Ok(_) => assert!(Instant::now() < end, "servos that are gone go unnoticed"),
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert!(error.to_string().starts_with("rig cable: "), "{error}");
+    let absent = MockDynamixel::start(14).unwrap();
+    let nobody = Rig::connect(format!("dynamixel:{}@57600:1,9", absent.path().display())).err().unwrap();
+    assert!(nobody.to_string().contains("servo 9") && nobody.to_string().contains("no answer"), "{nobody}");
+    let typo = Rig::connect("dynamixel:/dev/null@fast").err().unwrap();
+    assert!(typo.to_string().contains("expected dynamixel:PATH"), "{typo}");
+}
+
+fn bought_servos_that_shut_down_are_a_fault() {
+    // a stuck shaft draws current at once: whichever rule finds it first
+    let cases: [(AxisFault, &[&str]); 3] = [
+        (AxisFault::TorqueLost, &["torque_lost"]),
+        (AxisFault::EncoderInvalid, &["encoder_invalid"]),
+        (AxisFault::Stuck, &["stall", "over_current"]),
+    ];
+    for (broken, names) in cases {
+        let mock = MockDynamixel::start(15).unwrap();
+        let rig = Rig::connect(format!("dynamixel:{}", mock.path().display())).unwrap();
+        rig.arm().unwrap();
+        rig.home().unwrap();
+        let mut broke = false;
+        let result = rig.apply_with(&[0.9, -0.9], |progress| {
+            if !broke && progress.measured_rad[1] < 0.0 {
+                broke = true;
+                mock.inject(1, broken);
+            }
+        });
+        let Err(RigError::Fault { faults, axis: Some(1) }) = &result else {
+            panic!("{broken:?}: {result:?}")
+        };
+        assert!(faults.iter().any(|fault| names.contains(&fault.as_str())), "{broken:?}: {faults:?}");
+    }
+}
+
+fn stamps_are_on_the_hosts_clock() {
+    let heard: Arc<Mutex<Vec<ServoReport>>> = Arc::default();
+    let sink = heard.clone();
+    let mut link = clean(12);
+    link.inject_at(2_000_000, MockFault::Late(30));
+    let mut rig = ready(link, Options { report_every: Duration::ZERO, ..Options::default() });
+    rig.idle(Duration::from_millis(1500)).unwrap();
+    rig.reports_to(Box::new(move |report| sink.lock().unwrap().push(report)));
+    rig.idle(Duration::from_secs(3)).unwrap();
+    let status = rig.status().unwrap();
+    // readings come 30 ms late and every 20 ms, and their stamps say so
+    assert!(status.axes.iter().all(|axis| (15.0..60.0).contains(&axis.age_ms)), "{status:?}");
+    assert!(heard.lock().unwrap().len() > 200);
+}
+
+/// Up to a fifth of all writes lost, changed, doubled, late, out of order, split, or followed by garbage: the pitches are
+/// reached or an error says why, and the shafts never leave limits and never enter the keep-out region.
+fn a_damaged_line_never_moves_an_axis_too_far() {
+    let (mut reached, mut failed) = (0, Vec::new());
+    for seed in 0..60u64 {
+        let share = [0.02, 0.05, 0.1, 0.2][seed as usize % 4];
+        let mut link =
+            SimulatedLink::new(MockConfig::default(), seed, Damage { share, longest_delay_us: 300_000 });
+        let limits = Config::<2>::default().axes[0];
+        let worst = Arc::new(Mutex::new((0, i32::MIN)));
+        let seen = worst.clone();
+        link.watch(move |_, [a, b]| {
+            let mut worst = seen.lock().unwrap();
+            worst.0 = worst.0.max(a.abs()).max(b.abs());
+            worst.1 = worst.1.max(b - a);
+        });
+        let result = drive(link);
+        let (furthest, inwards) = *worst.lock().unwrap();
+        assert!(furthest > 700_000 || result.is_err(), "seed {seed}: nothing moved");
+        assert!(furthest <= limits.maximum_urad + limits.tolerance_urad, "seed {seed}: {furthest}");
+        assert!(inwards < 1_396_263, "seed {seed}: {inwards}");
+        match result {
+            Ok(()) => reached += 1,
+            Err(error) => failed.push(format!("seed {seed}, {share}: {error}")),
+        }
+    }
+    assert!(reached >= 55, "{reached} of 60; {failed:#?}");
+}
+
+fn drive(link: SimulatedLink) -> Result<(), RigError> {
+    let mut rig = RigController::connect(link, Options::default())?;
+    rig.arm()?;
+    rig.home()?;
+    for pitches in [[0.8, -0.8], [-0.6, 0.6], [1.04, 1.04], [0.0, -1.04]] {
+        let applied = rig.apply(&pitches, |_| {})?;
+        for (axis, wanted) in applied.axes.iter().zip(pitches) {
+            assert!((axis.measured_rad - wanted).abs() < 0.3f64.to_radians(), "{axis:?}");
+        }
+        rig.idle(Duration::from_millis(300))?;
+    }
+    rig.stop()?;
+    let end_ns = rig.link().now_ns();
+    assert!(end_ns > 5_000_000_000);
+    Ok(())
+}

@@ -1,5 +1,83 @@
 //! Receive, record, reopen: nothing lost in silence.
 
-use crate::support::Case;
+#[path = "session/crash.rs"]
+mod crash;
+#[path = "session/program.rs"]
+mod program;
+#[path = "session/receive.rs"]
+mod receive;
+#[path = "session/round_trip.rs"]
+mod round_trip;
 
-pub const CASES: &[Case] = &[];
+use std::net::{SocketAddr, UdpSocket};
+use std::time::{Duration, Instant};
+
+use crate::support::{Case, case, with_machine};
+
+pub const CASES: &[Case] = &[
+    case("every_byte_sent_is_in_the_session", round_trip::every_byte_sent_is_in_the_session),
+    case("what_goes_beside_the_packets_comes_back", round_trip::what_goes_beside_the_packets_comes_back),
+    case("a_session_needs_a_folder_of_its_own", round_trip::a_session_needs_a_folder_of_its_own),
+    case("a_changed_file_is_named", round_trip::a_changed_file_is_named),
+    case("long_and_empty_datagrams_are_whole", receive::long_and_empty_datagrams_are_whole),
+    case("what_the_kernel_drops_is_counted", receive::what_the_kernel_drops_is_counted),
+    case("what_the_queue_drops_is_counted", receive::what_the_queue_drops_is_counted),
+    case(
+        "sensors_on_one_port_are_told_apart_by_source",
+        receive::sensors_on_one_port_are_told_apart_by_source,
+    ),
+    case("sockets_that_cannot_be_had_are_named", receive::sockets_that_cannot_be_had_are_named),
+    case("a_recording_cut_at_any_byte_opens", crash::a_recording_cut_at_any_byte_opens),
+    case(
+        "a_killed_recorder_leaves_a_session_that_opens",
+        crash::a_killed_recorder_leaves_a_session_that_opens,
+    ),
+    with_machine(
+        "a_full_disk_ends_the_session_in_order",
+        "no small file system can be mounted here (unshare, mount)",
+        crash::can_mount,
+        crash::a_full_disk_ends_the_session_in_order,
+    ),
+    case(
+        "ctrl_c_completes_the_session_and_replay_repeats_it",
+        program::ctrl_c_completes_the_session_and_replay_repeats_it,
+    ),
+    case("a_silent_sensor_is_named", program::a_silent_sensor_is_named),
+    case("two_mock_sensors_are_recorded_and_decoded", program::two_mock_sensors_are_recorded_and_decoded),
+    with_machine(
+        "tshark_reads_a_session",
+        "tshark is not installed",
+        program::has_tshark,
+        program::tshark_reads_a_session,
+    ),
+];
+
+/// Waits for something another thread or process is about to do.
+fn wait_until(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "waited in vain until {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+fn any_port() -> SocketAddr {
+    "127.0.0.1:0".parse().unwrap()
+}
+
+fn sender() -> UdpSocket {
+    UdpSocket::bind(any_port()).unwrap()
+}
+
+/// Payloads of sensor-like lengths, each different.
+fn payloads(count: usize, seed: u64) -> Vec<Vec<u8>> {
+    let mut rng = outrigger::rng::Rng::new(seed, 0);
+    (0..count)
+        .map(|number| {
+            let length = [1206, 8448, 12_608, 24_896, 48, 512][rng.below(6) as usize];
+            let mut payload = vec![rng.bits() as u8; length];
+            payload[..8].copy_from_slice(&(number as u64).to_le_bytes());
+            payload
+        })
+        .collect()
+}

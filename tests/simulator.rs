@@ -10,12 +10,15 @@ use outrigger::rig::{MountFile, SensorEntry};
 
 pub const CASES: &[Case] = &[
     with_shared("the_definition_matches_the_released_program", the_definition_matches_the_released_program),
+    with_shared("the_fast_way_matches_the_released_program", the_fast_way_matches_the_released_program),
     with_shared(
         "evaluate_prints_what_the_released_program_found",
         evaluate_prints_what_the_released_program_found,
     ),
     case("evaluate_scores_a_mount_file_as_it_is", evaluate_scores_a_mount_file_as_it_is),
     case("evaluate_refuses_what_it_cannot_score", evaluate_refuses_what_it_cannot_score),
+    case("predict_counts_what_its_coverage_file_holds", predict_counts_what_its_coverage_file_holds),
+    case("predict_refuses_what_it_cannot_cast", predict_refuses_what_it_cannot_cast),
 ];
 
 /// One evaluation by the released program.
@@ -79,8 +82,9 @@ impl Reference {
     fn counts_sha256(seen: &Seen) -> String {
         let cells = seen.coverage.grid().len();
         let count = |index: usize| {
-            let bit = |sensor| (seen.coverage.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1) as u8;
-            (0..seen.coverage.sensors()).map(bit).sum::<u8>()
+            (0..seen.coverage.sensors())
+                .map(|sensor| u8::from(seen.coverage.contains(sensor, index)))
+                .sum::<u8>()
         };
         let bytes: Vec<u8> = (0..cells).map(count).collect();
         sha2::Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect()
@@ -134,6 +138,20 @@ fn the_definition_matches_the_released_program() {
         let simulator = Simulator::new(&case.experiment()).unwrap();
         let seen = simulator.coverage_by_definition(&case.sensors()).unwrap();
         wrong.extend(case.differences(&simulator, &seen));
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+fn the_fast_way_matches_the_released_program() {
+    let mut wrong = Vec::new();
+    for case in Reference::all() {
+        let simulator = Simulator::new(&case.experiment()).unwrap();
+        let seen = simulator.see(&case.sensors()).unwrap();
+        wrong.extend(case.differences(&simulator, &seen));
+        let counts = simulator.count(&case.sensors()).unwrap();
+        if counts != seen.coverage.counts() {
+            wrong.push(format!("{}: counted {counts:?}", case.id));
+        }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
@@ -235,4 +253,88 @@ fn evaluate_refuses_what_it_cannot_score() {
     }
     let unknown = evaluate(&[&["--preset", "paper-os9"], &good[..]].concat());
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("paper-vlp-16"));
+}
+
+/// A rig of two in a small room, and a walk of two metres.
+struct Walk {
+    _folder: tempfile::TempDir,
+    mount: String,
+    trajectory: String,
+    out: String,
+}
+
+impl Walk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let (mount, trajectory, out) = (path("mount.json"), path("walk.tum"), path("seen.ply"));
+        let entry = |name: &str, sign: f64| SensorEntry {
+            name: name.into(),
+            model: "vlp-16".into(),
+            x_m: sign * 0.08,
+            y_m: 0.0,
+            z_m: 0.0,
+            pitch_deg: sign * 35.0,
+            roll_deg: 0.0,
+        };
+        MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]).write(mount.as_ref()).unwrap();
+        std::fs::write(&trajectory, "100.0 -1 0 1.5 0 0 0 1\n102.0 1 0 1.5 0 0 0 1\n").unwrap();
+        Self { _folder: folder, mount, trajectory, out }
+    }
+
+    fn predict(&self, more: &[&str]) -> std::process::Output {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        command.args(["predict", "--json", "--mount", &self.mount, "--trajectory", &self.trajectory]);
+        command.args(more).env_remove("OUTRIGGER_JSON").output().unwrap()
+    }
+}
+
+fn predict_counts_what_its_coverage_file_holds() {
+    let walk = Walk::new();
+    let room = ["--room", "-3,-2,0,3,2,2.5", "--azimuths", "180", "--out", &walk.out];
+    let output = walk.predict(&room);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["rays"], 2 * 16 * 3601);
+    let voxels = document["unique_voxels"].as_u64().unwrap();
+    // a room of 24 + 2 (15 + 10) m2 has about 7,400 voxels of 0.1 m
+    assert!((6500..7800).contains(&voxels), "{voxels}");
+    assert!(document["registration"]["translation_p5"].as_f64().unwrap() > 0.01);
+    let file = std::fs::read(&walk.out).unwrap();
+    let header_end = file.windows(11).position(|bytes| bytes == b"end_header\n").unwrap() + 11;
+    assert_eq!((file.len() - header_end) as u64, voxels * 28);
+    let header = String::from_utf8_lossy(&file[..header_end]);
+    assert!(header.contains(&format!("element vertex {voxels}\n")) && header.contains("bit 1: left"));
+    for vertex in file[header_end..].chunks(28) {
+        let number = |at: usize| f64::from_le_bytes(vertex[at..at + 8].try_into().unwrap());
+        let [x, y, z] = [number(0), number(8), number(16)];
+        let off_walls = [3.0 - x.abs(), 2.0 - y.abs(), z, 2.5 - z];
+        assert!(off_walls.iter().any(|off| off.abs() < 1e-9), "{x} {y} {z}: walls lie in voxel centres");
+        assert!((1..=3).contains(&vertex[24]));
+    }
+    let again: serde_json::Value = serde_json::from_slice(&walk.predict(&room).stdout).unwrap();
+    assert_eq!(document["coverage_sha256"], again["coverage_sha256"]);
+    let wearer = walk.predict(&[&room[..], &["--wearer", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
+    let wearer: serde_json::Value = serde_json::from_slice(&wearer.stdout).unwrap();
+    assert!(wearer["returns"].as_u64() < document["returns"].as_u64(), "the wearer stands in the way");
+}
+
+fn predict_refuses_what_it_cannot_cast() {
+    let walk = Walk::new();
+    let room = ["--room", "-3,-2,0,3,2,2.5"];
+    for (arguments, code, words) in [
+        (&["--room", "3,2,2,-3,-2,0"][..], 1, "--room"),
+        (&["--room", "3,2,2"], 2, "3 numbers, expected 6"),
+        (&["--scene", "no-such-mesh.ply"], 1, "no-such-mesh.ply"),
+        (&[], 2, "--scene"),
+        (&[&room[..], &["--voxel", "0"]].concat(), 1, "--voxel"),
+        (&[&room[..], &["--voxel", "1e-9"]].concat(), 1, "--voxel"),
+        (&[&room[..], &["--drop-out", "1.5"]].concat(), 1, "--drop-out"),
+    ] {
+        let output = walk.predict(arguments);
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {errors}");
+        assert!(errors.contains(words), "{arguments:?}: {errors}");
+        assert!(output.stdout.is_empty() && !std::path::Path::new(&walk.out).exists());
+    }
 }

@@ -64,7 +64,9 @@ pub struct DecodeStats {
     pub malformed: u64,
     /// Packets whose checksum failed.
     pub crc_errors: u64,
-    /// Packets that the sensor must have sent (by column or time gap) and that never came.
+    /// Packets that the sensor must have sent (by column or time gap) and that never came. Packets before the first
+    /// and after the last one are not known to have been sent; packets that came damaged or late have their own
+    /// counters.
     pub lost_packets: u64,
     /// Packets that came twice.
     pub duplicated: u64,
@@ -72,7 +74,8 @@ pub struct DecodeStats {
     pub reordered: u64,
     /// Packets that came after their frame was closed, and were dropped.
     pub late: u64,
-    /// Times the sensor was re-initialised.
+    /// Times the sensor was re-initialised; where packets name no initialization (Ouster LEGACY), times its frame
+    /// counter started over.
     pub init_id_changes: u64,
     /// Packets of another sensor or format.
     pub foreign: u64,

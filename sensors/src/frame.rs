@@ -96,7 +96,7 @@ impl Frame {
         let mut times =
             self.column_time_ns.iter().zip(&self.column_valid).filter(|(_, v)| **v).map(|(t, _)| *t);
         let first = times.next()?;
-        Some([first, times.last().unwrap_or(first)])
+        Some([first, times.next_back().unwrap_or(first)])
     }
 }
 

@@ -13,9 +13,10 @@ pub mod model;
 pub mod ouster;
 pub mod packet;
 pub mod projection;
+pub mod router;
 pub mod velodyne;
 
 pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};
 pub use frame::{Frame, Health, Layer};
-pub use model::{Beam, Ray, SensorModel};
+pub use model::{Beam, BeamCorrection, Ray, SensorModel};
 pub use packet::Packet;

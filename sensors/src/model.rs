@@ -22,6 +22,31 @@ pub struct Beam {
     pub fire_offset_ns: f64,
 }
 
+/// What the calibration of an HDL-64E says beyond a [`Beam`]. Source: HDL-64E S3 manual 63-HDL64ES3, appendix on
+/// calibration (two-point distance correction, offsets, focal intensity compensation).
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct BeamCorrection {
+    /// Offset of the beam's origin to the left of its bearing, m (`horizOffsetCorrection`).
+    pub origin_left_m: f64,
+    /// Offset of the beam's origin upward, square to the beam in its vertical plane, m (`vertOffsetCorrection`).
+    pub origin_up_m: f64,
+    /// Distance correction at the near calibration distances, m, where it was measured: for the part of a distance
+    /// along the sensor's lateral axis (`distCorrectionX`, at 2.40 m) and along its forward axis (`distCorrectionY`,
+    /// at 1.93 m). Toward 25.04 m both become the far one, `-range_offset_m` of the [`Beam`].
+    pub near_distance_m: Option<[f64; 2]>,
+    /// Distance at which the intensity needs no compensation, m, and the slope of the compensation; 0 is none.
+    pub focal_distance_m: f64,
+    /// See `focal_distance_m`.
+    pub focal_slope: f64,
+    /// Least and greatest intensity.
+    pub intensity_limits: [u8; 2],
+}
+
+/// Distances of the near calibration targets on the lateral and the forward axis, and of the far one, m. Source:
+/// HDL-64E S3 manual 63-HDL64ES3, appendix on calibration.
+const NEAR_TARGETS_M: [f64; 2] = [2.40, 1.93];
+const FAR_TARGET_M: f64 = 25.04;
+
 /// A beam at one azimuth, in the sensor frame: the point at reported range r is
 /// `origin_m + (r - range_offset_m) * direction`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +84,8 @@ pub struct SensorModel {
     /// Sensor frame (the housing's, z up) from lidar frame.
     sensor_from_lidar: DAffine3,
     beams: Vec<Beam>,
+    /// One per beam, or none.
+    corrections: Vec<BeamCorrection>,
 }
 
 impl SensorModel {
@@ -73,6 +100,7 @@ impl SensorModel {
             housing_height_m: 0.0,
             sensor_from_lidar,
             beams,
+            corrections: Vec::new(),
         }
     }
 
@@ -80,6 +108,18 @@ impl SensorModel {
     pub fn with_beams(mut self, beams: Vec<Beam>) -> Self {
         self.beams = beams;
         self
+    }
+
+    /// The same sensor with corrections beyond its beams: one per beam, or none.
+    pub fn with_corrections(mut self, corrections: Vec<BeamCorrection>) -> Self {
+        assert!(corrections.is_empty() || corrections.len() == self.beams.len(), "one correction per beam");
+        self.corrections = corrections;
+        self
+    }
+
+    /// Corrections beyond the beams, in channel order; empty for all but calibrated HDL-64E.
+    pub fn corrections(&self) -> &[BeamCorrection] {
+        &self.corrections
     }
 
     /// Beams in channel order.
@@ -106,15 +146,53 @@ impl SensorModel {
         let (sin_elevation, cos_elevation) = beam.elevation_rad.sin_cos();
         let direction = DVec3::new(cos_bearing * cos_elevation, sin_bearing * cos_elevation, sin_elevation);
         let (sin_encoder, cos_encoder) = encoder.sin_cos();
-        let origin = DVec3::new(
+        let mut origin = DVec3::new(
             beam.origin_radial_m * cos_encoder,
             beam.origin_radial_m * sin_encoder,
             beam.origin_z_m,
         );
+        if let Some(correction) = self.corrections.get(channel) {
+            let left = DVec3::new(-sin_bearing, cos_bearing, 0.0);
+            let up = DVec3::new(-sin_elevation * cos_bearing, -sin_elevation * sin_bearing, cos_elevation);
+            origin += correction.origin_left_m * left + correction.origin_up_m * up;
+        }
         Ray {
             origin_m: self.sensor_from_lidar.transform_point3(origin),
             direction: self.sensor_from_lidar.transform_vector3(direction),
             range_offset_m: beam.range_offset_m,
         }
+    }
+
+    /// The point at a reported range, m, in the sensor frame: along [`SensorModel::ray`], and with the near-distance
+    /// correction of a calibrated HDL-64E, which is no straight line.
+    pub fn point(&self, channel: usize, azimuth_rad: f64, range_m: f64) -> DVec3 {
+        let ray = self.ray(channel, azimuth_rad);
+        let point = ray.at_range(range_m);
+        let near = self.corrections.get(channel).and_then(|correction| correction.near_distance_m);
+        let Some(near_m) = near else { return point };
+        let far_m = -ray.range_offset_m;
+        let from_sensor = self.sensor_from_lidar.inverse();
+        let in_lidar = from_sensor.transform_point3(point);
+        let direction = from_sensor.transform_vector3(ray.direction);
+        // lateral axis: the lidar's y; forward axis: its x; the height goes with the forward axis
+        let more_m = |axis: usize, along_m: f64| {
+            let share = (FAR_TARGET_M - along_m.abs()) / (FAR_TARGET_M - NEAR_TARGETS_M[axis]);
+            (near_m[axis] - far_m) * share
+        };
+        let (lateral_m, forward_m) = (more_m(0, in_lidar.y), more_m(1, in_lidar.x));
+        let corrected = in_lidar + direction * DVec3::new(forward_m, lateral_m, forward_m);
+        self.sensor_from_lidar.transform_point3(corrected)
+    }
+
+    /// The intensity of a return as the calibration of an HDL-64E compensates it, 0 to 255; other sensors report it
+    /// calibrated. `range_m` is the reported range.
+    pub fn intensity(&self, channel: usize, range_m: f64, reported: u8) -> f64 {
+        let Some(correction) = self.corrections.get(channel) else { return f64::from(reported) };
+        let square = |value: f64| value * value;
+        // 65535 units of 2 mm are 131 m
+        let (full_m, focal_m) = (131.07, correction.focal_distance_m);
+        let off_focus = (square(1.0 - focal_m / 131.0) - square(1.0 - range_m / full_m)).abs();
+        let [least, most] = correction.intensity_limits.map(f64::from);
+        (f64::from(reported) + 256.0 * correction.focal_slope * off_focus).min(most).max(least)
     }
 }

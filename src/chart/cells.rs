@@ -6,12 +6,19 @@ use std::fmt::Write as _;
 use super::escape;
 
 /// A class of cells: CSS class and name in the legend.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CellClass {
     /// CSS class of the page.
     pub css: &'static str,
     /// What the reader is told.
-    pub name: &'static str,
+    pub name: String,
+}
+
+impl CellClass {
+    /// A class.
+    pub fn new(css: &'static str, name: impl Into<String>) -> Self {
+        Self { css, name: name.into() }
+    }
 }
 
 /// A rectangle of cells, row 0 at the bottom; `None` is left blank.
@@ -100,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_run_is_one_rectangle_and_row_zero_lies_at_the_bottom() {
-        let classes = [CellClass { css: "a", name: "A" }];
+        let classes = [CellClass::new("a", "A")];
         let map =
             CellMap { title: "t".into(), width: 3, cells: vec![Some(0), Some(0), None, None, None, None] };
         let svg = cell_map_svg("x", &[map], &classes, 1);

@@ -12,9 +12,14 @@ mod manual;
 mod mock;
 mod optimize;
 mod output;
+mod predict;
 mod record;
+mod recording;
 mod replay;
 mod rig;
+mod sensor_ids;
+mod signals;
+mod unread;
 mod validate;
 
 /// Design, drive and verify rigs of spinning LiDARs.
@@ -36,6 +41,8 @@ enum Verb {
     Optimize(optimize::Args),
     /// Score given mounts.
     Evaluate(evaluate::Args),
+    /// What a mount will cover along a trajectory through a scene.
+    Predict(predict::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
@@ -80,6 +87,7 @@ impl Cli {
             Verb::Demo(args) => demo::run(&args, context),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
+            Verb::Predict(args) => predict::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),

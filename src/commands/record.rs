@@ -56,6 +56,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for warning in receiver.monitor().sockets().iter().filter_map(|socket| socket.buffer_warning()) {
         say(&format!("warning: {warning}"));
     }
+    for (sensor, listen) in listens.iter().enumerate() {
+        say(&format!("{}: listening on {}", listen.name, receiver.address(sensor)));
+    }
     let infos: Vec<SensorInfo> = listens
         .iter()
         .zip(metadata)

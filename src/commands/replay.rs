@@ -1,12 +1,219 @@
-//! `outrigger replay`
+//! `outrigger replay`: a capture's packets once more, in their own time.
 
-use super::{Context, Outcome};
+use std::collections::BTreeMap;
+use std::io::{IsTerminal as _, Write as _};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
+use sensors::capture::CaptureReader;
+
+use super::{Context, Outcome, output};
+use crate::mock::transmit::{Clock, Pace, Transmitter};
+use crate::record::{Session, file};
+
+/// Datagrams looked at before sending, to know which ports there are.
+const LOOK_AHEAD: u64 = 20_000;
 
 /// Arguments of `replay`.
 #[derive(clap::Args, Debug)]
-pub struct Args {}
+#[command(
+    after_help = "Without a port in --to and without --map, packets go to the ports they went to when they were \
+                        recorded. With a port, everything goes there. With --map, only mapped ports are sent."
+)]
+pub struct Args {
+    /// A capture (pcap, pcapng, plain or gzip) or a session folder.
+    capture: PathBuf,
+    /// Where packets go.
+    #[arg(long, value_name = "HOST[:PORT]", value_parser = parse_target)]
+    to: Target,
+    /// Send packets of one recorded destination port to another port; keeps sensors apart. May be repeated.
+    #[arg(long = "map", value_name = "PORT=PORT", value_parser = parse_map)]
+    map: Vec<(u16, u16)>,
+    /// Times faster than recorded, or `max`: as fast as a receiver on this host takes packets.
+    #[arg(long, value_name = "FACTOR|max", default_value = "1")]
+    rate: Pace,
+    /// Begin again at the end, until Ctrl-C.
+    #[arg(long = "loop")]
+    again: bool,
+}
+
+/// What was sent.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+struct Sent {
+    packets: u64,
+    bytes: u64,
+    /// Recorded destination port, where its packets went, how many.
+    ports: BTreeMap<u16, PortSent>,
+    /// Packets of ports that are not mapped.
+    not_mapped: u64,
+    rounds: u64,
+    wall_s: f64,
+    /// Why reading ended before the capture's end, where it did.
+    truncated: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+struct PortSent {
+    to_port: u16,
+    packets: u64,
+}
 
 /// Runs the verb.
-pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let path = packets_path(&args.capture)?;
+    check_ports(args, &path)?;
+    let begun = Instant::now();
+    let mut sent = Sent::default();
+    let bar = ProgressBar::new_spinner();
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
+        bar.set_style(style);
+    }
+    loop {
+        send_once(args, &path, &mut sent, &bar)?;
+        sent.rounds += 1;
+        if !args.again {
+            break;
+        }
+    }
+    bar.finish_and_clear();
+    sent.wall_s = begun.elapsed().as_secs_f64();
+    if sent.packets == 0 {
+        bail!(
+            "{}: no UDP packet to send{}",
+            path.display(),
+            if sent.not_mapped > 0 { "; none goes to a mapped port" } else { "" }
+        );
+    }
+    conclude(args, &sent, context)
+}
+
+fn send_once(args: &Args, path: &Path, sent: &mut Sent, bar: &ProgressBar) -> anyhow::Result<()> {
+    let mut capture = CaptureReader::open(path)?;
+    let mut transmitter = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
+        .context("cannot open a socket to send from")?;
+    while let Some(packet) = capture.next()? {
+        let recorded_port = packet.destination.port();
+        let Some(to_port) = target_port(args, recorded_port) else {
+            sent.not_mapped += 1;
+            continue;
+        };
+        let to = SocketAddr::new(args.to.ip, to_port);
+        transmitter
+            .send(packet.host_time_ns, packet.payload, to)
+            .with_context(|| format!("cannot send {} bytes to {to}", packet.payload.len()))?;
+        let port = sent.ports.entry(recorded_port).or_default();
+        port.to_port = to_port;
+        port.packets += 1;
+        sent.packets += 1;
+        sent.bytes += packet.payload.len() as u64;
+        if sent.packets % 256 == 0 && std::io::stderr().is_terminal() {
+            bar.set_message(format!("{} packets, {}", HumanCount(sent.packets), HumanBytes(sent.bytes)));
+            bar.tick();
+        }
+    }
+    sent.truncated = capture.counters().truncated.map(|cut| cut.to_string());
+    Ok(())
+}
+
+fn target_port(args: &Args, recorded: u16) -> Option<u16> {
+    if args.map.is_empty() {
+        return Some(args.to.port.unwrap_or(recorded));
+    }
+    args.map.iter().find(|(from, _)| *from == recorded).map(|(_, to)| *to)
+}
+
+/// Refuses to mix ports without being asked: sensors that end on one port can no longer be told apart.
+fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
+    let (Some(port), true) = (args.to.port, args.map.is_empty()) else { return Ok(()) };
+    let mut capture = CaptureReader::open(path)?;
+    let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
+    for _ in 0..LOOK_AHEAD {
+        let Some(packet) = capture.next()? else { break };
+        *ports.entry(packet.destination.port()).or_default() += 1;
+    }
+    if ports.len() > 1 {
+        let list: Vec<String> =
+            ports.iter().map(|(port, packets)| format!("{port} ({packets} packets)")).collect();
+        bail!(
+            "the capture has packets for ports {}: say what goes where with --map PORT={port} ..., or give --to \
+             without a port to keep them",
+            list.join(", ")
+        );
+    }
+    Ok(())
+}
+
+fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
+    if !capture.is_dir() {
+        return Ok(capture.to_owned());
+    }
+    if Session::is_session(capture) {
+        return Ok(capture.join(file::PACKETS));
+    }
+    bail!("{} is a folder without manifest.json: give a capture file or a session", capture.display())
+}
+
+fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<Outcome> {
+    if let Some(truncated) = &sent.truncated {
+        let _ = writeln!(std::io::stderr(), "outrigger: warning: {}: {truncated}", args.capture.display());
+    }
+    if context.json {
+        output::print_json(sent)?;
+    } else {
+        for (recorded, port) in &sent.ports {
+            println!(
+                "port {recorded}: {} packets to {}",
+                port.packets,
+                SocketAddr::new(args.to.ip, port.to_port)
+            );
+        }
+        if sent.not_mapped > 0 {
+            println!("{} packets of other ports not sent", sent.not_mapped);
+        }
+        println!("{} packets, {} bytes in {:.1} s", sent.packets, sent.bytes, sent.wall_s);
+    }
+    Ok(if sent.truncated.is_some() { Outcome::DataLost } else { Outcome::Done })
+}
+
+/// A host, and a port if one was given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Target {
+    ip: IpAddr,
+    port: Option<u16>,
+}
+
+fn parse_target(text: &str) -> Result<Target, String> {
+    if let Ok(ip) = text.parse() {
+        return Ok(Target { ip, port: None });
+    }
+    let resolve = |with_port: &str| with_port.to_socket_addrs().ok().and_then(|mut found| found.next());
+    let has_port = text.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok());
+    let found = if has_port { resolve(text) } else { resolve(&format!("{text}:0")) };
+    let found = found.ok_or_else(|| format!("{text:?}: expected HOST or HOST:PORT of a known host"))?;
+    Ok(Target { ip: found.ip(), port: has_port.then_some(found.port()) })
+}
+
+fn parse_map(text: &str) -> Result<(u16, u16), String> {
+    let parts = text.split_once('=').and_then(|(from, to)| Some((from.parse().ok()?, to.parse().ok()?)));
+    parts.ok_or_else(|| format!("{text:?}: expected PORT=PORT"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn targets_with_and_without_port() {
+        let target = |text: &str| parse_target(text).map(|target| (target.ip.to_string(), target.port));
+        assert_eq!(target("127.0.0.1"), Ok(("127.0.0.1".into(), None)));
+        assert_eq!(target("127.0.0.1:2368"), Ok(("127.0.0.1".into(), Some(2368))));
+        assert_eq!(target("::1"), Ok(("::1".into(), None)));
+        assert_eq!(target("[::1]:7502"), Ok(("::1".into(), Some(7502))));
+        assert!(target("no.such.host.invalid:1").is_err());
+        assert_eq!(parse_map("7502=17502"), Ok((7502, 17502)));
+        assert!(parse_map("7502:17502").is_err() && parse_map("7502=x").is_err());
+    }
 }

@@ -1,12 +1,301 @@
-//! `outrigger rig`
+//! `outrigger rig`: read and set the servo rig.
 
-use super::{Context, Outcome};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use clap::Subcommand;
+use serde_json::json;
+
+use super::{Context, Outcome, output, signals};
+use crate::rig::MountFile;
+use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
 
 /// Arguments of `rig`.
 #[derive(clap::Args, Debug)]
-pub struct Args {}
+pub struct Args {
+    /// The rig's serial device, can:INTERFACE, slcan:PATH, or dynamixel:PATH@BAUD:ID,ID.
+    #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH", global = true)]
+    port: Option<PathBuf>,
+    /// Allow motion; without it nothing moves.
+    #[arg(long, global = true)]
+    arm: bool,
+    /// Check everything and print what would move, without moving.
+    #[arg(long, global = true)]
+    dry_run: bool,
+    /// Limits of an axis in degrees beside the firmware's and the servo's; once for every axis, or once for all.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true, global = true)]
+    limits_deg: Vec<(f64, f64)>,
+    /// Distance from the target that counts as there, degrees.
+    #[arg(long, default_value_t = 0.3, global = true)]
+    tolerance_deg: f64,
+    /// Longest time for homing or one move, seconds.
+    #[arg(long, default_value_t = 20.0, global = true)]
+    timeout_s: f64,
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Subcommand, Debug)]
+enum Action {
+    /// Where every axis is, how that is known, and what is wrong.
+    Status,
+    /// Make positions trusted after a start.
+    Home,
+    /// Move every axis to a pitch.
+    Set {
+        /// Pitch of each axis, degrees.
+        #[arg(required = true, allow_negative_numbers = true, value_name = "PITCH_DEG")]
+        pitches_deg: Vec<f64>,
+    },
+    /// Move every axis to the pitch of its sensor in a mount file.
+    Apply {
+        /// The mount file.
+        #[arg(value_name = "MOUNT.json")]
+        mount: PathBuf,
+        /// Names of the sensors on axis 0, 1, ...; the file's order when not given.
+        #[arg(long, value_delimiter = ',', value_name = "NAME,NAME")]
+        sensors: Vec<String>,
+    },
+    /// Print readings as they come; with --json one document a line.
+    Watch {
+        /// End after this time, seconds; until Ctrl-C when not given.
+        #[arg(long, value_name = "SECONDS")]
+        r#for: Option<f64>,
+    },
+    /// Decelerate, hold, disarm.
+    Stop {
+        /// Stop as fast as the rig can, and latch that.
+        #[arg(long)]
+        emergency: bool,
+    },
+    /// Take latched faults away whose causes are gone.
+    Clear,
+}
+
+fn limits(text: &str) -> Result<(f64, f64), String> {
+    let wrong = || format!("`{text}`: expected LOW,HIGH in degrees, low first");
+    let (low, high) = text.split_once(',').ok_or_else(wrong)?;
+    match (low.trim().parse::<f64>(), high.trim().parse::<f64>()) {
+        (Ok(low), Ok(high)) if low < high && low.abs() <= 360.0 && high.abs() <= 360.0 => Ok((low, high)),
+        _ => Err(wrong()),
+    }
+}
 
 /// Runs the verb.
-pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let Some(port) = &args.port else {
+        bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT");
+    };
+    // what was typed is checked before anything is opened
+    let pitches_rad = match &args.action {
+        Action::Set { pitches_deg } => pitches_deg.iter().map(|pitch| pitch.to_radians()).collect(),
+        Action::Apply { mount, sensors } => pitches_of(mount, sensors)?,
+        _ => Vec::new(),
+    };
+    let moves = matches!(args.action, Action::Set { .. } | Action::Apply { .. } | Action::Home);
+    if moves && !args.arm && !args.dry_run {
+        bail!(
+            "this moves the rig: say --arm to allow it, or --dry-run to see what would move; nothing was moved"
+        );
+    }
+    let options = options(args, pitches_rad.len())?;
+    let rig = Rig::connect_with(port, options)?;
+    match &args.action {
+        Action::Status => show(&rig.status()?, None, context)?,
+        _ if moves && args.dry_run => dry_run(&rig, &pitches_rad, context)?,
+        Action::Home => {
+            obey_interrupts(&rig)?;
+            rig.arm()?;
+            rig.home()?;
+            show(&rig.status()?, None, context)?;
+        }
+        Action::Set { .. } | Action::Apply { .. } => {
+            obey_interrupts(&rig)?;
+            rig.check(&pitches_rad)?;
+            rig.arm()?;
+            let applied = rig.apply(&pitches_rad).map_err(explain)?;
+            show(&rig.status()?, Some(&applied), context)?;
+        }
+        Action::Watch { r#for } => watch(&rig, *r#for, context)?,
+        Action::Stop { emergency } => {
+            if *emergency { rig.e_stop() } else { rig.stop() }?;
+            show(&rig.status()?, None, context)?;
+        }
+        Action::Clear => {
+            rig.clear_faults()?;
+            show(&rig.status()?, None, context)?;
+        }
+    }
+    Ok(Outcome::Done)
+}
+
+fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
+    let settle_within = Duration::try_from_secs_f64(args.timeout_s)
+        .ok()
+        .filter(|time| !time.is_zero())
+        .with_context(|| format!("--timeout-s {}: expected a time above zero", args.timeout_s))?;
+    if !(args.tolerance_deg > 0.0 && args.tolerance_deg < 90.0) {
+        bail!("--tolerance-deg {}: expected an angle above zero", args.tolerance_deg);
+    }
+    let mut limits_rad: Vec<_> =
+        args.limits_deg.iter().map(|(low, high)| (low.to_radians(), high.to_radians())).collect();
+    if let [all] = limits_rad[..] {
+        limits_rad = vec![all; axes];
+    } else if !limits_rad.is_empty() && axes > 0 && limits_rad.len() != axes {
+        bail!("--limits-deg is given {} times for {axes} pitches", limits_rad.len());
+    }
+    let tolerance_rad = args.tolerance_deg.to_radians();
+    Ok(Options { settle_within, tolerance_rad, limits_rad, ..Options::new_session() })
+}
+
+/// The pitches of a mount file, in the order of axes.
+fn pitches_of(mount: &std::path::Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
+    let file = MountFile::read(mount)?;
+    if names.is_empty() {
+        return Ok(file.sensors.iter().map(|sensor| sensor.pitch_deg.to_radians()).collect());
+    }
+    let known = || file.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", ");
+    names
+        .iter()
+        .map(|name| {
+            let sensor = file.sensors.iter().find(|sensor| sensor.name == *name);
+            sensor
+                .map(|sensor| sensor.pitch_deg.to_radians())
+                .with_context(|| format!("{}: no sensor `{name}`; there are {}", mount.display(), known()))
+        })
+        .collect()
+}
+
+/// Ctrl-C once holds, twice is an emergency stop.
+fn obey_interrupts(rig: &Rig) -> anyhow::Result<()> {
+    let (signals, interrupt) = (signals::interrupts()?, rig.interrupt());
+    std::thread::spawn(move || {
+        for () in signals {
+            let what = if interrupt.raise() == 1 { "holding; Ctrl-C again for e-stop" } else { "e-stop" };
+            output::say_notice(what);
+        }
+    });
+    Ok(())
+}
+
+fn explain(error: RigError) -> anyhow::Error {
+    match error {
+        RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => anyhow::Error::new(error)
+            .context("positions are not trusted yet: run `outrigger rig home --arm` first"),
+        error => error.into(),
+    }
+}
+
+fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<()> {
+    if !pitches_rad.is_empty() {
+        rig.check(pitches_rad)?;
+    }
+    let status = rig.status()?;
+    let moves: Vec<_> = status
+        .axes
+        .iter()
+        .zip(pitches_rad)
+        .map(|(axis, to_rad)| {
+            json!({ "axis": axis.axis, "from_deg": axis.position_deg, "to_deg": to_rad.to_degrees(), "homed": axis.homed })
+        })
+        .collect();
+    if context.json {
+        return output::print_json(&json!({ "dry_run": true, "moves": moves }));
+    }
+    let mut text = String::new();
+    for (axis, to_rad) in status.axes.iter().zip(pitches_rad) {
+        let homed = if axis.homed { "" } else { " (not homed yet)" };
+        text += &format!(
+            "axis {}: {:.3} deg -> {:.3} deg{homed}\n",
+            axis.axis,
+            axis.position_deg,
+            to_rad.to_degrees()
+        );
+    }
+    if moves.is_empty() {
+        text += "homing moves nothing on a rig with absolute encoders\n";
+    }
+    output::print_text(&(text + "nothing was moved\n"))
+}
+
+fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyhow::Result<()> {
+    if context.json {
+        let mut document = serde_json::to_value(status)?;
+        if let (Some(applied), Some(fields)) = (applied, document.as_object_mut()) {
+            let axes: Vec<_> = applied
+                .axes
+                .iter()
+                .map(|axis| {
+                    json!({
+                        "target_deg": axis.target_rad.to_degrees(),
+                        "measured_deg": axis.measured_rad.to_degrees(),
+                        "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
+                        "uncertainty_deg": axis.uncertainty_rad.to_degrees(),
+                        "source": axis.source,
+                        "age_ms": axis.age_s * 1e3,
+                    })
+                })
+                .collect();
+            fields.insert("applied".into(), axes.into());
+        }
+        return output::print_json(&document);
+    }
+    let armed = if status.armed { "armed" } else { "disarmed" };
+    let mut text = format!(
+        "rig {} on {}: firmware {}, {armed}, last start: {}, {} frames, {} damaged\n",
+        status.uid, status.port, status.firmware, status.reset_cause, status.frames, status.damaged
+    );
+    for axis in &status.axes {
+        let homed = if axis.homed { "homed" } else { "not homed" };
+        text += &format!(
+            "axis {}: {:8.3} deg ±{:.2} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
+            axis.axis,
+            axis.position_deg,
+            axis.uncertainty_deg,
+            axis.source,
+            axis.age_ms,
+            axis.target_deg,
+            axis.state
+        );
+        if !axis.faults.is_empty() {
+            text += &format!(", FAULT {}", axis.faults.join(", "));
+        }
+        text.push('\n');
+    }
+    output::print_text(&text)
+}
+
+fn watch(rig: &Rig, seconds: Option<f64>, context: Context) -> anyhow::Result<()> {
+    let signals = signals::interrupts()?;
+    let reports = rig.reports();
+    let end = seconds
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .map(|time| Instant::now() + time);
+    while signals.try_recv().is_err() && end.is_none_or(|end| Instant::now() < end) {
+        let report = match reports.recv_timeout(Duration::from_millis(100)) {
+            Ok(report) => report,
+            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => continue,
+            // the conversation ended; status says why
+            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => {
+                return rig.status().map(drop).map_err(Into::into);
+            }
+        };
+        let line = if context.json {
+            serde_json::to_string(&report)?
+        } else {
+            format!(
+                "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",
+                report.time_ns,
+                report.axis,
+                (f64::from(report.position_urad) * 1e-6).to_degrees(),
+                (f64::from(report.target_urad) * 1e-6).to_degrees(),
+                report.source,
+                report.state,
+                report.faults.join(", ")
+            )
+        };
+        output::print_text(&(line + "\n"))?;
+    }
+    Ok(())
 }

@@ -91,14 +91,14 @@ pub struct Args {
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum UnitArg {
+pub(super) enum UnitArg {
     M,
     Cm,
     Mm,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum UpArg {
+pub(super) enum UpArg {
     Z,
     Y,
 }
@@ -237,16 +237,7 @@ fn placed(args: &Args) -> anyhow::Result<(Vec<Mount>, SensorModel)> {
 }
 
 fn field(args: &Args, model: &SensorModel) -> anyhow::Result<(Field, Vec<String>)> {
-    let unit = args.mesh_unit.map(|unit| match unit {
-        UnitArg::M => MeshUnit::Metre,
-        UnitArg::Cm => MeshUnit::Centimetre,
-        UnitArg::Mm => MeshUnit::Millimetre,
-    });
-    let up = args.up.map(|up| match up {
-        UpArg::Z => UpAxis::Z,
-        UpArg::Y => UpAxis::Y,
-    });
-    let LoadedMesh { mesh, mut warnings } = load_mesh(&args.mesh, unit, up)?;
+    let LoadedMesh { mesh, mut warnings } = read_mesh(&args.mesh, args.mesh_unit, args.up)?;
     let trajectory = read_trajectory(&args.trajectory, args.rate)?;
     let fan = fan(args, model)?;
     if fan.scans(&trajectory) == 0 {
@@ -286,7 +277,20 @@ fn fan(args: &Args, model: &SensorModel) -> anyhow::Result<BeamFan> {
     Ok(fan)
 }
 
-fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
+pub(super) fn read_mesh(path: &Path, unit: Option<UnitArg>, up: Option<UpArg>) -> anyhow::Result<LoadedMesh> {
+    let unit = unit.map(|unit| match unit {
+        UnitArg::M => MeshUnit::Metre,
+        UnitArg::Cm => MeshUnit::Centimetre,
+        UnitArg::Mm => MeshUnit::Millimetre,
+    });
+    let up = up.map(|up| match up {
+        UpArg::Z => UpAxis::Z,
+        UpArg::Y => UpAxis::Y,
+    });
+    Ok(load_mesh(path, unit, up)?)
+}
+
+pub(super) fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let parsed = match rate_hz {
         Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz),
@@ -396,7 +400,7 @@ fn write_flags(path: &Path, flags: &[bool]) -> anyhow::Result<()> {
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
     bytes.extend(packed);
-    crate::report::write_whole(path, &bytes).with_context(|| path.display().to_string())
+    crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())
 }
 
 fn summary(document: &Document) -> String {

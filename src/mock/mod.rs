@@ -1,5 +1,7 @@
 //! Devices to test against: sensors on loopback, a rig behind a pty.
 
+pub mod dynamixel;
+mod pty;
 pub mod rig;
 pub mod sensor;
 pub mod transmit;

@@ -58,6 +58,11 @@ impl Clock {
         Self { pace, begun: Instant::now(), first_ns, sent_bytes: 0.0, unlooked_bytes: 0 }
     }
 
+    /// The same clock, started so much later.
+    pub fn starting_in(self, wait: Duration) -> Self {
+        Self { begun: self.begun + wait, ..self }
+    }
+
     /// Waits until a packet of this time may leave for a receiver.
     fn wait(&mut self, time_ns: u64, bytes: usize, to: SocketAddr) {
         let elapsed_s = match self.pace {
@@ -85,7 +90,7 @@ impl Clock {
             }
         };
         let due = Duration::from_secs_f64(elapsed_s);
-        let ahead = due.saturating_sub(self.begun.elapsed());
+        let ahead = (self.begun + due).saturating_duration_since(Instant::now());
         // the kernel's timer slack is 50 us: shorter waits would only add system calls
         if ahead > Duration::from_micros(50) {
             std::thread::sleep(ahead);

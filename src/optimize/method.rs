@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random, Space, Trial,
+    Bayesian, Candidate, CmaEs, DifferentialEvolution, Genetic, Optimizer, ParticleSwarm, Pattern, Random,
+    Space, Staged, Trial,
 };
 
 /// What every method is told at the start.
@@ -21,10 +22,14 @@ pub struct Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
+    /// Few sensors first, proofs, a model, then local evolution.
+    Staged,
     /// Uniform random search.
     Random,
     /// Random search, then pattern search.
     Pattern,
+    /// Gaussian process and expected improvement.
+    Bayesian,
     /// Genetic algorithm, then pattern search.
     Genetic,
     /// Particle swarm, then pattern search.
@@ -38,8 +43,10 @@ pub enum Kind {
 impl Kind {
     /// Every method.
     pub const ALL: &[Kind] = &[
+        Kind::Staged,
         Kind::Random,
         Kind::Pattern,
+        Kind::Bayesian,
         Kind::Genetic,
         Kind::ParticleSwarm,
         Kind::CmaEs,
@@ -49,8 +56,10 @@ impl Kind {
     /// The method, nothing evaluated yet.
     pub fn start(self, space: Space, settings: Settings) -> Method {
         match self {
+            Kind::Staged => Method::Staged(Box::new(Staged::new(space, settings))),
             Kind::Random => Method::Random(Random::new(space, settings)),
             Kind::Pattern => Method::Pattern(Pattern::new(space, settings)),
+            Kind::Bayesian => Method::Bayesian(Box::new(Bayesian::new(space, settings))),
             Kind::Genetic => Method::Genetic(Box::new(Genetic::start(space, settings))),
             Kind::ParticleSwarm => Method::ParticleSwarm(Box::new(ParticleSwarm::start(space, settings))),
             Kind::CmaEs => Method::CmaEs(Box::new(CmaEs::new(space, settings))),
@@ -60,11 +69,25 @@ impl Kind {
         }
     }
 
+    /// Evaluations at most when none are asked for: the published runs of the published methods, with room for the
+    /// closing pattern search.
+    pub fn published_budget(self) -> usize {
+        match self {
+            Kind::Staged | Kind::Random | Kind::Pattern => 1_000,
+            Kind::Bayesian => 300,
+            Kind::Genetic => 10_000,
+            Kind::ParticleSwarm => 6_000,
+            Kind::CmaEs | Kind::DifferentialEvolution => 3_500,
+        }
+    }
+
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {
+            Kind::Staged => "staged",
             Kind::Random => "random",
             Kind::Pattern => "pattern",
+            Kind::Bayesian => "bayesian",
             Kind::Genetic => "genetic",
             Kind::ParticleSwarm => "particle-swarm",
             Kind::CmaEs => "cma-es",
@@ -77,10 +100,14 @@ impl Kind {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
+    /// See [`Staged`].
+    Staged(Box<Staged>),
     /// See [`Random`].
     Random(Random),
     /// See [`Pattern`].
     Pattern(Pattern),
+    /// See [`Bayesian`].
+    Bayesian(Box<Bayesian>),
     /// See [`Genetic`].
     Genetic(Box<Genetic>),
     /// See [`ParticleSwarm`].
@@ -94,8 +121,10 @@ pub enum Method {
 impl Method {
     fn as_optimizer(&mut self) -> &mut dyn Optimizer {
         match self {
+            Method::Staged(method) => method.as_mut(),
             Method::Random(method) => method,
             Method::Pattern(method) => method,
+            Method::Bayesian(method) => method.as_mut(),
             Method::Genetic(method) => method.as_mut(),
             Method::ParticleSwarm(method) => method.as_mut(),
             Method::CmaEs(method) => method.as_mut(),

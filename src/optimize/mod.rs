@@ -8,8 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::rng::Rng;
 
+mod ascent;
+mod bayesian;
 mod cma_es;
 mod differential_evolution;
+mod gaussian_process;
 mod genetic;
 mod method;
 mod mounts;
@@ -20,17 +23,20 @@ mod polished;
 mod random;
 mod search;
 mod space;
+mod staged;
 
+pub use bayesian::Bayesian;
 pub use cma_es::CmaEs;
 pub use differential_evolution::DifferentialEvolution;
 pub use genetic::Genetic;
 pub use method::{Kind, Method, Settings};
-pub use mounts::{Master, MountSearch, PUBLISHED_MASTERS_MAX, mount};
+pub use mounts::{KeepApart, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX};
 pub use particle_swarm::ParticleSwarm;
 pub use pattern::{Pattern, Poll};
 pub use random::Random;
 pub use search::{Measured, Search, SearchError, StoppedBy};
 pub use space::{Mirror, Space, SpaceError, Variable};
+pub use staged::Staged;
 
 /// A point to evaluate: one value per variable of the space, integers as whole numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

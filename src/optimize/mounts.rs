@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Mirror, Space, SpaceError, Variable};
-use crate::rig::Mount;
+use super::{Measured, Mirror, Space, SpaceError, Variable};
+use crate::objective::Objective;
+use crate::simulate::published::{ExperimentError, Phase, Placement, Roll};
 
 /// Greatest number of masters of the published space.
 pub const PUBLISHED_MASTERS_MAX: u32 = 5;
@@ -17,9 +18,6 @@ const BOUNDS: [(&str, f64, f64); 5] = [
     ("roll_deg", -90.0, 90.0),
 ];
 
-/// A mount before mirroring: `[x_m, y_m, z_m, pitch_deg, roll_deg]`. Degrees, so that what is printed is what was scored.
-pub type Master = [f64; 5];
-
 /// What about the mounts is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MountSearch {
@@ -27,6 +25,8 @@ pub struct MountSearch {
     pub masters_max: u32,
     /// Roll of every master in degrees; searched when `None`.
     pub fixed_roll_deg: Option<f64>,
+    /// Whether each master has a mirror image: the two may then change places.
+    pub is_mirrored: bool,
     /// Whether scene and path look the same from both ends of the platform (y and roll change sign).
     pub fore_aft_symmetry: bool,
 }
@@ -59,7 +59,9 @@ impl MountSearch {
                     role: role + 1,
                 });
             }
-            mirrors.push(Mirror { key: first, negated: vec![first, first + 3] });
+            if self.is_mirrored {
+                mirrors.push(Mirror { key: first, negated: vec![first, first + 3] });
+            }
             blocks.push((first..first + per_master).collect::<Vec<usize>>());
         }
         if self.fore_aft_symmetry && self.fixed_roll_deg.is_none_or(|roll| roll == 0.0) {
@@ -74,13 +76,12 @@ impl MountSearch {
     }
 
     /// The masters of a point of that space.
-    pub fn masters(&self, values: &[f64]) -> Vec<Master> {
-        let per_master = self.per_master();
+    pub fn masters(&self, values: &[f64]) -> Vec<Placement> {
         let roll_deg = self.fixed_roll_deg.unwrap_or(0.0);
         values[1..]
-            .chunks_exact(per_master)
+            .chunks_exact(self.per_master())
             .take(values[0] as usize)
-            .map(|v| [v[0], v[1], v[2], v[3], v.get(4).copied().unwrap_or(roll_deg)])
+            .map(|v| Placement::from([v[0], v[1], v[2], v[3], v.get(4).copied().unwrap_or(roll_deg)]))
             .collect()
     }
 
@@ -89,10 +90,92 @@ impl MountSearch {
     }
 }
 
-/// A master as a mount, in radians.
-pub fn mount(master: Master) -> Mount {
-    let [x_m, y_m, z_m, pitch_deg, roll_deg] = master;
-    Mount { x_m, y_m, z_m, pitch_rad: pitch_deg.to_radians(), roll_rad: roll_deg.to_radians() }
+/// Which distance between sensor origins a search must keep.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum KeepApart {
+    /// None: sensors may lie in each other, as in the published runs.
+    None,
+    /// The housings, and the objective's least distance.
+    Housings,
+    /// This distance, m.
+    Distance(f64),
+}
+
+/// An objective over mounts as a search sees it.
+#[derive(Clone, Debug)]
+pub struct MountProblem {
+    objective: Objective,
+    search: MountSearch,
+    keep_apart: KeepApart,
+}
+
+impl MountProblem {
+    /// Searches masters 1 to `masters_max` for this objective; roll is free or fixed as its experiment says.
+    pub fn new(objective: Objective, masters_max: u32, keep_apart: KeepApart) -> Self {
+        let experiment = objective.simulator().experiment();
+        let fixed_roll_deg = match experiment.roll {
+            Roll::Fixed(roll_deg) => Some(roll_deg),
+            Roll::Free => None,
+        };
+        let search = MountSearch {
+            masters_max,
+            fixed_roll_deg,
+            is_mirrored: experiment.mirror,
+            // a phase that moves on from pose to pose tells the two ends of the walk apart
+            fore_aft_symmetry: experiment.phase == Phase::Locked,
+        };
+        Self { objective, search, keep_apart }
+    }
+
+    /// What is searched, with its symmetries and with what each number of masters could reach at most.
+    pub fn space(&self) -> Result<Space, SpaceError> {
+        let weights = self.objective.weights();
+        let reachable = self.objective.simulator().reachable() as f64;
+        let per_master = if self.search.is_mirrored { 2.0 } else { 1.0 };
+        let rewards = weights.overlap_reward.max(0.0) + weights.angle_reward.max(0.0);
+        let ceiling = |masters| reachable + rewards - weights.sensor_cost * per_master * f64::from(masters);
+        Ok(self.search.space()?.with_ceilings((1..=self.search.masters_max).map(ceiling).collect()))
+    }
+
+    /// The masters of a point.
+    pub fn masters(&self, values: &[f64]) -> Vec<Placement> {
+        self.search.masters(values)
+    }
+
+    /// The objective.
+    pub fn objective(&self) -> &Objective {
+        &self.objective
+    }
+
+    /// Scores a point. Violation: the distances that miss, summed, m; sensors that may not be are still scored.
+    pub fn measure(&self, values: &[f64]) -> Result<Measured, ExperimentError> {
+        let masters = self.masters(values);
+        let experiment = self.objective.simulator().experiment();
+        let sensors = experiment.sensors(&masters);
+        let counts = self.objective.simulator().count(&sensors)?;
+        Ok(Measured {
+            score: self.objective.terms(&sensors, &counts).objective(),
+            violation: self.violation(&sensors),
+            rays: experiment.rays_per_sensor() * sensors.len() as u64,
+        })
+    }
+
+    fn violation(&self, sensors: &[Placement]) -> f64 {
+        let least_m = match self.keep_apart {
+            KeepApart::None => return 0.0,
+            KeepApart::Housings => self.objective.needed_distance_m(),
+            KeepApart::Distance(least_m) => least_m,
+        };
+        let mut missing_m = 0.0;
+        for (index, first) in sensors.iter().enumerate() {
+            for second in &sensors[index + 1..] {
+                let distance_m = first.mount().position_m().distance(second.mount().position_m());
+                missing_m += (least_m - distance_m).max(0.0);
+            }
+        }
+        missing_m
+    }
 }
 
 #[cfg(test)]
@@ -101,19 +184,22 @@ mod tests {
 
     #[test]
     fn the_published_space_has_one_integer_and_25_continuous_variables() {
-        let search = MountSearch { masters_max: 5, fixed_roll_deg: None, fore_aft_symmetry: true };
+        let search =
+            MountSearch { masters_max: 5, is_mirrored: true, fixed_roll_deg: None, fore_aft_symmetry: true };
         let space = search.space().unwrap();
         assert_eq!(space.len(), 26);
         assert_eq!(space.variables().iter().filter(|v| v.integer).count(), 1);
         let mut values = vec![0.0; 26];
         values[0] = 2.0;
         values[1..11].copy_from_slice(&[0.1, 0.2, -0.1, 30.0, 5.0, -0.05, 0.0, 0.0, -40.0, 0.0]);
-        assert_eq!(search.masters(&values), [[0.1, 0.2, -0.1, 30.0, 5.0], [-0.05, 0.0, 0.0, -40.0, 0.0]]);
+        let masters: Vec<[f64; 5]> = search.masters(&values).into_iter().map(Into::into).collect();
+        assert_eq!(masters, [[0.1, 0.2, -0.1, 30.0, 5.0], [-0.05, 0.0, 0.0, -40.0, 0.0]]);
     }
 
     #[test]
     fn equal_rigs_have_one_canonical_point() {
-        let search = MountSearch { masters_max: 1, fixed_roll_deg: None, fore_aft_symmetry: true };
+        let search =
+            MountSearch { masters_max: 1, is_mirrored: true, fixed_roll_deg: None, fore_aft_symmetry: true };
         let space = search.space().unwrap();
         let one = space.canonical(&[1.0, 0.1, 0.2, 0.05, 30.0, 5.0]);
         assert_eq!(one, space.canonical(&[1.0, -0.1, 0.2, 0.05, -30.0, 5.0]));
@@ -123,9 +209,14 @@ mod tests {
 
     #[test]
     fn a_tilt_fixed_off_zero_has_no_fore_aft_symmetry() {
-        let search = MountSearch { masters_max: 1, fixed_roll_deg: Some(5.0), fore_aft_symmetry: true };
+        let search = MountSearch {
+            masters_max: 1,
+            is_mirrored: true,
+            fixed_roll_deg: Some(5.0),
+            fore_aft_symmetry: true,
+        };
         let space = search.space().unwrap();
         assert_eq!(space.canonical(&[1.0, 0.1, -0.2, 0.0, 30.0])[2], -0.2);
-        assert_eq!(search.masters(&[1.0, 0.1, -0.2, 0.0, 30.0]), [[0.1, -0.2, 0.0, 30.0, 5.0]]);
+        assert_eq!(search.masters(&[1.0, 0.1, -0.2, 0.0, 30.0]), [[0.1, -0.2, 0.0, 30.0, 5.0].into()]);
     }
 }

@@ -138,6 +138,29 @@ impl Search {
         Ok(StoppedBy::Budget)
     }
 
+    /// Whether state that was read back hangs together; the methods trust it after that.
+    ///
+    /// # Errors
+    /// What does not.
+    pub fn check(&self) -> Result<(), String> {
+        let dimensions = self.space.len();
+        let candidates = self.pending.iter().chain(self.evaluated.iter().map(|trial| &trial.candidate));
+        if candidates
+            .chain(self.best.iter().map(|trial| &trial.candidate))
+            .any(|c| c.values.len() != dimensions)
+        {
+            return Err(format!("a point has not the {dimensions} values of the space"));
+        }
+        if self.best_scores.len() != self.evaluations || self.best_at > self.evaluations {
+            return Err(format!(
+                "{} evaluations, but {} in the history",
+                self.evaluations,
+                self.best_scores.len()
+            ));
+        }
+        Ok(())
+    }
+
     /// The best trial so far, feasible or not.
     pub fn best(&self) -> Option<&Trial> {
         self.best.as_ref()

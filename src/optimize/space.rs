@@ -39,6 +39,8 @@ pub struct Space {
     mirrors: Vec<Mirror>,
     /// Interchangeable groups of variables; group g is active as one.
     blocks: Vec<Vec<usize>>,
+    /// What no point can exceed, for each value of variable 0 from its least one up; unknown when empty.
+    ceilings: Vec<f64>,
 }
 
 /// Why a space cannot be searched.
@@ -80,7 +82,7 @@ impl Space {
                 return Err(SpaceError::NoCount(name.clone()));
             }
         }
-        Ok(Self { variables, mirrors: Vec::new(), blocks: Vec::new() })
+        Ok(Self { variables, mirrors: Vec::new(), blocks: Vec::new(), ceilings: Vec::new() })
     }
 
     /// The same space with known exact symmetries: sign changes, and groups of variables that may change places.
@@ -117,6 +119,23 @@ impl Space {
         self.mirrors = mirrors;
         self.blocks = blocks;
         Ok(self)
+    }
+
+    /// The same space with scores that no point can exceed, one for each value of variable 0 from its least one up.
+    pub fn with_ceilings(mut self, ceilings: Vec<f64>) -> Self {
+        self.ceilings = ceilings;
+        self
+    }
+
+    /// The same space without the greatest values of variable 0 that cannot exceed `score`, whatever the rest.
+    pub fn that_can_exceed(&self, score: f64) -> Self {
+        let mut rest = self.clone();
+        if self.ceilings.len() as f64 == self.variables[0].high - self.variables[0].low + 1.0 {
+            let worth = self.ceilings.iter().rposition(|ceiling| *ceiling > score).unwrap_or(0);
+            rest.variables[0].high = self.variables[0].low + worth as f64;
+            rest.ceilings.truncate(worth + 1);
+        }
+        rest
     }
 
     /// One representative of each class of equal points: the canonical half of every mirror.
@@ -286,6 +305,14 @@ mod tests {
         assert_eq!(space.canonical(&[2.0, 0.05, 0.3, -0.1, -0.9]), [2.0, 0.1, 0.9, 0.05, 0.3]);
         assert_eq!(space.free(&[1.0, 0.0, 0.0, 0.0, 0.0]), [0, 1, 2]);
         assert_eq!(space.folded().variables()[1].low, 0.0);
+    }
+
+    #[test]
+    fn counts_that_cannot_win_are_left_out() {
+        let space = Space::new(vec![count(3.0)]).unwrap().with_ceilings(vec![30.0, 20.0, 10.0]);
+        let most = |score| space.that_can_exceed(score).variables()[0].high;
+        assert_eq!([most(5.0), most(10.0), most(19.0), most(25.0), most(99.0)], [3.0, 2.0, 2.0, 1.0, 1.0]);
+        assert_eq!(Space::new(vec![count(3.0)]).unwrap().that_can_exceed(99.0).variables()[0].high, 3.0);
     }
 
     #[test]

@@ -1,31 +1,17 @@
 //! Small services of the file system: whole files, checksums, free space.
 
 use std::fs::File;
-use std::io::{self, Read as _, Write as _};
+use std::io::{self, Read as _};
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
 use super::{FileEntry, SessionError};
+use crate::files;
 
-/// Puts a file under its name whole or not at all, and on the disk.
+/// Puts a file of a session under its name whole or not at all, and on the disk.
 pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionError> {
-    let failed = |error| SessionError::io(path, "cannot be written", error);
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's umask
-    let mut file = builder.tempfile_in(folder).map_err(failed)?;
-    file.write_all(content).map_err(failed)?;
-    file.as_file().sync_all().map_err(failed)?;
-    file.persist(path).map_err(|error| failed(error.error))?;
-    sync_folder(folder)
-}
-
-/// Brings the names in a folder to the disk.
-pub(super) fn sync_folder(folder: &Path) -> Result<(), SessionError> {
-    File::open(folder)
-        .and_then(|folder| folder.sync_all())
-        .map_err(|error| SessionError::io(folder, "cannot be synced", error))
+    files::write_whole(path, content).map_err(|error| SessionError::io(path, "cannot be written", error))
 }
 
 /// Length and checksum of a file of a session.

@@ -51,7 +51,7 @@ pub struct SensorEntry {
     /// Its metadata, a path in the session.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metadata: Option<String>,
-    /// Packets in packets.pcapng; 0 until the session is closed.
+    /// Packets in packets.pcapng when the manifest was written; final once the session is closed.
     pub packets: u64,
     /// What it lost.
     pub losses: Losses,

@@ -23,7 +23,7 @@ mod writer;
 
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
-pub use session::Session;
+pub use session::{Session, SessionPackets};
 pub use writer::{SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};

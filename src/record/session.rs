@@ -3,6 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use sensors::Packet;
+use sensors::capture::{CaptureCounters, CaptureReader};
+
 use super::manifest::Manifest;
 use super::{SessionError, disk, file};
 use crate::rig::MountFile;
@@ -69,6 +72,14 @@ impl Session {
         self.dir.join(file::PACKETS)
     }
 
+    /// The packets of all sensors, in the order in which they were received.
+    pub fn packets(&self) -> Result<SessionPackets, SessionError> {
+        let path = self.packets_path();
+        let reader = CaptureReader::open(&path)
+            .map_err(|error| SessionError::Content { path: path.clone(), reason: error.to_string() })?;
+        Ok(SessionPackets { path, sensors: self.manifest.sensors.len(), reader })
+    }
+
     /// Servo reports in order. A last line that was cut is left out.
     pub fn servo<T: serde::de::DeserializeOwned>(&self) -> Result<Vec<T>, SessionError> {
         self.lines(file::SERVO)
@@ -130,5 +141,37 @@ impl Session {
             values.push(value);
         }
         Ok(values)
+    }
+}
+
+/// The packets of a session, read one by one.
+pub struct SessionPackets {
+    path: PathBuf,
+    sensors: usize,
+    reader: CaptureReader,
+}
+
+impl SessionPackets {
+    /// The next packet and the place of its sensor in the manifest. `None` at the end, also where the recording was
+    /// cut off; damage in the middle is an error, and everything before it was handed out.
+    #[expect(clippy::should_implement_trait, reason = "an Iterator cannot lend the reader's buffer")]
+    pub fn next(&mut self) -> Result<Option<(usize, Packet<'_>)>, SessionError> {
+        let wrong = |reason: String| SessionError::Content { path: self.path.clone(), reason };
+        let Some((interface, packet)) = self.reader.next_from().map_err(|error| wrong(error.to_string()))?
+        else {
+            return Ok(None);
+        };
+        if interface >= self.sensors {
+            return Err(wrong(format!(
+                "interface {interface}, but the manifest names {} sensors",
+                self.sensors
+            )));
+        }
+        Ok(Some((interface, packet)))
+    }
+
+    /// What the reader met, truncation included.
+    pub fn counters(&self) -> &CaptureCounters {
+        self.reader.counters()
     }
 }

@@ -111,15 +111,8 @@ impl SessionWriter {
         let packets = begin()
             .map_err(|error| SessionError::io(&dir.join(file::PACKETS), "cannot be written", error))?;
         manifest.write(dir)?;
-        let open = Open {
-            manifest,
-            packets,
-            servo,
-            events,
-            failure: None,
-            low_disk: None,
-            rate: (Instant::now(), 0),
-        };
+        let mut open = Open { manifest, packets, servo, events, failure: None, low_disk: None, rate: None };
+        open.watch_space(dir);
         let shared = Arc::new(Shared { dir: dir.to_owned(), open: Mutex::new(Some(open)) });
         let ticker = Ticker::start(Arc::clone(&shared), to_sync)
             .map_err(|error| SessionError::io(dir, "cannot start the flushing thread", error))?;
@@ -266,7 +259,7 @@ struct Open {
     failure: Option<io::Error>,
     low_disk: Option<LowDisk>,
     /// When the rate was last taken, and the bytes there were then.
-    rate: (Instant, u64),
+    rate: Option<(Instant, u64)>,
 }
 
 impl std::fmt::Debug for Open {
@@ -286,7 +279,10 @@ impl Open {
             None => self.packets.write(entry.interface, packet),
         };
         match outcome {
-            Ok(()) => Ok(()),
+            Ok(()) => {
+                self.manifest.sensors[sensor].packets += 1;
+                Ok(())
+            }
             Err(error) => {
                 self.manifest.sensors[sensor].losses.not_written += 1;
                 if error.kind() == io::ErrorKind::InvalidInput {
@@ -316,6 +312,7 @@ impl Open {
             if let (Some([6, 0, 0, 0]), Some(interface)) = (head.first_chunk::<4>(), head.get(8..12)) {
                 let interface = interface.iter().rev().fold(0, |value, byte| value << 8 | usize::from(*byte));
                 if let Some(sensor) = self.manifest.sensors.get_mut(interface) {
+                    sensor.packets -= 1;
                     sensor.losses.not_written += 1;
                 }
             }
@@ -336,15 +333,14 @@ impl Open {
 
     fn watch_space(&mut self, dir: &Path) {
         let written = self.packets.get_ref().bytes();
-        let (since, before) = self.rate;
-        let seconds = since.elapsed().as_secs_f64();
-        if seconds < 1.0 {
+        let last = self.rate.map(|(since, before)| (since.elapsed().as_secs_f64(), before));
+        if last.is_some_and(|(seconds, _)| seconds < 1.0) {
             return;
         }
-        self.rate = (Instant::now(), written);
+        self.rate = Some((Instant::now(), written));
         // a file system that does not say how much is free gets no warning, and still the error when it is full
         let Ok(free_bytes) = disk::free_bytes(dir) else { return };
-        let bytes_per_second = (written - before) as f64 / seconds;
+        let bytes_per_second = last.map_or(0.0, |(seconds, before)| (written - before) as f64 / seconds);
         let seconds_left = (bytes_per_second > 0.0).then(|| free_bytes as f64 / bytes_per_second);
         let low = free_bytes < LOW_DISK_BYTES || seconds_left.is_some_and(|left| left < LOW_DISK_SECONDS);
         let now = low.then_some(LowDisk { free_bytes, seconds_left });
@@ -377,7 +373,6 @@ impl Open {
             self.manifest.sockets = monitor.sockets();
         }
         for sensor in &mut self.manifest.sensors {
-            sensor.packets = self.packets.packets(sensor.interface);
             self.manifest.losses.add(&sensor.losses);
         }
         let drops: Vec<u64> = self.manifest.sensors.iter().map(|sensor| sensor.losses.total()).collect();

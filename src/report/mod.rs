@@ -1,7 +1,6 @@
 //! One self-contained HTML page and one JSON document per run: no outside request, readable in light and dark.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
 
 use crate::chart::{CellClass, escape};
@@ -49,7 +48,9 @@ impl Report {
         for row in rows {
             self.body.push_str("<tr>");
             for cell in row {
-                let _ = write!(self.body, "<td>{}</td>", escape(cell));
+                let is_number = cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
+                let class = if is_number { "" } else { " class=\"words\"" };
+                let _ = write!(self.body, "<td{class}>{}</td>", escape(cell));
             }
             self.body.push_str("</tr>");
         }
@@ -67,7 +68,7 @@ impl Report {
                     "<span><svg width=\"12\" height=\"12\"><rect class=\"{}\" width=\"12\" height=\"12\"/></svg> \
                      {}</span>",
                     class.css,
-                    escape(class.name)
+                    escape(&class.name)
                 );
             }
             self.body.push_str("</p>");
@@ -88,25 +89,8 @@ impl Report {
 
     /// Writes the page; it appears under its name only when whole.
     pub fn write(&self, path: &Path) -> std::io::Result<()> {
-        write_whole(path, self.html().as_bytes())
+        crate::files::write_whole(path, self.html().as_bytes())
     }
-}
-
-/// Writes a JSON document; it appears under its name only when whole.
-pub fn write_json(path: &Path, document: &impl serde::Serialize) -> std::io::Result<()> {
-    let mut text = serde_json::to_vec_pretty(document).map_err(std::io::Error::other)?;
-    text.push(b'\n');
-    write_whole(path, &text)
-}
-
-/// Writes a file; it appears under its name only when whole.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_data()?;
-    file.persist(path).map_err(|error| error.error)?;
-    Ok(())
 }
 
 const STYLE: &str = include_str!("report.css");

@@ -12,12 +12,12 @@
 //! The last three are optional: which experiment the mount was found in, its score there, and the sensors before
 //! mirroring (x_m, y_m, z_m, pitch_deg, roll_deg). Angles stay in degrees here, so that writing and reading loses nothing.
 
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
 use super::{Mount, MountedSensor, Rig};
+use crate::files;
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-mount/1";
@@ -112,19 +112,8 @@ impl MountFile {
         self.check().map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
         let text = serde_json::to_string_pretty(self)
             .map_err(|error| MountFileError::Wrong { path: path.to_owned(), reason: error.to_string() })?;
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let unwritable = |source| MountFileError::Unwritable { path: path.to_owned(), source };
-        let mut builder = tempfile::Builder::new();
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's umask
-        let mut file = builder.tempfile_in(folder).map_err(unwritable)?;
-        writeln!(file, "{text}").map_err(unwritable)?;
-        file.as_file().sync_all().map_err(unwritable)?;
-        file.persist(path).map_err(|error| unwritable(error.error))?;
-        Ok(())
+        files::write_whole(path, format!("{text}\n").as_bytes())
+            .map_err(|source| MountFileError::Unwritable { path: path.to_owned(), source })
     }
 
     /// The rig that the file describes, with nominal models.

@@ -37,7 +37,7 @@ pub(crate) struct BrickIndex {
     keys: Vec<u64>,
     slots: Vec<u32>,
     regions: Vec<Region>,
-    bricks: u32,
+    bricks: Vec<[i32; 3]>,
 }
 
 #[derive(Clone, Debug)]
@@ -61,9 +61,24 @@ impl Default for LastRegion {
 }
 
 impl BrickIndex {
+    /// Bricks in order of arrival.
+    pub fn bricks(&self) -> &[[i32; 3]] {
+        &self.bricks
+    }
+
     /// Number of a brick, if it exists.
+    pub fn find(&self, brick: [i32; 3]) -> Option<u32> {
+        self.find_near(brick, &mut LastRegion::default())
+    }
+
+    /// Number of a brick, new if it is. None beyond the reach of the coordinates.
+    pub fn find_or_add(&mut self, brick: [i32; 3]) -> Option<u32> {
+        self.find_or_add_near(brick, &mut LastRegion::default())
+    }
+
+    /// As [`BrickIndex::find`], faster when asked about neighbours one after the other.
     #[inline]
-    pub fn find(&self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+    pub fn find_near(&self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
         let (region, inside) = split(brick);
         if region != last.region {
             *last = LastRegion { region, number: self.region(region) };
@@ -72,8 +87,8 @@ impl BrickIndex {
         (found != NONE).then_some(found)
     }
 
-    /// Number of a brick, new if it is. None beyond the reach of the coordinates.
-    pub fn find_or_add(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+    /// As [`BrickIndex::find_or_add`], faster when asked about neighbours one after the other.
+    pub fn find_or_add_near(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
         let (region, inside) = split(brick);
         if region != last.region || last.number == NONE {
             let mut number = self.region(region);
@@ -84,8 +99,8 @@ impl BrickIndex {
         }
         let place = &mut self.regions[last.number as usize].bricks[inside];
         if *place == NONE {
-            *place = self.bricks;
-            self.bricks += 1;
+            *place = self.bricks.len() as u32;
+            self.bricks.push(brick);
         }
         Some(*place)
     }
@@ -158,14 +173,14 @@ mod tests {
         let brick = |n: i32| [31 * (n % 17 - 8), 7 * (n / 17 % 13 - 6), n / 221 - 20];
         let mut last = LastRegion::default();
         for n in 0..5000 {
-            assert_eq!(index.find(brick(n), &mut last), None);
-            assert_eq!(index.find_or_add(brick(n), &mut last), Some(n as u32));
+            assert_eq!(index.find_near(brick(n), &mut last), None);
+            assert_eq!(index.find_or_add_near(brick(n), &mut last), Some(n as u32));
         }
-        assert!((0..5000).all(|n| index.find(brick(n), &mut LastRegion::default()) == Some(n as u32)));
-        assert!((0..5000).all(|n| index.find_or_add(brick(n), &mut last) == Some(n as u32)));
-        assert_eq!(index.find_or_add([8 * REACH, 0, 0], &mut last), None);
-        assert_eq!(index.find([i32::MAX; 3], &mut LastRegion::default()), None);
-        assert_eq!(index.bricks, 5000);
+        assert!((0..5000).all(|n| index.find(brick(n)) == Some(n as u32)));
+        assert!((0..5000).all(|n| index.find_or_add_near(brick(n), &mut last) == Some(n as u32)));
+        assert_eq!(index.find_or_add([8 * REACH, 0, 0]), None);
+        assert_eq!(index.find([i32::MAX; 3]), None);
+        assert_eq!((index.bricks().len(), index.bricks()[77]), (5000, brick(77)));
     }
 
     #[test]

@@ -189,7 +189,7 @@ impl VoxelMap {
     }
 
     fn brick(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<usize> {
-        let number = self.index.find_or_add(brick, last)? as usize;
+        let number = self.index.find_or_add_near(brick, last)? as usize;
         if number == self.bricks.len() {
             self.bricks.push(Brick { crossed: [0; CELLS / 64], ends: None });
         }
@@ -198,13 +198,13 @@ impl VoxelMap {
 
     fn state(&self, cell: [i32; 3], last: &mut LastRegion) -> Cell {
         let (brick, inside) = split(cell);
-        let number = self.index.find(brick, last);
+        let number = self.index.find_near(brick, last);
         number.map_or(Cell::Unknown, |number| self.bricks[number as usize].state(inside, self.least_hits))
     }
 
     fn mean_m(&self, cell: [i32; 3]) -> Option<DVec3> {
         let (brick, inside) = split(cell);
-        let number = self.index.find(brick, &mut LastRegion::default())?;
+        let number = self.index.find(brick)?;
         let ends = self.bricks[number as usize].ends.as_ref()?;
         let mean = DVec3::from(ends.mean[inside].map(f64::from));
         Some(self.voxel_m * (DVec3::from(cell.map(f64::from)) + 0.5 + mean))

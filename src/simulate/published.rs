@@ -8,6 +8,8 @@
 //! quirk of the released slab test, kept here ([`Preset::loses_axis_parallel_rays`]) and nowhere else in the program.
 
 mod brute;
+mod fast;
+mod shell;
 
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::rig::Mount;
@@ -273,6 +275,8 @@ pub struct Simulator {
     elevations: Vec<[f64; 2]>,
     /// Place of each pose on the walk, m from its middle.
     stations_m: Vec<f64>,
+    /// Tables of the fast way, where the experiment allows it.
+    plan: Option<fast::Plan>,
 }
 
 impl Simulator {
@@ -320,7 +324,9 @@ impl Simulator {
         let start_m = -preset.path_length_m / 2.0;
         let stations_m =
             (0..experiment.poses()).map(|pose| start_m + pose as f64 / experiment.sub_poses as f64).collect();
-        Ok(Self { experiment: *experiment, cells, base, elevations, stations_m })
+        let mut simulator = Self { experiment: *experiment, cells, base, elevations, stations_m, plan: None };
+        simulator.plan = fast::Plan::new(&simulator);
+        Ok(simulator)
     }
 
     /// The experiment.
@@ -346,12 +352,34 @@ impl Simulator {
 
     /// Which voxels each sensor sees.
     pub fn see(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
-        self.coverage_by_definition(sensors)
+        let Some(plan) = &self.plan else {
+            return self.coverage_by_definition(sensors);
+        };
+        self.check(sensors)?;
+        let shells = fast::see(self, plan, sensors);
+        let bitmaps = shells.iter().map(|shell| self.bitmap(shell)).collect();
+        let lost_rays = sensors.iter().map(|sensor| brute::lost_rays(self, sensor)).collect();
+        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
     /// How many voxels the sensors see: the counts of [`Simulator::see`] without its bitmaps.
     pub fn count(&self, sensors: &[Placement]) -> Result<Counts, ExperimentError> {
-        Ok(self.see(sensors)?.coverage.counts())
+        let Some(plan) = &self.plan else {
+            return Ok(self.coverage_by_definition(sensors)?.coverage.counts());
+        };
+        self.check(sensors)?;
+        Ok(fast::counts(&fast::see(self, plan, sensors)))
+    }
+
+    fn bitmap(&self, shell: &shell::Shell) -> Vec<u64> {
+        let [nx, ny, nz] = self.cells;
+        let mut bitmap = vec![0u64; (nx * ny * nz).div_ceil(64)];
+        for [u, w, z] in shell.voxels() {
+            let (x, y) = if self.experiment.path == Path::Lateral { (u, w) } else { (w, u) };
+            let index = x + nx * (y + ny * z);
+            bitmap[index / 64] |= 1 << (index % 64);
+        }
+        bitmap
     }
 
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.

@@ -35,7 +35,7 @@ pub(super) struct CellPlace {
 impl DoneCells {
     /// Makes room for a brick.
     pub fn add(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
-        let number = self.index.find_or_add(brick, last)?;
+        let number = self.index.find_or_add_near(brick, last)?;
         if number as usize == self.cells.len() {
             self.bricks.push(AtomicBool::new(false));
             self.cells.push([const { AtomicU64::new(0) }; CELLS / 64]);
@@ -47,7 +47,7 @@ impl DoneCells {
     #[inline]
     pub fn find(&self, cell: [i32; 3], last: &mut LastRegion) -> Option<CellPlace> {
         let (brick, inside) = split(cell);
-        Some(CellPlace { number: self.index.find(brick, last)?, inside })
+        Some(CellPlace { number: self.index.find_near(brick, last)?, inside })
     }
 
     /// What is done at a place.

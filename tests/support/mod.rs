@@ -14,12 +14,25 @@ pub struct Case {
 }
 
 /// What a case cannot do without.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 pub enum Needs {
     /// Nothing but the project.
     Nothing,
     /// The folder of captures and reference numbers (`OUTRIGGER_SHARED`, default `../shared`).
     Shared,
+    /// Something of the machine: its name, and whether it is there.
+    Machine(&'static str, fn() -> bool),
+}
+
+impl Needs {
+    /// What is missing, in words.
+    fn missing(self) -> Option<&'static str> {
+        match self {
+            Needs::Nothing => None,
+            Needs::Shared => shared_folder().is_none().then_some("OUTRIGGER_SHARED names no folder"),
+            Needs::Machine(what, is_there) => (!is_there()).then_some(what),
+        }
+    }
 }
 
 /// A case that needs nothing but the project.
@@ -30,6 +43,11 @@ pub const fn case(name: &'static str, run: fn()) -> Case {
 /// A case that compares with captures or reference numbers outside the project.
 pub const fn with_shared(name: &'static str, run: fn()) -> Case {
     Case { name, needs: Needs::Shared, run }
+}
+
+/// A case that needs something of the machine; `what` says what is missing.
+pub const fn with_machine(name: &'static str, what: &'static str, is_there: fn() -> bool, run: fn()) -> Case {
+    Case { name, needs: Needs::Machine(what, is_there), run }
 }
 
 /// The folder of captures and reference numbers, if it is there.
@@ -47,15 +65,14 @@ pub fn shared(path: &str) -> PathBuf {
 /// Runs every case; the closing lines are the runner's own.
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let arguments = Arguments::from_args();
-    let have_shared = shared_folder().is_some();
     let mut left_out = Vec::new();
     let mut trials = Vec::new();
     for (module, cases) in modules {
         for case in *cases {
             let name = format!("{module}::{}", case.name);
-            let missing = case.needs == Needs::Shared && !have_shared;
-            if missing {
-                left_out.push(name.clone());
+            let missing = case.needs.missing();
+            if let Some(missing) = missing {
+                left_out.push((name.clone(), missing));
             }
             let run = case.run;
             trials.push(
@@ -63,15 +80,15 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
                     run();
                     Ok(())
                 })
-                .with_ignored_flag(missing),
+                .with_ignored_flag(missing.is_some()),
             );
         }
     }
     let conclusion = libtest_mimic::run(&arguments, trials);
     if !left_out.is_empty() && !arguments.list {
-        eprintln!("LEFT OUT: {} comparisons, because OUTRIGGER_SHARED names no folder:", left_out.len());
-        for name in left_out {
-            eprintln!("LEFT OUT: {name}");
+        eprintln!("LEFT OUT: {} comparisons:", left_out.len());
+        for (name, missing) in left_out {
+            eprintln!("LEFT OUT: {name}: {missing}");
         }
     }
     conclusion.exit_code()

@@ -105,12 +105,13 @@ fn ip(packet: &[u8]) -> Carried<'_> {
     if payload.ip_number != IpNumber::UDP {
         return Carried::NotUdp;
     }
-    if payload.incomplete {
-        return Carried::Cut;
-    }
     let (source, destination) = (ip.source_addr(), ip.destination_addr());
     if !payload.fragmented {
+        // position packets of a VLP-16 of 2014 claim a wrong IP length: what counts is that of UDP
         return udp(source, destination, payload.payload);
+    }
+    if payload.incomplete {
+        return Carried::Cut;
     }
     let place = match &ip {
         LaxIpSlice::Ipv4(ip) => {

@@ -83,6 +83,11 @@ impl CaptureReader {
     /// The host time of a datagram that came in fragments is that of the fragment which completed it.
     #[expect(clippy::should_implement_trait, reason = "an Iterator cannot lend its buffer")]
     pub fn next(&mut self) -> Result<Option<Packet<'_>>, CaptureError> {
+        Ok(self.next_from()?.map(|(_, packet)| packet))
+    }
+
+    /// The next datagram, as [`CaptureReader::next`] gives it, and the number of its interface.
+    pub fn next_from(&mut self) -> Result<Option<(usize, Packet<'_>)>, CaptureError> {
         let found = loop {
             let Some(frame) = self.framing.next(&mut self.counters)? else {
                 self.reassembly.finish();
@@ -107,7 +112,7 @@ impl CaptureReader {
         };
         match carried {
             Carried::Udp { source, destination, payload } => {
-                Ok(Some(Packet { host_time_ns, source, destination, payload }))
+                Ok(Some((self.interface, Packet { host_time_ns, source, destination, payload })))
             }
             _ => Ok(None), // `take` lets nothing else through
         }

@@ -152,6 +152,16 @@ fn what_is_no_datagram_is_counted_as_what_it_is() {
 }
 
 #[test]
+fn a_wrong_ip_length_does_not_matter_where_udp_knows_better() {
+    let mut frame = frame(&packet(b"abc"));
+    frame[14 + 2..14 + 4].copy_from_slice(&1234_u16.to_be_bytes());
+    let length = frame.len();
+    let (packets, counters) = read_all(classic(false, true, 1, &[(frame, length)]));
+    assert_eq!((packets.len(), counters.malformed), (1, 0));
+    assert_eq!(packets[0].2, b"abc");
+}
+
+#[test]
 fn a_cut_file_keeps_what_came_before_and_says_where() {
     let whole = written(&[b"first", &[1; 500]]);
     let (_, counters) = read_all(whole.clone());

@@ -1,16 +1,29 @@
 //! Ouster OS0, OS1, OS2 and OSDome: lidar, IMU and zone packets, metadata, encode and decode.
+//!
+//! [`Metadata`] says how a sensor's packets are laid out and where its beams point; [`OusterDecoder`] turns packets
+//! into frames, [`OusterEncoder`] frames into packets. Pixel layouts are tables in [`profile`].
 
-/// One inertial sample.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ImuSample {
-    /// Device time, ns.
-    pub time_ns: u64,
-    /// Acceleration, m/s^2, sensor frame.
-    pub acceleration_m_s2: [f64; 3],
-    /// Angular rate, rad/s, sensor frame.
-    pub angular_rate_rad_s: [f64; 3],
-}
+pub mod encode;
+pub mod imu;
+pub mod metadata;
+pub mod profile;
+pub mod wire;
+pub mod zones;
 
-/// One zone-monitor packet.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ZoneReport {}
+mod assembly;
+mod claim;
+mod decoder;
+mod kernels;
+mod stream;
+mod strays;
+#[cfg(test)]
+mod tests;
+
+pub use claim::Claim;
+pub use decoder::OusterDecoder;
+pub use encode::{Checksum, OusterEncoder};
+pub use imu::ImuSample;
+pub use metadata::{ImuProfile, Metadata, MetadataError, Synthetic, TimestampMode};
+pub use profile::Profile;
+pub use wire::HeaderKind;
+pub use zones::{ZoneReport, ZoneState};

@@ -140,12 +140,12 @@ fn unpack(packet: DataPacket<'_>, part: Part, unit_mm: u32, layer: &mut Layer, p
     }
 }
 
-/// A firing with one echo is sent twice: the second layer keeps none of it.
+/// A firing with one echo is sent twice, or with an empty second return: the second layer keeps none of it.
 fn drop_repeated(first: &Layer, second: &mut Layer, place: usize) {
     let ranges = first.range_mm[place..].iter().zip(&mut second.range_mm[place..]);
     let reflectivities = first.reflectivity[place..].iter().zip(&mut second.reflectivity[place..]);
     for ((first_range, second_range), (first_level, second_level)) in ranges.zip(reflectivities) {
-        if first_range == second_range && first_level == second_level {
+        if *second_range == 0 || first_range == second_range && first_level == second_level {
             *second_range = 0;
             *second_level = 0;
         }

@@ -7,13 +7,15 @@ use crate::model::SensorModel;
 use crate::packet::Packet;
 use crate::{Frame, catalogue};
 
+use super::calibration::{StatusReader, UnitStatus};
+use super::checks::{check, check_unknown, refuse_length};
 use super::clock::HourClock;
 use super::detect::{self, ENOUGH_PACKETS, Identity};
 use super::position::Position;
-use super::product::{Family, Product, ReturnMode};
-use super::stream::{Cut, Stream};
+use super::product::{Product, ReturnMode};
+use super::stream::{Cut, S1_PACKET_NS, Stream};
 use super::window::{Held, Place, Window};
-use super::wire::{AZIMUTH_COUNTS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
+use super::wire::{DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
 
 /// How to decode.
 #[derive(Clone, Debug, Default)]
@@ -42,16 +44,22 @@ pub const DEFAULT_HELD_PACKETS: usize = 3;
 pub struct VelodyneDecoder {
     options: Options,
     stats: DecodeStats,
-    source: Option<IpAddr>,
+    pub(super) source: Option<IpAddr>,
+    /// Port that its data packets go to.
+    pub(super) data_port: Option<u16>,
     undecided: Vec<Undecided>,
-    stream: Option<Stream>,
+    pub(super) stream: Option<Stream>,
     model: Option<SensorModel>,
     mode: Option<ReturnMode>,
+    /// Byte 1205 of the packets before; it does not change.
+    pub(super) model_byte: Option<u8>,
     clock: HourClock,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
     recent: std::collections::VecDeque<(u64, u16)>,
     position: Position,
+    status_reader: StatusReader,
+    status: Option<UnitStatus>,
 }
 
 #[derive(Debug)]
@@ -60,27 +68,27 @@ struct Undecided {
     payload: Box<[u8; DATA_PACKET_BYTES]>,
 }
 
-/// Blocks that every packet uses; the rest may be filler.
-const LEAST_BLOCKS: usize = 8;
 const RECENT_PACKETS: usize = 256;
-/// Packet period of an HDL-64E S1, which has no clock: as seen by hosts.
-const S1_PERIOD_NS: u64 = 384_300;
 
 impl VelodyneDecoder {
     /// A decoder that has seen nothing yet.
     pub fn new(options: Options) -> Self {
         let mut decoder = Self {
             source: options.source,
+            data_port: None,
             options,
             stats: DecodeStats::default(),
             undecided: Vec::new(),
             stream: None,
             model: None,
             mode: None,
+            model_byte: None,
             clock: HourClock::default(),
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
             position: Position::default(),
+            status_reader: StatusReader::default(),
+            status: None,
         };
         if let Some(product) = decoder.options.product
             && product != Product::Vls128
@@ -96,7 +104,7 @@ impl VelodyneDecoder {
     }
 
     /// Beams of the sensor, once it is known: the model given in [`Options`], or the nominal one with fire offsets
-    /// that follow the measured cycle.
+    /// that follow the measured cycle, or, once an HDL-64E has sent it, the unit's own calibration.
     pub fn model(&self) -> Option<&SensorModel> {
         self.model.as_ref()
     }
@@ -106,40 +114,34 @@ impl VelodyneDecoder {
         self.mode
     }
 
+    /// What an HDL-64E S2 or S3 said of itself, its calibration included, once it has said all (about 1.2 s).
+    pub fn unit_status(&self) -> Option<&UnitStatus> {
+        self.status.as_ref()
+    }
+
     fn decide(&mut self, identity: Identity) {
         self.model = self.options.model.clone().or_else(|| nominal(&identity));
         self.stream = Some(Stream::new(identity, self.options.cut));
     }
 
-    fn check_source(&mut self, source: IpAddr) -> Result<(), Rejected> {
-        match self.source {
-            Some(known) if known != source => {
-                Err(foreign(format!("sent by {source}, this sensor's packets come from {known}")))
-            }
-            _ => {
-                self.source = Some(source);
-                Ok(())
-            }
-        }
-    }
-
     fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
             match self.stream {
-                Some(_) => self.accept(payload, packet.host_time_ns, out),
-                None => self.keep_undecided(payload, packet.host_time_ns, out),
+                Some(_) => self.accept(payload, packet.host_time_ns, out)?,
+                None => self.keep_undecided(payload, packet.host_time_ns, out)?,
             }
+            self.remember_source(packet);
+            Ok(())
         } else if let Ok(payload) = <&[u8; POSITION_PACKET_BYTES]>::try_from(packet.payload) {
-            self.check_source(packet.source.ip())?;
+            self.check_source(packet)?;
+            self.remember_source(packet);
             self.position = Position::parse(payload, packet.host_time_ns);
             out(Decoded::Position(&self.position));
             Ok(())
         } else {
-            let length = packet.payload.len();
-            Err(foreign(format!(
-                "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
-            )))
+            self.check_source(packet)?;
+            Err(refuse_length(packet.payload))
         }
     }
 
@@ -149,16 +151,7 @@ impl VelodyneDecoder {
         host_ns: u64,
         out: &mut dyn FnMut(Decoded<'_>),
     ) -> Result<(), Rejected> {
-        let data = DataPacket::of(payload);
-        let known = match detect::family(data) {
-            None => return Err(malformed("block flags of no known bank".to_owned())),
-            Some(Family::ThirtyTwo) => detect::claimed_product(data.model_byte()).is_some(),
-            Some(_) => true,
-        };
-        if !known {
-            return Err(foreign(format!("model byte {:#04x} is of no known product", data.model_byte())));
-        }
-        check_azimuths(data, LEAST_BLOCKS)?;
+        check_unknown(DataPacket::of(payload))?;
         self.undecided.push(Undecided { host_ns, payload: Box::new(*payload) });
         self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS, out);
         Ok(())
@@ -189,11 +182,15 @@ impl VelodyneDecoder {
     ) -> Result<(), Rejected> {
         let Some(stream) = &mut self.stream else { return Ok(()) };
         let data = DataPacket::of(payload);
-        check(data, stream)?;
+        check(data, stream, self.model_byte)?;
+        self.model_byte = Some(data.model_byte());
         self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
         let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
-            let after_last = self.recent.back().map_or(0, |(time_ns, _)| time_ns + S1_PERIOD_NS);
-            (if host_ns > 0 { host_ns } else { after_last + self.window.len() as u64 * S1_PERIOD_NS }, false)
+            if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
+                self.stats.duplicated += 1;
+                return Ok(());
+            }
+            (self.host_time_ns(host_ns), false)
         } else {
             let resolved = self.clock.resolve(data.stamp_us(), host_ns);
             (resolved.time_ns, resolved.restarted)
@@ -225,12 +222,31 @@ impl VelodyneDecoder {
         Ok(())
     }
 
+    /// Time of a packet without a stamp: its arrival, or one period after the packet before.
+    fn host_time_ns(&self, host_ns: u64) -> u64 {
+        let newest_ns = self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|(ns, _)| *ns));
+        match (host_ns, newest_ns) {
+            (0, None) => 0,
+            (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
+            (host_ns, newest_ns) => host_ns.max(newest_ns.map_or(0, |newest_ns| newest_ns + 1)),
+        }
+    }
+
     fn take_next(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
         let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
         }
         self.recent.push_back((held.time_ns, DataPacket::of(&held.payload).azimuth(0)));
+        if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
+            let packet = DataPacket::of(&held.payload);
+            if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
+                if self.options.model.is_none() && status.calibrated.is_some() {
+                    self.model = status.calibration.model(stream.product()).ok().or(self.model.take());
+                }
+                self.status = Some(status);
+            }
+        }
         let mut give = |frame: &Frame| out(Decoded::Frame(frame));
         stream.take(&held, self.window.front(), &mut self.stats, &mut give);
         self.window.recycle(held);
@@ -296,48 +312,6 @@ impl Decoder for VelodyneDecoder {
     }
 }
 
-/// Whether a packet can be one of a stream.
-fn check(data: DataPacket<'_>, stream: &Stream) -> Result<(), Rejected> {
-    let product = stream.product();
-    let layout = stream.layout(data);
-    for (block, bank) in layout.banks.iter().enumerate() {
-        if data.bank(block) != Some(usize::from(*bank)) {
-            let expected = super::wire::BANK_FLAGS[usize::from(*bank)];
-            return Err(malformed(format!(
-                "block {block} of a {product} begins with {:#06x}, expected {expected:#06x}",
-                data.flag(block)
-            )));
-        }
-    }
-    check_azimuths(data, layout.blocks)?;
-    if product.model_byte().is_some() {
-        let claimed = detect::claimed_product(data.model_byte());
-        let same_kind = claimed.is_some_and(|(claimed, _)| claimed.lasers() == product.lasers());
-        // a VLP-16 may say it is an HDL-32E
-        let old_vlp_16 = data.model_byte() == 0x21 && product == Product::Vlp16;
-        if !same_kind && !old_vlp_16 {
-            return Err(foreign(format!("model byte {:#04x} is not that of a {product}", data.model_byte())));
-        }
-        if detect::mode(data).is_none() && product != Product::Hdl32e {
-            return Err(malformed(format!(
-                "return mode byte {:#04x}, expected 0x37, 0x38 or 0x39",
-                data.mode_byte()
-            )));
-        }
-    }
-    Ok(())
-}
-
-fn check_azimuths(data: DataPacket<'_>, blocks: usize) -> Result<(), Rejected> {
-    match (0..blocks).find(|block| data.azimuth(*block) >= AZIMUTH_COUNTS) {
-        Some(block) => Err(malformed(format!(
-            "azimuth {} in block {block}, expected less than {AZIMUTH_COUNTS}",
-            data.azimuth(block)
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// The nominal model of a product, its fire offsets stretched to the measured cycle.
 fn nominal(identity: &Identity) -> Option<SensorModel> {
     let model = catalogue::nominal(identity.product.name()).ok()?;
@@ -347,12 +321,4 @@ fn nominal(identity: &Identity) -> Option<SensorModel> {
         beam.fire_offset_ns *= stretch;
     }
     Some(model.with_beams(beams))
-}
-
-fn foreign(reason: String) -> Rejected {
-    Rejected::Foreign { reason }
-}
-
-fn malformed(reason: String) -> Rejected {
-    Rejected::Malformed { reason }
 }

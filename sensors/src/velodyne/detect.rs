@@ -143,9 +143,10 @@ pub(crate) fn is_dual(packet: DataPacket<'_>, product: Product) -> bool {
 
 fn identify_hdl_64e<'a>(packets: impl Iterator<Item = DataPacket<'a>> + Clone) -> Identity {
     let identity = |product: Product, remark| Identity { product, cycle_ns: product.cycle_ns(), remark };
-    // the last six bytes of an S1 are text, such as " 25 De" or "v25c  "
+    // an S1 sends a temperature and " DegC" there, and in turn its version, such as "v25c"
     let is_text = |packet: DataPacket<'_>| {
-        packet.trailer().iter().all(|byte| (0x20..0x7F).contains(byte) || *byte == 0)
+        let [_, text @ ..] = packet.trailer() else { return false };
+        text == b" DegC" || packet.trailer().iter().all(|byte| (0x20..0x7F).contains(byte) || *byte == 0)
     };
     if packets.clone().all(is_text) {
         return identity(Product::Hdl64eS1, None);

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use crate::frame::{Frame, Layer};
 
+use super::calibration::{Health, UnitStatus, encode_status_bytes};
 use super::product::{Product, ReturnMode};
 use super::wire::{
     AZIMUTH_COUNTS, BANK_FLAGS, BLOCK_BYTES, BLOCKS, DATA_PACKET_BYTES, Layout, MODE_OFFSET, MODEL_OFFSET,
@@ -26,7 +27,8 @@ pub struct Column<'a> {
     pub second: Option<(&'a [u32], &'a [u8])>,
 }
 
-/// Makes the packets of one sensor. Sequences come in any number; a packet goes out whenever it is full, so a frame
+/// Makes the packets of one sensor. An HDL-64E S1 sends its lower block as often as its upper one here, and its
+/// packets have no time. Sequences come in any number; a packet goes out whenever it is full, so a frame
 /// may end in the middle of one, as it does on the wire.
 #[derive(Clone, Debug)]
 pub struct VelodyneEncoder {
@@ -39,6 +41,9 @@ pub struct VelodyneEncoder {
     filled: usize,
     last: Option<(u64, f64)>,
     rate_rad_per_ns: f64,
+    /// HDL-64E: what follows the time stamp, packet after packet.
+    trailers: Vec<[u8; 2]>,
+    packets: usize,
 }
 
 impl VelodyneEncoder {
@@ -54,9 +59,17 @@ impl VelodyneEncoder {
             filled: 0,
             last: None,
             rate_rad_per_ns: 0.0,
+            trailers: [*b"HMSDNYGTV", *b"123456700"].concat()[..16].iter().map(|kind| [*kind, 0]).collect(),
+            packets: 0,
         };
         encoder.clear();
         encoder
+    }
+
+    /// The same encoder of an HDL-64E S2 or S3 that sends this state and calibration along.
+    pub fn with_status(mut self, status: &UnitStatus, health: &Health) -> Self {
+        self.trailers = encode_status_bytes(status, health);
+        self
     }
 
     /// Time from one sequence to the next that the sensor keeps, ns.
@@ -96,6 +109,7 @@ impl VelodyneEncoder {
         }
         self.filled += 1;
         if self.filled == self.layout.sequences.len() {
+            self.packets += 1;
             out(self.packet_time_ns, &self.packet);
             self.clear();
         }
@@ -146,13 +160,19 @@ impl VelodyneEncoder {
             let flag = BANK_FLAGS[usize::from(*bank)].to_le_bytes();
             self.packet[block * BLOCK_BYTES..block * BLOCK_BYTES + 2].copy_from_slice(&flag);
         }
-        if let Some(model) = self.product.model_byte() {
-            self.packet[MODE_OFFSET] = self.mode.byte();
-            self.packet[MODEL_OFFSET] = model;
-        }
+        let last = match self.product.model_byte() {
+            Some(model) => [self.mode.byte(), model],
+            None => self.trailers[self.packets % self.trailers.len()],
+        };
+        self.packet[MODE_OFFSET..=MODEL_OFFSET].copy_from_slice(&last);
     }
 
     fn put_stamp(&mut self, time_ns: u64) {
+        if self.product == Product::Hdl64eS1 {
+            let text = S1_TRAILERS[self.packets % S1_TRAILERS.len()];
+            self.packet[STAMP_OFFSET..].copy_from_slice(text);
+            return;
+        }
         let stamp_ns = (time_ns % HOUR_NS) as f64 + self.product.stamp_lead_ns(self.cycle_ns);
         let stamp_us = (stamp_ns / 1e3).round() as u32 % HOUR_US;
         self.packet[STAMP_OFFSET..STAMP_OFFSET + 4].copy_from_slice(&stamp_us.to_le_bytes());
@@ -176,6 +196,8 @@ impl VelodyneEncoder {
     }
 }
 
+/// Temperature and version, in turn, where other models have a time stamp.
+const S1_TRAILERS: [&[u8; 6]; 2] = [b"\x1b DegC", b"v25c  "];
 const HOUR_US: u32 = 3_600_000_000;
 const HOUR_NS: u64 = 3_600_000_000_000;
 

@@ -6,21 +6,28 @@
 //! laser.
 
 mod building;
+pub mod calibration;
+mod checks;
 mod clock;
 mod decoder;
 mod detect;
 mod encode;
 mod heads;
+mod nmea;
 mod position;
 mod product;
 mod stream;
+#[cfg(test)]
+mod tests;
 mod view;
 mod window;
 pub mod wire;
 
+pub use calibration::{Calibration, CalibrationError};
 pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
 pub use detect::Identity;
 pub use encode::{Column, VelodyneEncoder};
-pub use position::Position;
+pub use nmea::{Fix, NmeaError};
+pub use position::{Inertial, Position, PulseState, Thermal};
 pub use product::{Product, ReturnMode};
 pub use stream::Cut;

@@ -24,6 +24,28 @@ pub enum Cut {
     Azimuth(f64),
 }
 
+/// The layouts of a product's packets.
+#[derive(Debug)]
+struct Layouts {
+    single: Layout,
+    dual: Layout,
+    /// That of the packet in hand, of an HDL-64E S1.
+    by_flags: Layout,
+}
+
+impl Layouts {
+    fn of(&self, packet: DataPacket<'_>, product: Product) -> &Layout {
+        match product {
+            Product::Hdl64eS1 => &self.by_flags,
+            _ if is_dual(packet, product) => &self.dual,
+            _ => &self.single,
+        }
+    }
+}
+
+/// A packet of an HDL-64E S1, ns: as seen by hosts; it has no clock.
+pub(crate) const S1_PACKET_NS: f64 = 384_300.0;
+
 /// A turn, counts.
 const TURN: f64 = AZIMUTH_COUNTS as f64;
 
@@ -32,8 +54,7 @@ const TURN: f64 = AZIMUTH_COUNTS as f64;
 pub(crate) struct Stream {
     pub identity: Identity,
     cut: Cut,
-    single: Layout,
-    dual: Layout,
+    layouts: Layouts,
     heads: Heads,
     building: Building,
     /// Contiguous travel of the frame before, for the rate while the present one is young.
@@ -67,8 +88,11 @@ impl Stream {
     pub fn new(identity: Identity, cut: Cut) -> Self {
         let product = identity.product;
         Self {
-            single: Layout::of(product, false),
-            dual: Layout::of(product, true),
+            layouts: Layouts {
+                single: Layout::of(product, false),
+                dual: Layout::of(product, true),
+                by_flags: Layout::default(),
+            },
             identity,
             cut,
             heads: Heads::default(),
@@ -88,7 +112,7 @@ impl Stream {
 
     /// The layout of a packet.
     pub fn layout(&self, packet: DataPacket<'_>) -> &Layout {
-        if is_dual(packet, self.product()) { &self.dual } else { &self.single }
+        self.layouts.of(packet, self.product())
     }
 
     /// Device time of the first column of the open frame.
@@ -159,13 +183,18 @@ impl Stream {
 
     fn read_heads(&mut self, held: &Held, next: Option<&Held>) {
         let packet = DataPacket::of(&held.payload);
-        let (product, cycle_ns) = (self.identity.product, self.identity.cycle_ns);
+        let product = self.identity.product;
+        if product == Product::Hdl64eS1 {
+            self.layouts.by_flags.by_flags(packet);
+            self.identity.cycle_ns = S1_PACKET_NS / self.layouts.by_flags.sequences.len() as f64;
+        }
+        let cycle_ns = self.identity.cycle_ns;
         let lead_ns = product.stamp_lead_ns(cycle_ns).round() as u64;
         let following = next.map(|next| Following {
             time_ns: next.time_ns.saturating_sub(lead_ns),
             azimuth_counts: DataPacket::of(&next.payload).azimuth(0),
         });
-        let layout = if is_dual(packet, product) { &self.dual } else { &self.single };
+        let layout = self.layouts.of(packet, product);
         let spin = self.spin();
         let time_ns = held.time_ns.saturating_sub(lead_ns);
         self.heads.fill(packet, layout, cycle_ns, time_ns, spin, following);
@@ -191,11 +220,18 @@ impl Stream {
         let usual = rate * cycle_ns * sequences / self.heads.blocks().max(1) as f64;
         // one usual step passes between neighbours; the pause comes on top
         let expected = rate * pause_ns + usual;
-        let whole_turns = ((expected - step) / TURN).round().max(0.0);
+        let has_clock = self.identity.product != Product::Hdl64eS1;
+        // without a clock of the sensor, swapped packets are not put in order: a step can go back
+        let least_turns = if has_clock { 0.0 } else { -1.0 };
+        let whole_turns = ((expected - step) / TURN).round().max(least_turns);
         let unwrapped = step + whole_turns * TURN;
         if !is_gap(unwrapped, usual) {
             self.building.spin.add(Spin { travelled_counts: step, time_ns: usual / rate });
             return Between { step_counts: step, lost: 0 };
+        }
+        if !has_clock {
+            let lost = ((unwrapped - usual) / (rate * period_ns)).round().max(0.0) as u64;
+            return Between { step_counts: unwrapped, lost };
         }
         if pause_ns < 0.5 * period_ns {
             return Between { step_counts: unwrapped, lost: 0 };
@@ -278,7 +314,7 @@ impl Stream {
         }
         let packet = DataPacket::of(&held.payload);
         let product = self.identity.product;
-        let layout = if is_dual(packet, product) { &self.dual } else { &self.single };
+        let layout = self.layouts.of(packet, product);
         self.building.count_packet(held.host_ns);
         self.building.append(packet, layout, &self.heads.heads, range, product.distance_unit_mm());
     }

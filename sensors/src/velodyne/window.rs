@@ -28,7 +28,7 @@ pub(crate) enum Place {
 #[derive(Debug, Default)]
 pub(crate) struct Window {
     held: VecDeque<Held>,
-    spare: Vec<Box<[u8; DATA_PACKET_BYTES]>>,
+    spare: Vec<Held>,
 }
 
 impl Window {
@@ -44,9 +44,12 @@ impl Window {
             return Place::Duplicate;
         }
         let place = if at == self.held.len() { Place::Last } else { Place::Between };
-        let mut copy = self.spare.pop().unwrap_or_else(|| Box::new([0; DATA_PACKET_BYTES]));
-        copy.copy_from_slice(payload);
-        self.held.insert(at, Held { time_ns, host_ns, payload: copy });
+        let mut held = match self.spare.pop() {
+            Some(spare) => Held { time_ns, host_ns, ..spare },
+            None => Held { time_ns, host_ns, payload: Box::new([0; DATA_PACKET_BYTES]) },
+        };
+        held.payload.copy_from_slice(payload);
+        self.held.insert(at, held);
         place
     }
 
@@ -59,8 +62,13 @@ impl Window {
         self.held.front()
     }
 
+    /// The packet that came in last, in order of time.
+    pub fn back(&self) -> Option<&Held> {
+        self.held.back()
+    }
+
     /// Takes a buffer back for later packets.
     pub fn recycle(&mut self, held: Held) {
-        self.spare.push(held.payload);
+        self.spare.push(held);
     }
 }

@@ -197,4 +197,26 @@ impl Layout {
         }
         layout
     }
+
+    /// The layout of one packet by its flags, for an HDL-64E S1: upper blocks come three times as often as lower
+    /// ones; neighbours of different banks with one azimuth are one sequence.
+    pub fn by_flags(&mut self, packet: DataPacket<'_>) {
+        self.sequences.clear();
+        self.blocks = BLOCKS;
+        let mut block = 0;
+        while block < BLOCKS {
+            let mut sequence = Sequence::new(block, self.sequences.len());
+            let banks = [packet.bank(block), packet.bank((block + 1).min(BLOCKS - 1))];
+            let together = block + 1 < BLOCKS
+                && banks[0] != banks[1]
+                && packet.azimuth(block) == packet.azimuth(block + 1);
+            let blocks = if together { 2 } else { 1 };
+            for (at, bank) in banks.into_iter().enumerate().take(blocks) {
+                let channel = 32 * bank.unwrap_or(0) as u8;
+                sequence.add(Part { block: (block + at) as u8, slot: 0, channel, lasers: 32 }, None);
+            }
+            self.sequences.push(sequence);
+            block += blocks;
+        }
+    }
 }

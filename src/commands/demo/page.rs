@@ -10,18 +10,24 @@ use super::document::Document;
 /// Faces beside each other in one row of a picture.
 const FACES_PER_ROW: usize = 2;
 
-const WHO_SAW: &[CellClass] = &[
-    CellClass { css: "c-both", name: "seen by both" },
-    CellClass { css: "c-left", name: "first sensor only" },
-    CellClass { css: "c-right", name: "second sensor only" },
-    CellClass { css: "c-none", name: "not seen" },
-];
-const WHERE_DIFFERENT: &[CellClass] = &[
-    CellClass { css: "c-both", name: "predicted and recorded" },
-    CellClass { css: "c-bad", name: "missed: predicted, not recorded" },
-    CellClass { css: "c-odd", name: "unexpected: recorded, not predicted" },
-    CellClass { css: "c-none", name: "neither" },
-];
+fn who_saw(document: &Document) -> [CellClass; 4] {
+    let name = |sensor: usize| document.rig.get(sensor).map_or("-", |axis| axis.sensor.as_str());
+    [
+        CellClass::new("c-both", "seen by both"),
+        CellClass::new("c-left", format!("{} only", name(0))),
+        CellClass::new("c-right", format!("{} only", name(1))),
+        CellClass::new("c-none", "not seen"),
+    ]
+}
+
+fn where_different() -> [CellClass; 4] {
+    [
+        CellClass::new("c-both", "predicted and recorded"),
+        CellClass::new("c-bad", "missed: predicted, not recorded"),
+        CellClass::new("c-odd", "unexpected: recorded, not predicted"),
+        CellClass::new("c-none", "neither"),
+    ]
+}
 
 /// The page: what was done, whether it agrees, and where it does not.
 pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> Report {
@@ -32,10 +38,11 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
         Verdict::Differs => "The recording does not cover what was promised",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
-    let mut report = Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
+    let mut report =
+        Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
-    pictures(&mut report, as_driven, recorded);
+    pictures(&mut report, document, as_driven, recorded);
     search_section(&mut report, document);
     rig_section(&mut report, document);
     recording_section(&mut report, document);
@@ -63,7 +70,9 @@ fn coverage_section(report: &mut Report, document: &Document) {
         number(agreement.missed as f64, 0),
         number(agreement.unexpected as f64, 0),
     ));
-    let figure = |name: &str, value: Option<f64>| vec![name.to_owned(), value.map_or("-".into(), |v| format!("{v:.5}"))];
+    let figure = |name: &str, value: Option<f64>| {
+        vec![name.to_owned(), value.map_or("-".into(), |v| format!("{v:.5}"))]
+    };
     report.table(
         &["agreement of as driven and recorded", ""],
         &[
@@ -95,10 +104,11 @@ fn rays_section(report: &mut Report, document: &Document) {
     report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], &rows);
 }
 
-fn pictures(report: &mut Report, as_driven: &Coverage, recorded: &Coverage) {
+fn pictures(report: &mut Report, document: &Document, as_driven: &Coverage, recorded: &Coverage) {
     let grid = recorded.grid();
+    let (who_saw, where_different) = (who_saw(document), where_different());
     report.heading("Who saw what");
-    let bit = |sensor: usize, index: usize| recorded.sensor_bitmap(sensor)[index / 64] >> (index % 64) & 1 == 1;
+    let bit = |sensor: usize, index: usize| recorded.contains(sensor, index);
     let seen = unfold_box(grid, &|index| {
         let others = (1..recorded.sensors()).any(|sensor| bit(sensor, index));
         Some(match (bit(0, index), others) {
@@ -109,9 +119,9 @@ fn pictures(report: &mut Report, as_driven: &Coverage, recorded: &Coverage) {
         })
     });
     report.figure(
-        &cell_map_svg("Recorded cells of each wall, by sensor", &seen, WHO_SAW, FACES_PER_ROW),
+        &cell_map_svg("Recorded cells of each wall, by sensor", &seen, &who_saw, FACES_PER_ROW),
         "The hall unfolded: floor and ceiling seen from above with the way ahead up the page, walls from inside.",
-        WHO_SAW,
+        &who_saw,
     );
     report.heading("Where they differ");
     let kinds = cell_kinds(as_driven, recorded);
@@ -124,9 +134,9 @@ fn pictures(report: &mut Report, as_driven: &Coverage, recorded: &Coverage) {
         })
     });
     report.figure(
-        &cell_map_svg("Cells predicted against cells recorded", &different, WHERE_DIFFERENT, FACES_PER_ROW),
+        &cell_map_svg("Cells predicted against cells recorded", &different, &where_different, FACES_PER_ROW),
         "As driven against recorded.",
-        WHERE_DIFFERENT,
+        &where_different,
     );
 }
 
@@ -191,10 +201,7 @@ fn recording_section(report: &mut Report, document: &Document) {
             ]
         })
         .collect();
-    report.table(
-        &["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"],
-        &rows,
-    );
+    report.table(&["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"], &rows);
     for problem in &document.problems {
         report.paragraph(problem);
     }

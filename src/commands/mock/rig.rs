@@ -1,12 +1,123 @@
-//! `outrigger mock rig`
+//! `outrigger mock rig`: a servo rig behind a pty, with faults on a schedule.
 
-use crate::commands::{Context, Outcome};
+use std::path::Path;
+use std::str::FromStr;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+
+use crate::commands::{Context, Outcome, output, signals};
+use crate::mock::dynamixel::MockDynamixel;
+use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig};
 
 /// Arguments of `mock rig`.
 #[derive(clap::Args, Debug)]
-pub struct Args {}
+pub struct Args {
+    /// Starting angles and encoder noise come from here.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Break something at a time: FAULT@SECONDS, such as stuck:1@3, jump=10@5, reboot@2, hang-up@8.
+    #[arg(long = "fault", value_name = "FAULT@SECONDS")]
+    faults: Vec<Scheduled>,
+    /// Hobby servos that measure nothing, in place of motors with encoders.
+    #[arg(long)]
+    pulse: bool,
+    /// Put a CAN adapter with the LAWICEL text protocol in between: connect with slcan:PATH.
+    #[arg(long)]
+    slcan: bool,
+    /// Two Dynamixel X servos of ids 1 and 2 in place of a rig with its own firmware: connect with dynamixel:PATH. Only
+    /// faults of single axes can be scheduled.
+    #[arg(long, conflicts_with_all = ["pulse", "slcan"])]
+    dynamixel: bool,
+}
 
-/// Runs the verb.
-pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+/// What runs behind the pty.
+enum Device {
+    Rig(MockRig),
+    Servos(MockDynamixel),
+}
+
+impl Device {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Rig(rig) => rig.path(),
+            Self::Servos(servos) => servos.path(),
+        }
+    }
+
+    fn is_running(&self) -> bool {
+        match self {
+            Self::Rig(rig) => rig.is_running(),
+            Self::Servos(_) => true,
+        }
+    }
+
+    fn inject(&self, fault: MockFault) {
+        match (self, fault) {
+            (Self::Rig(rig), fault) => rig.inject(fault),
+            (Self::Servos(servos), MockFault::Axis(axis, fault)) => servos.inject(axis, fault),
+            (Self::Servos(_), _) => {} // refused before anything started
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Scheduled {
+    fault: MockFault,
+    text: String,
+    after: Duration,
+}
+
+impl FromStr for Scheduled {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (fault, seconds) =
+            text.rsplit_once('@').ok_or_else(|| format!("`{text}` says no time: expected FAULT@SECONDS"))?;
+        let after = seconds
+            .parse::<f64>()
+            .ok()
+            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+            .ok_or_else(|| format!("`{seconds}` in `{text}` is no time in seconds"))?;
+        Ok(Self { fault: fault.parse()?, text: fault.to_owned(), after })
+    }
+}
+
+/// Runs the verb until Ctrl-C or until the rig hangs up.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let interrupts = signals::interrupts()?;
+    let single = |fault: &Scheduled| matches!(fault.fault, MockFault::Axis(..));
+    if let Some(fault) = args.faults.iter().find(|fault| args.dynamixel && !single(fault)) {
+        bail!("--fault {}: bought servos have no such fault", fault.text);
+    }
+    let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
+    let started = if args.dynamixel {
+        MockDynamixel::start(args.seed).map(Device::Servos)
+    } else {
+        let config = MockConfig { kind, slcan: args.slcan, ..MockConfig::default() };
+        MockRig::start(config, args.seed).map(Device::Rig)
+    };
+    let rig = started.context("no pseudo terminal for the mock rig")?;
+    let started = Instant::now();
+    if context.json {
+        output::print_json(&serde_json::json!({ "port": rig.path() }))?;
+    } else {
+        output::print_text(&format!("{}\n", rig.path().display()))?;
+    }
+    let mut faults = args.faults.clone();
+    faults.sort_by_key(|fault| std::cmp::Reverse(fault.after));
+    while rig.is_running() {
+        while faults.last().is_some_and(|fault| fault.after <= started.elapsed()) {
+            if let Some(due) = faults.pop() {
+                output::say_notice(&format!("fault {} after {:.1} s", due.text, due.after.as_secs_f64()));
+                rig.inject(due.fault);
+            }
+        }
+        match interrupts.recv_timeout(Duration::from_millis(50)) {
+            Ok(()) | Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+    }
+    Ok(Outcome::Done)
 }

@@ -1,12 +1,365 @@
-//! `outrigger mock sensor`
+//! `outrigger mock sensor`: a sensor that measures a scene and sends real packets.
+
+use std::io::Write as _;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use glam::DVec3;
+use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
+use sensors::velodyne::{Product, ReturnMode};
 
 use crate::commands::{Context, Outcome};
+use crate::geometry::Pose;
+use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, MockSensor, Surroundings};
+use crate::mock::transmit::{Clock, Pace, Transmitter};
+use crate::receive::now_ns;
+use crate::rig::{Mount, MountFile};
+use crate::scene::{BoxScene, Scene, load_mesh};
+use crate::trajectory::Trajectory;
 
 /// Arguments of `mock sensor`.
 #[derive(clap::Args, Debug)]
-pub struct Args {}
+#[command(
+    after_help = "Says when it is ready and what it sent, with --json as one line each. The sensor's clock shows \
+                        the trajectory's times; without a trajectory file these begin now."
+)]
+pub struct Args {
+    /// Sensor model (os1-64, vlp-16, ...).
+    #[arg(long, value_name = "NAME")]
+    model: String,
+    /// Where packets go.
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
+    to: SocketAddr,
+    /// Where they come from; any free port by default.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    from: Option<SocketAddr>,
+    /// Lidar profile of an Ouster.
+    #[arg(long, value_name = "NAME", default_value = "RNG19_RFL8_SIG16_NIR16", value_parser = parse_profile)]
+    profile: Profile,
+    /// Columns in a revolution of an Ouster.
+    #[arg(long, value_name = "N", default_value_t = 1024)]
+    columns: usize,
+    /// Revolutions per second.
+    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = parse_positive)]
+    rotation_hz: f64,
+    /// Serial number of an Ouster; by default 992200000000 plus the port.
+    #[arg(long, value_name = "N")]
+    serial: Option<u64>,
+    /// Write the metadata of an Ouster to this file.
+    #[arg(long, value_name = "FILE")]
+    metadata: Option<PathBuf>,
+    /// Mesh around the sensor (OBJ, PLY, STL, glTF).
+    #[arg(long, value_name = "FILE", conflicts_with = "hall")]
+    scene: Option<PathBuf>,
+    /// Box around the sensor: least and greatest corner, m.
+    #[arg(
+        long = "box",
+        value_name = "X0,Y0,Z0,X1,Y1,Z1",
+        default_value = "-10,-6,-1.5,10,6,2.5",
+        allow_hyphen_values = true
+    )]
+    hall: Numbers<6>,
+    /// Trajectory of the platform (TUM format); by default it stands at the origin.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// Mount of the sensor: m and degrees, in the mount frame (x right, y forward, z up).
+    #[arg(long, value_name = "X,Y,Z,PITCH,ROLL", default_value = "0,0,0,0,0", allow_hyphen_values = true)]
+    mount: Numbers<5>,
+    /// Mount file to take the sensor's mount from, by --name.
+    #[arg(long, value_name = "FILE", conflicts_with = "mount", requires = "name")]
+    mounts: Option<PathBuf>,
+    /// The sensor's name in the mount file.
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Real pitch, degrees, where the servo did not reach that of the mount.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    actual_pitch_deg: Option<f64>,
+    /// End after this many seconds of the trajectory; without a trajectory file after a day.
+    #[arg(long, value_name = "S", value_parser = parse_positive)]
+    duration: Option<f64>,
+    /// Times faster than real time, or `max`: as fast as a receiver on this host takes packets.
+    #[arg(long, value_name = "FACTOR|max", default_value = "1")]
+    rate: Pace,
+    /// Send each packet when this host's clock shows its time; the trajectory begins now or later.
+    #[arg(long)]
+    on_time: bool,
+    /// Standard deviation of the range noise, m.
+    #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = parse_not_negative)]
+    noise_m: f64,
+    /// Seed of noise and faults.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Probability that a packet is lost.
+    #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = parse_probability)]
+    drop: f64,
+    /// Probability that it is sent twice.
+    #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = parse_probability)]
+    duplicate: f64,
+    /// Probability that it is sent after the next one.
+    #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = parse_probability)]
+    reorder: f64,
+    /// Probability that one bit of it is turned over.
+    #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = parse_probability)]
+    corrupt: f64,
+    /// Send nothing from this second on, and go on running.
+    #[arg(long, value_name = "S", value_parser = parse_not_negative)]
+    silent_after: Option<f64>,
+    /// Die in this second without a word, as if unplugged.
+    #[arg(long, value_name = "S", value_parser = parse_not_negative)]
+    die_after: Option<f64>,
+}
 
 /// Runs the verb.
-pub fn run(_args: &Args, _context: Context) -> anyhow::Result<Outcome> {
-    anyhow::bail!("not built yet")
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let mut sensor = build_sensor(args)?;
+    let scene = build_scene(args)?;
+    let mount = build_mount(args)?;
+    let trajectory = build_trajectory(args)?;
+    let [start_ns, end_ns] = trajectory.time_span_ns();
+    let body_from_sensor = mount.body_from_sensor();
+    let surroundings = Surroundings {
+        scene: &scene,
+        trajectory: &trajectory,
+        body_from_sensor: &|_| body_from_sensor,
+        noise_m: args.noise_m,
+        seed: args.seed,
+    };
+    if let (Some(metadata), Some(path)) = (sensor.metadata(), &args.metadata) {
+        std::fs::write(path, metadata.to_json()).with_context(|| format!("metadata {}", path.display()))?;
+    }
+    let clock = if args.on_time {
+        let wait = Duration::from_nanos(start_ns.saturating_sub(now_ns()));
+        Clock::new(args.rate, Some(start_ns)).starting_in(wait)
+    } else {
+        Clock::new(args.rate, None)
+    };
+    let transmitter = Transmitter::new(args.from, args.to, clock).with_context(|| {
+        format!("cannot send from {}", args.from.map_or("any port".into(), |from| from.to_string()))
+    })?;
+    announce(args, &sensor, &transmitter, [start_ns, end_ns], context)?;
+    let mut sending = Sending { args, transmitter, injector: injector(args), start_ns, packets: 0, bytes: 0 };
+    let begun = Instant::now();
+    let outcome = sensor.run(&surroundings, |time_ns, payload| sending.take(time_ns, payload));
+    match outcome {
+        Err(Ended::Died) => return Ok(Outcome::Done),
+        Err(Ended::Io(error)) => return Err(error).with_context(|| format!("cannot send to {}", args.to)),
+        Ok(()) => {}
+    }
+    let faults = sending.finish(end_ns)?;
+    let seconds = begun.elapsed().as_secs_f64();
+    let (packets, bytes) = (sending.packets, sending.bytes);
+    let document = serde_json::json!({
+        "sent_packets": packets, "sent_bytes": bytes, "wall_s": seconds, "faults": faults
+    });
+    say(context, &document, || format!("sent {packets} packets, {bytes} bytes, in {seconds:.1} s"))?;
+    Ok(Outcome::Done)
+}
+
+/// Why sending ended early.
+enum Ended {
+    Died,
+    Io(std::io::Error),
+}
+
+struct Sending<'a> {
+    args: &'a Args,
+    transmitter: Transmitter,
+    injector: FaultInjector,
+    start_ns: u64,
+    packets: u64,
+    bytes: u64,
+}
+
+impl Sending<'_> {
+    fn take(&mut self, time_ns: u64, payload: &[u8]) -> Result<(), Ended> {
+        let time_s = time_ns.saturating_sub(self.start_ns) as f64 * 1e-9;
+        if self.args.die_after.is_some_and(|death_s| time_s >= death_s) {
+            return Err(Ended::Died);
+        }
+        let Self { args, transmitter, injector, packets, bytes, .. } = self;
+        injector.apply(time_s, payload, &mut |packet| {
+            transmitter.send(time_ns, packet, args.to).map_err(Ended::Io)?;
+            *packets += 1;
+            *bytes += packet.len() as u64;
+            Ok(())
+        })
+    }
+
+    fn finish(&mut self, end_ns: u64) -> anyhow::Result<FaultCounts> {
+        let Self { args, transmitter, injector, packets, bytes, .. } = self;
+        injector
+            .finish(&mut |packet| {
+                transmitter.send(end_ns, packet, args.to)?;
+                *packets += 1;
+                *bytes += packet.len() as u64;
+                Ok::<(), std::io::Error>(())
+            })
+            .with_context(|| format!("cannot send to {}", args.to))
+    }
+}
+
+fn injector(args: &Args) -> FaultInjector {
+    let faults = Faults {
+        seed: args.seed,
+        drop: args.drop,
+        duplicate: args.duplicate,
+        reorder: args.reorder,
+        corrupt: args.corrupt,
+        silent_after_s: args.silent_after,
+    };
+    FaultInjector::new(faults, u64::from(args.to.port()))
+}
+
+fn announce(
+    args: &Args,
+    sensor: &MockSensor,
+    transmitter: &Transmitter,
+    time_span_ns: [u64; 2],
+    context: Context,
+) -> anyhow::Result<()> {
+    let from = transmitter.local_addr().context("the socket has no address")?;
+    let serial = sensor.metadata().map(|metadata| metadata.serial.clone());
+    let written = sensor.metadata().and(args.metadata.as_ref());
+    let document = serde_json::json!({
+        "ready": true, "model": args.model.to_lowercase(), "serial": serial, "from": from, "to": args.to,
+        "metadata": written, "time_span_ns": time_span_ns,
+    });
+    say(context, &document, || {
+        let metadata = written.map_or(String::new(), |path| format!(", metadata in {}", path.display()));
+        format!("{} sends from {from} to {}{metadata}", args.model, args.to)
+    })
+}
+
+/// One line on stdout.
+fn say(context: Context, document: &serde_json::Value, text: impl FnOnce() -> String) -> anyhow::Result<()> {
+    let line = if context.json { document.to_string() } else { text() };
+    match writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush()) {
+        // a reader that went away is no reason to stop sending
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("stdout"),
+        _ => Ok(()),
+    }
+}
+
+fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
+    if let Some(product) = Product::from_name(&args.model) {
+        return Ok(MockSensor::velodyne(product, ReturnMode::Strongest, args.rotation_hz)?);
+    }
+    let port = args.to.port();
+    let serial = args.serial.unwrap_or(992_200_000_000 + u64::from(port));
+    let mut wanted = Synthetic::new(&args.model, serial, args.profile).columns(args.columns, 16);
+    wanted.frame_rate_hz = args.rotation_hz;
+    wanted.lidar_port = port;
+    wanted.imu_profile = ImuProfile::Off;
+    wanted.timestamp_mode = TimestampMode::SyncPulseIn;
+    Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?))
+}
+
+fn build_scene(args: &Args) -> anyhow::Result<Scene> {
+    if let Some(path) = &args.scene {
+        let loaded = load_mesh(path, None, None)?;
+        for warning in &loaded.warnings {
+            let _ = writeln!(std::io::stderr(), "outrigger: warning: {}: {warning}", path.display());
+        }
+        return Ok(Scene::Mesh(Arc::new(loaded.mesh)));
+    }
+    let [x0, y0, z0, x1, y1, z1] = args.hall.0;
+    let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
+    if !least.cmplt(greatest).all() {
+        bail!("--box: {least} must be less than {greatest} in each coordinate");
+    }
+    Ok(Scene::Box(BoxScene::closed(least, greatest)))
+}
+
+fn build_mount(args: &Args) -> anyhow::Result<Mount> {
+    let mut mount = match (&args.mounts, &args.name) {
+        (Some(path), Some(name)) => {
+            let file = MountFile::read(path)?;
+            let entry = file.sensors.iter().find(|entry| entry.name == *name);
+            entry.with_context(|| format!("{}: no sensor is called {name:?}", path.display()))?.mount()
+        }
+        _ => {
+            let [x_m, y_m, z_m, pitch_deg, roll_deg] = args.mount.0;
+            Mount { x_m, y_m, z_m, pitch_rad: pitch_deg.to_radians(), roll_rad: roll_deg.to_radians() }
+        }
+    };
+    if let Some(pitch_deg) = args.actual_pitch_deg {
+        mount.pitch_rad = pitch_deg.to_radians();
+    }
+    Ok(mount)
+}
+
+fn build_trajectory(args: &Args) -> anyhow::Result<Trajectory> {
+    let whole = match &args.trajectory {
+        Some(path) => read_trajectory(path)?,
+        None => {
+            let start_ns = now_ns();
+            let day_ns = 86_400_000_000_000;
+            Trajectory::new(vec![(start_ns, Pose::IDENTITY), (start_ns + day_ns, Pose::IDENTITY)])?
+        }
+    };
+    let [start_ns, end_ns] = whole.time_span_ns();
+    let wanted_ns = args.duration.map_or(end_ns, |duration_s| start_ns + (duration_s * 1e9) as u64);
+    let Some(last) = whole.at(wanted_ns).filter(|_| wanted_ns < end_ns) else { return Ok(whole) };
+    let kept = whole.stamped().take_while(|(time_ns, _)| *time_ns < wanted_ns);
+    Ok(Trajectory::new(kept.chain([(wanted_ns, last)]).collect())?)
+}
+
+fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("trajectory {}", path.display()))?;
+    Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
+}
+
+/// So many finite numbers, separated by commas.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Numbers<const N: usize>([f64; N]);
+
+impl<const N: usize> FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Vec<f64> = text
+            .split(',')
+            .map(|word| word.trim().parse().map_err(|_| format!("{word:?} is no number")))
+            .collect::<Result<_, _>>()?;
+        let found = numbers.len();
+        let array = <[f64; N]>::try_from(numbers).map_err(|_| format!("{found} numbers, expected {N}"))?;
+        if array.iter().all(|number| number.is_finite()) {
+            Ok(Self(array))
+        } else {
+            Err("give finite numbers".into())
+        }
+    }
+}
+
+fn parse_address(text: &str) -> Result<SocketAddr, String> {
+    use std::net::ToSocketAddrs as _;
+    let mut found =
+        text.to_socket_addrs().map_err(|error| format!("{text:?}: {error}; expected HOST:PORT"))?;
+    found.next().ok_or_else(|| format!("{text:?} has no address"))
+}
+
+fn parse_profile(text: &str) -> Result<Profile, String> {
+    let names = || Profile::all().map(Profile::name).collect::<Vec<_>>().join(", ");
+    Profile::from_name(&text.to_uppercase()).ok_or_else(|| format!("{text:?}; known are {}", names()))
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    in_range(text, f64::MIN_POSITIVE, 1e9, "a number above 0")
+}
+
+fn parse_not_negative(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0, 1e9, "a number of at least 0")
+}
+
+fn parse_probability(text: &str) -> Result<f64, String> {
+    in_range(text, 0.0, 1.0, "a probability from 0 to 1")
+}
+
+fn in_range(text: &str, least: f64, greatest: f64, expected: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number: &f64| (least..=greatest).contains(number));
+    number.ok_or_else(|| format!("{text:?}: expected {expected}"))
 }

@@ -23,6 +23,8 @@ pub struct Scan<'a> {
     pub noise_m: f64,
     /// Seed of the noise.
     pub seed: u64,
+    /// What one count of the sent range stands for, mm: the sensor rounds to it.
+    pub range_step_mm: u32,
 }
 
 /// One firing of all beams.
@@ -35,15 +37,19 @@ pub struct Column {
 }
 
 impl Scan<'_> {
-    /// Measures one frame. Columns outside the trajectory's time are not valid.
+    /// Measures one frame. Columns outside the trajectory's time never come.
     pub fn frame(&self, frame_id: u32, columns: &[Column], azimuth_rate_rad_per_ns: f64) -> Frame {
         let channels = self.model.channels();
+        let came = |column: &Column| self.trajectory.at(column.time_ns).is_some();
         let mut frame = Frame {
             frame_id,
             channels,
-            column_time_ns: columns.iter().map(|column| column.time_ns).collect(),
+            column_time_ns: columns
+                .iter()
+                .map(|column| if came(column) { column.time_ns } else { 0 })
+                .collect(),
             column_azimuth_rad: columns.iter().map(|column| column.azimuth_rad).collect(),
-            column_valid: columns.iter().map(|column| self.trajectory.at(column.time_ns).is_some()).collect(),
+            column_valid: columns.iter().map(came).collect(),
             azimuth_rate_rad_per_ns,
             complete: true,
             ..Frame::default()
@@ -81,10 +87,15 @@ impl Scan<'_> {
         if !(self.model.min_range_m..=self.model.max_range_m).contains(&true_range_m) {
             return Sample::default();
         }
-        let range_mm = ((true_range_m + error_m) * 1e3).round().max(1.0) as u32;
+        let step_mm = f64::from(self.range_step_mm.max(1));
+        let range_mm = ((true_range_m + error_m) * 1e3 / step_mm).round().max(1.0) * step_mm;
         let facing = hit.normal.dot(direction).abs();
         let signal = SIGNAL_AT_1_M * facing / hit.distance_m.max(1.0).powi(2);
-        Sample { range_mm, reflectivity: (REFLECTIVITY * facing) as u8, signal: signal as u16 }
+        Sample {
+            range_mm: range_mm as u32,
+            reflectivity: (REFLECTIVITY * facing) as u8,
+            signal: signal as u16,
+        }
     }
 }
 

@@ -24,6 +24,22 @@ pub(super) fn see(simulator: &Simulator, sensor: &Placement) -> (Vec<u64>, u64) 
     (bitmap, lost)
 }
 
+/// Number of rays that the quirk loses along the whole walk.
+pub(super) fn lost_rays(simulator: &Simulator, sensor: &Placement) -> u64 {
+    let experiment = &simulator.experiment;
+    if !experiment.preset.loses_axis_parallel_rays || experiment.phase != Phase::Locked {
+        return 0;
+    }
+    let mut lost = 0;
+    for azimuth in 0..experiment.azimuths {
+        let azimuth_rad = azimuth_rad(simulator, 0, azimuth);
+        for beam in 0..simulator.elevations.len() {
+            lost += u64::from(direction(simulator, sensor, azimuth_rad, beam).contains(&0.0));
+        }
+    }
+    lost * simulator.stations_m.len() as u64
+}
+
 /// Where the sensor is at a place of the walk, m.
 pub(super) fn origin_m(simulator: &Simulator, sensor: &Placement, station_m: f64) -> [f64; 3] {
     let mut pose_m = [0.0, 0.0, simulator.experiment.preset.platform_height_m];

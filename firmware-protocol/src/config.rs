@@ -1,0 +1,114 @@
+//! What a rig may do, in numbers.
+
+use crate::keep_out::KeepOut;
+use crate::report::coded;
+
+coded! {
+    /// A limit that the host may ask for, and set while the rig is disarmed.
+    Limit {
+        /// Lowest angle, µrad.
+        Minimum = 0 "minimum",
+        /// Highest angle, µrad.
+        Maximum = 1 "maximum",
+        /// Highest speed, µrad/s.
+        Speed = 2 "speed",
+        /// Highest acceleration, µrad/s².
+        Acceleration = 3 "acceleration",
+        /// Highest motor current, mA.
+        Current = 4 "current",
+        /// The servo's own lowest angle, µrad; cannot be set.
+        ServoMinimum = 5 "servo_minimum",
+        /// The servo's own highest angle, µrad; cannot be set.
+        ServoMaximum = 6 "servo_maximum",
+        /// Half the width in which the true angle lies around the reported one, µrad; cannot be set.
+        Uncertainty = 7 "uncertainty",
+    }
+}
+
+/// Limits and rules of one axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisConfig {
+    /// Lowest angle, µrad.
+    pub minimum_urad: i32,
+    /// Highest angle, µrad.
+    pub maximum_urad: i32,
+    /// Highest speed, µrad/s.
+    pub top_speed_urad_s: i32,
+    /// Highest acceleration, µrad/s².
+    pub top_acceleration_urad_s2: i32,
+    /// Deceleration of an emergency stop, µrad/s².
+    pub e_stop_urad_s2: i32,
+    /// Motor current above which, after 100 ms, the axis is at fault, mA.
+    pub current_limit_ma: i16,
+    /// Current it may use to hold while a fault is latched, mA.
+    pub fault_current_ma: i16,
+    /// Temperature above which the axis is at fault, °C.
+    pub temperature_limit_c: i8,
+    /// Supply below which, after 20 ms, the axis is at fault, mV.
+    pub supply_minimum_mv: u16,
+    /// Distance from the set point that is a fault after 100 ms, µrad.
+    pub following_urad: i32,
+    /// Distance from the set point that is a stall after 150 ms without motion, µrad.
+    pub stall_urad: i32,
+    /// A step of the reading beyond three times the top speed and this is a jump, µrad.
+    pub jump_urad: i32,
+    /// Distance from the target within which a move is done, and how far the reading may lie outside the limits, µrad.
+    pub tolerance_urad: i32,
+    /// Half the width in which the true angle lies around the reported one, µrad.
+    pub uncertainty_urad: i32,
+    /// Whether the servo holds its angle while disarmed.
+    pub holds_when_idle: bool,
+}
+
+impl Default for AxisConfig {
+    /// A tilt axis for a small LiDAR: ± 60 degrees, 30 degrees per second.
+    fn default() -> Self {
+        Self {
+            minimum_urad: -1_047_198,
+            maximum_urad: 1_047_198,
+            top_speed_urad_s: 523_599,
+            top_acceleration_urad_s2: 2_000_000,
+            e_stop_urad_s2: 10_000_000,
+            current_limit_ma: 1500,
+            fault_current_ma: 500,
+            temperature_limit_c: 70,
+            supply_minimum_mv: 10_500,
+            following_urad: 100_000,
+            stall_urad: 5236,
+            jump_urad: 20_000,
+            tolerance_urad: 5236,
+            uncertainty_urad: 1745,
+            holds_when_idle: true,
+        }
+    }
+}
+
+/// Limits and rules of a rig.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Config<const N: usize> {
+    /// One per axis.
+    pub axes: [AxisConfig; N],
+    /// Where axes 0 and 1 must not be together.
+    pub keep_out: KeepOut,
+    /// How far the planned way stays from that region on each axis, µrad.
+    pub keep_out_margin_urad: i32,
+    /// The device's unique number.
+    pub uid: u64,
+    /// Version: major << 16 | minor << 8 | patch.
+    pub firmware: u32,
+    /// First 32 bits of the revision it was built from.
+    pub revision: u32,
+}
+
+impl<const N: usize> Default for Config<N> {
+    fn default() -> Self {
+        Self {
+            axes: [AxisConfig::default(); N],
+            keep_out: KeepOut::NONE,
+            keep_out_margin_urad: 26_180,
+            uid: 0,
+            firmware: 0x00_01_00,
+            revision: 0,
+        }
+    }
+}

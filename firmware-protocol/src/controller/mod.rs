@@ -1,0 +1,342 @@
+//! The one state machine of a rig: boot, idle, homing, moving, holding, fault, e-stop.
+//!
+//! Nothing moves before it is armed, and only along straight segments that stay inside every limit and outside the
+//! keep-out region. A fault decelerates, holds and disarms; it stays until it is cleared by name with its cause gone.
+
+use crate::ALL_AXES;
+use crate::command::Command;
+use crate::config::Config;
+use crate::fault::{Fault, Faults};
+use crate::profile::Path;
+use crate::report::{AckCode, Report, ResetCause, Source, State};
+use crate::servo::{Reading, Sense, Servo, Setpoint};
+
+mod orders;
+mod telling;
+mod watch;
+
+/// Time of valid, quiet readings after which a position is trusted, µs.
+const HOMING_US: u64 = 300_000;
+/// Time after which homing that never got quiet readings is a fault, µs.
+const HOMING_LONGEST_US: u64 = 3_000_000;
+/// Time a move may take to settle after its path ended, µs.
+const SETTLE_US: u64 = 1_000_000;
+
+/// One axis as the state machine knows it.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    sense: Sense,
+    /// Last valid angle, µrad, and when it was read.
+    measured_urad: i32,
+    measured_us: u64,
+    /// Where the servo is told to be.
+    setpoint_urad: i32,
+    /// Where the last order wants it.
+    target_urad: i32,
+    speed_urad_s: i32,
+    acceleration_urad_s2: i32,
+    homed: bool,
+    /// Since when the angle is near `quiet_urad`.
+    quiet_us: u64,
+    quiet_urad: i32,
+    following_since: Option<u64>,
+    stall_since: Option<u64>,
+    current_since: Option<u64>,
+    supply_since: Option<u64>,
+    jumped_us: Option<u64>,
+    torque_wanted_since: Option<u64>,
+    told_urad: i32,
+}
+
+/// An order that was answered already.
+#[derive(Clone, Copy, Debug)]
+struct Answered {
+    id: u16,
+    message: u8,
+    code: AckCode,
+    detail: i32,
+}
+
+/// A latched fault's circumstances.
+#[derive(Clone, Copy, Debug, Default)]
+struct Latched {
+    axis: u8,
+    time_us: u64,
+    detail: i32,
+}
+
+/// The state machine of a rig with `N` axes.
+#[derive(Clone, Debug)]
+pub struct Controller<S, const N: usize> {
+    config: Config<N>,
+    servos: [S; N],
+    axes: [Axis; N],
+    reset: ResetCause,
+    state: State,
+    armed: bool,
+    local_switch_closed: bool,
+    session: Option<u32>,
+    heartbeat_timeout_us: u64,
+    heartbeat_us: u64,
+    faults: Faults,
+    latched: [Latched; Fault::ALL.len()],
+    path: Option<Path<N>>,
+    path_ended_us: Option<u64>,
+    disarm_when_stopped: bool,
+    moved_by: u16,
+    last_order: Option<u16>,
+    answered: [Option<Answered>; 16],
+    answered_next: usize,
+    stepped_us: u64,
+    now_us: u64,
+    homing_since_us: u64,
+    homing: [bool; N],
+    schedule: telling::Schedule,
+}
+
+impl<S: Servo, const N: usize> Controller<S, N> {
+    /// A rig that has just started.
+    pub fn new(config: Config<N>, servos: [S; N], reset: ResetCause, now_us: u64) -> Self {
+        let axes = core::array::from_fn(|axis| Axis {
+            sense: Sense {
+                reading: Reading::Missing,
+                torque: false,
+                current_ma: 0,
+                supply_mv: u16::MAX,
+                temperature_c: 0,
+            },
+            measured_urad: 0,
+            measured_us: now_us,
+            setpoint_urad: 0,
+            target_urad: 0,
+            speed_urad_s: config.axes[axis].top_speed_urad_s,
+            acceleration_urad_s2: config.axes[axis].top_acceleration_urad_s2,
+            homed: false,
+            quiet_us: now_us,
+            quiet_urad: 0,
+            following_since: None,
+            stall_since: None,
+            current_since: None,
+            supply_since: None,
+            jumped_us: None,
+            torque_wanted_since: None,
+            told_urad: 0,
+        });
+        Self {
+            config,
+            servos,
+            axes,
+            reset,
+            state: State::Boot,
+            armed: false,
+            local_switch_closed: true,
+            session: None,
+            heartbeat_timeout_us: 0,
+            heartbeat_us: now_us,
+            faults: Faults::default(),
+            latched: [Latched::default(); Fault::ALL.len()],
+            path: None,
+            path_ended_us: None,
+            disarm_when_stopped: false,
+            moved_by: 0,
+            last_order: None,
+            answered: [None; 16],
+            answered_next: 0,
+            stepped_us: now_us,
+            now_us,
+            homing_since_us: now_us,
+            homing: [false; N],
+            schedule: telling::Schedule::new(now_us),
+        }
+    }
+
+    /// What it is doing.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// Whether motion is allowed.
+    pub fn armed(&self) -> bool {
+        self.armed
+    }
+
+    /// Latched faults.
+    pub fn faults(&self) -> Faults {
+        self.faults
+    }
+
+    /// The actuator of an axis, for tests and for faults on demand.
+    pub fn servo_mut(&mut self, axis: usize) -> Option<&mut S> {
+        self.servos.get_mut(axis)
+    }
+
+    /// The actuators, for what comes after a restart.
+    pub fn into_servos(self) -> [S; N] {
+        self.servos
+    }
+
+    /// The local e-stop switch: open stops the rig as [`Fault::EStop`], and that cannot be cleared before it closes.
+    pub fn set_local_switch(&mut self, closed: bool) {
+        self.local_switch_closed = closed;
+    }
+
+    /// Takes one command; answers go to `tell`.
+    pub fn handle(&mut self, now_us: u64, command: &Command, tell: &mut impl FnMut(Report)) {
+        self.now_us = self.now_us.max(now_us);
+        self.obey(command, tell);
+    }
+
+    /// Reads the actuators, looks for faults, moves on, tells the actuators where to be, reports. Call it about every
+    /// millisecond; a late call moves late, never far.
+    pub fn step(&mut self, now_us: u64, tell: &mut impl FnMut(Report)) {
+        self.now_us = self.now_us.max(now_us);
+        let elapsed_us = self.now_us - core::mem::replace(&mut self.stepped_us, self.now_us);
+        self.read();
+        self.watch(tell);
+        self.advance(elapsed_us, tell);
+        self.drive();
+        self.report(tell);
+    }
+
+    fn advance(&mut self, elapsed_us: u64, tell: &mut impl FnMut(Report)) {
+        if self.state == State::Boot {
+            let ready = self
+                .axes
+                .iter()
+                .all(|axis| matches!(axis.sense.reading, Reading::Measured(_) | Reading::Unmeasured));
+            if ready {
+                self.state = State::Idle;
+                for axis in &mut self.axes {
+                    axis.setpoint_urad = axis.measured_urad;
+                    axis.target_urad = axis.measured_urad;
+                }
+            }
+        }
+        if let Some(path) = &mut self.path {
+            path.advance(elapsed_us);
+            let path = *path;
+            for (number, axis) in self.axes.iter_mut().enumerate() {
+                axis.setpoint_urad = path.position_urad(number);
+            }
+            if path.finished() {
+                self.path = None;
+                self.path_ended_us = Some(self.now_us);
+                if path.is_braking() {
+                    self.rest_where_told();
+                }
+            }
+        }
+        match self.state {
+            State::Moving if self.path.is_none() => self.settle(tell),
+            State::Homing => self.home(tell),
+            State::Idle => {
+                for (axis, config) in self.axes.iter_mut().zip(&self.config.axes) {
+                    if !config.holds_when_idle && axis.sense.reading != Reading::Unmeasured {
+                        axis.setpoint_urad = axis.measured_urad;
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Stopped before the target: what it stands on is the target now. A rig that may not move pushes nowhere either: what
+    /// little the servo lags behind would go on for ever behind an encoder that stopped counting.
+    fn rest_where_told(&mut self) {
+        let disarmed = core::mem::take(&mut self.disarm_when_stopped) || !self.armed;
+        for axis in &mut self.axes {
+            if disarmed && matches!(axis.sense.reading, Reading::Measured(_)) {
+                axis.setpoint_urad = axis.measured_urad;
+            }
+            axis.target_urad = axis.setpoint_urad;
+        }
+        if disarmed {
+            self.armed = false;
+            if self.faults.is_empty() && self.state != State::Boot {
+                self.state = State::Idle;
+            }
+        }
+    }
+
+    fn settle(&mut self, tell: &mut impl FnMut(Report)) {
+        let (mut worst, mut late) = (0, None);
+        for (number, axis) in self.axes.iter().enumerate() {
+            let error = (axis.target_urad.saturating_sub(axis.measured_urad)).saturating_abs();
+            worst = worst.max(error);
+            if error > self.config.axes[number].tolerance_urad {
+                late = Some((number, error));
+            }
+        }
+        let ended_us = self.path_ended_us.unwrap_or(self.now_us);
+        match late {
+            None => {
+                self.state = State::Holding;
+                tell(Report::Done { id: self.moved_by, axis: ALL_AXES, error_urad: worst });
+            }
+            Some((axis, error)) if self.now_us.saturating_sub(ended_us) > SETTLE_US => {
+                self.raise(Fault::FollowingError, axis as u8, error, tell);
+            }
+            Some(_) => {}
+        }
+    }
+
+    fn home(&mut self, tell: &mut impl FnMut(Report)) {
+        let since = self.homing_since_us;
+        for (axis, homing) in self.axes.iter_mut().zip(&mut self.homing) {
+            let quiet_since = axis.quiet_us.max(since);
+            if *homing && self.now_us.saturating_sub(quiet_since) >= HOMING_US {
+                axis.homed = true;
+                *homing = false;
+            }
+        }
+        if self.homing.iter().all(|homing| !homing) {
+            self.state = State::Holding;
+            tell(Report::Done { id: self.moved_by, axis: ALL_AXES, error_urad: 0 });
+        } else if self.now_us.saturating_sub(since) > HOMING_LONGEST_US {
+            let axis = self.homing.iter().position(|homing| *homing).unwrap_or(0);
+            self.raise(Fault::EncoderInvalid, axis as u8, 0, tell);
+        }
+    }
+
+    fn drive(&mut self) {
+        for (number, (servo, axis)) in self.servos.iter_mut().zip(&mut self.axes).enumerate() {
+            let config = &self.config.axes[number];
+            let faulted = !self.faults.is_empty();
+            let torque = match self.state {
+                State::Boot => false,
+                // a servo that measures nothing would jump when switched on: only arming does that
+                State::Idle => {
+                    config.holds_when_idle
+                        && (axis.sense.reading != Reading::Unmeasured || axis.torque_wanted_since.is_some())
+                }
+                State::Fault | State::EStop => axis.torque_wanted_since.is_some(),
+                _ => true,
+            };
+            match (torque, axis.torque_wanted_since) {
+                (true, None) => axis.torque_wanted_since = Some(self.now_us),
+                (false, _) => axis.torque_wanted_since = None,
+                _ => {}
+            }
+            servo.drive(
+                self.now_us,
+                Setpoint {
+                    torque,
+                    position_urad: axis.setpoint_urad,
+                    velocity_urad_s: self.path.map_or(0, |path| path.velocity_urad_s(number)),
+                    current_limit_ma: if faulted { config.fault_current_ma } else { config.current_limit_ma },
+                },
+            );
+        }
+    }
+
+    fn source(&self, axis: &Axis) -> Source {
+        match axis.sense.reading {
+            Reading::Measured(_) => Source::Measured,
+            Reading::Unmeasured => Source::Commanded,
+            Reading::Missing | Reading::Invalid => Source::Stale,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,498 @@
+//! The state machine on the simulated axis: each fault by name, and invariants under anything that may come.
+
+use std::vec;
+use std::vec::Vec;
+
+use proptest::prelude::*;
+
+use super::Controller;
+use crate::command::CLEAR_KEY;
+use crate::simulated::{AxisFault, SimulatedAxis};
+use crate::{
+    ALL_AXES, AckCode, Command, Config, Fault, HalfPlane, KeepOut, Limit, Order, Report, ResetCause, State,
+};
+
+const SESSION: u32 = 77;
+/// B - A may not exceed this, µrad.
+const APART_URAD: i64 = 1_200_000;
+
+fn config() -> Config<2> {
+    let keep_out = KeepOut::inside(&[HalfPlane { a: -1, b: 1, c: APART_URAD }]).unwrap();
+    Config { keep_out, ..Config::default() }
+}
+
+struct Bench {
+    controller: Controller<SimulatedAxis, 2>,
+    now_us: u64,
+    reports: Vec<Report>,
+    id: u16,
+    feeds: bool,
+}
+
+impl Bench {
+    fn new(seed: u64) -> Self {
+        let axes = [SimulatedAxis::new(seed, 30_000, 0), SimulatedAxis::new(seed + 1, -20_000, 0)];
+        let controller = Controller::new(config(), axes, ResetCause::PowerOn, 0);
+        Self { controller, now_us: 0, reports: vec![], id: 0, feeds: true }
+    }
+
+    /// Armed and homed.
+    fn ready(seed: u64) -> Self {
+        let mut bench = Self::new(seed);
+        bench.run(50);
+        bench.hello();
+        assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::Accepted);
+        assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+        bench.run(600);
+        assert_eq!(bench.controller.state(), State::Holding);
+        bench
+    }
+
+    fn hello(&mut self) {
+        self.tell(Command::Hello {
+            protocol_min: 1,
+            protocol_max: 3,
+            heartbeat_timeout_ms: 300,
+            nonce: SESSION,
+        });
+    }
+
+    fn tell(&mut self, command: Command) {
+        let Self { controller, now_us, reports, .. } = self;
+        controller.handle(*now_us, &command, &mut |report| reports.push(report));
+    }
+
+    fn order(&mut self, order: Order) -> AckCode {
+        self.id += 1;
+        self.order_as(self.id, order)
+    }
+
+    fn order_as(&mut self, id: u16, order: Order) -> AckCode {
+        self.tell(Command::Order { id, order });
+        match self.reports.iter().rev().find(|report| matches!(report, Report::Ack { .. })) {
+            Some(Report::Ack { id: theirs, code, .. }) if *theirs == id => *code,
+            other => panic!("no acknowledgement: {other:?}"),
+        }
+    }
+
+    fn step(&mut self, elapsed_us: u64) {
+        self.now_us += elapsed_us;
+        if self.feeds {
+            self.tell(Command::Heartbeat { session: SESSION, time_ms: 0 });
+        }
+        let Self { controller, now_us, reports, .. } = self;
+        controller.step(*now_us, &mut |report| reports.push(report));
+    }
+
+    fn run(&mut self, ms: u64) {
+        (0..ms).for_each(|_| self.step(1000));
+    }
+
+    fn inject(&mut self, axis: usize, fault: AxisFault) {
+        self.controller.servo_mut(axis).unwrap().inject(fault);
+    }
+
+    fn at(&mut self) -> [i32; 2] {
+        [0, 1].map(|axis| self.controller.servo_mut(axis).unwrap().true_position_urad())
+    }
+
+    fn pair(&mut self, a_urad: i32, b_urad: i32) -> AckCode {
+        self.order(Order::MovePair { a_urad, b_urad })
+    }
+}
+
+fn near(a: i32, b: i32) -> bool {
+    (a - b).abs() < 5236
+}
+
+#[test]
+fn moves_a_pair_and_says_done() {
+    let mut bench = Bench::ready(1);
+    assert_eq!(bench.pair(436_332, -436_332), AckCode::Accepted);
+    assert_eq!(bench.pair(0, 0), AckCode::Busy);
+    bench.run(1500);
+    assert_eq!(bench.controller.state(), State::Holding);
+    let [a, b] = bench.at();
+    assert!(near(a, 436_332) && near(b, -436_332), "{a} {b}");
+    assert!(bench.reports.iter().any(|report| matches!(report, Report::Done { error_urad: 0..=5236, .. })));
+}
+
+#[test]
+fn the_same_order_again_changes_nothing_and_an_old_one_is_refused() {
+    let mut bench = Bench::ready(2);
+    let pair = Order::MovePair { a_urad: 100_000, b_urad: 100_000 };
+    let id = bench.id + 1;
+    assert_eq!(bench.order_as(id, pair), AckCode::Accepted);
+    bench.run(10);
+    assert_eq!(bench.order_as(id, pair), AckCode::Accepted);
+    bench.run(2000);
+    bench.id = id;
+    assert_eq!(bench.pair(0, 0), AckCode::Accepted);
+    bench.run(2000);
+    // a repeat that was late: answered from memory, not done
+    assert_eq!(bench.order_as(id, pair), AckCode::Accepted);
+    assert_eq!(
+        bench.order_as(id.wrapping_sub(20), Order::MoveTo { axis: 0, position_urad: 9 }),
+        AckCode::Outdated
+    );
+    bench.run(1000);
+    assert!(near(bench.at()[0], 0));
+}
+
+#[test]
+fn refuses_by_reason() {
+    let mut bench = Bench::new(3);
+    bench.run(50);
+    assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::NoSession);
+    bench.hello();
+    assert_eq!(bench.pair(0, 0), AckCode::NotArmed);
+    assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::Accepted);
+    assert_eq!(bench.pair(0, 0), AckCode::NotHomed);
+    let set = Order::SetLimit { axis: 0, limit: Limit::Maximum, value: 900_000 };
+    assert_eq!(bench.order(set), AckCode::Busy);
+    assert_eq!(bench.order(Order::Home { axis: 7 }), AckCode::BadArgument);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    bench.run(600);
+    assert_eq!(bench.pair(1_100_000, 0), AckCode::Limit);
+    assert_eq!(bench.pair(-700_000, 700_000), AckCode::KeepOut);
+    bench.controller.servo_mut(1).unwrap().range_urad = (-400_000, 400_000);
+    assert_eq!(bench.pair(0, -500_000), AckCode::ServoLimit);
+    assert_eq!(bench.order(Order::MoveTo { axis: 2, position_urad: 0 }), AckCode::BadArgument);
+    let profile = |speed_mrad_s| Order::Profile { axis: 0, speed_mrad_s, acceleration_mrad_s2: 1000 };
+    assert_eq!(bench.order(profile(0)), AckCode::BadArgument);
+    assert_eq!(bench.order(profile(600)), AckCode::Limit);
+    assert_eq!(bench.order(profile(100)), AckCode::Accepted);
+    assert_eq!(bench.order(Order::Arm { armed: false }), AckCode::Accepted);
+    bench.run(5);
+    assert_eq!(bench.order(set), AckCode::Accepted);
+    let silly = Order::SetLimit { axis: 0, limit: Limit::Minimum, value: 950_000 };
+    assert_eq!(bench.order(silly), AckCode::BadArgument);
+}
+
+#[test]
+fn a_version_that_is_not_shared_opens_no_session() {
+    let mut bench = Bench::new(4);
+    bench.run(50);
+    bench.tell(Command::Hello { protocol_min: 2, protocol_max: 9, heartbeat_timeout_ms: 300, nonce: 5 });
+    assert!(
+        bench.reports.iter().any(|report| matches!(report, Report::Info { session: 0, protocol: 1, .. }))
+    );
+    assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::NoSession);
+}
+
+/// Every fault of the plant, while moving: latched under its own name within a second, motion refused, standing still,
+/// cleared after repair and not before.
+#[test]
+fn every_axis_fault_is_found_by_name() {
+    let cases = [
+        (AxisFault::Stuck, Fault::Stall),
+        (AxisFault::Slow(10), Fault::FollowingError),
+        (AxisFault::EncoderJump(150_000), Fault::EncoderJump),
+        (AxisFault::EncoderFreeze, Fault::Stall),
+        (AxisFault::EncoderInvalid, Fault::EncoderInvalid),
+        (AxisFault::Overheat(200), Fault::OverTemperature),
+        (AxisFault::UnderVoltage(8000), Fault::UnderVoltage),
+        (AxisFault::TorqueLost, Fault::TorqueLost),
+    ];
+    for (broken, expected) in cases {
+        let mut bench = Bench::ready(5);
+        assert_eq!(bench.pair(500_000, -500_000), AckCode::Accepted);
+        bench.run(300);
+        bench.inject(1, broken);
+        bench.run(900);
+        assert!(bench.controller.faults().contains(expected), "{broken:?}: {:?}", bench.controller.faults());
+        assert_eq!(bench.controller.state(), State::Fault);
+        assert!(!bench.controller.armed());
+        let named =
+            |report: &Report| matches!(report, Report::Fault { fault, axis: 1, .. } if *fault == expected);
+        assert!(bench.reports.iter().any(named), "{broken:?}");
+        assert_eq!(bench.pair(0, 0), AckCode::Fault);
+        assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::Fault);
+        bench.run(500);
+        let before = bench.at();
+        bench.run(500);
+        if broken != AxisFault::TorqueLost {
+            assert!(
+                (0..2).all(|axis| (bench.at()[axis] - before[axis]).abs() < 1000),
+                "{broken:?} keeps moving"
+            );
+        }
+        let persists = matches!(
+            broken,
+            AxisFault::EncoderInvalid
+                | AxisFault::Overheat(_)
+                | AxisFault::UnderVoltage(_)
+                | AxisFault::TorqueLost
+        );
+        let clear = Order::ClearFault { fault: expected, key: 0 };
+        if persists {
+            assert_eq!(bench.order(clear), AckCode::CauseRemains, "{broken:?}");
+        }
+        let axis = bench.controller.servo_mut(1).unwrap();
+        axis.repair(1500);
+        axis.inject(AxisFault::Overheat(-200));
+        bench.run(1500);
+        for fault in Fault::ALL {
+            assert_eq!(
+                bench.order(Order::ClearFault { fault, key: 0 }),
+                AckCode::Accepted,
+                "{broken:?} {fault:?}"
+            );
+        }
+        assert_eq!(bench.controller.state(), State::Idle, "{broken:?}");
+        assert!(!bench.controller.armed());
+    }
+}
+
+#[test]
+fn a_silent_host_is_a_watchdog_fault_that_stops_on_the_way() {
+    let mut bench = Bench::ready(6);
+    assert_eq!(bench.pair(800_000, -100_000), AckCode::Accepted);
+    bench.run(300);
+    bench.feeds = false;
+    bench.run(1200);
+    assert!(bench.controller.faults().contains(Fault::Watchdog));
+    let [a, b] = bench.at();
+    assert!(a < 600_000, "{a}");
+    // still on the straight line between start and target
+    let along = f64::from(a - 30_000) / 770_000.0;
+    assert!((f64::from(b + 20_000) - along * -80_000.0).abs() < 6000.0, "{a} {b}");
+    let clear = Order::ClearFault { fault: Fault::Watchdog, key: 0 };
+    assert_eq!(bench.order(clear), AckCode::CauseRemains);
+    bench.feeds = true;
+    bench.run(50);
+    assert_eq!(bench.order(clear), AckCode::Accepted);
+}
+
+#[test]
+fn an_emergency_stop_needs_key_and_switch() {
+    let mut bench = Bench::ready(7);
+    assert_eq!(bench.pair(800_000, 0), AckCode::Accepted);
+    bench.run(500);
+    let before = bench.at()[0];
+    assert_eq!(bench.order(Order::EStop), AckCode::Accepted);
+    bench.run(300);
+    assert_eq!(bench.controller.state(), State::EStop);
+    assert!(
+        bench.at()[0] - before < 40_000,
+        "stops from 0.5 rad/s with 10 rad/s2 in 14 mrad and what it lags"
+    );
+    let clear = |key| Order::ClearFault { fault: Fault::EStop, key };
+    assert_eq!(bench.order(clear(0)), AckCode::Locked);
+    bench.controller.set_local_switch(false);
+    assert_eq!(bench.order(clear(CLEAR_KEY)), AckCode::Locked);
+    bench.controller.set_local_switch(true);
+    assert_eq!(bench.order(clear(CLEAR_KEY)), AckCode::Accepted);
+    assert_eq!(bench.pair(0, 0), AckCode::NotArmed);
+    bench.controller.set_local_switch(false);
+    bench.run(1);
+    assert_eq!(bench.controller.state(), State::EStop);
+}
+
+#[test]
+fn hold_stays_armed_and_stop_disarms() {
+    let mut bench = Bench::ready(8);
+    assert_eq!(bench.pair(900_000, 0), AckCode::Accepted);
+    bench.run(400);
+    assert_eq!(bench.order(Order::Hold), AckCode::Accepted);
+    bench.run(600);
+    assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Holding, true));
+    assert!(bench.at()[0] < 500_000);
+    assert_eq!(bench.pair(-900_000, 0), AckCode::Accepted);
+    bench.run(400);
+    assert_eq!(bench.order(Order::Stop { deceleration_mrad_s2: 5000 }), AckCode::Accepted);
+    bench.run(400);
+    assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Idle, false));
+}
+
+#[test]
+fn another_host_finds_a_disarmed_rig() {
+    let mut bench = Bench::ready(9);
+    bench.tell(Command::Hello { protocol_min: 1, protocol_max: 1, heartbeat_timeout_ms: 300, nonce: 9 });
+    bench.run(10);
+    assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Idle, false));
+}
+
+/// One thing that may happen.
+#[derive(Clone, Debug)]
+enum Event {
+    Run { ms: u64, step_us: u64 },
+    Order(Order),
+    Old(u16, Order),
+    Inject(usize, AxisFault),
+    Repair(usize),
+    Feed(bool),
+    Switch(bool),
+    Hello(u32),
+    ClearAll,
+    MakeReady,
+}
+
+fn order() -> impl Strategy<Value = Order> {
+    let angle = -1_300_000i32..1_300_000;
+    prop_oneof![
+        6 => (angle.clone(), angle.clone()).prop_map(|(a_urad, b_urad)| Order::MovePair { a_urad, b_urad }),
+        3 => (0u8..3, angle).prop_map(|(axis, position_urad)| Order::MoveTo { axis, position_urad }),
+        1 => any::<bool>().prop_map(|armed| Order::Arm { armed }),
+        1 => prop_oneof![Just(0), Just(1), Just(ALL_AXES)].prop_map(|axis| Order::Home { axis }),
+        1 => Just(Order::Hold),
+        1 => any::<u16>().prop_map(|deceleration_mrad_s2| Order::Stop { deceleration_mrad_s2 }),
+        1 => Just(Order::EStop),
+        1 => (0u8..2, 0u16..600, 0u16..3000).prop_map(|(axis, speed_mrad_s, acceleration_mrad_s2)| {
+            Order::Profile { axis, speed_mrad_s, acceleration_mrad_s2 }
+        }),
+    ]
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let fault = prop_oneof![
+        Just(AxisFault::Stuck),
+        (5u8..90).prop_map(AxisFault::Slow),
+        (0i32..60_000).prop_map(AxisFault::Backlash),
+        Just(AxisFault::EncoderFreeze),
+        Just(AxisFault::EncoderInvalid),
+        Just(AxisFault::Overheat(100)),
+        Just(AxisFault::UnderVoltage(9000)),
+    ];
+    prop_oneof![
+        8 => (1u64..1500, 200u64..4000).prop_map(|(ms, step_us)| Event::Run { ms, step_us }),
+        8 => order().prop_map(Event::Order),
+        1 => (0u16..40, order()).prop_map(|(back, order)| Event::Old(back, order)),
+        1 => (0usize..2, fault).prop_map(|(axis, fault)| Event::Inject(axis, fault)),
+        2 => (0usize..2).prop_map(Event::Repair),
+        1 => any::<bool>().prop_map(Event::Feed),
+        1 => any::<bool>().prop_map(Event::Switch),
+        1 => (0u32..3).prop_map(Event::Hello),
+        2 => Just(Event::ClearAll),
+        4 => Just(Event::MakeReady),
+    ]
+}
+
+/// What must hold whatever comes. A frozen encoder lets the shaft run on until the stall is found, by no more than
+/// `BLIND_URAD`; everything else stays within a reading's honesty.
+const BLIND_URAD: i32 = 150_000;
+const SLACK_URAD: i32 = 12_000;
+
+struct Invariants {
+    slack_urad: [i32; 2],
+    disarmed_since_us: Option<u64>,
+    disarmed_at: [i32; 2],
+    moved: bool,
+}
+
+impl Invariants {
+    fn check(&mut self, bench: &mut Bench) -> Result<(), TestCaseError> {
+        let at = bench.at();
+        for (angle, slack) in at.iter().zip(self.slack_urad) {
+            prop_assert!(angle.abs() <= 1_047_198 + slack, "an axis at {} urad", angle);
+        }
+        let apart = i64::from(at[1]) - i64::from(at[0]);
+        let slack = i64::from(self.slack_urad.iter().sum::<i32>() - 2 * SLACK_URAD);
+        prop_assert!(apart < APART_URAD + slack, "in the keep-out region: {at:?}");
+        self.moved |= at[0].abs() > 300_000;
+        if bench.controller.armed() {
+            self.disarmed_since_us = None;
+            return Ok(());
+        }
+        let since = *self.disarmed_since_us.get_or_insert(bench.now_us);
+        // from full speed the gentlest profile stops within a second or, if slower, within what it was set to
+        if bench.now_us - since < 1_500_000 || bench.controller.path.is_some() {
+            self.disarmed_at = at;
+        } else {
+            for (axis, (now, before)) in at.iter().zip(self.disarmed_at).enumerate() {
+                let crept = (now - before).abs();
+                prop_assert!(
+                    crept < 3000 + bench.controller.servo_mut(axis).unwrap().backlash_urad,
+                    "moves disarmed"
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+fn live(seed: u64, events: &[Event]) -> Result<bool, TestCaseError> {
+    let mut bench = Bench::new(seed);
+    let mut invariants = Invariants {
+        slack_urad: [SLACK_URAD; 2],
+        disarmed_since_us: None,
+        disarmed_at: [0; 2],
+        moved: false,
+    };
+    for event in events {
+        match event {
+            Event::Run { ms, step_us } => {
+                for _ in 0..ms * 1000 / step_us {
+                    bench.step(*step_us);
+                    invariants.check(&mut bench)?;
+                }
+            }
+            Event::Order(order) => drop(bench.order(*order)),
+            Event::Old(back, order) => {
+                bench.tell(Command::Order { id: bench.id.wrapping_sub(*back), order: *order });
+            }
+            Event::Inject(axis, fault) => {
+                if *fault == AxisFault::EncoderFreeze {
+                    invariants.slack_urad[*axis] = BLIND_URAD;
+                }
+                bench.inject(*axis, *fault);
+            }
+            Event::Repair(axis) => {
+                let axis = bench.controller.servo_mut(*axis).unwrap();
+                axis.repair(1500);
+                axis.inject(AxisFault::Overheat(-100));
+                // new gears may take up the old play at once
+                invariants.disarmed_since_us = None;
+            }
+            Event::Feed(feeds) => bench.feeds = *feeds,
+            Event::Switch(closed) => bench.controller.set_local_switch(*closed),
+            Event::Hello(nonce) => {
+                bench.tell(Command::Hello {
+                    protocol_min: 1,
+                    protocol_max: 1,
+                    heartbeat_timeout_ms: 300,
+                    nonce: SESSION - nonce,
+                });
+            }
+            Event::ClearAll => {
+                for fault in Fault::ALL {
+                    bench.order(Order::ClearFault { fault, key: CLEAR_KEY });
+                }
+            }
+            Event::MakeReady => {
+                bench.controller.set_local_switch(true);
+                bench.feeds = true;
+                bench.hello();
+                bench.step(1000);
+                for fault in Fault::ALL {
+                    bench.order(Order::ClearFault { fault, key: CLEAR_KEY });
+                }
+                bench.order(Order::Arm { armed: true });
+                bench.order(Order::Home { axis: ALL_AXES });
+                for _ in 0..400 {
+                    bench.step(1000);
+                    invariants.check(&mut bench)?;
+                }
+            }
+        }
+    }
+    Ok(invariants.moved)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn stays_inside_its_limits_whatever_comes(seed: u32, events in proptest::collection::vec(event(), 1..60)) {
+        live(seed.into(), &events)?;
+    }
+}
+
+/// The property above must not hold for want of motion.
+#[test]
+fn the_property_sees_motion() {
+    let pair = |a_urad, b_urad| Event::Order(Order::MovePair { a_urad, b_urad });
+    let run = || Event::Run { ms: 2000, step_us: 1000 };
+    let events = [run(), Event::MakeReady, pair(900_000, 0), run()];
+    assert!(live(1, &events).unwrap());
+}

@@ -1,0 +1,213 @@
+//! Looking for faults, latching them, and knowing when a cause is gone.
+
+use super::Controller;
+use crate::ALL_AXES;
+use crate::fault::Fault;
+use crate::report::{Report, State};
+use crate::servo::{Reading, Servo};
+
+const FOLLOWING_US: u64 = 100_000;
+const STALL_US: u64 = 150_000;
+const CURRENT_US: u64 = 100_000;
+const SUPPLY_US: u64 = 20_000;
+/// An encoder that does not answer for this long is at fault.
+const MISSING_US: u64 = 100_000;
+/// After a jump, readings must behave for this long before it may be cleared.
+const JUMP_QUIET_US: u64 = 500_000;
+/// A servo has this long to switch its torque on.
+const TORQUE_US: u64 = 50_000;
+/// Readings within this of each other are at rest: above noise and quantisation of common encoders, µrad.
+const REST_URAD: i32 = 2500;
+
+impl<S: Servo, const N: usize> Controller<S, N> {
+    /// Takes a reading of every actuator. Motion is judged by the time since the last valid one.
+    pub(super) fn read(&mut self) {
+        for (number, (axis, servo)) in self.axes.iter_mut().zip(&mut self.servos).enumerate() {
+            axis.sense = servo.sense(self.now_us);
+            let now = match axis.sense.reading {
+                Reading::Measured(angle) => angle,
+                Reading::Unmeasured => axis.setpoint_urad,
+                Reading::Missing | Reading::Invalid => {
+                    axis.quiet_us = self.now_us;
+                    continue;
+                }
+            };
+            let elapsed_us = self.now_us.saturating_sub(axis.measured_us).min(1_000_000) as i64;
+            let config = &self.config.axes[number];
+            let possible =
+                3 * i64::from(config.top_speed_urad_s) * elapsed_us / 1_000_000 + i64::from(config.jump_urad);
+            let step = (i64::from(now) - i64::from(axis.measured_urad)).abs();
+            if step > possible && self.state != State::Boot && axis.sense.reading != Reading::Unmeasured {
+                axis.jumped_us = Some(self.now_us);
+            }
+            if now.saturating_sub(axis.quiet_urad).saturating_abs() > REST_URAD {
+                axis.quiet_us = self.now_us;
+                axis.quiet_urad = now;
+            }
+            axis.measured_urad = now;
+            axis.measured_us = self.now_us;
+        }
+    }
+
+    pub(super) fn watch(&mut self, tell: &mut impl FnMut(Report)) {
+        if self.state == State::Boot {
+            return;
+        }
+        if !self.local_switch_closed {
+            self.raise(Fault::EStop, ALL_AXES, 0, tell);
+        }
+        let silence_us = self.now_us.saturating_sub(self.heartbeat_us);
+        if self.armed && silence_us > self.heartbeat_timeout_us {
+            self.raise(Fault::Watchdog, ALL_AXES, (silence_us / 1000) as i32, tell);
+        }
+        for number in 0..N {
+            if let Some((fault, detail)) = self.watch_axis(number) {
+                self.raise(fault, number as u8, detail, tell);
+            }
+        }
+        if self.in_keep_out() {
+            self.raise(Fault::KeepOut, ALL_AXES, 0, tell);
+        }
+    }
+
+    /// The first rule an axis breaks, the most telling first, with the value that broke it.
+    fn watch_axis(&mut self, number: usize) -> Option<(Fault, i32)> {
+        let now = self.now_us;
+        let config = self.config.axes[number];
+        let axis = &mut self.axes[number];
+        let since = |broken: bool, mark: &mut Option<u64>| {
+            *mark = if broken { mark.or(Some(now)) } else { None };
+            mark.map(|from| now.saturating_sub(from))
+        };
+        let sense = axis.sense;
+        let error = axis.setpoint_urad.saturating_sub(axis.measured_urad).saturating_abs();
+        let driven = axis.torque_wanted_since;
+        let measured = sense.reading != Reading::Unmeasured;
+        let current_us = since(sense.current_ma > config.current_limit_ma, &mut axis.current_since);
+        let supply_us = since(sense.supply_mv < config.supply_minimum_mv && measured, &mut axis.supply_since);
+        let following_us =
+            since(error > config.following_urad && driven.is_some(), &mut axis.following_since);
+        let away_us = since(error > config.stall_urad && driven.is_some() && measured, &mut axis.stall_since);
+        let still_us = now.saturating_sub(axis.quiet_us);
+        let over = |time: Option<u64>, longest: u64| time.is_some_and(|time| time > longest);
+        if sense.temperature_c > config.temperature_limit_c {
+            Some((Fault::OverTemperature, sense.temperature_c.into()))
+        } else if over(supply_us, SUPPLY_US) {
+            Some((Fault::UnderVoltage, sense.supply_mv.into()))
+        } else if sense.reading == Reading::Invalid
+            || (sense.reading == Reading::Missing && now.saturating_sub(axis.measured_us) > MISSING_US)
+        {
+            Some((Fault::EncoderInvalid, 0))
+        } else if axis.jumped_us == Some(now) {
+            Some((Fault::EncoderJump, axis.measured_urad.saturating_sub(axis.setpoint_urad)))
+        } else if driven.is_some_and(|from| now.saturating_sub(from) > TORQUE_US) && !sense.torque {
+            Some((Fault::TorqueLost, 0))
+        } else if over(current_us, CURRENT_US) {
+            Some((Fault::OverCurrent, sense.current_ma.into()))
+        } else if over(away_us, STALL_US) && still_us > STALL_US {
+            Some((Fault::Stall, error))
+        } else if over(following_us, FOLLOWING_US) {
+            Some((Fault::FollowingError, error))
+        } else if axis.homed && outside(axis.measured_urad, &config) {
+            Some((Fault::SoftLimit, axis.measured_urad))
+        } else {
+            None
+        }
+    }
+
+    fn in_keep_out(&self) -> bool {
+        match &self.axes[..] {
+            [a, b, ..] => {
+                a.homed && b.homed && self.config.keep_out.contains([a.measured_urad, b.measured_urad], 0)
+            }
+            _ => false,
+        }
+    }
+
+    /// Latches a fault: stops along the path, or at once where the reading can no longer be followed; disarms.
+    pub(super) fn raise(&mut self, fault: Fault, axis: u8, detail: i32, tell: &mut impl FnMut(Report)) {
+        if self.faults.contains(fault) {
+            return;
+        }
+        self.faults.insert(fault);
+        self.latched[usize::from(fault.code())] = super::Latched { axis, time_us: self.now_us, detail };
+        self.armed = false;
+        self.disarm_when_stopped = false;
+        self.homing = [false; N];
+        self.state = if self.faults.contains(Fault::EStop) { State::EStop } else { State::Fault };
+        match fault {
+            Fault::Stall
+            | Fault::FollowingError
+            | Fault::EncoderInvalid
+            | Fault::EncoderJump
+            | Fault::OverCurrent
+            | Fault::TorqueLost => self.hold_where_measured(),
+            _ => {
+                let hardest = self.config.axes.iter().map(|axis| axis.e_stop_urad_s2).min();
+                if let Some(path) = &mut self.path {
+                    path.brake(if fault == Fault::EStop { hardest } else { None });
+                }
+            }
+        }
+        if matches!(fault, Fault::EncoderInvalid | Fault::EncoderJump)
+            && let Some(axis) = self.axes.get_mut(usize::from(axis))
+        {
+            axis.homed = false;
+        }
+        self.tell_fault(fault, tell);
+    }
+
+    /// A servo must not push against what stopped it, nor follow an encoder that lies: the set point becomes the
+    /// last reading.
+    fn hold_where_measured(&mut self) {
+        self.path = None;
+        for axis in &mut self.axes {
+            axis.setpoint_urad = axis.measured_urad;
+            axis.target_urad = axis.measured_urad;
+        }
+    }
+
+    /// Whether what raised a fault is still there.
+    pub(super) fn cause_remains(&self, fault: Fault) -> bool {
+        let any = |broken: &dyn Fn(usize) -> bool| (0..N).any(broken);
+        let now = self.now_us;
+        match fault {
+            Fault::EStop => !self.local_switch_closed || self.path.is_some(),
+            Fault::Watchdog => now.saturating_sub(self.heartbeat_us) > self.heartbeat_timeout_us,
+            Fault::FollowingError | Fault::Stall => any(&|n| {
+                let error = self.axes[n].setpoint_urad.saturating_sub(self.axes[n].measured_urad);
+                error.saturating_abs() > self.config.axes[n].stall_urad
+            }),
+            Fault::OverCurrent => {
+                any(&|n| self.axes[n].sense.current_ma > self.config.axes[n].current_limit_ma)
+            }
+            Fault::OverTemperature => {
+                any(&|n| self.axes[n].sense.temperature_c > self.config.axes[n].temperature_limit_c)
+            }
+            Fault::UnderVoltage => any(&|n| {
+                let sense = &self.axes[n].sense;
+                sense.reading != Reading::Unmeasured
+                    && sense.supply_mv < self.config.axes[n].supply_minimum_mv
+            }),
+            Fault::EncoderInvalid => {
+                any(&|n| matches!(self.axes[n].sense.reading, Reading::Invalid | Reading::Missing))
+            }
+            Fault::EncoderJump => {
+                any(&|n| self.axes[n].jumped_us.is_some_and(|at| now.saturating_sub(at) < JUMP_QUIET_US))
+            }
+            Fault::SoftLimit => {
+                any(&|n| self.axes[n].homed && outside(self.axes[n].measured_urad, &self.config.axes[n]))
+            }
+            Fault::KeepOut => self.in_keep_out(),
+            Fault::TorqueLost => {
+                any(&|n| self.axes[n].torque_wanted_since.is_some() && !self.axes[n].sense.torque)
+            }
+        }
+    }
+}
+
+/// Whether a reading lies outside the limits by more than the tolerance.
+fn outside(measured_urad: i32, config: &crate::config::AxisConfig) -> bool {
+    measured_urad < config.minimum_urad.saturating_sub(config.tolerance_urad)
+        || measured_urad > config.maximum_urad.saturating_add(config.tolerance_urad)
+}

@@ -1,0 +1,312 @@
+//! One sensor's packets to frames, inertial samples and zone reports.
+
+use std::net::SocketAddr;
+
+use super::assembly::Place;
+use super::claim::Claim;
+use super::imu;
+use super::metadata::{ImuProfile, Metadata};
+use super::profile::Profile;
+use super::stream::{Line, Stream};
+use super::wire::{Header, HeaderKind, PacketKind, check_crc};
+use super::zones::{self, ZoneReport};
+use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
+
+/// Decodes the packets of one sensor. Memory is bounded and reused: two frames and a few held packets.
+pub struct OusterDecoder {
+    metadata: Metadata,
+    lidar_bytes: usize,
+    imu_bytes: usize,
+    stream: Stream,
+    stats: DecodeStats,
+    source: Option<SocketAddr>,
+    zone_report: ZoneReport,
+    nmea: Option<(u64, String)>,
+}
+
+/// What a packet turned out to be.
+enum Kind {
+    LegacyImu,
+    Lidar(Place),
+    Imu(Header),
+    Zone(Header),
+}
+
+impl OusterDecoder {
+    /// A decoder for the sensor that `metadata` describes.
+    pub fn new(metadata: Metadata) -> Self {
+        let imu_bytes = match metadata.imu_profile {
+            ImuProfile::Legacy => imu::LEGACY_BYTES,
+            ImuProfile::Accel32Gyro32Nmea => imu::accel32_bytes(metadata.imu_samples_per_packet),
+            ImuProfile::Off => 0,
+        };
+        Self {
+            lidar_bytes: metadata.packet_format().packet_bytes(),
+            imu_bytes,
+            stream: Stream::new(&metadata),
+            stats: DecodeStats::default(),
+            source: None,
+            zone_report: ZoneReport::default(),
+            nmea: None,
+            metadata,
+        }
+    }
+
+    /// The sensor's metadata; its header layout is that of the packets.
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// The newest GPS sentence and its time, ns, from ACCEL32_GYRO32_NMEA packets.
+    pub fn nmea(&self) -> Option<(u64, &str)> {
+        self.nmea.as_ref().map(|(time_ns, text)| (*time_ns, text.as_str()))
+    }
+
+    /// How surely a packet comes from this sensor; does not look at checksums. Packets without a serial number
+    /// (LEGACY, IMU of 48 bytes) are told apart by size, port and where earlier ones came from.
+    pub fn claim(&self, packet: &Packet<'_>) -> Claim {
+        let bytes = packet.payload;
+        if self.metadata.imu_profile == ImuProfile::Legacy && bytes.len() == imu::LEGACY_BYTES {
+            return self.claim_anonymous(packet, self.metadata.imu_port);
+        }
+        if self.metadata.profile == Profile::Legacy {
+            let fits = bytes.len() == self.lidar_bytes && self.locate(bytes).is_ok();
+            return if fits { self.claim_anonymous(packet, self.metadata.lidar_port) } else { Claim::No };
+        }
+        let header = Header::read(self.header_kind(bytes), bytes);
+        match (header, self.metadata.serial_number()) {
+            (Some(header), Some(serial)) if header.serial == serial => Claim::Certain,
+            (Some(header), None) if bytes.len() == self.expected_bytes(header.kind) => {
+                self.claim_anonymous(packet, self.metadata.lidar_port)
+            }
+            _ => Claim::No,
+        }
+    }
+
+    fn claim_anonymous(&self, packet: &Packet<'_>, port: Option<u16>) -> Claim {
+        match self.source {
+            Some(source) if source.ip() == packet.source.ip() && !source.ip().is_loopback() => {
+                Claim::Familiar
+            }
+            Some(source) if source.ip() != packet.source.ip() => Claim::No,
+            _ if port == Some(packet.destination.port()) => Claim::Likely,
+            _ => Claim::Possible,
+        }
+    }
+
+    /// Checks that a packet is whole and this sensor's.
+    fn identify(&self, packet: &Packet<'_>) -> Result<Kind, Rejected> {
+        let bytes = packet.payload;
+        if self.metadata.imu_profile == ImuProfile::Legacy && bytes.len() == imu::LEGACY_BYTES {
+            return Ok(Kind::LegacyImu);
+        }
+        if self.metadata.profile == Profile::Legacy {
+            return self.identify_legacy(packet);
+        }
+        let Some(header) = Header::read(self.metadata.header, bytes) else {
+            self.refuse_damaged(packet)?;
+            let reason = format!("{} bytes without a known packet type", bytes.len());
+            return Err(Rejected::Foreign { reason });
+        };
+        if let Some(serial) = self.metadata.serial_number()
+            && serial != header.serial
+        {
+            self.refuse_damaged(packet)?;
+            let reason = format!("serial number {}, expected {serial}", header.serial);
+            return Err(Rejected::Foreign { reason });
+        }
+        let expected = self.expected_bytes(header.kind);
+        if bytes.len() != expected {
+            self.refuse_damaged(packet)?;
+            let reason = format!("{:?} packet of {} bytes, expected {expected}", header.kind, bytes.len());
+            return Err(Rejected::Malformed { reason });
+        }
+        check_crc(bytes).map_err(|(stored, computed)| Rejected::Checksum { stored, computed })?;
+        Ok(match header.kind {
+            PacketKind::Imu => Kind::Imu(header),
+            PacketKind::Zone => Kind::Zone(header),
+            PacketKind::Lidar => {
+                let (slot, time_ns) = self.locate(bytes)?;
+                let (frame_id, init_id, health) = (header.frame_id, header.init_id, header.health);
+                let host_time_ns = packet.host_time_ns;
+                Kind::Lidar(Place { frame_id, init_id, slot, time_ns, host_time_ns, health })
+            }
+        })
+    }
+
+    fn identify_legacy(&self, packet: &Packet<'_>) -> Result<Kind, Rejected> {
+        let bytes = packet.payload;
+        if bytes.len() != self.lidar_bytes {
+            let reason = format!("{} bytes, expected {}", bytes.len(), self.lidar_bytes);
+            let ours = self.is_familiar(packet);
+            return Err(if ours { Rejected::Malformed { reason } } else { Rejected::Foreign { reason } });
+        }
+        let format = self.metadata.packet_format();
+        let (slot, time_ns) = self.locate(bytes)?;
+        let frame_id = format.legacy_frame_id(format.column(bytes, 0));
+        for index in 1..format.columns_per_packet {
+            let other = format.legacy_frame_id(format.column(bytes, index));
+            if other != frame_id {
+                let reason = format!("column {index} is of frame {other}, the first of {frame_id}");
+                return Err(Rejected::Malformed { reason });
+            }
+        }
+        let health = crate::Health::default();
+        let host_time_ns = packet.host_time_ns;
+        Ok(Kind::Lidar(Place { frame_id, init_id: 0, slot, time_ns, host_time_ns, health }))
+    }
+
+    /// Slot and time of a lidar packet, if its columns follow one another from a packet boundary.
+    fn locate(&self, bytes: &[u8]) -> Result<(usize, u64), Rejected> {
+        let format = self.metadata.packet_format();
+        let first = format.read_column(format.column(bytes, 0));
+        let first_id = usize::from(first.measurement_id);
+        if first_id % format.columns_per_packet != 0 || first_id >= self.metadata.columns_per_frame {
+            let reason = format!(
+                "first column {first_id}, expected a multiple of {} below {}",
+                format.columns_per_packet, self.metadata.columns_per_frame
+            );
+            return Err(Rejected::Malformed { reason });
+        }
+        for index in 1..format.columns_per_packet {
+            let column = format.read_column(format.column(bytes, index));
+            let id = usize::from(column.measurement_id);
+            if column.valid && (id != first_id + index || id >= self.metadata.columns_per_frame) {
+                let reason = format!("column {id} where {} belongs", first_id + index);
+                return Err(Rejected::Malformed { reason });
+            }
+        }
+        Ok((first_id / format.columns_per_packet, first.time_ns))
+    }
+
+    /// For packets that do not identify themselves: damaged, when all else says they are ours.
+    fn refuse_damaged(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
+        let bytes = packet.payload;
+        if !self.is_familiar(packet) {
+            return Ok(());
+        }
+        if [self.lidar_bytes, self.imu_bytes].contains(&bytes.len()) {
+            return check_crc(bytes).map_err(|(stored, computed)| Rejected::Checksum { stored, computed });
+        }
+        if bytes.len() < self.lidar_bytes.min(super::wire::HEADER_BYTES) {
+            return Err(Rejected::Malformed {
+                reason: format!("{} bytes, too short for a header", bytes.len()),
+            });
+        }
+        Ok(())
+    }
+
+    fn is_familiar(&self, packet: &Packet<'_>) -> bool {
+        self.source == Some(packet.source)
+    }
+
+    /// The header layout of a packet. Firmware from 4.0 on may write the functional-safety header where metadata says
+    /// STANDARD: the serial number tells.
+    fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
+        let Some(serial) = self.metadata.serial_number() else { return self.metadata.header };
+        let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);
+        let others = [HeaderKind::Standard, HeaderKind::Fusa];
+        if fits(self.metadata.header) {
+            self.metadata.header
+        } else {
+            others.into_iter().find(|kind| fits(*kind)).unwrap_or(self.metadata.header)
+        }
+    }
+
+    fn expected_bytes(&self, kind: PacketKind) -> usize {
+        match kind {
+            PacketKind::Lidar => self.lidar_bytes,
+            PacketKind::Imu => self.imu_bytes,
+            PacketKind::Zone => zones::PACKET_BYTES,
+        }
+    }
+
+    fn count(&mut self, rejected: Rejected) -> Rejected {
+        match &rejected {
+            Rejected::Foreign { .. } => self.stats.foreign += 1,
+            Rejected::Malformed { .. } => self.stats.malformed += 1,
+            Rejected::Checksum { .. } => self.stats.crc_errors += 1,
+        }
+        if !matches!(rejected, Rejected::Foreign { .. }) {
+            self.stream.note_rejected();
+        }
+        rejected
+    }
+}
+
+impl Decoder for OusterDecoder {
+    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+        if self.source.is_none() && self.metadata.profile.has_packet_header() {
+            let header = self.header_kind(packet.payload);
+            if header != self.metadata.header {
+                self.metadata.header = header;
+                self.stream = Stream::new(&self.metadata);
+            }
+        }
+        let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
+        self.stats.packets += 1;
+        match kind {
+            Kind::Lidar(place) => {
+                self.source.get_or_insert(packet.source);
+                let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+                let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+                self.stream.take(&mut line, &place, packet.payload);
+            }
+            Kind::LegacyImu => {
+                if let Some(bytes) = packet.payload.first_chunk() {
+                    out(Decoded::Imu(&imu::read_legacy(bytes)));
+                }
+            }
+            Kind::Imu(header) => {
+                self.note_revolution(&header, packet, out);
+                if let Some((time_ns, text)) = imu::read_nmea(packet.payload) {
+                    let (time, line) = self.nmea.get_or_insert_default();
+                    *time = time_ns;
+                    line.clear();
+                    line.push_str(text);
+                }
+                for sample in imu::read_accel32(packet.payload) {
+                    out(Decoded::Imu(&sample));
+                }
+            }
+            Kind::Zone(header) => {
+                self.note_revolution(&header, packet, out);
+                if let Some(bytes) = packet.payload.first_chunk() {
+                    zones::read(header.frame_id, bytes, &mut self.zone_report);
+                    out(Decoded::Zones(&self.zone_report));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        self.stream.finish(&mut Line { metadata: &self.metadata, stats: &mut self.stats, out: frames });
+    }
+
+    fn stats(&self) -> &DecodeStats {
+        &self.stats
+    }
+}
+
+impl OusterDecoder {
+    /// Without lidar packets the other packets tell which revolution it is.
+    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) {
+        if self.metadata.profile != Profile::Off {
+            return;
+        }
+        let place = Place {
+            frame_id: header.frame_id,
+            init_id: header.init_id,
+            slot: 0,
+            time_ns: 0,
+            host_time_ns: packet.host_time_ns,
+            health: header.health,
+        };
+        self.source.get_or_insert(packet.source);
+        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
+        let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
+        self.stream.note_revolution(&mut line, &place);
+    }
+}

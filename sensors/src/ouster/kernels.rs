@@ -1,0 +1,254 @@
+//! Pixel blocks to arrays and back: one pair of functions per profile, made by the compiler from the profile's
+//! table, so that every shift and mask is a constant in the inner loop.
+
+#![allow(unsafe_code)] // calls the AVX2 build of the inner loops once the CPU was asked for it
+
+use super::profile::{Bits, LAYOUTS, Layout, Profile, ReturnLayout};
+use crate::Layer;
+
+/// Takes the pixel blocks of one column apart into the layers, at sample `at` and onward.
+pub(super) type Unpack = fn(blocks: &[u8], at: usize, first: &mut Layer, second: Option<&mut Layer>);
+
+/// Puts the samples from `at` onward into pixel blocks; every byte is written.
+pub(super) type Pack = fn(blocks: &mut [u8], at: usize, first: &Layer, second: Option<&Layer>);
+
+/// The pair of functions of a profile.
+#[derive(Clone, Copy)]
+pub(super) struct Kernels {
+    pub(super) unpack: Unpack,
+    pub(super) pack: Pack,
+}
+
+/// By profile. A const parameter cannot give an array length, so the block length stands here a second time; the
+/// compiler checks it against the table.
+pub(super) fn kernels(profile: Profile) -> Kernels {
+    const fn of<const P: usize, const BYTES: usize>() -> Kernels {
+        Kernels { unpack: unpack::<P, BYTES>, pack: pack::<P, BYTES> }
+    }
+    match profile {
+        Profile::Legacy => of::<0, 12>(),
+        Profile::Rng19Rfl8Sig16Nir16 => of::<1, 12>(),
+        Profile::Rng19Rfl8Sig16Nir16Dual => of::<2, 16>(),
+        Profile::Rng15Rfl8Nir8 => of::<3, 4>(),
+        Profile::Rng15Rfl8Nir8Dual => of::<4, 8>(),
+        Profile::FusaRng15Rfl8Nir8Dual => of::<5, 8>(),
+        Profile::Rng15Rfl8Nir8Zone16 => of::<6, 8>(),
+        Profile::Rng19Rfl8Sig16Nir16Zone16 => of::<7, 12>(),
+        Profile::Rng19Rfl8Sig16Zone16Dual => of::<8, 16>(),
+        Profile::Rng15Rfl8Win8 => of::<9, 4>(),
+        Profile::Rng19Rfl8Sig16Nir16Rgb16 => of::<10, 16>(),
+        Profile::Rng19Rfl8Sig16Nir16Rgb16Dual => of::<11, 20>(),
+        Profile::FiveWordPixel => of::<12, 20>(),
+        Profile::Off => Kernels { unpack: |_, _, _, _| {}, pack: |_, _, _, _| {} },
+    }
+}
+
+struct Table<const P: usize, const BYTES: usize>;
+
+impl<const P: usize, const BYTES: usize> Table<P, BYTES> {
+    const LAYOUT: Layout = {
+        assert!(LAYOUTS[P].bytes == BYTES, "the block length of the table and of the list differ");
+        LAYOUTS[P]
+    };
+    const FIRST: ReturnLayout = Self::LAYOUT.first;
+    const SECOND: ReturnLayout = Self::LAYOUT.second;
+}
+
+fn unpack<const P: usize, const BYTES: usize>(
+    blocks: &[u8],
+    at: usize,
+    first: &mut Layer,
+    second: Option<&mut Layer>,
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn with_avx2<const P: usize, const BYTES: usize>(
+            blocks: &[u8],
+            at: usize,
+            first: &mut Layer,
+            second: Option<&mut Layer>,
+        ) {
+            unpack_here::<P, BYTES>(blocks, at, first, second);
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the CPU has the feature the function is compiled for.
+            unsafe { with_avx2::<P, BYTES>(blocks, at, first, second) };
+            return;
+        }
+    }
+    unpack_here::<P, BYTES>(blocks, at, first, second);
+}
+
+#[inline(always)]
+fn unpack_here<const P: usize, const BYTES: usize>(
+    blocks: &[u8],
+    at: usize,
+    first: &mut Layer,
+    second: Option<&mut Layer>,
+) {
+    let (blocks, _) = blocks.as_chunks::<BYTES>();
+    unpack_return(blocks, at, first, Table::<P, BYTES>::FIRST);
+    if const { Table::<P, BYTES>::LAYOUT.raw_words } {
+        for (block, words) in blocks.iter().zip(&mut first.raw_words[at..]) {
+            let (quads, _) = block.as_chunks::<4>();
+            for (word, quad) in words.iter_mut().zip(quads) {
+                *word = u32::from_le_bytes(*quad);
+            }
+        }
+    }
+    if const { Table::<P, BYTES>::LAYOUT.is_dual() }
+        && let Some(second) = second
+    {
+        unpack_return(blocks, at, second, Table::<P, BYTES>::SECOND);
+    }
+}
+
+#[inline(always)]
+fn unpack_return<const BYTES: usize>(
+    blocks: &[[u8; BYTES]],
+    at: usize,
+    out: &mut Layer,
+    layout: ReturnLayout,
+) {
+    unpack_field(blocks, layout.range, at, &mut out.range_mm, |value| value);
+    unpack_field(blocks, layout.flags, at, &mut out.flags, |value| value as u8);
+    unpack_field(blocks, layout.reflectivity, at, &mut out.reflectivity, |value| value as u8);
+    unpack_field(blocks, layout.window, at, &mut out.window, |value| value as u8);
+    unpack_field(blocks, layout.signal, at, &mut out.signal, |value| value as u16);
+    unpack_field(blocks, layout.near_ir, at, &mut out.near_ir, |value| value as u16);
+    unpack_field(blocks, layout.zone_mask, at, &mut out.zone_mask, |value| value as u16);
+    if layout.rgb[0].is_there() {
+        for (block, out) in blocks.iter().zip(&mut out.rgb[at..]) {
+            *out = layout.rgb.map(|field| get(block, field) as u16);
+        }
+    }
+}
+
+/// One field of all blocks: a loop of its own, so that it becomes vector code.
+#[inline(always)]
+fn unpack_field<T, const BYTES: usize>(
+    blocks: &[[u8; BYTES]],
+    field: Bits,
+    at: usize,
+    out: &mut [T],
+    narrow: impl Fn(u32) -> T,
+) {
+    if field.is_there() {
+        let out = &mut out[at..at + blocks.len()];
+        for (block, out) in blocks.iter().zip(out) {
+            *out = narrow(get(block, field));
+        }
+    }
+}
+
+fn pack<const P: usize, const BYTES: usize>(
+    blocks: &mut [u8],
+    at: usize,
+    first: &Layer,
+    second: Option<&Layer>,
+) {
+    let (blocks, _) = blocks.as_chunks_mut::<BYTES>();
+    blocks.fill([0; BYTES]);
+    if const { Table::<P, BYTES>::LAYOUT.raw_words } {
+        for (block, words) in blocks.iter_mut().zip(&first.raw_words[at..]) {
+            let (quads, _) = block.as_chunks_mut::<4>();
+            for (quad, word) in quads.iter_mut().zip(words) {
+                *quad = word.to_le_bytes();
+            }
+        }
+        return; // the words hold every other field too
+    }
+    pack_return(blocks, at, first, Table::<P, BYTES>::FIRST);
+    if const { Table::<P, BYTES>::LAYOUT.is_dual() }
+        && let Some(second) = second
+    {
+        pack_return(blocks, at, second, Table::<P, BYTES>::SECOND);
+    }
+}
+
+#[inline(always)]
+fn pack_return<const BYTES: usize>(
+    blocks: &mut [[u8; BYTES]],
+    at: usize,
+    from: &Layer,
+    layout: ReturnLayout,
+) {
+    for (offset, block) in blocks.iter_mut().enumerate() {
+        let sample = at + offset;
+        put(block, layout.range, from.range_mm.get(sample).copied());
+        put(block, layout.flags, from.flags.get(sample).copied());
+        put(block, layout.reflectivity, from.reflectivity.get(sample).copied());
+        put(block, layout.window, from.window.get(sample).copied());
+        put(block, layout.signal, from.signal.get(sample).copied());
+        put(block, layout.near_ir, from.near_ir.get(sample).copied());
+        put(block, layout.zone_mask, from.zone_mask.get(sample).copied());
+        for (colour, field) in layout.rgb.into_iter().enumerate() {
+            put(block, field, from.rgb.get(sample).map(|rgb| rgb[colour]));
+        }
+    }
+}
+
+/// One field of a block, scaled. The smallest load that holds the field, moved back when it would leave the block.
+#[inline(always)]
+fn get<const BYTES: usize>(block: &[u8; BYTES], field: Bits) -> u32 {
+    let at = field.at as usize;
+    let word = match (at % 8 + field.width as usize).div_ceil(8) {
+        0 => return 0,
+        1 => u32::from(block[at / 8]) >> (at % 8),
+        2 => u32::from(u16::from_le_bytes([block[at / 8], block[at / 8 + 1]])) >> (at % 8),
+        _ => {
+            let start = (at / 8).min(BYTES.saturating_sub(4));
+            let bytes = [block[start], block[start + 1], block[start + 2], block[start + 3]];
+            u32::from_le_bytes(bytes) >> (at - start * 8)
+        }
+    };
+    (word & field.mask()) * u32::from(field.scale)
+}
+
+/// Writes one field into a block of zeros, as the nearest lower count; what does not fit saturates.
+#[inline(always)]
+fn put<const BYTES: usize>(block: &mut [u8; BYTES], field: Bits, value: Option<impl Into<u32>>) {
+    let (true, Some(value)) = (field.is_there(), value) else { return };
+    let count = (value.into() / u32::from(field.scale)).min(field.mask());
+    let at = field.at as usize;
+    let spread = u64::from(count) << (at % 8);
+    let bytes = (at % 8 + field.width as usize).div_ceil(8);
+    for (byte, part) in block[at / 8..at / 8 + bytes].iter_mut().zip(spread.to_le_bytes()) {
+        *byte |= part;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ouster::{Metadata, Synthetic, assembly::Assembly};
+
+    #[test]
+    fn both_builds_of_the_inner_loops_agree() {
+        fn check<const P: usize, const BYTES: usize>(profile: Profile) {
+            let metadata = Metadata::synthetic(&Synthetic::new("os1-64", 1, profile)).unwrap();
+            let blocks: Vec<u8> =
+                (0..64 * BYTES as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
+            let [plain, detected] =
+                [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
+                    let mut frame = Assembly::new(&metadata).frame;
+                    unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
+                    frame
+                });
+            assert!(plain == detected, "{profile:?}");
+            assert!(plain.first.range_mm[128..192].iter().any(|range| *range > 0));
+            assert!(
+                plain.first.range_mm[..128]
+                    .iter()
+                    .chain(&plain.first.range_mm[192..])
+                    .all(|range| *range == 0)
+            );
+        }
+        check::<0, 12>(Profile::Legacy);
+        check::<2, 16>(Profile::Rng19Rfl8Sig16Nir16Dual);
+        check::<3, 4>(Profile::Rng15Rfl8Nir8);
+        check::<5, 8>(Profile::FusaRng15Rfl8Nir8Dual);
+        check::<12, 20>(Profile::FiveWordPixel);
+    }
+}

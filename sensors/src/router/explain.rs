@@ -1,0 +1,112 @@
+//! Why nobody took a packet, and what would help.
+
+use super::guess::Guess;
+use super::sensor::{Family, Sensor};
+use crate::Packet;
+use crate::ouster::{Metadata, Profile};
+
+pub(super) fn ambiguous(count: usize) -> String {
+    format!(
+        "{count} sensors send packets like this one without a serial number, and its sender is none that is known; \
+         give only the metadata of sensors that are in the recording"
+    )
+}
+
+pub(super) fn too_many(most: usize) -> String {
+    format!("more than {most} kinds: not looked at one by one")
+}
+
+/// The reason for a packet of which the router knows no better one.
+pub(super) fn unclaimed(
+    sensors: &[Sensor],
+    packet: &Packet<'_>,
+    guess: &Guess,
+    decoder_says: Option<String>,
+) -> String {
+    let length = packet.payload.len();
+    match guess {
+        Guess::VelodyneBlocks => {
+            return format!(
+                "blocks like a Velodyne's, but {length} bytes where a data packet has 1206: another maker's sensor"
+            );
+        }
+        Guess::Unknown => {
+            let damaged = sensors.iter().any(|sensor| sensor.first_source == Some(packet.source));
+            return match decoder_says {
+                Some(says) if damaged => format!("comes from a known sensor, but: {says}"),
+                _ => "no LiDAR packet of a known format".into(),
+            };
+        }
+        Guess::VelodyneData | Guess::VelodynePosition => {
+            return decoder_says.unwrap_or_else(|| guess.to_string());
+        }
+        Guess::OusterLidar { .. } | Guess::OusterImu { .. } | Guess::OusterZone { .. } => {}
+    }
+    let ousters: Vec<(&Metadata, &str)> = sensors
+        .iter()
+        .filter_map(|sensor| match &sensor.decoder {
+            Family::Ouster(decoder) => {
+                Some((decoder.metadata(), sensor.metadata_name.as_deref().unwrap_or("metadata")))
+            }
+            Family::Velodyne(_) => None,
+        })
+        .collect();
+    let serial = guess.serial();
+    let of_whom = serial.map_or(String::new(), |serial| format!(" of sensor {serial}"));
+    if ousters.is_empty() {
+        return format!("{guess}{of_whom}, but no metadata was given; add --meta FILE.json");
+    }
+    if let Some(serial) = serial {
+        let Some((metadata, name)) =
+            ousters.iter().find(|(metadata, _)| metadata.serial_number() == Some(serial))
+        else {
+            let known: Vec<String> = ousters
+                .iter()
+                .map(|(metadata, name)| match metadata.serial.as_str() {
+                    "" => format!("{name} (no serial number)"),
+                    serial => format!("{name} ({serial})"),
+                })
+                .collect();
+            return format!("{guess}{of_whom}; metadata is of {}: add that of {serial}", known.join(", "));
+        };
+        if matches!(guess, Guess::OusterLidar { .. }) {
+            return other_format(guess, length, metadata, name);
+        }
+        return decoder_says.map_or_else(|| guess.to_string(), |says| format!("{guess}: {says}"));
+    }
+    let sends_elsewhere =
+        |sensor: &&Sensor| !sensor.sources.is_empty() && !sensor.sources.contains(&packet.source.ip());
+    if let [sensor] = &sensors.iter().filter(sends_elsewhere).collect::<Vec<_>>()[..]
+        && ousters.len() == 1
+    {
+        return format!(
+            "{guess} from {}; the sensor of {} sends from {}: add the metadata of the other",
+            packet.source.ip(),
+            sensor.metadata_name.as_deref().unwrap_or("the metadata"),
+            sensor.sources[0],
+        );
+    }
+    match (guess, &ousters[..]) {
+        (Guess::OusterLidar { .. }, [(metadata, name)]) if metadata.profile != Profile::Legacy => {
+            format!(
+                "{guess}; {name} says {}: the sensor was set to LEGACY while it was recorded; take the metadata \
+                 of that time",
+                metadata.profile.name()
+            )
+        }
+        (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
+        _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
+    }
+}
+
+fn other_format(guess: &Guess, length: usize, metadata: &Metadata, name: &str) -> String {
+    let expected = metadata.packet_format();
+    format!(
+        "{guess}, {length} bytes; {name} says {} x {} pixels, {} columns per packet, {} bytes: the sensor was set \
+         differently while it was recorded; take the metadata of that time",
+        expected.profile.name(),
+        expected.pixels_per_column,
+        expected.columns_per_packet,
+        expected.packet_bytes(),
+    )
+}

@@ -1,0 +1,273 @@
+//! Which packet belongs to which sensor.
+//!
+//! Ouster sensors are known from their metadata and take what carries their serial number, or, where packets carry
+//! none, what fits in size, sender and port. Velodyne sensors are found in the data: one per sender and port. Packets
+//! that nobody takes are counted by port and length, with the reason and what would help.
+
+mod explain;
+mod guess;
+mod sensor;
+
+use std::collections::BTreeMap;
+
+use crate::ouster::{Claim, ImuSample, Metadata, OusterDecoder, ZoneReport};
+use crate::velodyne::{Options, Position, VelodyneDecoder};
+use crate::{Decoded, Frame, Packet, Rejected};
+
+pub use guess::Guess;
+pub use sensor::{Family, Sensor};
+
+/// Most Velodyne sensors that are told apart; a recording with more senders is no rig.
+const MOST_SENSORS: usize = 64;
+/// Most kinds of unclaimed packets that are kept apart; the rest is counted together under port 0.
+const MOST_KINDS: usize = 256;
+
+/// Hands packets to decoders.
+#[derive(Default)]
+pub struct Router {
+    sensors: Vec<Sensor>,
+    unclaimed: BTreeMap<(u16, usize), Unclaimed>,
+    done: Vec<Owned>,
+}
+
+/// Packets of one length on one port that no sensor took.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Unclaimed {
+    /// Destination port.
+    pub port: u16,
+    /// Length of the payload, bytes.
+    pub length: usize,
+    /// How many.
+    pub packets: u64,
+    /// Why the first of them was not taken, and what would help.
+    pub reason: String,
+    /// Someone's sensor data, as far as can be told: the loss matters.
+    pub is_sensor_data: bool,
+    /// Metadata of its sensor would help.
+    pub needs_metadata: bool,
+    /// Serial number in the first of them.
+    pub serial: Option<u64>,
+}
+
+/// What became of a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Routed {
+    /// Taken by the sensor of this number.
+    Taken(usize),
+    /// From the sensor of this number, but damaged; its decoder counted it.
+    Damaged(usize),
+    /// Taken by none.
+    Unclaimed,
+}
+
+/// Kept while the decoder that made it is busy.
+enum Owned {
+    Frame(Box<Frame>),
+    Imu(ImuSample),
+    Position(Position),
+    Zones(Box<ZoneReport>),
+}
+
+impl Router {
+    /// Without sensors; Velodynes are found.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds the Ouster sensor that metadata describes; `name` is what messages call the metadata.
+    pub fn add_ouster(&mut self, metadata: Metadata, name: impl Into<String>) {
+        let decoder = Family::Ouster(Box::new(OusterDecoder::new(metadata)));
+        self.sensors.push(Sensor::new(decoder, Some(name.into())));
+    }
+
+    /// All sensors: those of metadata first, then those found, in the order they were found.
+    pub fn sensors(&self) -> &[Sensor] {
+        &self.sensors
+    }
+
+    /// What nobody took.
+    pub fn unclaimed(&self) -> impl Iterator<Item = &Unclaimed> {
+        self.unclaimed.values()
+    }
+
+    /// Looks at a packet before decoding begins, to learn where sensors send from: packets without a serial number
+    /// are told apart by that. True when there is nothing left to learn.
+    pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
+        if let (Some((at, claim)), 1) = self.best_claim(packet)
+            && is_evidence(claim, packet)
+        {
+            self.sensors[at].note_source(packet);
+        }
+        self.sensors
+            .iter()
+            .all(|sensor| sensor.source_is_known || !matches!(sensor.decoder, Family::Ouster(_)))
+    }
+
+    /// Hands a packet to its sensor, and what that completes to `out`.
+    pub fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
+        let (at, claim) = match self.find(packet) {
+            Ok(found) => found,
+            Err(reason) => {
+                self.count_unclaimed(packet, reason);
+                return Routed::Unclaimed;
+            }
+        };
+        let done = &mut self.done;
+        let outcome = self.sensors[at].push(packet, &mut |decoded| done.push(Owned::of(decoded)));
+        self.hand_out(at, out);
+        match outcome {
+            Ok(()) => {
+                let sensor = &mut self.sensors[at];
+                if claim.is_some_and(|claim| is_evidence(claim, packet)) {
+                    sensor.note_source(packet);
+                }
+                sensor.first_source.get_or_insert(packet.source);
+                Routed::Taken(at)
+            }
+            Err(Rejected::Foreign { reason }) => {
+                self.count_unclaimed(packet, Some(reason));
+                Routed::Unclaimed
+            }
+            Err(Rejected::Malformed { .. } | Rejected::Checksum { .. }) => {
+                self.sensors[at].first_source.get_or_insert(packet.source);
+                Routed::Damaged(at)
+            }
+        }
+    }
+
+    /// Ends every sensor's last frame.
+    pub fn finish(&mut self, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) {
+        for at in 0..self.sensors.len() {
+            let done = &mut self.done;
+            self.sensors[at].finish(&mut |decoded| done.push(Owned::of(decoded)));
+            self.hand_out(at, out);
+        }
+    }
+
+    fn hand_out(&mut self, at: usize, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) {
+        for owned in self.done.drain(..) {
+            out(at, &self.sensors[at], owned.borrow());
+        }
+    }
+
+    /// The sensor to try; otherwise the reason, where it is known already.
+    fn find(&mut self, packet: &Packet<'_>) -> Result<(usize, Option<Claim>), Option<String>> {
+        match self.best_claim(packet) {
+            (Some((at, claim)), 1) => return Ok((at, Some(claim))),
+            (Some(_), count) => return Err(Some(explain::ambiguous(count))),
+            (None, _) => {}
+        }
+        match Guess::of(packet.payload) {
+            Guess::VelodyneData => self.velodyne(packet, true).map(|at| (at, None)),
+            Guess::VelodynePosition => self.velodyne(packet, false).map(|at| (at, None)),
+            // damaged, perhaps: the sender's decoder knows
+            _ => self
+                .sensors
+                .iter()
+                .position(|sensor| {
+                    matches!(sensor.decoder, Family::Ouster(_)) && sensor.first_source == Some(packet.source)
+                })
+                .map(|at| (at, None))
+                .ok_or(None),
+        }
+    }
+
+    /// The Ouster that claims a packet most surely, and how many claim it as surely.
+    fn best_claim(&self, packet: &Packet<'_>) -> (Option<(usize, Claim)>, usize) {
+        let (mut best, mut count) = (None, 0);
+        for (at, sensor) in self.sensors.iter().enumerate() {
+            let Family::Ouster(decoder) = &sensor.decoder else { continue };
+            let mut claim = decoder.claim(packet);
+            if claim > Claim::No && claim < Claim::Familiar && !packet.source.ip().is_loopback() {
+                let from_here = sensor.sources.contains(&packet.source.ip());
+                if from_here {
+                    claim = Claim::Familiar;
+                } else if !sensor.sources.is_empty() {
+                    claim = Claim::No; // it sends from elsewhere
+                }
+            }
+            match best {
+                _ if claim == Claim::No => {}
+                Some((_, other)) if claim < other => {}
+                Some((_, other)) if claim == other => count += 1,
+                _ => (best, count) = (Some((at, claim)), 1),
+            }
+        }
+        (best, count)
+    }
+
+    /// The Velodyne of this sender and port; position packets go by the sender alone.
+    fn velodyne(&mut self, packet: &Packet<'_>, data: bool) -> Result<usize, Option<String>> {
+        let (address, port) = (packet.source.ip(), packet.destination.port());
+        let same_sender = |sensor: &Sensor| {
+            matches!(sensor.decoder, Family::Velodyne(_))
+                && sensor.first_source.is_some_and(|source| source.ip() == address)
+        };
+        let found = self.sensors.iter().position(|sensor| {
+            same_sender(sensor) && (!data || sensor.data_port.is_none_or(|known| known == port))
+        });
+        let at = match found {
+            Some(at) => at,
+            None if self.sensors.len() >= MOST_SENSORS => return Err(Some(explain::too_many(MOST_SENSORS))),
+            None => {
+                let options = Options { source: Some(address), ..Options::default() };
+                let decoder = Family::Velodyne(Box::new(VelodyneDecoder::new(options)));
+                self.sensors.push(Sensor::new(decoder, None));
+                self.sensors.len() - 1
+            }
+        };
+        let sensor = &mut self.sensors[at];
+        sensor.first_source.get_or_insert(packet.source);
+        if data {
+            sensor.data_port.get_or_insert(port);
+        }
+        Ok(at)
+    }
+
+    fn count_unclaimed(&mut self, packet: &Packet<'_>, reason: Option<String>) {
+        let mut key = (packet.destination.port(), packet.payload.len());
+        if self.unclaimed.len() >= MOST_KINDS && !self.unclaimed.contains_key(&key) {
+            key = (0, 0);
+        }
+        if let Some(entry) = self.unclaimed.get_mut(&key) {
+            entry.packets += 1;
+            return;
+        }
+        let guess = Guess::of(packet.payload);
+        let reason = match key {
+            (0, 0) => explain::too_many(MOST_KINDS),
+            _ => explain::unclaimed(&self.sensors, packet, &guess, reason),
+        };
+        let is_sensor_data = guess != Guess::Unknown && guess != Guess::VelodyneBlocks;
+        let (needs_metadata, serial) = (guess.is_ouster(), guess.serial());
+        let (port, length) = key;
+        let entry = Unclaimed { port, length, packets: 1, reason, is_sensor_data, needs_metadata, serial };
+        self.unclaimed.insert(key, entry);
+    }
+}
+
+/// Whether a packet that one sensor alone claims shows where that sensor sends from. An IMU packet without a serial
+/// number does not: its length alone makes it fit.
+fn is_evidence(claim: Claim, packet: &Packet<'_>) -> bool {
+    claim == Claim::Certain || (claim > Claim::No && packet.payload.len() != crate::ouster::imu::LEGACY_BYTES)
+}
+
+impl Owned {
+    fn of(decoded: Decoded<'_>) -> Self {
+        match decoded {
+            Decoded::Frame(frame) => Self::Frame(Box::new(frame.clone())),
+            Decoded::Imu(sample) => Self::Imu(sample.clone()),
+            Decoded::Position(position) => Self::Position(position.clone()),
+            Decoded::Zones(report) => Self::Zones(Box::new(report.clone())),
+        }
+    }
+
+    fn borrow(&self) -> Decoded<'_> {
+        match self {
+            Self::Frame(frame) => Decoded::Frame(frame),
+            Self::Imu(sample) => Decoded::Imu(sample),
+            Self::Position(position) => Decoded::Position(position),
+            Self::Zones(report) => Decoded::Zones(report),
+        }
+    }
+}

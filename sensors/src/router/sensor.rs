@@ -1,0 +1,137 @@
+//! One sensor of a recording: its decoder and what is said about it.
+
+use std::net::{IpAddr, SocketAddr};
+
+use crate::ouster::OusterDecoder;
+use crate::velodyne::VelodyneDecoder;
+use crate::{DecodeStats, Decoded, Decoder, Packet, Rejected, SensorModel};
+
+/// A sensor that packets are routed to.
+pub struct Sensor {
+    /// Name of the metadata it came from, where it came from metadata.
+    pub metadata_name: Option<String>,
+    pub(super) decoder: Family,
+    pub(super) sources: Vec<IpAddr>,
+    pub(super) source_is_known: bool,
+    pub(super) first_source: Option<SocketAddr>,
+    pub(super) data_port: Option<u16>,
+}
+
+/// The two families.
+pub enum Family {
+    /// Described by metadata.
+    Ouster(Box<OusterDecoder>),
+    /// Found in the data.
+    Velodyne(Box<VelodyneDecoder>),
+}
+
+impl Sensor {
+    pub(super) fn new(decoder: Family, metadata_name: Option<String>) -> Self {
+        Self {
+            metadata_name,
+            decoder,
+            sources: Vec::new(),
+            source_is_known: false,
+            first_source: None,
+            data_port: None,
+        }
+    }
+
+    /// Its decoder.
+    pub fn family(&self) -> &Family {
+        &self.decoder
+    }
+
+    /// `Ouster` or `Velodyne`.
+    pub fn vendor(&self) -> &'static str {
+        match self.decoder {
+            Family::Ouster(_) => "Ouster",
+            Family::Velodyne(_) => "Velodyne",
+        }
+    }
+
+    /// Product, as metadata or packets say.
+    pub fn product(&self) -> String {
+        match &self.decoder {
+            Family::Ouster(decoder) => match decoder.metadata().product_line.as_str() {
+                "" => format!("Ouster with {} channels", decoder.metadata().pixels_per_column),
+                line => line.to_owned(),
+            },
+            Family::Velodyne(decoder) => {
+                decoder.identity().map_or("unknown".into(), |identity| identity.product.name().into())
+            }
+        }
+    }
+
+    /// Packet format: the profile of an Ouster, the returns of a Velodyne.
+    pub fn format(&self) -> String {
+        match &self.decoder {
+            Family::Ouster(decoder) => decoder.metadata().profile.name().into(),
+            Family::Velodyne(decoder) => match decoder.return_mode() {
+                Some(mode) => format!("{mode:?}").to_lowercase(),
+                None => "unknown".into(),
+            },
+        }
+    }
+
+    /// Serial number; empty where it is not known (data packets of a Velodyne do not carry it).
+    pub fn serial(&self) -> &str {
+        match &self.decoder {
+            Family::Ouster(decoder) => &decoder.metadata().serial,
+            Family::Velodyne(_) => "",
+        }
+    }
+
+    /// Where its first packet came from.
+    pub fn source(&self) -> Option<SocketAddr> {
+        self.first_source
+    }
+
+    /// Port its lidar packets go to.
+    pub fn data_port(&self) -> Option<u16> {
+        self.data_port
+    }
+
+    /// Its beams, once they are known.
+    pub fn model(&self) -> Option<&SensorModel> {
+        match &self.decoder {
+            Family::Ouster(decoder) => Some(&decoder.metadata().model),
+            Family::Velodyne(decoder) => decoder.model(),
+        }
+    }
+
+    /// Everything its decoder counted.
+    pub fn stats(&self) -> &DecodeStats {
+        match &self.decoder {
+            Family::Ouster(decoder) => decoder.stats(),
+            Family::Velodyne(decoder) => decoder.stats(),
+        }
+    }
+
+    pub(super) fn push(
+        &mut self,
+        packet: &Packet<'_>,
+        out: &mut dyn FnMut(Decoded<'_>),
+    ) -> Result<(), Rejected> {
+        match &mut self.decoder {
+            Family::Ouster(decoder) => decoder.push(packet, out),
+            Family::Velodyne(decoder) => decoder.push(packet, out),
+        }
+    }
+
+    pub(super) fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        match &mut self.decoder {
+            Family::Ouster(decoder) => decoder.finish(out),
+            Family::Velodyne(decoder) => decoder.finish(out),
+        }
+    }
+
+    pub(super) fn note_source(&mut self, packet: &Packet<'_>) {
+        self.source_is_known = true;
+        let address = packet.source.ip();
+        // loopback says nothing: recordings that were sent again come from there, whatever the sensor
+        if !address.is_loopback() && !self.sources.contains(&address) && self.sources.len() < 16 {
+            self.sources.push(address);
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! The calibration of one unit: from VeloView's `db.xml`, from the YAML of the ROS driver, or from the status bytes
+//! that an HDL-64E S2 or S3 sends along.
+
+mod db_xml;
+mod status;
+mod yaml;
+
+pub use status::{GpsState, Health, StatusReader, UnitStatus, Warnings, encode_status_bytes};
+
+use super::product::{Family, Product};
+use crate::catalogue::{self, ModelError};
+use crate::model::{BeamCorrection, SensorModel};
+
+/// Most lasers a calibration may list.
+const MOST_LASERS: usize = 128;
+
+/// Calibration of all lasers, in the order of their ids.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// One unit of the distance field, m, where the file says so.
+    pub distance_unit_m: Option<f64>,
+    /// Lasers `0..`.
+    pub lasers: Vec<LaserCalibration>,
+}
+
+/// Calibration of one laser.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaserCalibration {
+    /// Elevation, rad.
+    pub vertical_rad: f64,
+    /// Subtracted from the encoder azimuth, rad (`rotCorrection`).
+    pub rotation_rad: f64,
+    /// Added to the measured distance, m; as measured at 25.04 m.
+    pub distance_m: f64,
+    /// The same at 2.40 m on the lateral and at 1.93 m on the forward axis, where it was measured.
+    pub near_distance_m: Option<[f64; 2]>,
+    /// Height of the beam's origin, m; none where the file says nothing.
+    pub vertical_offset_m: Option<f64>,
+    /// Offset of the beam's origin to the left, m.
+    pub horizontal_offset_m: f64,
+    /// Focal distance of the intensity compensation, m.
+    pub focal_distance_m: f64,
+    /// Slope of the intensity compensation.
+    pub focal_slope: f64,
+    /// Least and greatest intensity.
+    pub intensity_limits: [u8; 2],
+    /// Whether the laser is in use.
+    pub enabled: bool,
+}
+
+/// Why a calibration was not read.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// The text is no XML or no YAML.
+    #[error("calibration: {reason}")]
+    Syntax {
+        /// What the parser says, with line and column.
+        reason: String,
+    },
+    /// The text is well-formed and does not say what is needed.
+    #[error("calibration: {place}: {reason}")]
+    Content {
+        /// Element, key or laser.
+        place: String,
+        /// What was found and what was expected.
+        reason: String,
+    },
+    /// The nominal model is missing.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+impl Calibration {
+    /// Reads a file of either kind: text that begins with `<` is XML.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, CalibrationError> {
+        let text = std::str::from_utf8(bytes).map_err(|error| CalibrationError::Syntax {
+            reason: format!("byte {} is not UTF-8", error.valid_up_to()),
+        })?;
+        if text.trim_start_matches('\u{feff}').trim_start().starts_with('<') {
+            Self::from_db_xml(text)
+        } else {
+            Self::from_yaml(text)
+        }
+    }
+
+    /// Reads the `db.xml` of VeloView and of the disk that comes with an HDL-64E: degrees and centimetres.
+    pub fn from_db_xml(text: &str) -> Result<Self, CalibrationError> {
+        db_xml::parse(text)?.checked()
+    }
+
+    /// Reads the YAML of the ROS driver: radians and metres.
+    pub fn from_yaml(text: &str) -> Result<Self, CalibrationError> {
+        yaml::parse(text)?.checked()
+    }
+
+    /// The model of a unit of `product`: times and whatever the calibration leaves open from the nominal model.
+    pub fn model(&self, product: Product) -> Result<SensorModel, CalibrationError> {
+        let nominal = catalogue::nominal(product.name())?;
+        if self.lasers.len() != nominal.channels() {
+            return Err(CalibrationError::Content {
+                place: "lasers".to_owned(),
+                reason: format!("{} given, a {product} has {}", self.lasers.len(), nominal.channels()),
+            });
+        }
+        let is_hdl_64e = product.family() == Family::SixtyFour;
+        let mut beams = nominal.beams().to_vec();
+        for (beam, laser) in beams.iter_mut().zip(&self.lasers) {
+            beam.elevation_rad = laser.vertical_rad;
+            beam.azimuth_offset_rad = -laser.rotation_rad;
+            beam.range_offset_m = -laser.distance_m;
+            match laser.vertical_offset_m {
+                // in an HDL-64E the offset is square to the beam: see the correction
+                _ if is_hdl_64e => beam.origin_z_m = 0.0,
+                Some(offset_m) => beam.origin_z_m = offset_m,
+                None => {}
+            }
+        }
+        let corrections = self.lasers.iter().map(|laser| BeamCorrection {
+            origin_left_m: laser.horizontal_offset_m,
+            origin_up_m: if is_hdl_64e { laser.vertical_offset_m.unwrap_or(0.0) } else { 0.0 },
+            near_distance_m: laser.near_distance_m,
+            focal_distance_m: laser.focal_distance_m,
+            focal_slope: laser.focal_slope,
+            intensity_limits: laser.intensity_limits,
+        });
+        let corrections: Vec<_> = corrections.collect();
+        let plain = corrections.iter().all(|correction| *correction == PLAIN);
+        let model = nominal.with_beams(beams);
+        Ok(if plain { model } else { model.with_corrections(corrections) })
+    }
+
+    fn checked(self) -> Result<Self, CalibrationError> {
+        for (id, laser) in self.lasers.iter().enumerate() {
+            let values = [
+                laser.vertical_rad,
+                laser.rotation_rad,
+                laser.distance_m,
+                laser.horizontal_offset_m,
+                laser.focal_distance_m,
+                laser.focal_slope,
+                laser.vertical_offset_m.unwrap_or(0.0),
+            ];
+            if values
+                .into_iter()
+                .chain(laser.near_distance_m.into_iter().flatten())
+                .any(|value| !value.is_finite())
+            {
+                return Err(content(format!("laser {id}"), "a value is not finite"));
+            }
+            if laser.vertical_rad.abs() > std::f64::consts::FRAC_PI_2 {
+                return Err(content(
+                    format!("laser {id}"),
+                    format!(
+                        "elevation of {} rad, expected at most pi/2; is it in degrees?",
+                        laser.vertical_rad
+                    ),
+                ));
+            }
+        }
+        Ok(self)
+    }
+}
+
+/// A correction that changes nothing.
+const PLAIN: BeamCorrection = BeamCorrection {
+    origin_left_m: 0.0,
+    origin_up_m: 0.0,
+    near_distance_m: None,
+    focal_distance_m: 0.0,
+    focal_slope: 0.0,
+    intensity_limits: [0, 255],
+};
+
+fn content(place: impl Into<String>, reason: impl Into<String>) -> CalibrationError {
+    CalibrationError::Content { place: place.into(), reason: reason.into() }
+}
+
+/// Puts lasers in the order of their ids, each exactly once.
+fn in_order(lasers: Vec<(i64, LaserCalibration)>) -> Result<Vec<LaserCalibration>, CalibrationError> {
+    let count = lasers.len();
+    if count == 0 || count > MOST_LASERS {
+        return Err(content("lasers", format!("{count} lasers, expected 1 to {MOST_LASERS}")));
+    }
+    let mut ordered = vec![None; count];
+    for (id, laser) in lasers {
+        let place = usize::try_from(id).ok().and_then(|id| ordered.get_mut(id));
+        match place {
+            Some(place @ None) => *place = Some(laser),
+            Some(_) => return Err(content(format!("laser {id}"), "given twice")),
+            None => return Err(content(format!("laser {id}"), format!("expected an id below {count}"))),
+        }
+    }
+    // as many lasers as places, none twice: all are filled
+    Ok(ordered.into_iter().flatten().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const YAML: &str =
+        "distance_resolution: 0.002\nlasers:\n- {laser_id: 0, vert_correction: 0.1, rot_correction: 0}\n";
+    const XML: &str = "<boost_serialization><DB><points_><item><px><id_>0</id_><rotCorrection_>1</rotCorrection_>\
+        <vertCorrection_>2</vertCorrection_><distCorrection_>3</distCorrection_></px></item></points_></DB>\
+        </boost_serialization>";
+
+    #[test]
+    fn hostile_files_are_refused() {
+        for text in
+            ["<a>".repeat(200_000), "[".repeat(200_000), "- ".repeat(200_000), "a: &a [*a]\n".to_owned()]
+        {
+            assert!(Calibration::from_bytes(text.as_bytes()).is_err());
+        }
+        let laughs = "a: &a [x,x,x,x,x,x,x,x,x]\nb: &b [*a,*a,*a,*a,*a,*a,*a]\nc: &c [*b,*b,*b,*b,*b,*b,*b]\n\
+                      d: &d [*c,*c,*c,*c,*c,*c,*c]\ne: &e [*d,*d,*d,*d,*d,*d,*d]\nlasers: [*e,*e,*e,*e,*e,*e]\n";
+        assert!(Calibration::from_yaml(laughs).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_get_an_answer(bytes in proptest::collection::vec(any::<u8>(), 0..400)) {
+            let _any_answer = Calibration::from_bytes(&bytes);
+        }
+
+        #[test]
+        fn a_damaged_file_gets_an_answer(xml: bool, at in 0_usize..300, byte: u8, cut in 0_usize..300) {
+            let mut bytes = if xml { XML } else { YAML }.as_bytes().to_vec();
+            prop_assert!(Calibration::from_bytes(&bytes).is_ok());
+            let at = at % bytes.len();
+            bytes[at] = byte;
+            bytes.truncate(bytes.len().saturating_sub(cut % 40));
+            let _any_answer = Calibration::from_bytes(&bytes);
+        }
+    }
+}

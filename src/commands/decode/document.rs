@@ -1,0 +1,266 @@
+//! What `decode` reports: the JSON document and the table.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use glam::DVec3;
+use sensors::capture::CaptureCounters;
+use sensors::projection::points_f64;
+use sensors::router::{Router, Unclaimed};
+use sensors::{DecodeStats, Decoded, Frame, SensorModel};
+use serde::Serialize;
+
+use crate::commands::recording::{Ending, Recording};
+
+/// The document; sums run over points with range > 0, first return.
+#[derive(Default, Serialize)]
+pub struct Document {
+    capture: String,
+    sensors: Vec<SensorReport>,
+    unclaimed: Vec<Unclaimed>,
+    fragments_incomplete: u64,
+    capture_counters: CaptureCounters,
+    data_lost: bool,
+    losses: Vec<String>,
+    notices: Vec<String>,
+    files: Vec<WrittenFile>,
+    #[serde(skip)]
+    found: BTreeMap<usize, Found>,
+    #[serde(skip)]
+    positions: Vec<DVec3>,
+}
+
+/// A point file that was written.
+#[derive(Clone, Serialize)]
+pub struct WrittenFile {
+    /// Where.
+    pub path: String,
+    /// How many points it holds.
+    pub points: u64,
+}
+
+#[derive(Serialize)]
+struct SensorReport {
+    id: String,
+    vendor: &'static str,
+    model: String,
+    format: String,
+    source: Option<String>,
+    port: Option<u16>,
+    serial: String,
+    metadata: Option<String>,
+    frames: Vec<FrameRow>,
+    totals: Totals,
+    counters: DecodeStats,
+    imu_samples: u64,
+    position_packets: u64,
+    zone_reports: u64,
+}
+
+#[derive(Serialize)]
+struct FrameRow {
+    frame_id: u32,
+    points: u64,
+    points_second: Option<u64>,
+    complete: bool,
+    valid_columns: usize,
+    packets: u32,
+    expected_packets: Option<u32>,
+    range_sum_mm: u64,
+    xyz_sum_m: [f64; 3],
+    first_time_ns: Option<u64>,
+    last_time_ns: Option<u64>,
+    first_host_time_ns: u64,
+    last_host_time_ns: u64,
+}
+
+#[derive(Default, Serialize)]
+struct Totals {
+    frames: usize,
+    points: u64,
+    points_second: u64,
+    range_sum_mm: u64,
+    xyz_sum_m: [f64; 3],
+}
+
+/// What one sensor gave.
+#[derive(Default)]
+struct Found {
+    frames_seen: u64,
+    frames: Vec<FrameRow>,
+    imu_samples: u64,
+    position_packets: u64,
+    zone_reports: u64,
+}
+
+impl Document {
+    /// Counts a frame and returns its number.
+    pub fn count_frame(&mut self, sensor: usize) -> u64 {
+        let found = self.found.entry(sensor).or_default();
+        found.frames_seen += 1;
+        found.frames_seen - 1
+    }
+
+    /// Measures a frame.
+    pub fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
+        points_f64(model, frame, &frame.first, &mut self.positions);
+        let sum: DVec3 = self.positions.iter().sum();
+        let times = frame.time_span_ns();
+        let row = FrameRow {
+            frame_id: frame.frame_id,
+            points: frame.first.points() as u64,
+            points_second: frame.second.as_ref().map(|layer| layer.points() as u64),
+            complete: frame.complete,
+            valid_columns: frame.valid_columns(),
+            packets: frame.packets,
+            expected_packets: frame.expected_packets,
+            range_sum_mm: frame.first.range_mm.iter().map(|range_mm| u64::from(*range_mm)).sum(),
+            xyz_sum_m: sum.to_array(),
+            first_time_ns: times.map(|[first, _]| first),
+            last_time_ns: times.map(|[_, last]| last),
+            first_host_time_ns: frame.host_time_ns[0],
+            last_host_time_ns: frame.host_time_ns[1],
+        };
+        self.found.entry(sensor).or_default().frames.push(row);
+    }
+
+    /// Counts what is no frame.
+    pub fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
+        let found = self.found.entry(sensor).or_default();
+        match decoded {
+            Decoded::Frame(_) => {}
+            Decoded::Imu(_) => found.imu_samples += 1,
+            Decoded::Position(_) => found.position_packets += 1,
+            Decoded::Zones(_) => found.zone_reports += 1,
+        }
+    }
+
+    /// Takes over what router and reader counted.
+    pub fn conclude(&mut self, recording: &Recording, router: &Router, ending: &Ending) {
+        self.capture = recording.name();
+        self.fragments_incomplete = ending.counters.fragments_incomplete;
+        self.capture_counters = ending.counters.clone();
+        self.losses = ending.losses();
+        self.unclaimed = router.unclaimed().cloned().collect();
+        let ids = crate::commands::sensor_ids::ids(router);
+        for (at, sensor) in router.sensors().iter().enumerate() {
+            let found = self.found.remove(&at).unwrap_or_default();
+            let counters = sensor.stats().clone();
+            if counters.packets == 0 {
+                let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
+                self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
+            }
+            self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], &counters));
+            self.sensors.push(SensorReport {
+                id: ids[at].clone(),
+                vendor: sensor.vendor(),
+                model: sensor.product(),
+                format: sensor.format(),
+                source: sensor.source().map(|source| source.to_string()),
+                port: sensor.data_port(),
+                serial: sensor.serial().to_owned(),
+                metadata: sensor.metadata_name.clone(),
+                totals: Totals::of(&found.frames),
+                frames: found.frames,
+                counters,
+                imu_samples: found.imu_samples,
+                position_packets: found.position_packets,
+                zone_reports: found.zone_reports,
+            });
+        }
+        for entry in self.unclaimed.iter().filter(|entry| entry.is_sensor_data) {
+            let Unclaimed { port, length, packets, reason, .. } = entry;
+            self.notices.push(format!("{packets} packets of {length} bytes to port {port}: {reason}"));
+        }
+        self.notices.extend(self.losses.iter().cloned());
+        self.data_lost = !self.losses.is_empty();
+    }
+
+    /// Adds the files that were written.
+    pub fn set_files(&mut self, files: Vec<WrittenFile>) {
+        self.files = files;
+    }
+
+    /// No sensor gave anything, or nothing but what fits any sensor (an IMU packet without a serial number) while
+    /// lidar packets were left over.
+    pub fn is_empty(&self) -> bool {
+        let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
+        let nothing = |sensor: &SensorReport| {
+            sensor.counters.packets == 0 || (left_over && sensor.counters.frames == 0)
+        };
+        self.sensors.iter().all(nothing)
+    }
+
+    /// Data is missing.
+    pub fn is_data_lost(&self) -> bool {
+        self.data_lost
+    }
+
+    /// What the user should know beside the result.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
+    /// The same for people.
+    pub fn table(&self) -> String {
+        let mut text = String::new();
+        for sensor in &self.sensors {
+            let serial =
+                if sensor.serial.is_empty() { String::new() } else { format!(", serial {}", sensor.serial) };
+            let source = sensor.source.as_ref().map_or(String::new(), |source| format!(", from {source}"));
+            let _ = writeln!(
+                text,
+                "{}: {} {}, {}{serial}{source}",
+                sensor.id, sensor.vendor, sensor.model, sensor.format
+            );
+            let _ = writeln!(text, "    frame    points   second  columns  packets");
+            for frame in &sensor.frames {
+                let second = frame.points_second.map_or("-".into(), |points| points.to_string());
+                let expected = frame.expected_packets.map_or(String::new(), |packets| format!("/{packets}"));
+                let _ = writeln!(
+                    text,
+                    "{:>9} {:>9} {second:>8} {:>8} {:>8}{}",
+                    frame.frame_id,
+                    frame.points,
+                    frame.valid_columns,
+                    format!("{}{expected}", frame.packets),
+                    if frame.complete { "" } else { "  incomplete" },
+                );
+            }
+            let counters = &sensor.counters;
+            let _ = writeln!(
+                text,
+                "    {} frames, {} points; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, \
+                 {} with a wrong checksum",
+                sensor.totals.frames,
+                sensor.totals.points + sensor.totals.points_second,
+                counters.packets,
+                counters.lost_packets,
+                counters.duplicated,
+                counters.reordered,
+                counters.late,
+                counters.malformed,
+                counters.crc_errors,
+            );
+        }
+        for file in &self.files {
+            let _ = writeln!(text, "wrote {} ({} points)", file.path, file.points);
+        }
+        text
+    }
+}
+
+impl Totals {
+    fn of(frames: &[FrameRow]) -> Self {
+        let mut totals = Self { frames: frames.len(), ..Self::default() };
+        for frame in frames {
+            totals.points += frame.points;
+            totals.points_second += frame.points_second.unwrap_or(0);
+            totals.range_sum_mm += frame.range_sum_mm;
+            for axis in 0..3 {
+                totals.xyz_sum_m[axis] += frame.xyz_sum_m[axis];
+            }
+        }
+        totals
+    }
+}

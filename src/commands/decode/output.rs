@@ -1,0 +1,159 @@
+//! Where `decode` writes points: one file, or a folder with a file per sensor and frame.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use sensors::router::Sensor;
+use sensors::{Frame, SensorModel};
+
+use super::Args;
+use super::document::WrittenFile;
+use crate::commands::recording::Recording;
+use crate::commands::sensor_ids;
+use crate::export::{Cloud, Export, ExportError, Format, Source};
+
+/// Point files under way.
+pub struct Output {
+    format: Format,
+    place: Place,
+    force: bool,
+    clouds: HashMap<usize, Cloud>,
+    ids: Vec<String>,
+    files: Vec<WrittenFile>,
+}
+
+enum Place {
+    File { path: PathBuf, export: Option<Export>, sensor: Option<usize> },
+    Folder(PathBuf),
+}
+
+/// What stops the writing of points.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The file.
+    #[error(transparent)]
+    Export(#[from] ExportError),
+    /// A format that cannot tell sensors apart.
+    #[error("{} would mix the points of {first} and {second}: give a folder behind --out", path.display())]
+    Mixed {
+        /// The file.
+        path: PathBuf,
+        /// Sensor already in it.
+        first: String,
+        /// The other.
+        second: String,
+    },
+}
+
+impl Output {
+    /// As asked for; `None` when no points are wanted.
+    pub fn new(args: &Args, recording: &Recording) -> anyhow::Result<Option<Self>> {
+        let by_extension = args.out.as_deref().and_then(Format::of_path);
+        let format = match (args.format, by_extension) {
+            (Some(asked), Some(said))
+                if asked != said && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
+            {
+                bail!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))
+            }
+            (Some(format), _) | (None, Some(format)) => format,
+            (None, None) => match &args.out {
+                Some(out) => bail!("--out {}: which format? add --format", out.display()),
+                None => return Ok(None),
+            },
+        };
+        let out = match &args.out {
+            Some(out) => out.clone(),
+            None => default_place(recording, format),
+        };
+        let is_file = Format::of_path(&out).is_some() && !out.is_dir();
+        if is_file && out.exists() && !args.force {
+            return Err(ExportError::Exists { path: out }.into()); // before the work, not after
+        }
+        let place = match is_file {
+            true => Place::File { path: out, export: None, sensor: None },
+            false => Place::Folder(out),
+        };
+        let force = args.force;
+        Ok(Some(Self { format, place, force, clouds: HashMap::new(), ids: Vec::new(), files: Vec::new() }))
+    }
+
+    /// Writes the points of a frame, the sensor's `number`th.
+    pub fn add(
+        &mut self,
+        at: usize,
+        number: u64,
+        sensor: &Sensor,
+        model: &SensorModel,
+        frame: &Frame,
+    ) -> Result<(), OutputError> {
+        if !self.clouds.contains_key(&at) {
+            let id = sensor_ids::next_id(sensor, &mut self.ids);
+            let source = Source {
+                id,
+                number: at as u16, // the router keeps to a few sensors
+                vendor: sensor.vendor().into(),
+                model: sensor.product(),
+                serial: sensor.serial().into(),
+            };
+            self.clouds.insert(at, Cloud::new(source, model));
+        }
+        let Some(cloud) = self.clouds.get_mut(&at) else { return Ok(()) };
+        cloud.fill(model, frame);
+        match &mut self.place {
+            Place::File { path, export, sensor } => {
+                let first = *sensor.get_or_insert(at);
+                if first != at && !self.format.holds_several_sensors() {
+                    let name =
+                        |at: &usize| self.clouds.get(at).map_or(String::new(), |c| c.source.id.clone());
+                    return Err(OutputError::Mixed {
+                        path: path.clone(),
+                        first: name(&first),
+                        second: name(&at),
+                    });
+                }
+                if export.is_none() {
+                    *export = Some(Export::create(path, self.format, self.force)?);
+                }
+                if let Some(export) = export {
+                    export.add(&self.clouds[&at])?;
+                }
+            }
+            Place::Folder(folder) => {
+                let name = format!("{}_{:06}.{}", cloud.source.id, number, self.format.extension());
+                let path = folder.join(name);
+                let mut export = Export::create(&path, self.format, self.force)?;
+                export.add(cloud)?;
+                let points = export.finish()?;
+                self.files.push(WrittenFile { path: path.display().to_string(), points });
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the last file; lists all of them.
+    pub fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
+        if let Place::File { path, export: Some(export), .. } = self.place {
+            let points = export.finish()?;
+            self.files.push(WrittenFile { path: path.display().to_string(), points });
+        }
+        Ok(self.files)
+    }
+}
+
+/// Beside nothing: in the current folder, named after the recording.
+fn default_place(recording: &Recording, format: Format) -> PathBuf {
+    let name = PathBuf::from(recording.name());
+    let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());
+    if let Some(inner) = stem.strip_suffix(".pcap").or(stem.strip_suffix(".pcapng")) {
+        stem = inner.to_owned(); // of a gzipped file
+    }
+    match format.is_per_frame() {
+        true => PathBuf::from(stem),
+        false => PathBuf::from(format!("{stem}.{}", format.extension())),
+    }
+}
+
+fn display(path: Option<&Path>) -> String {
+    path.map_or(String::new(), |path| path.display().to_string())
+}

@@ -1,0 +1,74 @@
+//! First stage: the mounts that see the most, and the rig they make.
+
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use crate::objective::{Objective, Weights};
+use crate::optimize::{KeepApart, Kind, MountProblem, Search, Settings};
+use crate::rig::{MountFile, Rig, SensorEntry};
+use crate::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
+
+use super::document::SearchSummary;
+use super::progress::Progress;
+
+/// The optimal mounts of a mirrored pair that can be built.
+pub struct Plan {
+    pub preset: &'static Preset,
+    pub rig: Rig,
+    pub mount: MountFile,
+    pub summary: SearchSummary,
+}
+
+/// Searches one mirrored pair whose housings keep apart, the platform walking along its own forward axis.
+pub fn search(preset: &str, evaluations: usize, seed: u64, progress: &Progress) -> anyhow::Result<Plan> {
+    let start = Instant::now();
+    let preset = Preset::named(preset)?;
+    let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };
+    let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
+    let problem = MountProblem::new(objective, 1, KeepApart::Housings);
+    let settings = Settings { seed, budget: evaluations, early_stop: false };
+    let mut search = Search::new(problem.space()?, Kind::Pattern, settings);
+    progress.length(evaluations as u64);
+    search.run(
+        evaluations,
+        |values| problem.measure(values),
+        |search| progress.at(search.evaluations() as u64),
+        &AtomicBool::new(false),
+    )?;
+    let best = search.best().filter(|best| best.violation <= 0.0);
+    let Some(best) = best else {
+        anyhow::bail!("no mount among {evaluations} keeps the housings apart: give --evals a greater number");
+    };
+    let masters = problem.masters(&best.candidate.values);
+    let sensors = experiment.sensors(&masters);
+    let names = ["left", "right"];
+    let on_its_side = |sensor: &Placement| names[usize::from(sensor.x_m > 0.0)].to_owned();
+    let mut entries: Vec<SensorEntry> = sensors
+        .iter()
+        .map(|sensor| SensorEntry {
+            name: on_its_side(sensor),
+            model: preset.model.into(),
+            x_m: sensor.x_m,
+            y_m: sensor.y_m,
+            z_m: sensor.z_m,
+            pitch_deg: sensor.pitch_deg,
+            roll_deg: sensor.roll_deg,
+        })
+        .collect();
+    entries.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut mount = MountFile::new(entries);
+    mount.masters = Some(masters.iter().map(|master| (*master).into()).collect());
+    mount.preset = Some(preset.name.into());
+    mount.objective = Some(best.score);
+    let summary = SearchSummary {
+        preset: preset.name.into(),
+        method: search.kind().name().into(),
+        seed,
+        evaluations: search.evaluations(),
+        objective: best.score,
+        masters: masters.iter().map(|master| (*master).into()).collect(),
+        history: search.history().filter_map(|(evaluation, best)| Some((evaluation, best?))).collect(),
+        wall_s: start.elapsed().as_secs_f64(),
+    };
+    Ok(Plan { preset, rig: mount.rig()?, mount, summary })
+}

@@ -1,0 +1,29 @@
+//! Second stage: a mock servo rig is homed, armed and driven to the pitches over its serial line.
+
+use anyhow::Context as _;
+
+use crate::mock::rig::{MockConfig, MockRig};
+use crate::rig::Rig;
+use crate::servo;
+
+/// A rig that holds its pitches.
+pub struct Tilted {
+    /// The device at the other end of the line.
+    pub device: MockRig,
+    /// This end of it.
+    pub servo: servo::Rig,
+    /// Where the axes really are, rad: what the mock sensors see by. The encoders have said something close to it.
+    pub true_pitch_rad: [f64; 2],
+}
+
+/// Drives axis i to the pitch of sensor i.
+pub fn drive(rig: &Rig, seed: u64) -> anyhow::Result<Tilted> {
+    let device = MockRig::start(MockConfig::default(), seed).context("cannot open a pty for the mock rig")?;
+    let servo = servo::Rig::connect(device.path())?;
+    servo.arm()?;
+    servo.home()?;
+    let pitches_rad: Vec<f64> = rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad).collect();
+    servo.apply(&pitches_rad)?;
+    let true_pitch_rad = device.true_positions_rad().context("the mock rig hung up")?;
+    Ok(Tilted { device, servo, true_pitch_rad })
+}

@@ -1,0 +1,201 @@
+//! What `inspect` reports: the JSON document and the text.
+
+use std::fmt::Write as _;
+
+use sensors::capture::{CaptureCounters, Interface};
+use sensors::router::{Router, Unclaimed};
+use serde::Serialize;
+
+use super::flows::{FlowReport, Flows};
+use super::sensor::{SensorReport, Watch};
+use crate::commands::recording::{Ending, Recording};
+use crate::commands::{sensor_ids, unread};
+
+/// The document.
+#[derive(Serialize)]
+pub struct Document {
+    capture: String,
+    first_host_time_ns: Option<u64>,
+    last_host_time_ns: Option<u64>,
+    duration_s: Option<f64>,
+    interfaces: Vec<Interface>,
+    sensors: Vec<SensorReport>,
+    flows: Vec<FlowReport>,
+    packets_of_other_flows: u64,
+    unclaimed: Vec<Unclaimed>,
+    fragments_incomplete: u64,
+    capture_counters: CaptureCounters,
+    losses: Vec<String>,
+    advice: Vec<String>,
+}
+
+impl Document {
+    /// Puts together what was seen.
+    pub fn new(
+        recording: &Recording,
+        router: &Router,
+        flows: &Flows,
+        watches: &[Watch],
+        ending: &Ending,
+    ) -> Self {
+        let none = Watch::default();
+        let ids = sensor_ids::ids(router);
+        let sensors: Vec<SensorReport> = router
+            .sensors()
+            .iter()
+            .enumerate()
+            .map(|(at, sensor)| watches.get(at).unwrap_or(&none).report(ids[at].clone(), sensor))
+            .collect();
+        let mut losses = ending.losses();
+        for sensor in &sensors {
+            losses.extend(unread::sensor_losses(&sensor.id, &sensor.counters));
+        }
+        let span_ns = flows.span_ns();
+        Self {
+            capture: recording.name(),
+            first_host_time_ns: span_ns.map(|[first, _]| first),
+            last_host_time_ns: span_ns.map(|[_, last]| last),
+            duration_s: span_ns.map(|[first, last]| (last - first) as f64 * 1e-9),
+            interfaces: ending.interfaces.clone(),
+            flows: flows.reports(),
+            packets_of_other_flows: flows.others(),
+            unclaimed: router.unclaimed().cloned().collect(),
+            fragments_incomplete: ending.counters.fragments_incomplete,
+            capture_counters: ending.counters.clone(),
+            losses,
+            advice: advice(recording, router, flows),
+            sensors,
+        }
+    }
+
+    /// Nothing is missing.
+    pub fn is_whole(&self) -> bool {
+        self.losses.is_empty()
+    }
+
+    /// The same for people.
+    pub fn text(&self) -> String {
+        let mut text = format!("{}: ", self.capture);
+        let counters = &self.capture_counters;
+        let _ = match self.duration_s {
+            Some(duration_s) => writeln!(text, "{} datagrams in {duration_s:.3} s", counters.datagrams),
+            None => writeln!(text, "no UDP datagrams in {} frames", counters.frames),
+        };
+        for sensor in &self.sensors {
+            sensor.append_to(&mut text);
+        }
+        if !self.flows.is_empty() {
+            text.push_str("streams:\n");
+        }
+        for flow in &self.flows {
+            let rate = flow.rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.1}/s"));
+            let serial = flow.serial.map_or(String::new(), |serial| format!(", sensor {serial}"));
+            let mode = flow.columns_per_frame.map_or(String::new(), |columns| format!(", {columns} columns"));
+            let FlowReport { source, destination, length, packets, looks_like, .. } = flow;
+            let _ = writeln!(
+                text,
+                "  {source} -> {destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}"
+            );
+        }
+        for (title, lines) in [("missing", &self.losses), ("what would help", &self.advice)] {
+            if !lines.is_empty() {
+                let _ = writeln!(text, "{title}:");
+            }
+            for line in lines {
+                let _ = writeln!(text, "  {line}");
+            }
+        }
+        if unread::oddities(counters).next().is_some() {
+            text.push_str("also in the file:\n");
+        }
+        for (count, what) in unread::oddities(counters) {
+            let _ = writeln!(text, "  {count} {what}");
+        }
+        text
+    }
+}
+
+impl SensorReport {
+    fn append_to(&self, text: &mut String) {
+        let about = [
+            (!self.serial.is_empty()).then(|| format!("serial {}", self.serial)),
+            (!self.firmware.is_empty()).then(|| format!("firmware {}", self.firmware)),
+            self.source.as_ref().map(|source| format!("from {source}")),
+        ];
+        let about: Vec<String> = about.into_iter().flatten().collect();
+        let _ = writeln!(
+            text,
+            "{}: {} {}, {}, {}",
+            self.id,
+            self.vendor,
+            self.model,
+            self.format,
+            about.join(", ")
+        );
+        let rate = self.frame_rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.2} Hz"));
+        let points =
+            self.points_per_frame.map_or(String::new(), |points| format!(", {points:.0} points each"));
+        let _ = writeln!(text, "    {} frames, {} whole{rate}{points}", self.frames, self.complete_frames);
+        let counters = &self.counters;
+        let _ = writeln!(
+            text,
+            "    {} packets: {} lost, {} duplicated, {} reordered, {} late, {} malformed, {} with a wrong checksum, \
+             {} foreign; {} restarts",
+            counters.packets,
+            counters.lost_packets,
+            counters.duplicated,
+            counters.reordered,
+            counters.late,
+            counters.malformed,
+            counters.crc_errors,
+            counters.foreign,
+            counters.init_id_changes,
+        );
+        for (count, what) in [
+            (self.imu_samples, "inertial samples"),
+            (self.position_packets, "position packets"),
+            (self.zone_reports, "zone reports"),
+        ] {
+            if count > 0 {
+                let _ = writeln!(text, "    {count} {what}");
+            }
+        }
+        if let Some(clock) = &self.clock {
+            let mode = self.timestamp_mode.as_ref().map_or(String::new(), |mode| format!(" ({mode})"));
+            let _ = writeln!(text, "    clock{mode} {}", clock.text());
+        }
+        if let Some(sentence) = &self.gps_sentence {
+            let _ = writeln!(text, "    GPS: {sentence}");
+        }
+        for remark in self.remark.iter().chain(&self.warnings) {
+            let _ = writeln!(text, "    {remark}");
+        }
+    }
+}
+
+/// Why something does not decode, and what would help.
+fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> {
+    let mut advice: Vec<String> = router
+        .unclaimed()
+        .map(|entry| {
+            let Unclaimed { port, length, packets, reason, .. } = entry;
+            format!("{packets} packets of {length} bytes to port {port}: {reason}")
+        })
+        .collect();
+    if router.unclaimed().any(|entry| entry.needs_metadata) {
+        for path in recording.metadata_beside(&flows.serials()) {
+            advice.push(format!(
+                "{} lies beside the recording: try --meta {}",
+                path.display(),
+                path.display()
+            ));
+        }
+    }
+    for sensor in router.sensors() {
+        if sensor.stats().packets == 0 {
+            let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
+            advice.push(format!("{name}: no packet of this sensor is in the recording"));
+        }
+    }
+    advice
+}

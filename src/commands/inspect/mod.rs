@@ -1,0 +1,57 @@
+//! `outrigger inspect`
+
+mod clock;
+mod document;
+mod flows;
+mod sensor;
+
+use std::path::PathBuf;
+
+use self::document::Document;
+use self::flows::Flows;
+use self::sensor::Watch;
+use super::output::{print_json, print_text};
+use super::recording::Recording;
+use super::{Context, Outcome};
+
+/// Arguments of `inspect`.
+///
+/// Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the
+/// recording is whole, 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments
+/// that never came), 1 when the file cannot be read.
+#[derive(clap::Args, Debug)]
+#[command(verbatim_doc_comment)]
+pub struct Args {
+    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
+    capture: PathBuf,
+    /// Metadata of an Ouster sensor; once per sensor.
+    #[arg(long = "meta", value_name = "META.json")]
+    meta: Vec<PathBuf>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let recording = Recording::open(&args.capture, &args.meta)?;
+    let mut router = recording.router()?;
+    let mut flows = Flows::default();
+    let mut watches: Vec<Watch> = Vec::new();
+    let mut take = |at: usize, _: &sensors::router::Sensor, decoded: sensors::Decoded<'_>| {
+        if watches.len() <= at {
+            watches.resize_with(at + 1, Watch::default);
+        }
+        watches[at].take(&decoded);
+    };
+    let ending = recording.each_packet(&mut |packet| {
+        flows.add(packet);
+        router.push(packet, &mut take);
+        Ok(())
+    })?;
+    router.finish(&mut take);
+    let document = Document::new(&recording, &router, &flows, &watches, &ending);
+    if context.json {
+        print_json(&document)?;
+    } else {
+        print_text(&document.text())?;
+    }
+    Ok(if document.is_whole() { Outcome::Done } else { Outcome::DataLost })
+}

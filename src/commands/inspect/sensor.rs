@@ -1,0 +1,153 @@
+//! What is watched of one sensor while it is decoded.
+
+use sensors::router::{Family, Sensor};
+use sensors::{DecodeStats, Decoded, Health};
+use serde::Serialize;
+
+use super::clock::{ClockReport, ClockWatch};
+use super::flows::rate_hz;
+
+/// Running numbers of one sensor.
+#[derive(Default)]
+pub struct Watch {
+    frames: u64,
+    complete: u64,
+    points: u64,
+    points_second: u64,
+    device_span_ns: Option<[u64; 2]>,
+    clock: ClockWatch,
+    imu_samples: u64,
+    position_packets: u64,
+    zone_reports: u64,
+    health: Option<Health>,
+}
+
+/// One sensor as it is reported.
+#[derive(Serialize)]
+pub struct SensorReport {
+    /// As in the documents of `decode`.
+    pub id: String,
+    /// `Ouster` or `Velodyne`.
+    pub vendor: &'static str,
+    /// Product.
+    pub model: String,
+    /// Serial number; empty when not known.
+    pub serial: String,
+    /// Firmware; empty when not known.
+    pub firmware: String,
+    /// Packet format.
+    pub format: String,
+    /// What is not as the packets claim.
+    pub remark: Option<String>,
+    /// Sender.
+    pub source: Option<String>,
+    /// Metadata it came from.
+    pub metadata: Option<String>,
+    /// Clock that the metadata says it uses.
+    pub timestamp_mode: Option<String>,
+    /// Revolutions, whole or not.
+    pub frames: u64,
+    /// Of these, whole ones.
+    pub complete_frames: u64,
+    /// By the device's clock.
+    pub frame_rate_hz: Option<f64>,
+    /// First returns in a revolution, on average.
+    pub points_per_frame: Option<f64>,
+    /// Second returns in a revolution, on average.
+    pub points_second_per_frame: Option<f64>,
+    /// Inertial samples.
+    pub imu_samples: u64,
+    /// Position packets.
+    pub position_packets: u64,
+    /// Zone packets.
+    pub zone_reports: u64,
+    /// The device's clock.
+    pub clock: Option<ClockReport>,
+    /// GPS sentence the sensor passed on last.
+    pub gps_sentence: Option<String>,
+    /// The sensor's own warnings in its last revolution.
+    pub warnings: Vec<String>,
+    /// Everything its decoder counted.
+    pub counters: DecodeStats,
+}
+
+impl Watch {
+    /// Counts what was decoded.
+    pub fn take(&mut self, decoded: &Decoded<'_>) {
+        match decoded {
+            Decoded::Frame(frame) => {
+                self.frames += 1;
+                self.complete += u64::from(frame.complete);
+                self.points += frame.first.points() as u64;
+                self.points_second += frame.second.as_ref().map_or(0, |layer| layer.points() as u64);
+                self.health = Some(frame.health);
+                if let Some([first_ns, _]) = frame.time_span_ns() {
+                    let span_ns = self.device_span_ns.get_or_insert([first_ns; 2]);
+                    span_ns[1] = first_ns;
+                    self.clock.add(frame.host_time_ns[0], first_ns);
+                }
+            }
+            Decoded::Imu(_) => self.imu_samples += 1,
+            Decoded::Position(_) => self.position_packets += 1,
+            Decoded::Zones(_) => self.zone_reports += 1,
+        }
+    }
+
+    /// Says what was seen.
+    pub fn report(&self, id: String, sensor: &Sensor) -> SensorReport {
+        let per_frame = |count: u64| (self.frames > 0).then(|| count as f64 / self.frames as f64);
+        let (mut firmware, mut timestamp_mode, mut gps_sentence, mut remark) =
+            (String::new(), None, None, None);
+        match sensor.family() {
+            Family::Ouster(decoder) => {
+                firmware.clone_from(&decoder.metadata().firmware);
+                timestamp_mode = decoder.metadata().timestamp_mode.map(|mode| mode.name().to_owned());
+                gps_sentence = decoder.nmea().map(|(_, text)| text.to_owned());
+            }
+            Family::Velodyne(decoder) => {
+                remark = decoder.identity().and_then(|identity| identity.remark.clone());
+            }
+        }
+        SensorReport {
+            id,
+            vendor: sensor.vendor(),
+            model: sensor.product(),
+            serial: sensor.serial().to_owned(),
+            firmware,
+            format: sensor.format(),
+            remark,
+            source: sensor.source().map(|source| source.to_string()),
+            metadata: sensor.metadata_name.clone(),
+            timestamp_mode,
+            frames: self.frames,
+            complete_frames: self.complete,
+            frame_rate_hz: self.device_span_ns.and_then(|span_ns| rate_hz(self.frames, span_ns)),
+            points_per_frame: per_frame(self.points),
+            points_second_per_frame: per_frame(self.points_second).filter(|_| self.points_second > 0),
+            imu_samples: self.imu_samples,
+            position_packets: self.position_packets,
+            zone_reports: self.zone_reports,
+            clock: self.clock.report(),
+            gps_sentence,
+            warnings: self.health.map(warnings).unwrap_or_default(),
+            counters: sensor.stats().clone(),
+        }
+    }
+}
+
+fn warnings(health: Health) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if health.alert_flags & 0x80 != 0 {
+        warnings
+            .push(format!("alerts are active (flags {:#04x}): ask the sensor for them", health.alert_flags));
+    }
+    if health.thermal_shutdown != 0 {
+        warnings.push(format!("shuts down for heat in {} s", health.thermal_countdown_s));
+    }
+    match health.shot_limiting {
+        0 => {}
+        1 => warnings.push(format!("limits its shots for heat in {} s", health.shot_limiting_countdown_s)),
+        level => warnings.push(format!("limits its shots for heat, level {}", level - 1)),
+    }
+    warnings
+}

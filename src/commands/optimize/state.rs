@@ -1,0 +1,82 @@
+//! The state file of a search: what was asked, and how far it is.
+
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::files;
+use crate::optimize::{KeepApart, MountProblem, Search};
+use crate::simulate::published::Roll;
+
+const FORMAT: &str = "outrigger-search/1";
+
+#[derive(Serialize)]
+struct Written<'a> {
+    format: &'a str,
+    question: &'a Value,
+    search: &'a Search,
+}
+
+#[derive(Deserialize)]
+struct Read {
+    format: String,
+    question: Value,
+    search: Search,
+}
+
+/// All that decides the score of a point: a search goes on only where this is the same.
+pub fn question(problem: &MountProblem, masters_max: u32, keep_apart: KeepApart) -> anyhow::Result<Value> {
+    let objective = problem.objective();
+    let experiment = objective.simulator().experiment();
+    let text = json!({
+        "preset": experiment.preset.name,
+        "path": experiment.path,
+        "voxel_m": experiment.voxel_m,
+        "azimuths": experiment.azimuths,
+        "sub_poses": experiment.sub_poses,
+        "phase": experiment.phase,
+        "mirror": experiment.mirror,
+        "roll": match experiment.roll { Roll::Fixed(roll_deg) => json!(roll_deg), Roll::Free => json!("free") },
+        "lambda": objective.weights().sensor_cost,
+        "least_distance_m": objective.needed_distance_m(),
+        "clearance": keep_apart,
+        "masters_max": masters_max,
+    })
+    .to_string();
+    // once through text, so that it compares equal to what was read
+    Ok(serde_json::from_str(&text)?)
+}
+
+/// The search of a state file; none if there is no such file yet.
+pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
+    let text = match std::fs::read_to_string(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        text => text.with_context(|| format!("state file {} cannot be read", path.display()))?,
+    };
+    let wrong = || format!("state file {} holds no search of this program", path.display());
+    let read: Read = serde_json::from_str(&text).with_context(wrong)?;
+    if read.format != FORMAT {
+        bail!("state file {}: format is {:?}, this program reads {FORMAT:?}", path.display(), read.format);
+    }
+    if let Some(wanted) = question.as_object() {
+        for (name, now) in wanted {
+            let then = &read.question[name];
+            if then != now {
+                bail!(
+                    "state file {}: its search has {name} {then}, asked for is {now}: give the same options, or another file",
+                    path.display()
+                );
+            }
+        }
+    }
+    read.search.check().map_err(|reason| anyhow::anyhow!("state file {}: {reason}", path.display()))?;
+    Ok(Some(read.search))
+}
+
+/// Writes a state file, whole or not at all.
+pub fn write(path: &Path, question: &Value, search: &Search) -> anyhow::Result<()> {
+    files::write_json(path, &Written { format: FORMAT, question, search })
+        .with_context(|| format!("state file {} cannot be written", path.display()))
+}

@@ -1,0 +1,178 @@
+//! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use sensors::Packet;
+use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
+use sensors::ouster::Metadata;
+use sensors::router::Router;
+
+use crate::record::Session;
+
+/// Packets looked at before decoding, where several sensors have to be told apart by their senders.
+const LEARN_PACKETS: usize = 20_000;
+
+/// Metadata files looked at when none was given.
+const MOST_FILES_BESIDE: usize = 200;
+const MOST_METADATA_BYTES: u64 = 1 << 20;
+
+/// A capture with the metadata that belongs to it.
+pub struct Recording {
+    path: PathBuf,
+    metadata: Vec<(Metadata, String)>,
+}
+
+/// How a pass over the packets ended.
+pub struct Ending {
+    /// What the file holds beside datagrams.
+    pub counters: CaptureCounters,
+    /// Why reading stopped before the end.
+    pub damage: Option<CaptureError>,
+    /// Interfaces of the last section.
+    pub interfaces: Vec<Interface>,
+}
+
+impl Recording {
+    /// Finds the packets (a session folder names them, and brings its metadata along) and reads the metadata.
+    /// `-` is standard input.
+    pub fn open(capture: &Path, metadata_paths: &[PathBuf]) -> anyhow::Result<Self> {
+        let mut paths = metadata_paths.to_vec();
+        let mut path = capture.to_owned();
+        if capture.is_dir() && Session::is_session(capture) {
+            path = capture.join(crate::record::file::PACKETS);
+            if paths.is_empty() {
+                paths = json_files(&capture.join(crate::record::file::METADATA))?;
+            }
+        }
+        let mut metadata = Vec::with_capacity(paths.len());
+        for path in &paths {
+            let name = path.display().to_string();
+            let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+            metadata.push((Metadata::parse(&text, &name)?, name));
+        }
+        Ok(Self { path, metadata })
+    }
+
+    /// The file that is read.
+    pub fn name(&self) -> String {
+        if self.is_standard_input() { "standard input".into() } else { self.path.display().to_string() }
+    }
+
+    /// Metadata files in the folder of the capture that describe one of the given sensors, or that bear its name.
+    pub fn metadata_beside(&self, serials: &[u64]) -> Vec<PathBuf> {
+        let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };
+        let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let Ok(files) = json_files(folder.unwrap_or(Path::new("."))) else { return Vec::new() };
+        let named = |path: &PathBuf| {
+            let name = path.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
+            name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
+        };
+        let describes = |path: &PathBuf| {
+            let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
+            let text = if small { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+            // what does not read as metadata is not what is looked for
+            Metadata::parse(&text, "").is_ok_and(|metadata| {
+                metadata.serial_number().is_some_and(|serial| serials.contains(&serial)) || named(path)
+            })
+        };
+        files.into_iter().take(MOST_FILES_BESIDE).filter(describes).collect()
+    }
+
+    /// A router that knows the sensors of the metadata, and where they send from if that is needed.
+    pub fn router(&self) -> anyhow::Result<Router> {
+        let mut router = Router::new();
+        for (metadata, name) in &self.metadata {
+            router.add_ouster(metadata.clone(), name.clone());
+        }
+        if !self.metadata.is_empty() && !self.is_standard_input() {
+            let mut reader = CaptureReader::open(&self.path)?;
+            let mut left = LEARN_PACKETS;
+            // damage is found again, and reported, when the packets are decoded
+            while left > 0
+                && let Ok(Some(packet)) = reader.next()
+            {
+                left = if router.learn(&packet) { 0 } else { left - 1 };
+            }
+        }
+        Ok(router)
+    }
+
+    /// Hands every datagram to `take`. A file that is cut off or damaged ends the pass early; the [`Ending`] says so.
+    pub fn each_packet(
+        &self,
+        take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Ending> {
+        let mut reader = match self.is_standard_input() {
+            true => CaptureReader::new(std::io::stdin(), "standard input")?,
+            false => CaptureReader::open(&self.path)?,
+        };
+        let bar = progress_bar(&self.path);
+        let mut packets = 0_u64;
+        let damage = loop {
+            match reader.next() {
+                Ok(Some(packet)) => take(&packet)?,
+                Ok(None) => break None,
+                Err(error) => break Some(error),
+            }
+            packets += 1;
+            if packets.is_multiple_of(1024) {
+                bar.set_position(reader.position());
+            }
+        };
+        bar.finish_and_clear();
+        Ok(Ending { counters: reader.counters().clone(), damage, interfaces: reader.interfaces().to_vec() })
+    }
+
+    fn is_standard_input(&self) -> bool {
+        self.path.as_os_str() == "-"
+    }
+}
+
+impl Ending {
+    /// Data that is missing because of the file, in words.
+    pub fn losses(&self) -> Vec<String> {
+        let counters = &self.counters;
+        let mut losses = Vec::new();
+        losses.extend(self.damage.as_ref().map(ToString::to_string));
+        losses.extend(counters.truncated.as_ref().map(ToString::to_string));
+        for (count, what) in [
+            (counters.fragments_incomplete, "datagrams lack a fragment"),
+            (
+                counters.cut_by_snap_length,
+                "frames were cut short by the recorder's snap length (record with -s 0)",
+            ),
+            (counters.dropped_by_recorder, "packets were dropped by the recorder, by its own account"),
+        ] {
+            if count > 0 {
+                losses.push(format!("{count} {what}"));
+            }
+        }
+        losses
+    }
+}
+
+fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
+        let path = entry.with_context(|| folder.display().to_string())?.path();
+        if path.extension().is_some_and(|extension| extension == "json") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Drawn on stderr, and only on a terminal.
+fn progress_bar(path: &Path) -> indicatif::ProgressBar {
+    let bytes = std::fs::metadata(path).map(|metadata| metadata.len()).unwrap_or(0);
+    let bar = indicatif::ProgressBar::new(bytes);
+    if let Ok(style) = indicatif::ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes} {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}

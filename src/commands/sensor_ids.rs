@@ -1,0 +1,30 @@
+//! Names of the sensors of a recording, for documents and files.
+
+use sensors::router::{Router, Sensor};
+
+/// One name per sensor, in order; no two the same.
+pub fn ids(router: &Router) -> Vec<String> {
+    let mut taken = Vec::new();
+    for sensor in router.sensors() {
+        next_id(sensor, &mut taken);
+    }
+    taken
+}
+
+/// Product and serial number (or sender, where there is none); numbered where that is taken.
+pub fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
+    let tail = match (sensor.serial(), sensor.source()) {
+        ("", Some(source)) => source.ip().to_string(),
+        (serial, _) => serial.to_owned(),
+    };
+    let plain: String = format!("{}-{tail}", sensor.product())
+        .to_lowercase()
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' })
+        .collect();
+    let plain = plain.trim_end_matches('-').to_owned();
+    let numbered = (2..).map(|number| format!("{plain}-{number}"));
+    let id = std::iter::once(plain.clone()).chain(numbered).find(|id| !taken.contains(id)).unwrap_or(plain);
+    taken.push(id.clone());
+    id
+}

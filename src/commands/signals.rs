@@ -1,0 +1,63 @@
+//! Ctrl-C, counted: the first asks to stop in good order, later ones insist.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+
+use anyhow::Context as _;
+
+/// One message for each Ctrl-C (or SIGTERM) from now on, in place of ending the program.
+pub fn interrupts() -> anyhow::Result<Receiver<()>> {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .context("no runtime for signals can be made")?;
+    let (sender, receiver) = channel();
+    let (ready, is_ready) = channel();
+    std::thread::Builder::new()
+        .name("signals".into())
+        .spawn(move || {
+            runtime.block_on(async {
+                use tokio::signal::unix::{SignalKind, signal};
+                let streams = signal(SignalKind::interrupt())
+                    .and_then(|interrupt| Ok((interrupt, signal(SignalKind::terminate())?)));
+                let (mut interrupt, mut terminate) = match streams {
+                    Ok(streams) => streams,
+                    Err(error) => {
+                        let _ = ready.send(Err(error)); // the caller waits for it
+                        return;
+                    }
+                };
+                let _ = ready.send(Ok(()));
+                loop {
+                    tokio::select! {
+                        _ = interrupt.recv() => {}
+                        _ = terminate.recv() => {}
+                    }
+                    if sender.send(()).is_err() {
+                        // nobody counts any more: end as the signal would have
+                        std::process::exit(130);
+                    }
+                }
+            });
+        })
+        .context("no thread for signals can be started")?;
+    is_ready.recv().context("the thread for signals ended")?.context("signals cannot be caught")?;
+    Ok(receiver)
+}
+
+/// A flag that the first Ctrl-C (or SIGTERM) sets; the second one ends the program at once.
+pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+    let interrupts = interrupts()?;
+    let flag = Arc::new(AtomicBool::new(false));
+    let setter = Arc::clone(&flag);
+    std::thread::spawn(move || {
+        if interrupts.recv().is_ok() {
+            setter.store(true, Ordering::Relaxed);
+            if interrupts.recv().is_ok() {
+                std::process::exit(130);
+            }
+        }
+    });
+    Ok(flag)
+}

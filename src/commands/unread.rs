@@ -1,0 +1,77 @@
+//! What is missing in a recording, why it gave nothing, and what would help.
+
+use std::fmt::Write as _;
+
+use sensors::DecodeStats;
+use sensors::capture::CaptureCounters;
+use sensors::router::{Router, Unclaimed};
+
+use super::recording::{Ending, Recording};
+
+/// Lists what the file holds, and says what to do.
+pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
+    let counters = &ending.counters;
+    let mut text = format!("{}: no LiDAR data was decoded.", recording.name());
+    let unclaimed: Vec<&Unclaimed> = router.unclaimed().collect();
+    if counters.frames == 0 {
+        text.push_str(" The file holds no packets at all.");
+    } else if unclaimed.is_empty() {
+        text.push_str(" It holds no UDP packets.");
+    } else {
+        text.push_str(" It holds:");
+        for Unclaimed { port, length, packets, reason, .. } in &unclaimed {
+            let _ = write!(text, "\n  {packets} packets of {length} bytes to port {port}: {reason}");
+        }
+    }
+    for (count, what) in oddities(counters) {
+        let _ = write!(text, "\n  {count} {what}");
+    }
+    for loss in ending.losses() {
+        let _ = write!(text, "\n  {loss}");
+    }
+    if unclaimed.iter().any(|entry| entry.needs_metadata) {
+        let serials: Vec<u64> = unclaimed.iter().filter_map(|entry| entry.serial).collect();
+        let beside = recording.metadata_beside(&serials);
+        for path in &beside {
+            let _ = write!(text, "\n{} lies beside it: try --meta {}", path.display(), path.display());
+        }
+        if beside.is_empty() {
+            text.push_str(
+                "\nAn Ouster recording needs its sensor's metadata: save http://SENSOR/api/v1/sensor/metadata as a file",
+            );
+        }
+    }
+    text
+}
+
+/// What a file holds beside UDP datagrams; losses are [`Ending::losses`].
+pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'static str)> {
+    [
+        (counters.not_ip, "frames that are not IP"),
+        (counters.not_udp, "IP packets that are not UDP"),
+        (counters.other_link_type, "frames of a link type that is not supported"),
+        (counters.malformed, "frames with malformed headers"),
+        (
+            counters.cut_by_snap_length,
+            "frames cut short by the recorder's snap length: record again with -s 0",
+        ),
+        (counters.fragments_duplicated, "fragments that came twice"),
+        (counters.fragments_incomplete, "datagrams of which fragments never came"),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+}
+
+/// Packets of a sensor that its decoder could not use.
+pub fn sensor_losses(id: &str, counters: &DecodeStats) -> Vec<String> {
+    [
+        (counters.lost_packets, "packets never came"),
+        (counters.late, "packets came too late"),
+        (counters.malformed, "packets are malformed"),
+        (counters.crc_errors, "packets fail their checksum"),
+    ]
+    .iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, what)| format!("{id}: {count} {what}"))
+    .collect()
+}

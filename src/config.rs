@@ -1,1 +1,0 @@
-//! rig.toml to types: degrees and metres in, radians out.

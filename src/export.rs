@@ -1,1 +1,0 @@
-//! Point files: PCD, PLY, LAS/LAZ, E57, MCAP, CSV.

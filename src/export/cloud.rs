@@ -1,0 +1,188 @@
+//! The points of one frame, as files want them.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use sensors::projection::points_f64;
+use sensors::{Frame, Layer, SensorModel};
+
+/// Stamps before this are no dates: 2000-01-01 in ns since 1970. A sensor without a time source counts from power-on.
+const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
+
+/// Which sensor points come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Source {
+    /// Name in files and topics.
+    pub id: String,
+    /// Number among the sensors of a recording, from 0.
+    pub number: u16,
+    /// `Ouster` or `Velodyne`.
+    pub vendor: String,
+    /// Product.
+    pub model: String,
+    /// Serial number; empty when not known.
+    pub serial: String,
+}
+
+/// One return of one firing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Point {
+    /// In the sensor frame, m.
+    pub position_m: DVec3,
+    /// As measured, mm.
+    pub range_mm: u32,
+    /// Device time of the firing, ns.
+    pub time_ns: u64,
+    /// Beam: channel from top to bottom for Ouster; by rising elevation for Velodyne, as its ROS driver numbers them.
+    pub ring: u16,
+    /// Column of the frame.
+    pub column: u32,
+    /// 1 or 2.
+    pub return_number: u8,
+    /// Signal photons where the sensor sends them, calibrated reflectivity otherwise.
+    pub intensity: f32,
+    /// Calibrated reflectivity.
+    pub reflectivity: u8,
+    /// Ambient light; 0 where it is not sent.
+    pub near_ir: u16,
+}
+
+/// Which of a firing's returns a point is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Echo {
+    /// From 1.
+    pub number: u8,
+    /// How many there are.
+    pub of: u8,
+}
+
+/// The points of one frame; samples without a return are left out.
+#[derive(Clone, Debug)]
+pub struct Cloud {
+    /// Whose.
+    pub source: Arc<Source>,
+    /// The sensor's frame counter.
+    pub frame_id: u32,
+    /// Device time of the first column that came, ns.
+    pub start_time_ns: u64,
+    /// Host arrival of the first packet, ns.
+    pub host_time_ns: u64,
+    /// In order of columns, then channels, then returns.
+    pub points: Vec<Point>,
+    rings: Vec<u16>,
+    scratch: Vec<DVec3>,
+}
+
+impl Cloud {
+    /// An empty cloud of a sensor with the given beams.
+    pub fn new(source: Source, model: &SensorModel) -> Self {
+        let rings = rings(&source, model);
+        Self {
+            source: Arc::new(source),
+            frame_id: 0,
+            start_time_ns: 0,
+            host_time_ns: 0,
+            points: Vec::new(),
+            rings,
+            scratch: Vec::new(),
+        }
+    }
+
+    /// Replaces the points by those of a frame.
+    pub fn fill(&mut self, model: &SensorModel, frame: &Frame) {
+        self.points.clear();
+        self.frame_id = frame.frame_id;
+        self.start_time_ns = frame.time_span_ns().map_or(0, |[first, _]| first);
+        self.host_time_ns = frame.host_time_ns[0];
+        self.fill_layer(model, frame, &frame.first, 1);
+        if let Some(second) = &frame.second {
+            self.fill_layer(model, frame, second, 2);
+            self.points.sort_by_key(|point| (point.column, point.ring, point.return_number));
+        }
+    }
+
+    /// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
+    pub fn stamp_ns(&self) -> u64 {
+        if self.start_time_ns >= FIRST_DATE_NS { self.start_time_ns } else { self.host_time_ns }
+    }
+
+    /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
+    /// first one is missing is the first of one.
+    pub fn echoes(&self) -> impl Iterator<Item = (&Point, Echo)> {
+        let same = |a: Option<&Point>, b: &Point| a.is_some_and(|a| (a.column, a.ring) == (b.column, b.ring));
+        self.points.iter().enumerate().map(move |(at, point)| {
+            let after = at.checked_sub(1).is_some_and(|before| same(self.points.get(before), point));
+            let before = same(self.points.get(at + 1), point);
+            (point, Echo { number: 1 + u8::from(after), of: 1 + u8::from(before || after) })
+        })
+    }
+
+    /// Time of a point since the frame's first column, ns.
+    pub fn since_start_ns(&self, point: &Point) -> u32 {
+        u32::try_from(point.time_ns.saturating_sub(self.start_time_ns)).unwrap_or(u32::MAX)
+    }
+
+    fn fill_layer(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer, return_number: u8) {
+        let mut positions = std::mem::take(&mut self.scratch);
+        points_f64(model, frame, layer, &mut positions);
+        for column in 0..frame.columns() {
+            for channel in 0..frame.channels {
+                let at = frame.index(column, channel);
+                let range_mm = layer.range_mm[at];
+                if range_mm == 0 {
+                    continue;
+                }
+                let reflectivity = layer.reflectivity.get(at).copied().unwrap_or(0);
+                let signal = layer.signal.get(at).copied();
+                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
+                self.points.push(Point {
+                    position_m: positions[at],
+                    range_mm,
+                    time_ns: frame.column_time_ns[column].saturating_add_signed(offset_ns),
+                    ring: self.rings.get(channel).copied().unwrap_or(0),
+                    column: column as u32,
+                    return_number,
+                    intensity: signal.map_or(f32::from(reflectivity), f32::from),
+                    reflectivity,
+                    near_ir: layer.near_ir.get(at).copied().unwrap_or(0),
+                });
+            }
+        }
+        self.scratch = positions;
+    }
+}
+
+fn rings(source: &Source, model: &SensorModel) -> Vec<u16> {
+    let channels = model.channels() as u16;
+    if source.vendor != "Velodyne" {
+        return (0..channels).collect();
+    }
+    let mut by_elevation: Vec<u16> = (0..channels).collect();
+    let elevation_rad = |channel: &u16| model.beams()[usize::from(*channel)].elevation_rad;
+    by_elevation.sort_by(|a, b| elevation_rad(a).total_cmp(&elevation_rad(b)));
+    let mut rings = vec![0; usize::from(channels)];
+    for (ring, channel) in by_elevation.into_iter().enumerate() {
+        rings[usize::from(channel)] = ring as u16;
+    }
+    rings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rings_of_a_velodyne_rise_with_elevation() {
+        let model = sensors::catalogue::nominal("vlp-16").unwrap();
+        let source = |vendor: &str| Source {
+            id: "a".into(),
+            number: 0,
+            vendor: vendor.into(),
+            model: "vlp-16".into(),
+            serial: String::new(),
+        };
+        // lasers 0 and 1 of a VLP-16 point to -15 and +1 degrees
+        assert_eq!(rings(&source("Velodyne"), &model)[..2], [0, 8]);
+        assert_eq!(rings(&source("Ouster"), &model)[..2], [0, 1]);
+    }
+}

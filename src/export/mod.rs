@@ -1,0 +1,167 @@
+//! Point files: PCD, PLY, CSV, LAS/LAZ, E57 and MCAP.
+//!
+//! A file appears under its name only when it is whole. Coordinates are metres in the sensor frame (x forward, y left,
+//! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` (`gps_time` in LAS) the device
+//! clock in seconds.
+
+mod cdr;
+mod cloud;
+mod csv;
+mod e57;
+mod las;
+mod mcap;
+mod pcd;
+mod ply;
+mod record;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use crate::files;
+
+pub use cloud::{Cloud, Echo, Point, Source};
+
+/// A file format for points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Point Cloud Library, binary.
+    Pcd,
+    /// Polygon file, binary little-endian.
+    Ply,
+    /// ASPRS LAS 1.4.
+    Las,
+    /// LAS, compressed.
+    Laz,
+    /// ASTM E57: one scan per frame.
+    E57,
+    /// One line per point.
+    Csv,
+    /// MCAP with ROS 2 PointCloud2 messages, one topic per sensor.
+    Mcap,
+}
+
+impl Format {
+    /// By a file's extension.
+    pub fn of_path(path: &Path) -> Option<Self> {
+        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        <Self as clap::ValueEnum>::from_str(&extension, true).ok()
+    }
+
+    /// The usual extension.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Pcd => "pcd",
+            Self::Ply => "ply",
+            Self::Las => "las",
+            Self::Laz => "laz",
+            Self::E57 => "e57",
+            Self::Csv => "csv",
+            Self::Mcap => "mcap",
+        }
+    }
+
+    /// Whether a file keeps the points of several sensors apart.
+    pub fn holds_several_sensors(self) -> bool {
+        !matches!(self, Self::Pcd | Self::Ply)
+    }
+
+    /// Whether users expect one file per frame.
+    pub fn is_per_frame(self) -> bool {
+        matches!(self, Self::Pcd | Self::Ply)
+    }
+}
+
+/// Why a point file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// Without the wish to overwrite.
+    #[error("{} exists already", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The disk or the format refused.
+    #[error("{}: {cause}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What was said.
+        cause: Cause,
+    },
+}
+
+/// What a writer says went wrong.
+pub type Cause = Box<dyn std::error::Error + Send + Sync>;
+
+/// What every format does.
+trait CloudWriter {
+    fn add(&mut self, cloud: &Cloud) -> Result<(), Cause>;
+    fn close(self: Box<Self>) -> Result<(), Cause>;
+}
+
+/// A point file under way.
+pub struct Export {
+    path: PathBuf,
+    temporary: tempfile::NamedTempFile,
+    writer: Box<dyn CloudWriter>,
+    overwrite: bool,
+    points: u64,
+}
+
+impl Export {
+    /// Begins a file; it appears under its name when [`Export::finish`] returns.
+    pub fn create(path: &Path, format: Format, overwrite: bool) -> Result<Self, ExportError> {
+        let refuse = |cause: Cause| ExportError::Write { path: path.to_owned(), cause };
+        if !overwrite && path.exists() {
+            return Err(ExportError::Exists { path: path.to_owned() });
+        }
+        std::fs::create_dir_all(files::folder_of(path)).map_err(|error| refuse(error.into()))?;
+        let temporary = files::temporary_beside(path).map_err(|error| refuse(error.into()))?;
+        let file = temporary.as_file().try_clone().map_err(|error| refuse(error.into()))?;
+        let writer = writer(format, file).map_err(refuse)?;
+        Ok(Self { path: path.to_owned(), temporary, writer, overwrite, points: 0 })
+    }
+
+    /// Adds the points of one frame.
+    pub fn add(&mut self, cloud: &Cloud) -> Result<(), ExportError> {
+        self.points += cloud.points.len() as u64;
+        self.writer.add(cloud).map_err(|cause| ExportError::Write { path: self.path.clone(), cause })
+    }
+
+    /// Ends the file and gives it its name; returns how many points it holds.
+    pub fn finish(self) -> Result<u64, ExportError> {
+        let refuse = |cause: Cause| ExportError::Write { path: self.path.clone(), cause };
+        self.writer.close().map_err(refuse)?;
+        self.temporary.as_file().sync_all().map_err(|error| refuse(error.into()))?;
+        let persisted = match self.overwrite {
+            true => self.temporary.persist(&self.path),
+            false => self.temporary.persist_noclobber(&self.path),
+        };
+        match persisted {
+            Ok(_) => Ok(self.points),
+            Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => {
+                Err(ExportError::Exists { path: self.path.clone() })
+            }
+            Err(error) => Err(refuse(error.error.into())),
+        }
+    }
+}
+
+fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
+    Ok(match format {
+        Format::Pcd => Box::new(pcd::PcdWriter::new(file)?),
+        Format::Ply => Box::new(ply::PlyWriter::new(file)?),
+        Format::Csv => Box::new(csv::CsvWriter::new(file)?),
+        Format::Las => Box::new(las::LasWriter::new(file, false)?),
+        Format::Laz => Box::new(las::LasWriter::new(file, true)?),
+        Format::E57 => Box::new(e57::E57Writer::new(file)?),
+        Format::Mcap => Box::new(mcap::McapWriter::new(file)?),
+    })
+}
+
+/// Flushes a buffered file.
+fn flush(mut file: BufWriter<File>) -> Result<File, Cause> {
+    file.flush()?;
+    Ok(file.into_inner()?)
+}

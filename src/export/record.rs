@@ -1,0 +1,39 @@
+//! Binary point records of PCD and PLY: one list of fields, so that both files say the same.
+
+use super::{Cloud, Point};
+
+/// Name, PCD type letter, size in bytes, PLY type.
+pub(super) const FIELDS: [(&str, char, usize, &str); 9] = [
+    ("x", 'F', 4, "float"),
+    ("y", 'F', 4, "float"),
+    ("z", 'F', 4, "float"),
+    ("intensity", 'F', 4, "float"),
+    ("t", 'U', 4, "uint"),
+    ("timestamp", 'F', 8, "double"),
+    ("reflectivity", 'U', 1, "uchar"),
+    ("return_number", 'U', 1, "uchar"),
+    ("ring", 'U', 2, "ushort"),
+];
+
+/// Bytes of one record.
+pub(super) const BYTES: usize = 32;
+
+/// One point, in the order of [`FIELDS`], little-endian.
+pub(super) fn bytes(cloud: &Cloud, point: &Point) -> [u8; BYTES] {
+    let mut record = [0; BYTES];
+    let position = point.position_m.as_vec3();
+    for (at, value) in [position.x, position.y, position.z, point.intensity].into_iter().enumerate() {
+        record[at * 4..at * 4 + 4].copy_from_slice(&value.to_le_bytes());
+    }
+    record[16..20].copy_from_slice(&cloud.since_start_ns(point).to_le_bytes());
+    record[20..28].copy_from_slice(&seconds(point.time_ns).to_le_bytes());
+    record[28] = point.reflectivity;
+    record[29] = point.return_number;
+    record[30..32].copy_from_slice(&point.ring.to_le_bytes());
+    record
+}
+
+/// Nanoseconds as seconds; a date of today keeps a quarter of a microsecond.
+pub(super) fn seconds(time_ns: u64) -> f64 {
+    time_ns as f64 * 1e-9
+}

@@ -1,0 +1,338 @@
+//! Bayesian optimization: a Gaussian process of the scores so far, and the point of greatest expected improvement.
+//!
+//! Jones, Schonlau, Welch 1998 (doi:10.1023/A:1008306431147); logarithm of the improvement: Ament et al. 2023
+//! (arXiv:2310.20708); the guard against over-exploitation is the "plus" of Bull 2011
+//! (<https://www.jmlr.org/papers/v12/bull11a.html>): a point whose deviation is small beside the noise is refused, the
+//! length scales are shortened and the question is asked again. Equal designs are one point to the model: symmetries are
+//! folded, inactive variables are parked.
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
+use super::{Candidate, Optimizer, Settings, Space, Trial, generator, normal};
+use crate::rng::Rng;
+
+const SEED_POINTS: usize = 12;
+/// Least deviation of the next point beside the noise's.
+const EXPLORATION_RATIO: f64 = 0.4;
+const EXPLORATION_TRIES: usize = 5;
+/// Published stopping rule: the best of the last so many evaluations grew by less than this, relative.
+const STALL_EVALUATIONS: usize = 50;
+const STALL_TOLERANCE: f64 = 1e-5;
+/// Data that say enough for the parameters not to jump to another optimum.
+const REFIT_FROM_ONE_START: usize = 60;
+const GLOBAL_CANDIDATES: usize = 500;
+const LOCAL_CENTRES: usize = 5;
+const LOCAL_CANDIDATES: usize = 60;
+const REFINED: usize = 3;
+const REFINE_ROUNDS: usize = 8;
+
+/// Bayesian optimization with a Gaussian process.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Bayesian {
+    space: Space,
+    seed: u64,
+    seed_points: usize,
+    early_stop: bool,
+    step: u64,
+    trials: Vec<Trial>,
+    /// Best so far after each trial.
+    bests: Vec<usize>,
+    hyper: Option<Hyper>,
+    fitted_at: usize,
+}
+
+impl Bayesian {
+    /// Nothing evaluated yet.
+    pub fn new(space: Space, settings: Settings) -> Self {
+        Self {
+            space: space.folded(),
+            seed: settings.seed,
+            seed_points: SEED_POINTS.min(settings.budget),
+            early_stop: settings.early_stop,
+            step: 0,
+            trials: Vec::new(),
+            bests: Vec::new(),
+            hyper: None,
+            fitted_at: 0,
+        }
+    }
+
+    /// Starts from what is known already instead of from points of its own.
+    pub(super) fn continued(space: Space, settings: Settings, trials: Vec<Trial>) -> Self {
+        let mut method = Self::new(space, settings);
+        method.seed_points = trials.len();
+        method.tell(&trials);
+        method
+    }
+
+    fn is_stalled(&self) -> bool {
+        let now = self.trials.len();
+        if now <= STALL_EVALUATIONS || self.seed_points >= now {
+            return false;
+        }
+        let score = |index: usize| &self.trials[self.bests[index]];
+        let (then, now) = (score(now - 1 - STALL_EVALUATIONS), score(now - 1));
+        now.violation == then.violation
+            && (now.score - then.score).abs() < STALL_TOLERANCE * now.score.abs().max(1e-12)
+    }
+
+    /// Fits when the data have grown by a tenth since the last fit: from the parameters found then, or from several
+    /// starts at first.
+    fn fit(&mut self, data: &Data, roles: usize, rng: &mut Rng) -> Hyper {
+        let count = self.trials.len();
+        if let Some(hyper) = &self.hyper
+            && count < self.fitted_at + 1 + self.fitted_at / 12
+        {
+            return hyper.clone();
+        }
+        let mut random = || {
+            let mut start = Hyper::typical(roles);
+            for length in &mut start.ln_lengths {
+                *length += 1.5 * (rng.uniform() - 0.5);
+            }
+            start.ln_noise = rng.between(-12.0, -1.0);
+            start
+        };
+        let (starts, iterations) = match &self.hyper {
+            Some(hyper) if count > REFIT_FROM_ONE_START => (vec![hyper.clone()], 8),
+            Some(hyper) => (vec![hyper.clone(), random()], 20),
+            None => (std::iter::once(Hyper::typical(roles)).chain((0..4).map(|_| random())).collect(), 40),
+        };
+        let hyper = data.fit(&starts, iterations);
+        self.hyper = Some(hyper.clone());
+        self.fitted_at = count;
+        hyper
+    }
+
+    fn propose(&mut self) -> Candidate {
+        let mut rng = generator(self.seed, self.step);
+        self.step += 1;
+        let best = &self.trials[self.bests[self.trials.len() - 1]];
+        let space = match best.violation {
+            0.0 => self.space.that_can_exceed(best.score),
+            _ => self.space.clone(),
+        };
+        let view = View::new(&space);
+        let known: Vec<&Trial> = self.trials.iter().filter(|trial| is_inside(&space, trial)).collect();
+        let points: Vec<Vec<f64>> = known.iter().map(|trial| view.unit(&trial.candidate.values)).collect();
+        let merits = merits(&known);
+        let greatest = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let mut order: Vec<usize> = (0..known.len()).collect();
+        order.sort_by(|&a, &b| known[a].order(known[b]));
+        let centres: Vec<Vec<f64>> =
+            order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
+        let data = Data::new(view.roles.clone(), view.role_count, points.clone(), merits);
+        let mut hyper = self.fit(&data, view.role_count, &mut rng);
+        let mut proposed = None;
+        for _ in 0..=EXPLORATION_TRIES {
+            let Some(process) = GaussianProcess::new(data.clone(), &hyper) else { break };
+            let hunt = Hunt { space: &space, view: &view, process: &process, points: &points, greatest };
+            let (values, belief) = hunt.best(&centres, &mut rng);
+            proposed = Some(values);
+            if belief.deviation >= EXPLORATION_RATIO * process.noise_deviation() {
+                break;
+            }
+            for length in &mut hyper.ln_lengths {
+                *length -= std::f64::consts::LN_2;
+            }
+        }
+        Candidate { values: proposed.unwrap_or_else(|| space.sample(&mut rng)) }
+    }
+}
+
+impl Optimizer for Bayesian {
+    fn ask(&mut self) -> Vec<Candidate> {
+        if self.trials.is_empty() {
+            let points = self.space.latin_hypercube(self.seed_points, &mut generator(self.seed, u64::MAX));
+            return points.into_iter().map(|values| Candidate { values }).collect();
+        }
+        if self.early_stop && self.is_stalled() {
+            return Vec::new();
+        }
+        vec![self.propose()]
+    }
+
+    fn tell(&mut self, trials: &[Trial]) {
+        for trial in trials {
+            let index = self.trials.len();
+            let best = match self.bests.last() {
+                Some(&best) if !trial.beats(&self.trials[best]) => best,
+                _ => index,
+            };
+            self.bests.push(best);
+            self.trials.push(trial.clone());
+        }
+    }
+}
+
+/// The model's view of a space: the variables that matter somewhere in it.
+struct View<'a> {
+    space: &'a Space,
+    axes: Vec<usize>,
+    /// Role of each axis, counted without gaps over the whole space.
+    roles: Vec<usize>,
+    role_count: usize,
+}
+
+impl<'a> View<'a> {
+    fn new(space: &'a Space) -> Self {
+        let variables = space.variables();
+        let most: Vec<f64> = variables.iter().map(|variable| variable.high).collect();
+        let axes = (0..space.len()).filter(|&axis| space.is_active(&most, axis)).collect::<Vec<_>>();
+        let mut names: Vec<usize> = variables.iter().map(|variable| variable.role).collect();
+        names.sort_unstable();
+        names.dedup();
+        let place = |axis: &usize| names.iter().position(|name| *name == variables[*axis].role).unwrap_or(0);
+        let roles = axes.iter().map(place).collect();
+        Self { space, axes, roles, role_count: names.len() }
+    }
+
+    /// Where the design lies for the model: equal designs at one point.
+    fn unit(&self, values: &[f64]) -> Vec<f64> {
+        let unit = self.space.to_unit(&self.space.canonical(values));
+        self.axes.iter().map(|&axis| unit[axis]).collect()
+    }
+}
+
+fn is_inside(space: &Space, trial: &Trial) -> bool {
+    trial.candidate.values[0] <= space.variables()[0].high
+}
+
+/// Scores made fit for a stationary model: standardised by the better half, the worse half drawn in logarithmically, so
+/// that a cliff far below does not flatten the top; infeasible points lie below the worst feasible one, by their
+/// violation.
+fn merits(trials: &[&Trial]) -> Vec<f64> {
+    let feasible: Vec<f64> = trials.iter().filter(|t| t.violation == 0.0).map(|t| t.score).collect();
+    let greatest_violation = trials.iter().map(|t| t.violation).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut sorted = feasible.clone();
+    sorted.sort_by(f64::total_cmp);
+    let at = |share: f64| sorted.get(((sorted.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
+    let median = at(0.5);
+    let spread = (sorted.last().copied().unwrap_or(0.0) - median).max(1e-9 * median.abs()).max(1e-12);
+    let draw_in = |score: f64| {
+        let z = (score - median) / spread;
+        if z >= 0.0 { z } else { -(1.0 - z).ln() }
+    };
+    let worst = sorted.first().map_or(0.0, |score| draw_in(*score));
+    trials
+        .iter()
+        .map(|t| match t.violation {
+            0.0 => draw_in(t.score),
+            violation => worst - 0.2 - violation / greatest_violation,
+        })
+        .collect()
+}
+
+/// The search for the point of greatest expected improvement.
+struct Hunt<'a> {
+    space: &'a Space,
+    view: &'a View<'a>,
+    process: &'a GaussianProcess,
+    /// Known points of the unit cube.
+    points: &'a [Vec<f64>],
+    greatest: f64,
+}
+
+struct Prey {
+    values: Vec<f64>,
+    acquisition: f64,
+    belief: Prediction,
+}
+
+impl Hunt<'_> {
+    fn best(&self, centres: &[Vec<f64>], rng: &mut Rng) -> (Vec<f64>, Prediction) {
+        let mut candidates: Vec<Vec<f64>> = (0..GLOBAL_CANDIDATES).map(|_| self.space.sample(rng)).collect();
+        for centre in centres {
+            for _ in 0..LOCAL_CANDIDATES {
+                let scale = 10f64.powf(rng.between(-3.0, -0.7));
+                candidates.push(self.nearby(centre, scale, rng));
+            }
+        }
+        let mut prey = self.judge(candidates);
+        prey.sort_by(|a, b| b.acquisition.total_cmp(&a.acquisition));
+        prey.truncate(REFINED);
+        for start in &mut prey {
+            let mut scale = 0.05;
+            for _ in 0..REFINE_ROUNDS {
+                let around =
+                    (0..4 * self.view.axes.len().min(6)).map(|_| self.nearby(&start.values, scale, rng));
+                let found = self.judge(around.collect());
+                match found.into_iter().max_by(|a, b| a.acquisition.total_cmp(&b.acquisition)) {
+                    Some(found) if found.acquisition > start.acquisition => *start = found,
+                    _ => scale *= 0.4,
+                }
+            }
+        }
+        prey.sort_by(|a, b| b.acquisition.total_cmp(&a.acquisition));
+        let first = prey.swap_remove(0);
+        (first.values, first.belief)
+    }
+
+    /// A point near another: free variables move by normal steps, integers seldom and by one.
+    fn nearby(&self, centre: &[f64], scale: f64, rng: &mut Rng) -> Vec<f64> {
+        let mut values = centre.to_vec();
+        for index in self.space.free(centre) {
+            let variable = &self.space.variables()[index];
+            if variable.integer {
+                if rng.uniform() < scale {
+                    values[index] += if rng.uniform() < 0.5 { 1.0 } else { -1.0 };
+                }
+            } else {
+                values[index] += scale * (variable.high - variable.low) * rng.normal();
+            }
+        }
+        self.space.clamp(&mut values);
+        values
+    }
+
+    fn judge(&self, candidates: Vec<Vec<f64>>) -> Vec<Prey> {
+        let one = |values: Vec<f64>| {
+            let unit = self.view.unit(&values);
+            let belief = self.process.predict(&unit);
+            let acquisition = if self.points.contains(&unit) {
+                f64::NEG_INFINITY
+            } else {
+                ln_improvement(belief, self.process.noise_deviation(), self.greatest)
+            };
+            Prey { values, acquisition, belief }
+        };
+        candidates.into_par_iter().map(one).collect()
+    }
+}
+
+/// Logarithm of the expected improvement of the next observation, noise and all, over the greatest one: what counts in
+/// the end is an observed score.
+fn ln_improvement(belief: Prediction, noise_deviation: f64, greatest: f64) -> f64 {
+    let deviation = belief.deviation.hypot(noise_deviation).max(1e-12);
+    deviation.ln() + normal::ln_expected_excess((belief.mean - greatest) / deviation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trial(score: f64, violation: f64) -> Trial {
+        Trial { candidate: Candidate { values: vec![] }, score, violation }
+    }
+
+    #[test]
+    fn merits_keep_the_order_of_trials() {
+        let mut trials: Vec<Trial> = (0..20).map(|i| trial(f64::from(i * i), 0.0)).collect();
+        trials.extend((1..5).map(|i| self::trial(1e6, f64::from(i))));
+        let all: Vec<&Trial> = trials.iter().collect();
+        let merits = merits(&all);
+        for a in 0..all.len() {
+            for b in 0..all.len() {
+                assert_eq!(all[a].beats(all[b]), merits[a] > merits[b], "{:?} {:?}", all[a], all[b]);
+            }
+        }
+    }
+
+    #[test]
+    fn equal_scores_give_equal_finite_merits() {
+        let trials = vec![trial(5.0, 0.0); 4];
+        assert!(merits(&trials.iter().collect::<Vec<_>>()).iter().all(|m| *m == 0.0));
+    }
+}

@@ -1,0 +1,181 @@
+//! What goes wrong between host and rig. Every error says what to look at.
+
+use std::time::Duration;
+
+use firmware_protocol::{AckCode, ResetCause};
+
+/// The cable or the device file.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum LinkError {
+    /// The device file cannot be opened.
+    #[error("rig cable: cannot open {path}: {reason}")]
+    Open {
+        /// The device file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// Another program has it.
+    #[error("rig cable: {path} is in use by another program")]
+    InUse {
+        /// The device file.
+        path: String,
+    },
+    /// The other end is gone.
+    #[error("rig cable: {path} hung up ({reason}): unplugged, or the rig lost power")]
+    HungUp {
+        /// The device file.
+        path: String,
+        /// What the system said.
+        reason: String,
+    },
+    /// The other end does not read.
+    #[error("rig cable: {path} took no bytes for {after:?}: the rig does not read")]
+    WriteTimeout {
+        /// The device file.
+        path: String,
+        /// How long was waited.
+        after: Duration,
+    },
+}
+
+/// A conversation with a rig that did not end as wanted.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum RigError {
+    /// The cable.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// Nothing sensible comes back.
+    #[error("rig: no answer to {what} within {within:?} ({heard})")]
+    NoAnswer {
+        /// What was asked.
+        what: &'static str,
+        /// How long.
+        within: Duration,
+        /// What was heard meanwhile.
+        heard: String,
+    },
+    /// It speaks another version.
+    #[error(
+        "rig: the firmware speaks protocol version {found}, this program speaks {expected}: update one of them"
+    )]
+    Version {
+        /// What the rig speaks.
+        found: u8,
+        /// What this program speaks.
+        expected: u8,
+    },
+    /// Another number of pitches than the rig has axes.
+    #[error("rig: {given} pitches for a rig with {axes} axes")]
+    AxisCount {
+        /// Pitches given.
+        given: usize,
+        /// Axes of the rig.
+        axes: usize,
+    },
+    /// A pitch that is no number.
+    #[error("rig: axis {axis}: the pitch {value_deg} deg is no angle")]
+    NoAngle {
+        /// The axis.
+        axis: usize,
+        /// What was given, degrees.
+        value_deg: f64,
+    },
+    /// A pitch outside limits known here.
+    #[error(
+        "rig: axis {axis}: {target_deg:.3} deg is outside {whose} limits {minimum_deg:.3}..{maximum_deg:.3} deg"
+    )]
+    OutsideLimits {
+        /// The axis.
+        axis: usize,
+        /// Where it should have gone, degrees.
+        target_deg: f64,
+        /// `the configured`, `the firmware's` or `the servo's own`.
+        whose: &'static str,
+        /// Lowest angle, degrees.
+        minimum_deg: f64,
+        /// Highest angle, degrees.
+        maximum_deg: f64,
+    },
+    /// The way leads through the configured keep-out region.
+    #[error("rig: the way from {from_deg:?} to {to_deg:?} deg leads through the configured keep-out region")]
+    KeepOut {
+        /// Where the pair stands, degrees.
+        from_deg: [f64; 2],
+        /// Where it should have gone, degrees.
+        to_deg: [f64; 2],
+    },
+    /// The rig said no.
+    #[error("rig: {what} refused: {}{}", explain(*code), axis_text(*axis))]
+    Refused {
+        /// What was ordered.
+        what: &'static str,
+        /// Why not.
+        code: AckCode,
+        /// The axis concerned, if the reason has one.
+        axis: Option<usize>,
+    },
+    /// The rig latched faults.
+    #[error("rig: fault {}{}", faults.join(", "), axis_text(*axis))]
+    Fault {
+        /// Their names.
+        faults: Vec<String>,
+        /// The axis of the first, if it has one.
+        axis: Option<usize>,
+    },
+    /// The rig started anew and forgot where it is.
+    #[error("rig: it restarted ({}): not homed, connect and home again", cause.name())]
+    Restarted {
+        /// Why it started.
+        cause: ResetCause,
+    },
+    /// The overall time ran out; it was told to hold.
+    #[error("rig: {what} did not end within {within:?}; told it to hold")]
+    Late {
+        /// What it was doing.
+        what: &'static str,
+        /// The overall time.
+        within: Duration,
+    },
+    /// It stands elsewhere.
+    #[error("rig: axis {axis} stands at {measured_deg:.3} deg, not at {target_deg:.3} deg")]
+    NotReached {
+        /// The axis.
+        axis: usize,
+        /// Where it stands, degrees.
+        measured_deg: f64,
+        /// Where it should stand, degrees.
+        target_deg: f64,
+    },
+    /// The user said stop.
+    #[error("rig: interrupted, {action}")]
+    Interrupted {
+        /// What the rig was told.
+        action: &'static str,
+    },
+    /// The thread that talks to the rig is gone.
+    #[error("rig: the conversation ended")]
+    Closed,
+}
+
+fn axis_text(axis: Option<usize>) -> String {
+    axis.map_or_else(String::new, |axis| format!(" (axis {axis})"))
+}
+
+fn explain(code: AckCode) -> &'static str {
+    match code {
+        AckCode::Accepted => "accepted",
+        AckCode::Busy => "it is busy",
+        AckCode::Fault => "a fault is latched",
+        AckCode::Limit => "outside the firmware's limits",
+        AckCode::ServoLimit => "outside the servo's own limits",
+        AckCode::KeepOut => "the way leads through the keep-out region",
+        AckCode::NotHomed => "not homed",
+        AckCode::NotArmed => "not armed",
+        AckCode::NoSession => "no session",
+        AckCode::BadArgument => "an argument means nothing to it",
+        AckCode::CauseRemains => "the cause of the fault is still there",
+        AckCode::Locked => "the local e-stop switch is open or the key is wrong",
+        AckCode::Outdated => "a later order came before",
+    }
+}

@@ -1,0 +1,74 @@
+//! What the rig says, in the shapes that files and screens use.
+
+use serde::{Deserialize, Serialize};
+
+/// One reading of one axis: a line of a session's `servo.jsonl`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ServoReport {
+    /// When the angle was read, ns since the Unix epoch on the host's clock.
+    pub time_ns: u64,
+    /// The axis.
+    pub axis: usize,
+    /// The angle, µrad.
+    pub position_urad: i32,
+    /// Where the axis is told to be, µrad.
+    pub target_urad: i32,
+    /// How the angle is known: `measured`, `commanded` or `stale`.
+    pub source: String,
+    /// What the rig is doing: `boot`, `idle`, `homing`, `moving`, `holding`, `fault`, `e_stop`.
+    pub state: String,
+    /// Names of latched faults of this axis.
+    pub faults: Vec<String>,
+}
+
+/// One axis, as `rig status` shows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisStatus {
+    /// The axis.
+    pub axis: usize,
+    /// What the rig is doing.
+    pub state: String,
+    /// The angle, degrees.
+    pub position_deg: f64,
+    /// Where it is told to be, degrees.
+    pub target_deg: f64,
+    /// How the angle is known: `measured`, `commanded` or `stale`.
+    pub source: String,
+    /// How old the reading is, ms.
+    pub age_ms: f64,
+    /// Half the width in which the true angle lies around the reading, degrees.
+    pub uncertainty_deg: f64,
+    /// Whether the angle is trusted since the last start.
+    pub homed: bool,
+    /// The firmware's limits, degrees.
+    pub limits_deg: [f64; 2],
+    /// Motor current, mA.
+    pub current_ma: Option<i16>,
+    /// Supply, mV.
+    pub supply_mv: Option<u16>,
+    /// Temperature, °C.
+    pub temperature_c: Option<i8>,
+    /// Names of latched faults.
+    pub faults: Vec<String>,
+}
+
+/// A rig, as `rig status` shows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RigStatus {
+    /// The line.
+    pub port: String,
+    /// The rig's unique number, hexadecimal.
+    pub uid: String,
+    /// Firmware version.
+    pub firmware: String,
+    /// Why it last started.
+    pub reset_cause: String,
+    /// Whether motion is allowed.
+    pub armed: bool,
+    /// Its axes.
+    pub axes: Vec<AxisStatus>,
+    /// Whole frames heard.
+    pub frames: u32,
+    /// Damaged frames heard.
+    pub damaged: u32,
+}

@@ -1,0 +1,219 @@
+//! What the host knows about a rig from what it heard.
+
+use std::collections::VecDeque;
+
+use firmware_protocol::{
+    ALL_AXES, AckCode, Direction, Fault, Faults, Limit, Report, ResetCause, Source, State,
+};
+
+use super::{Received, ServoReport};
+
+/// A reading older than this is shown as stale, ns.
+const STALE_NS: u64 = 250_000_000;
+/// Clock comparisons that are remembered; the quickest of them counts.
+const CLOCK_SAMPLES: usize = 8;
+
+/// One axis, as last heard.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct AxisView {
+    /// Angle, how it is known, when it was read.
+    pub position: Option<(i32, Source, u64)>,
+    /// Target, last order, what the rig does, whether homed.
+    pub target: Option<TargetView>,
+    pub effort: Option<(i16, u16, i8)>,
+    pub limits: [Option<i32>; Limit::ALL.len()],
+    reported_ns: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TargetView {
+    pub target_urad: i32,
+    pub id: u16,
+    pub state: State,
+    pub homed: bool,
+    pub heard_ns: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct InfoView {
+    pub protocol: u8,
+    pub axes: u8,
+    pub reset: ResetCause,
+    pub session: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HeartbeatView {
+    pub armed: bool,
+    pub faults: Faults,
+}
+
+/// Everything heard.
+#[derive(Clone, Debug, Default)]
+pub(super) struct View {
+    pub info: Option<InfoView>,
+    pub uid: Option<u64>,
+    pub firmware: Option<u32>,
+    pub heartbeat: Option<HeartbeatView>,
+    /// Heartbeats of another session since the last one of ours; a few may be late ones from before.
+    pub strangers: u32,
+    /// When the rig was last heard.
+    pub heard_ns: u64,
+    pub axes: Vec<AxisView>,
+    pub ack: Option<(u16, u8, AckCode, i32)>,
+    /// Axis of each latched fault, as told.
+    pub fault_axis: [Option<u8>; Fault::ALL.len()],
+    pub asked_clock: Option<(u16, u64)>,
+    /// Round trip and device minus host, ns.
+    clocks: VecDeque<(u64, i64)>,
+    /// Messages that are none of this version's.
+    pub not_understood: u32,
+}
+
+impl View {
+    /// Takes what was heard; a report line when it was a position that is due.
+    pub fn hear(
+        &mut self,
+        received: &Received,
+        node: u8,
+        session: u32,
+        every_ns: u64,
+    ) -> Option<ServoReport> {
+        let id = received.frame.id;
+        if id.direction != Direction::ToHost || id.node != node {
+            self.not_understood += 1;
+            return None;
+        }
+        let Ok(report) = Report::decode(id.message, received.frame.data()) else {
+            self.not_understood += 1;
+            return None;
+        };
+        let now_ns = received.time_ns;
+        self.heard_ns = now_ns;
+        match report {
+            Report::Info { protocol, axes, reset, session, .. } => {
+                self.info = Some(InfoView { protocol, axes, reset, session });
+            }
+            Report::Identity { uid } => self.uid = Some(uid),
+            Report::Build { firmware, .. } => self.firmware = Some(firmware),
+            Report::Heartbeat { armed, faults, session: theirs, .. } => {
+                if theirs == session {
+                    self.strangers = 0;
+                    self.heartbeat = Some(HeartbeatView { armed, faults });
+                    for fault in Fault::ALL.into_iter().filter(|fault| !faults.contains(*fault)) {
+                        self.fault_axis[usize::from(fault.code())] = None;
+                    }
+                } else {
+                    self.strangers += 1;
+                }
+            }
+            Report::TimeSync { sequence, device_us } => self.compare_clocks(sequence, device_us, now_ns),
+            Report::Ack { id, message, code, detail } => self.ack = Some((id, message, code, detail)),
+            Report::Limit { axis, limit, value } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis)) {
+                    axis.limits[usize::from(limit.code())] = Some(value);
+                }
+            }
+            Report::Fault { fault, axis, .. } => self.fault_axis[usize::from(fault.code())] = Some(axis),
+            Report::Effort { axis, temperature_c, current_ma, supply_mv, .. } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis)) {
+                    axis.effort = Some((current_ma, supply_mv, temperature_c));
+                }
+            }
+            Report::Target { axis, state, homed, id, target_urad } => {
+                if let Some(axis) = self.axes.get_mut(usize::from(axis)) {
+                    axis.target = Some(TargetView { target_urad, id, state, homed, heard_ns: now_ns });
+                }
+            }
+            Report::Position { axis, source, time_ms, position_urad } => {
+                return self.hear_position(axis, source, time_ms, position_urad, now_ns, every_ns);
+            }
+            Report::Done { .. } => {} // the target's state says the same, and is repeated
+        }
+        None
+    }
+
+    fn hear_position(
+        &mut self,
+        axis: u8,
+        source: Source,
+        time_ms: u16,
+        position_urad: i32,
+        now_ns: u64,
+        every_ns: u64,
+    ) -> Option<ServoReport> {
+        let read_ns = self.host_time_ns(time_ms, now_ns);
+        let number = usize::from(axis);
+        let view = self.axes.get_mut(number)?;
+        if view.position.is_some_and(|(_, _, before_ns)| read_ns < before_ns) {
+            return None; // overtaken on the way
+        }
+        view.position = Some((position_urad, source, read_ns));
+        let target = view.target?;
+        // half a period early is on time: readings come on their own beat
+        let due = view.reported_ns.is_none_or(|last| read_ns + every_ns / 4 >= last + every_ns);
+        if !due {
+            return None;
+        }
+        view.reported_ns = Some(read_ns);
+        Some(ServoReport {
+            time_ns: read_ns,
+            axis: number,
+            position_urad,
+            target_urad: target.target_urad,
+            source: source.name().to_owned(),
+            state: target.state.name().to_owned(),
+            faults: self.faults_of(number),
+        })
+    }
+
+    fn compare_clocks(&mut self, sequence: u16, device_us: u64, now_ns: u64) {
+        let Some((asked, asked_ns)) = self.asked_clock else { return };
+        if asked != sequence {
+            return;
+        }
+        self.asked_clock = None;
+        let round_trip_ns = now_ns.saturating_sub(asked_ns);
+        let middle_ns = asked_ns + round_trip_ns / 2;
+        if self.clocks.len() == CLOCK_SAMPLES {
+            self.clocks.pop_front();
+        }
+        self.clocks.push_back((round_trip_ns, (device_us as i64 * 1000).wrapping_sub(middle_ns as i64)));
+    }
+
+    /// The host's time of a device stamp, by the quickest clock comparison; the time of arrival before the first one.
+    fn host_time_ns(&self, time_ms: u16, now_ns: u64) -> u64 {
+        let Some((_, offset_ns)) = self.clocks.iter().min() else { return now_ns };
+        let device_ns = (now_ns as i64).wrapping_add(*offset_ns);
+        let device_ms = device_ns.div_euclid(1_000_000);
+        let ago_ms = i64::from((device_ms as u16).wrapping_sub(time_ms) as i16);
+        let read_device_ns = (device_ms - ago_ms) * 1_000_000;
+        (read_device_ns.wrapping_sub(*offset_ns) as u64).min(now_ns)
+    }
+
+    /// Names of latched faults of an axis; a fault whose axis was not heard belongs to all.
+    pub fn faults_of(&self, axis: usize) -> Vec<String> {
+        let faults = self.heartbeat.map_or(Faults::default(), |heartbeat| heartbeat.faults);
+        faults
+            .iter()
+            .filter(|fault| match self.fault_axis[usize::from(fault.code())] {
+                None | Some(ALL_AXES) => true,
+                Some(told) => usize::from(told) == axis,
+            })
+            .map(|fault| fault.name().to_owned())
+            .collect()
+    }
+
+    /// How an angle is known now: a measured one that has not come again is stale.
+    pub fn source_now(source: Source, read_ns: u64, now_ns: u64) -> Source {
+        if source == Source::Measured && now_ns.saturating_sub(read_ns) > STALE_NS {
+            Source::Stale
+        } else {
+            source
+        }
+    }
+
+    pub fn limit(&self, axis: usize, limit: Limit) -> Option<i32> {
+        self.axes.get(axis)?.limits[usize::from(limit.code())]
+    }
+}

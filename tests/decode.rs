@@ -1,0 +1,249 @@
+//! `outrigger decode` as a user meets it: the document against the digests of the peers, exit codes, messages.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use sensors::capture::{CaptureReader, PcapngWriter};
+use serde_json::Value;
+
+use crate::support::{Case, shared, with_shared};
+
+pub const CASES: &[Case] = &[
+    with_shared("ouster_frames_equal_the_peers", ouster_frames_equal_the_peers),
+    with_shared("velodyne_points_equal_the_peers", velodyne_points_equal_the_peers),
+    with_shared("position_packets_with_a_wrong_length_count", position_packets_with_a_wrong_length_count),
+    with_shared("two_sensors_on_one_port_are_told_apart", two_sensors_on_one_port_are_told_apart),
+    with_shared("a_shared_identification_costs_one_datagram", a_shared_identification_costs_one_datagram),
+    with_shared("frames_are_selected", frames_are_selected),
+    with_shared("what_is_missing_is_said", what_is_missing_is_said),
+    with_shared("a_cut_capture_is_decoded_up_to_the_cut", a_cut_capture_is_decoded_up_to_the_cut),
+    with_shared("a_lost_packet_is_data_lost", a_lost_packet_is_data_lost),
+    with_shared("pcapng_and_gzip_say_the_same", pcapng_and_gzip_say_the_same),
+];
+
+const OS1: &str = "captures/ouster/OS-1-128_v2.3.0_1024x10_lb_n3.pcap";
+const OS1_META: &str = "captures/ouster/OS-1-128_v2.3.0_1024x10.json";
+const VLP16: &str = "captures/velodyne/mrpt_vlp16_gps.pcap";
+
+fn outrigger(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).output().unwrap()
+}
+
+fn path(name: &str) -> String {
+    shared(name).to_str().unwrap().to_owned()
+}
+
+/// Exit code, document and what was said on stderr.
+fn decode(capture: &str, metas: &[&str], more: &[&str]) -> (i32, Value, String) {
+    let mut arguments = vec!["decode", capture, "--json"];
+    arguments.extend(metas.iter().flat_map(|meta| ["--meta", meta]));
+    arguments.extend(more);
+    let output = outrigger(&arguments);
+    let document = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), document, String::from_utf8(output.stderr).unwrap())
+}
+
+fn digest(name: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(shared(name)).unwrap()).unwrap()
+}
+
+fn close(a: &Value, b: &Value, tolerance: f64) -> bool {
+    (a.as_f64().unwrap() - b.as_f64().unwrap()).abs() <= tolerance
+}
+
+fn ouster_frames_equal_the_peers() {
+    for (capture, meta) in [
+        (OS1, OS1_META),
+        ("captures/ouster/OS-1-64_1024x10_fw20.pcap", "captures/ouster/OS-1-64_sensor_config_reduced.json"),
+        ("captures/ouster/windowed_frame1.pcap", "captures/ouster/windowed_frame1_0.json"),
+        ("captures/ouster/ouster_example.pcap", "captures/ouster/ouster_example.json"),
+    ] {
+        let (code, document, said) = decode(&path(capture), &[&path(meta)], &[]);
+        assert_eq!(code, 0, "{capture}: {said}");
+        let theirs = digest(&capture.replace(".pcap", ".digest.json"));
+        let frames = document["sensors"][0]["frames"].as_array().unwrap();
+        let expected = theirs["frames"].as_array().unwrap();
+        assert_eq!(frames.len(), expected.len(), "{capture}");
+        for (ours, theirs) in frames.iter().zip(expected) {
+            for field in ["frame_id", "valid_columns", "complete", "points", "range_sum_mm"] {
+                assert_eq!(ours[field], theirs[field], "{capture} {field}");
+            }
+            let points = theirs["points"].as_f64().unwrap();
+            for axis in 0..3 {
+                let (ours, theirs) = (&ours["xyz_sum_m"][axis], &theirs["xyz_sum_m"][axis]);
+                assert!(close(ours, theirs, 1e-9 * points), "{capture} {axis}: {ours} {theirs}");
+            }
+        }
+        assert_eq!(document["fragments_incomplete"], 0);
+    }
+}
+
+fn velodyne_points_equal_the_peers() {
+    let (code, document, said) = decode(&path(VLP16), &[], &[]);
+    assert_eq!((code, said.as_str()), (0, ""));
+    let sensor = &document["sensors"][0];
+    assert_eq!(
+        (&sensor["vendor"], &sensor["model"], &sensor["format"]),
+        (&"Velodyne".into(), &"vlp-16".into(), &"strongest".into())
+    );
+    assert_eq!(sensor["position_packets"], 57);
+    assert_eq!(document["unclaimed"].as_array().unwrap().len(), 0);
+    let theirs = digest("captures/velodyne/mrpt_vlp16_gps.digest.json");
+    for (ours, theirs) in
+        sensor["frames"].as_array().unwrap().iter().zip(theirs["frames"].as_array().unwrap())
+    {
+        assert_eq!(ours["points"], theirs["points"]);
+        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+            // the peer rounds azimuths to 0.01 degrees
+            let tolerance = 2e-4 * theirs["points"].as_f64().unwrap();
+            let (ours, theirs) = (&ours["xyz_sum_m"][axis], &theirs["sum"][name]);
+            assert!(close(ours, theirs, tolerance), "{name}: {ours} {theirs}");
+        }
+    }
+}
+
+/// Position packets of this sensor claim a wrong IP length.
+fn position_packets_with_a_wrong_length_count() {
+    let (code, document, said) = decode(&path("captures/velodyne/rustlidar_vlp16.pcap"), &[], &[]);
+    assert_eq!((code, said.as_str()), (0, ""));
+    assert_eq!(document["sensors"][0]["position_packets"], 16);
+    assert_eq!(document["sensors"][0]["model"], "vlp-16");
+}
+
+fn two_sensors_on_one_port_are_told_apart() {
+    for name in ["same_ports", "same_ports_legacy"] {
+        let capture = path(&format!("captures/ouster/{name}.pcap"));
+        let metas = [1, 2].map(|number| path(&format!("captures/ouster/{name}.{number}.json")));
+        for order in [[0, 1], [1, 0]] {
+            let (code, document, said) = decode(&capture, &order.map(|at| metas[at].as_str()), &[]);
+            assert_eq!(code, 0, "{said}");
+            assert_eq!(document["unclaimed"], serde_json::json!([]), "{said}");
+            let mut sources = Vec::new();
+            for sensor in document["sensors"].as_array().unwrap() {
+                assert_eq!(sensor["frames"].as_array().unwrap().len(), 1);
+                let imu_samples = if name == "same_ports" { 1 } else { 0 };
+                assert_eq!(sensor["imu_samples"], imu_samples, "{name}");
+                sources.push((sensor["model"].clone(), sensor["source"].as_str().unwrap().to_owned()));
+            }
+            sources.sort_by_key(|(model, _)| model.to_string());
+            assert!(sources[0].0 == "OS-0-128" && sources[0].1.starts_with("169.254.92.158"), "{sources:?}");
+            assert!(
+                sources[1].0 == "OS-1-64-AH" && sources[1].1.starts_with("169.254.238.111"),
+                "{sources:?}"
+            );
+        }
+    }
+}
+
+fn a_shared_identification_costs_one_datagram() {
+    let (capture, meta) = ("captures/ouster/duplicate_id.pcap", "captures/ouster/duplicate_id.json");
+    let (code, document, said) = decode(&path(capture), &[&path(meta)], &[]);
+    assert_eq!(code, 3, "{said}");
+    assert_eq!(document["fragments_incomplete"], 1);
+    let (ours, theirs) =
+        (&document["sensors"][0]["frames"][0], &digest("captures/ouster/duplicate_id.digest.json"));
+    assert_eq!(ours["range_sum_mm"], theirs["frames"][0]["range_sum_mm"]);
+}
+
+fn frames_are_selected() {
+    let (_, all, _) = decode(&path(OS1), &[&path(OS1_META)], &[]);
+    let (code, one, _) = decode(&path(OS1), &[&path(OS1_META)], &["--frames", "1..2"]);
+    assert_eq!(code, 0);
+    assert_eq!(one["sensors"][0]["frames"][0], all["sensors"][0]["frames"][1]);
+    assert_eq!(one["sensors"][0]["totals"]["frames"], 1);
+    let output = outrigger(&["decode", &path(OS1), "--frames", "3..3"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+/// What is there, why nothing decodes, and what would help.
+fn what_is_missing_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let alone = folder.path().join("alone.pcap");
+    std::fs::copy(shared(OS1), &alone).unwrap();
+    let beside = "captures/ouster/OS-1-128_v2.3.0_1024x10.json";
+    let cases: [(String, Vec<String>, &[&str]); 7] = [
+        (path(OS1), vec![], &["192 packets of 8448 bytes to port 7502", "122201000998", "--meta", beside]),
+        (alone.to_str().unwrap().into(), vec![], &["/api/v1/sensor/metadata"]),
+        (path("captures/ouster/VLI-16-one-packet.pcap"), vec![], &["1212 bytes", "port 2368"]),
+        (path("captures/ouster/empty_pcap.pcap"), vec![], &["no packets at all"]),
+        (path("captures/README.md"), vec![], &["README.md is no capture", "# Captures"]),
+        (
+            path(OS1),
+            vec![path("captures/ouster/OS-0-128-U1_v2.3.0_1024x10.json")],
+            &["122201000998", "122150000150"],
+        ),
+        (
+            path("captures/ouster/OS-1-64_1024x10_fw20.pcap"),
+            vec![path("captures/ouster/OS-2-32-U0_v2.0.0_1024x10.json")],
+            &["12608 bytes", "6464 bytes", "LEGACY x 64 pixels"],
+        ),
+    ];
+    for (capture, metas, expected) in cases {
+        let metas: Vec<&str> = metas.iter().map(String::as_str).collect();
+        let (code, document, said) = decode(&capture, &metas, &[]);
+        assert_eq!((code, document), (1, Value::Null), "{capture}: {said}");
+        for text in expected {
+            assert!(said.contains(text), "{capture}: {text:?} is not in: {said}");
+        }
+    }
+}
+
+fn a_cut_capture_is_decoded_up_to_the_cut() {
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("cut.pcap");
+    let whole = std::fs::read(shared(VLP16)).unwrap();
+    std::fs::write(&cut, &whole[..300_000]).unwrap();
+    let (code, document, said) = decode(cut.to_str().unwrap(), &[], &[]);
+    assert_eq!(code, 3);
+    assert!(said.contains("byte 299516"), "{said}");
+    assert_eq!(document["capture_counters"]["truncated"]["offset"], 299_516);
+    let (_, all, _) = decode(&path(VLP16), &[], &[]);
+    for frame in 0..2 {
+        assert_eq!(document["sensors"][0]["frames"][frame], all["sensors"][0]["frames"][frame]);
+    }
+}
+
+/// The capture again as pcapng, without the lidar packets that `leave_out` names by their number.
+fn rewritten(capture: &str, to: &Path, leave_out: &[usize]) -> PathBuf {
+    let mut reader = CaptureReader::open(&shared(capture)).unwrap();
+    let mut writer = PcapngWriter::new(Vec::new()).unwrap();
+    let interface = writer.add_interface("again").unwrap();
+    let mut number = 0;
+    while let Some(packet) = reader.next().unwrap() {
+        let lidar = packet.payload.len() > 1000;
+        if !lidar || !leave_out.contains(&number) {
+            writer.write(interface, &packet).unwrap();
+        }
+        number += usize::from(lidar);
+    }
+    std::fs::write(to, writer.close(&[]).unwrap()).unwrap();
+    to.to_owned()
+}
+
+fn a_lost_packet_is_data_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let less = rewritten(OS1, &folder.path().join("less.pcapng"), &[100]);
+    let (code, document, said) = decode(less.to_str().unwrap(), &[&path(OS1_META)], &[]);
+    assert_eq!(code, 3);
+    assert_eq!(document["sensors"][0]["counters"]["lost_packets"], 1);
+    assert_eq!(document["sensors"][0]["frames"][1]["complete"], false);
+    assert!(said.contains("1 packets never came"), "{said}");
+}
+
+fn pcapng_and_gzip_say_the_same() {
+    use std::io::Write as _;
+    let folder = tempfile::tempdir().unwrap();
+    let again = rewritten(OS1, &folder.path().join("again.pcapng"), &[]);
+    let (_, mut original, _) = decode(&path(OS1), &[&path(OS1_META)], &[]);
+    let packed = folder.path().join("again.pcapng.gz");
+    let mut file = flate2::write::GzEncoder::new(std::fs::File::create(&packed).unwrap(), Default::default());
+    file.write_all(&std::fs::read(&again).unwrap()).unwrap();
+    file.finish().unwrap();
+    for name in [again, packed] {
+        let (code, mut document, _) = decode(name.to_str().unwrap(), &[&path(OS1_META)], &[]);
+        assert_eq!(code, 0);
+        original["capture"] = document["capture"].take();
+        document["capture"] = original["capture"].clone();
+        assert_eq!(document, original);
+    }
+}

@@ -1,0 +1,158 @@
+//! The verbs `rig` and `mock rig` as a user meets them.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Output, Stdio};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use outrigger::mock::rig::{MockConfig, MockRig};
+use outrigger::rig::{MountFile, SensorEntry};
+use serde_json::Value;
+
+use crate::support::{Case, case};
+
+pub const CASES: &[Case] = &[
+    case("a_mount_file_is_applied_and_read_back", a_mount_file_is_applied_and_read_back),
+    case("nothing_moves_without_being_armed", nothing_moves_without_being_armed),
+    case("the_mock_runs_until_it_is_interrupted", the_mock_runs_until_it_is_interrupted),
+];
+
+fn outrigger(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_outrigger"))
+        .args(arguments)
+        .env_remove("OUTRIGGER_RIG_PORT")
+        .env_remove("OUTRIGGER_JSON")
+        .output()
+        .unwrap()
+}
+
+fn document(output: &Output) -> Value {
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn refusal(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1));
+    assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn mock(seed: u64) -> (MockRig, String) {
+    let mock = MockRig::start(MockConfig::default(), seed).unwrap();
+    let port = mock.path().display().to_string();
+    (mock, port)
+}
+
+fn sensor(name: &str, pitch_deg: f64) -> SensorEntry {
+    SensorEntry {
+        name: name.into(),
+        model: "os1-64".into(),
+        x_m: 0.1,
+        y_m: 0.0,
+        z_m: 0.0,
+        pitch_deg,
+        roll_deg: 0.0,
+    }
+}
+
+fn a_mount_file_is_applied_and_read_back() {
+    let (_mock, port) = mock(21);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mount.json");
+    MountFile::new(vec![sensor("left", -11.0), sensor("right", 12.0)]).write(&file).unwrap();
+    let file = file.to_str().unwrap();
+    // not homed: the message says what to do
+    let said = refusal(&outrigger(&["rig", "apply", file, "--port", &port, "--arm"]));
+    assert!(said.contains("rig home --arm"), "{said}");
+    document(&outrigger(&["rig", "home", "--port", &port, "--arm", "--json"]));
+    let applied = document(&outrigger(&[
+        "rig",
+        "apply",
+        file,
+        "--sensors",
+        "right,left",
+        "--port",
+        &port,
+        "--arm",
+        "--json",
+    ]));
+    for (axis, pitch_deg) in [12.0, -11.0].into_iter().enumerate() {
+        let axis = &applied["axes"][axis];
+        assert!((axis["position_deg"].as_f64().unwrap() - pitch_deg).abs() < 0.3, "{applied:#}");
+        assert_eq!((&axis["state"], &axis["source"]), (&"holding".into(), &"measured".into()), "{applied:#}");
+        assert!(
+            axis["age_ms"].as_f64().unwrap() < 1000.0 && axis["faults"] == Value::Array(vec![]),
+            "{applied:#}"
+        );
+    }
+    assert!((applied["applied"][0]["target_deg"].as_f64().unwrap() - 12.0).abs() < 1e-3, "{applied:#}");
+    let said =
+        refusal(&outrigger(&["rig", "apply", file, "--sensors", "right,up", "--port", &port, "--arm"]));
+    assert!(said.contains("no sensor `up`; there are left, right"), "{said}");
+    // the program that moved it is gone, and it still holds
+    let status = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
+    assert!((status["axes"][0]["position_deg"].as_f64().unwrap() - 12.0).abs() < 0.3, "{status:#}");
+    assert_eq!(
+        (&status["armed"], &status["axes"][0]["state"]),
+        (&false.into(), &"idle".into()),
+        "{status:#}"
+    );
+}
+
+fn nothing_moves_without_being_armed() {
+    let (_mock, port) = mock(22);
+    let before = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
+    let said = refusal(&outrigger(&["rig", "set", "10", "-10", "--port", &port]));
+    assert!(said.contains("--arm") && said.contains("nothing was moved"), "{said}");
+    let dry = document(&outrigger(&["rig", "set", "10", "-10", "--port", &port, "--dry-run", "--json"]));
+    assert_eq!(dry["moves"][1]["to_deg"], -10.0, "{dry:#}");
+    let said = refusal(&outrigger(&["rig", "set", "10", "-80", "--port", &port, "--dry-run"]));
+    assert!(said.contains("axis 1") && said.contains("the firmware's limits"), "{said}");
+    let limited = ["rig", "set", "10", "-10", "--port", &port, "--dry-run", "--limits-deg", "-5,5"];
+    let said = refusal(&outrigger(&limited));
+    assert!(said.contains("axis 0") && said.contains("the configured limits"), "{said}");
+    let said = refusal(&outrigger(&["rig", "set", "10", "--port", &port, "--dry-run"]));
+    assert!(said.contains("1 pitches for a rig with 2 axes"), "{said}");
+    let after = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
+    for axis in 0..2 {
+        let at = |status: &Value| status["axes"][axis]["position_deg"].as_f64().unwrap();
+        assert!((at(&before) - at(&after)).abs() < 0.1, "{before:#} {after:#}");
+    }
+    let said = refusal(&outrigger(&["rig", "status", "--port", "/dev/no-such-rig"]));
+    assert!(said.contains("rig cable: cannot open /dev/no-such-rig"), "{said}");
+    let said = refusal(&outrigger(&["rig", "status"]));
+    assert!(said.contains("--port"), "{said}");
+}
+
+/// Ends a program that a failed case would leave behind.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn the_mock_runs_until_it_is_interrupted() {
+    let said = outrigger(&["mock", "rig", "--fault", "melt@1"]);
+    assert_eq!(said.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&said.stderr).contains("known are stuck"));
+    let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    program.args(["mock", "rig", "--seed", "3", "--fault", "stuck:1@0"]).stdout(Stdio::piped());
+    let mut running = Running(program.spawn().unwrap());
+    let mut port = String::new();
+    BufReader::new(running.0.stdout.take().unwrap()).read_line(&mut port).unwrap();
+    let port = port.trim();
+    document(&outrigger(&["rig", "home", "--port", port, "--arm", "--json"]));
+    let said = refusal(&outrigger(&["rig", "set", "30", "-30", "--port", port, "--arm"]));
+    assert!(said.contains("fault stall (axis 1)"), "{said}");
+    let watched = outrigger(&["rig", "watch", "--for", "0.5", "--port", port, "--json"]);
+    let lines = String::from_utf8(watched.stdout).unwrap();
+    let reports: Vec<outrigger::servo::ServoReport> =
+        lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(reports.iter().any(|report| report.axis == 1 && report.faults == ["stall"]), "{lines}");
+    kill(Pid::from_raw(running.0.id() as i32), Signal::SIGINT).unwrap();
+    assert_eq!(running.0.wait().unwrap().code(), Some(0));
+}

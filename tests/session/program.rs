@@ -1,0 +1,193 @@
+//! The verbs: record, replay, mock sensor.
+
+use std::process::{Command, Stdio};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use outrigger::receive::{Listen, Options, Receiver};
+use outrigger::record::Session;
+use sensors::Decoder;
+use sensors::ouster::{Metadata, OusterDecoder};
+use sensors::velodyne::VelodyneDecoder;
+
+use super::crash::Recorder;
+use super::round_trip::{packets_of, record_two};
+use super::{any_port, payloads, sender, wait_until};
+
+fn outrigger() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    command.stderr(Stdio::piped()).stdout(Stdio::piped());
+    command
+}
+
+pub fn ctrl_c_completes_the_session_and_replay_repeats_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("walk");
+    let recorder = Recorder::of(&dir);
+    let (from, sent) = (sender(), payloads(300, 5));
+    for payload in &sent {
+        from.send_to(payload, &recorder.address).unwrap();
+        std::thread::sleep(std::time::Duration::from_micros(100));
+    }
+    kill(Pid::from_raw(recorder.child.id() as i32), Signal::SIGINT).unwrap();
+    let (code, stdout, stderr) = recorder.end();
+    assert_eq!((code, stdout.trim()), (Some(0), dir.to_str().unwrap()), "{stderr}");
+    let session = Session::open(&dir).unwrap();
+    assert!(session.problems().is_empty() && session.manifest().complete);
+    assert_eq!(packets_of(&session)[&0], sent);
+
+    let listen = Listen { name: "again".into(), address: any_port(), source: None };
+    let mut receiver = Receiver::start(&[listen], Options::default()).unwrap();
+    let recorded = session.manifest().sensors[0].address.unwrap().port();
+    let map = format!("{recorded}={}", receiver.address(0).port());
+    let replay = outrigger()
+        .args([
+            "--json",
+            "replay",
+            dir.to_str().unwrap(),
+            "--to",
+            "127.0.0.1",
+            "--rate",
+            "max",
+            "--map",
+            &map,
+        ])
+        .output()
+        .unwrap();
+    assert!(replay.status.success(), "{}", String::from_utf8_lossy(&replay.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    assert_eq!((document["packets"].as_u64(), document["not_mapped"].as_u64()), (Some(300), Some(0)));
+    receiver.stop_handle().stop();
+    let mut again = Vec::new();
+    while let Some(datagram) = receiver.recv_blocking() {
+        again.push(datagram.packet().payload.to_vec());
+    }
+    assert!(again == sent, "{} of {} came again", again.len(), sent.len());
+}
+
+pub fn a_silent_sensor_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("walk");
+    let output = outrigger()
+        .args(["record", "--listen", "front=127.0.0.1:0", "--duration", "2.3", "--out"])
+        .arg(&dir)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    let session = Session::open(&dir).unwrap();
+    let port = session.manifest().sensors[0].address.unwrap().port();
+    assert!(said.contains(&format!(
+        "front: no packets on port {port}: is it powered, is udp_dest set to this host?"
+    )));
+    let events: Vec<serde_json::Value> = session.events().unwrap();
+    assert_eq!((&events[0]["event"], &events[0]["sensor"]), (&"sensor_silent".into(), &"front".into()));
+}
+
+pub fn two_mock_sensors_are_recorded_and_decoded() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("walk");
+    let mut command = outrigger();
+    command
+        .args(["record", "--listen", "left=127.0.0.1:0", "--listen", "right=127.0.0.1:0", "--out"])
+        .arg(&dir);
+    let recorder = Recorder::start(command);
+    wait_until("the session has its manifest", || Session::is_session(&dir));
+    let addresses: Vec<_> = Session::open(&dir)
+        .unwrap()
+        .manifest()
+        .sensors
+        .iter()
+        .map(|sensor| sensor.address.unwrap().to_string())
+        .collect();
+    let metadata = folder.path().join("left.json");
+    let mock = |model: &str, to: &str| {
+        let mut command = outrigger();
+        command.args([
+            "--json",
+            "mock",
+            "sensor",
+            "--model",
+            model,
+            "--to",
+            to,
+            "--duration",
+            "0.45",
+            "--rate",
+            "max",
+        ]);
+        command.args(["--mount", "0.06,0,0.1,25,0", "--noise-m", "0.02", "--seed", "7"]);
+        command
+    };
+    let left = mock("os1-64", &addresses[0]).arg("--metadata").arg(&metadata).spawn().unwrap();
+    let right = mock("vlp-16", &addresses[1]).args(["--drop", "0.05"]).spawn().unwrap();
+    let mut sent = Vec::new();
+    for child in [left, right] {
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let lines = String::from_utf8(output.stdout).unwrap();
+        let documents: Vec<serde_json::Value> =
+            lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(documents[0]["ready"], true);
+        sent.push(documents[1].clone());
+    }
+    kill(Pid::from_raw(recorder.child.id() as i32), Signal::SIGINT).unwrap();
+    let (code, _, stderr) = recorder.end();
+    assert_eq!(code, Some(0), "{stderr}");
+    let session = Session::open(&dir).unwrap();
+    let known = Metadata::parse(&std::fs::read_to_string(&metadata).unwrap(), "left.json").unwrap();
+    let mut decoders: [Box<dyn Decoder>; 2] =
+        [Box::new(OusterDecoder::new(known)), Box::new(VelodyneDecoder::new(Default::default()))];
+    let mut packets = session.packets().unwrap();
+    while let Some((sensor, packet)) = packets.next().unwrap() {
+        decoders[sensor].push(&packet, &mut |_| {}).unwrap();
+    }
+    for (sensor, decoder) in decoders.iter_mut().enumerate() {
+        decoder.finish(&mut |_| {});
+        let stats = decoder.stats();
+        assert_eq!(session.manifest().sensors[sensor].packets, sent[sensor]["sent_packets"], "{stats:?}");
+        assert_eq!(stats.packets, sent[sensor]["sent_packets"], "{stats:?}");
+        assert!(stats.frames >= 4, "{stats:?}");
+        assert_eq!(stats.lost_packets, sent[sensor]["faults"]["dropped"], "{stats:?}");
+    }
+    assert!(sent[1]["faults"]["dropped"].as_u64() > Some(0));
+}
+
+pub fn has_tshark() -> bool {
+    Command::new("tshark").arg("--version").output().is_ok_and(|output| output.status.success())
+}
+
+pub fn tshark_reads_a_session() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().join("walk");
+    let streams = [payloads(40, 6), payloads(50, 7)];
+    let manifest = record_two(&dir, [&streams[0], &streams[1]]);
+    let output = Command::new("tshark")
+        .args([
+            "-o",
+            "udp.check_checksum:TRUE",
+            "-T",
+            "fields",
+            "-e",
+            "frame.interface_name",
+            "-e",
+            "udp.dstport",
+        ])
+        .args(["-e", "udp.length", "-e", "frame.time_epoch", "-e", "_ws.malformed", "-r"])
+        .arg(dir.join("packets.pcapng"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let mut seen = [0; 2];
+    let sensors = &manifest.sensors;
+    for line in text.lines() {
+        let fields: Vec<&str> = line.split('\t').collect();
+        let sensor = sensors.iter().position(|sensor| sensor.name == fields[0]).unwrap();
+        assert_eq!(fields[1], sensors[sensor].address.unwrap().port().to_string(), "{line}");
+        assert_eq!(fields[2].parse::<usize>().unwrap(), streams[sensor][seen[sensor]].len() + 8, "{line}");
+        assert_eq!((fields[3].rsplit_once('.').unwrap().1.len(), fields[4]), (9, ""), "{line}");
+        seen[sensor] += 1;
+    }
+    assert_eq!(seen, [40, 50]);
+}
