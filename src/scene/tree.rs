@@ -417,8 +417,9 @@ fn walk<const N: usize, const ANY: bool>(nodes: &[Node], corners: &[Corner], pac
                 continue;
             }
             let first = node.first[side] as usize;
-            for place in first..first + node.count[side] as usize {
-                meet_triangle(&corners[place], place as u32, packet);
+            let leaf = &corners[first..first + node.count[side] as usize];
+            for (place, corner) in (first as u32..).zip(leaf) {
+                meet_triangle(corner, place, packet);
             }
             if ANY && packet.all_won() {
                 return;
