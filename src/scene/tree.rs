@@ -7,10 +7,14 @@
 //! `unsafe` appears once, to call the same kernel compiled for AVX2 after the processor said that it has it.
 #![allow(unsafe_code)]
 
+use std::collections::HashSet;
+
 use glam::{DVec3, Vec3A};
+use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2_from_tris;
-use obvhs::{BvhBuildParams, triangle::Triangle};
+use obvhs::bvh2::{leaf_collapser::collapse, reinsertion::ReinsertionOptimizer};
+use obvhs::ploc::PlocBuilder;
+use obvhs::triangle::Triangle;
 
 /// Rays that walk the tree together.
 pub(super) const PACKET: usize = 16;
@@ -74,18 +78,22 @@ struct Corner {
 impl TriangleTree {
     /// Builds the tree. `triangles` must not be empty and hold finite corners only.
     pub fn new(corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>, centre_m: DVec3) -> Self {
+        // copies of a triangle, drawn from either side, add nothing, and many of them stall the builder
+        let mut known = HashSet::with_capacity(corners_m.len());
         let triangles: Vec<Triangle> = corners_m
+            .map(|corner| corner.map(|point| (point - centre_m).as_vec3()))
+            .filter(|corner| {
+                let mut key = corner.map(|point| point.to_array().map(f32::to_bits));
+                key.sort_unstable();
+                known.insert(key)
+            })
             .map(|corner| {
-                let [v0, v1, v2] = corner.map(|point| Vec3A::from((point - centre_m).as_vec3()));
+                let [v0, v1, v2] = corner.map(Vec3A::from);
                 Triangle { v0, v1, v2 }
             })
             .collect();
-        let built = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Default::default());
-        let mut tree = Self::from_bvh2(&built, &triangles, centre_m);
-        if tree.depth() > STACK {
-            tree = Self::balanced(&triangles, centre_m);
-        }
-        tree
+        let built = build(&triangles).map(|built| Self::from_bvh2(&built, &triangles, centre_m));
+        built.filter(|tree| tree.depth() <= STACK).unwrap_or_else(|| Self::balanced(&triangles, centre_m))
     }
 
     /// Bytes held.
@@ -264,6 +272,30 @@ impl TriangleTree {
     }
 }
 
+/// As the builder's own preset for a medium build time, step by step: many equal triangles make a chain of nodes, which
+/// the later steps take very long over. None for such a chain.
+fn build(triangles: &[Triangle]) -> Option<Bvh2> {
+    let preset = BvhBuildParams::medium_build();
+    let all = (0..triangles.len() as u32).collect();
+    let mut builder = PlocBuilder::with_capacity(triangles.len());
+    let mut tree = builder.build(
+        preset.ploc_search_distance,
+        triangles,
+        all,
+        preset.sort_precision,
+        preset.search_depth_threshold,
+    );
+    if tree.max_depth > STACK {
+        return None;
+    }
+    let mut optimizer = ReinsertionOptimizer::default();
+    let ratio = preset.reinsertion_batch_ratio;
+    optimizer.run(&mut tree, ratio, None);
+    collapse(&mut tree, preset.max_prims_per_leaf, preset.collapse_traversal_cost);
+    optimizer.run(&mut tree, ratio * preset.post_collapse_reinsertion_batch_ratio_multiplier, None);
+    Some(tree)
+}
+
 fn bounds(order: &[u32], triangles: &[Triangle]) -> obvhs::aabb::Aabb {
     order.iter().fold(obvhs::aabb::Aabb::empty(), |all, index| all.union(&triangles[*index as usize].aabb()))
 }
@@ -385,8 +417,9 @@ fn walk<const N: usize, const ANY: bool>(nodes: &[Node], corners: &[Corner], pac
                 continue;
             }
             let first = node.first[side] as usize;
-            for place in first..first + node.count[side] as usize {
-                meet_triangle(&corners[place], place as u32, packet);
+            let leaf = &corners[first..first + node.count[side] as usize];
+            for (place, corner) in (first as u32..).zip(leaf) {
+                meet_triangle(corner, place, packet);
             }
             if ANY && packet.all_won() {
                 return;
@@ -480,4 +513,54 @@ fn least(a: f32, b: f32) -> f32 {
 #[inline(always)]
 fn greatest(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    #[test]
+    fn the_balanced_tree_answers_as_the_built_one() {
+        let mut rng = Rng::new(2, 0);
+        let mut point = |spread: f64| spread * DVec3::new(rng.normal(), rng.normal(), rng.normal());
+        let corners: Vec<[DVec3; 3]> = (0..700)
+            .map(|_| {
+                let at = point(2.0);
+                [at, at + point(0.4), at + point(0.4)]
+            })
+            .collect();
+        let built = TriangleTree::new(corners.iter().copied(), DVec3::ZERO);
+        let triangles: Vec<Triangle> = corners
+            .iter()
+            .map(|corner| {
+                let [v0, v1, v2] = corner.map(|p| Vec3A::from(p.as_vec3()));
+                Triangle { v0, v1, v2 }
+            })
+            .collect();
+        let balanced = TriangleTree::balanced(&triangles, DVec3::ZERO);
+        assert!(balanced.depth() <= 10, "{} deep", balanced.depth());
+        let mut hits = 0;
+        for _ in 0..2000 {
+            let (origin, direction) = (point(3.0), point(1.0).normalize());
+            let distance = |tree: &TriangleTree| tree.cast(origin, direction, 1e9).map(|hit| hit.distance_m);
+            // every triangle asked, without a tree
+            let brute = (0..built.corners.len())
+                .filter_map(|place| {
+                    let mut packet = Packet::<1>::new();
+                    packet.set(0, origin, direction, 1e9);
+                    meet_triangle(&built.corners[place], place as u32, &mut packet);
+                    built.exact(packet.won[0], origin, direction).map(|hit| hit.distance_m)
+                })
+                .reduce(f64::min);
+            let (a, b) = (distance(&built), distance(&balanced));
+            assert_eq!(a.is_some(), b.is_some());
+            assert_eq!(a.is_some(), brute.is_some());
+            if let (Some(a), Some(b), Some(brute)) = (a, b, brute) {
+                assert!((a - b).abs() < 1e-5 && (a - brute).abs() < 1e-5, "{a} {b} {brute}");
+                hits += 1;
+            }
+        }
+        assert!(hits > 200, "{hits}");
+    }
 }

@@ -7,7 +7,7 @@
 use glam::DVec3;
 
 use super::Hit;
-use super::bricks::{BrickIndex, CELLS, cell_of, split};
+use super::bricks::{BrickIndex, CELLS, LastRegion, cell_of, split};
 
 /// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,8 +84,8 @@ impl VoxelMap {
             return;
         }
         let cell = self.cell_at(point_m);
-        let Some(number) = self.brick(split(cell).0) else { return };
-        let inside = split(cell).1;
+        let (brick, inside) = split(cell);
+        let Some(number) = self.brick(brick, &mut LastRegion::default()) else { return };
         let ends = self.bricks[number].ends.get_or_insert_with(|| Box::new(Ends::NONE));
         let before = ends.hits[inside];
         ends.hits[inside] = before.saturating_add(1);
@@ -107,7 +107,7 @@ impl VoxelMap {
 
     /// State of the cell around a point.
     pub fn cell(&self, point_m: DVec3) -> Cell {
-        self.state(self.cell_at(point_m), &mut (LAST_NONE, None))
+        self.state(self.cell_at(point_m), &mut LastRegion::default())
     }
 
     /// Number of cells that are free, and that are occupied.
@@ -140,7 +140,7 @@ impl VoxelMap {
         // a hair inside, so that the first cell lies within the bounds
         let start_m = origin_m + (enter_m + 1e-9 * self.voxel_m) * direction;
         let mut walk = CellWalk::new(start_m, direction, self.voxel_m);
-        let mut last = (LAST_NONE, None);
+        let mut last = LastRegion::default();
         let length_m = leave_m - enter_m;
         let mut entered_m = 0.0;
         let mut axis = direction.abs().max_position();
@@ -173,13 +173,10 @@ impl VoxelMap {
         let direction = if length_m > 0.0 { way / length_m } else { DVec3::X };
         let mut walk = CellWalk::new(from_m, direction, self.voxel_m);
         let steps: u64 = (0..3).map(|axis| u64::from(walk.cell[axis].abs_diff(end[axis]))).sum();
-        let mut last = (LAST_NONE, None);
+        let mut last = LastRegion::default();
         for _ in 0..steps {
             let (brick, inside) = split(walk.cell);
-            if brick != last.0 {
-                last = (brick, self.brick(brick));
-            }
-            if let Some(number) = last.1 {
+            if let Some(number) = self.brick(brick, &mut last) {
                 self.bricks[number].crossed[inside / 64] |= 1 << (inside % 64);
             }
             walk.step();
@@ -191,32 +188,28 @@ impl VoxelMap {
         cell_of(point_m, 1.0 / self.voxel_m)
     }
 
-    fn brick(&mut self, brick: [i32; 3]) -> Option<usize> {
-        let number = self.index.find_or_add(brick)? as usize;
+    fn brick(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<usize> {
+        let number = self.index.find_or_add_near(brick, last)? as usize;
         if number == self.bricks.len() {
             self.bricks.push(Brick { crossed: [0; CELLS / 64], ends: None });
         }
         Some(number)
     }
 
-    fn state(&self, cell: [i32; 3], last: &mut ([i32; 3], Option<u32>)) -> Cell {
+    fn state(&self, cell: [i32; 3], last: &mut LastRegion) -> Cell {
         let (brick, inside) = split(cell);
-        if brick != last.0 {
-            *last = (brick, self.index.find(brick));
-        }
-        last.1.map_or(Cell::Unknown, |number| self.bricks[number as usize].state(inside, self.least_hits))
+        let number = self.index.find_near(brick, last);
+        number.map_or(Cell::Unknown, |number| self.bricks[number as usize].state(inside, self.least_hits))
     }
 
     fn mean_m(&self, cell: [i32; 3]) -> Option<DVec3> {
         let (brick, inside) = split(cell);
-        let ends = self.bricks[self.index.find(brick)? as usize].ends.as_ref()?;
+        let number = self.index.find(brick)?;
+        let ends = self.bricks[number as usize].ends.as_ref()?;
         let mean = DVec3::from(ends.mean[inside].map(f64::from));
         Some(self.voxel_m * (DVec3::from(cell.map(f64::from)) + 0.5 + mean))
     }
 }
-
-/// No brick has these coordinates.
-const LAST_NONE: [i32; 3] = [i32::MAX; 3];
 
 impl Ends {
     const NONE: Self = Self { hits: [0; CELLS], mean: [[0.0; 3]; CELLS] };

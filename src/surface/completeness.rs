@@ -6,7 +6,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::SurfaceSamples;
-use super::level::{LastBrick, Level};
+use super::level::{Done, DoneCells, Level, for_cubes_near};
+use crate::scene::bricks::{EDGE, LastRegion, cell_of};
 
 /// The usual thresholds, m.
 pub const THRESHOLDS_M: [f64; 3] = [0.02, 0.05, 0.10];
@@ -20,13 +21,20 @@ pub struct Completeness {
     points_m: Vec<DVec3>,
     /// Smallest threshold with a hit, by point; the number of thresholds when there is none.
     reached: Vec<AtomicU8>,
+    /// Cells of the gate per metre.
+    per_m: f64,
+    /// Fine cells from which no threshold has anything left to find: most hits end here.
+    gate: DoneCells,
     levels: Vec<Level>,
+    /// A cell of the gate's coordinates shifted right by this are those of the level's cell around it.
+    shifts: Vec<u32>,
 }
 
 /// What one thread remembers between hits.
 #[derive(Clone, Debug, Default)]
 pub struct Adder {
-    last: Vec<LastBrick>,
+    at_gate: LastRegion,
+    at_levels: Vec<LastRegion>,
 }
 
 impl Completeness {
@@ -37,10 +45,26 @@ impl Completeness {
         let none = thresholds_m.len() as u8;
         let order = samples.order();
         let points_m: Vec<DVec3> = order.iter().map(|index| samples.points_m[*index as usize]).collect();
+        // cells of half a threshold keep most hits that can find nothing out; powers of two nest
+        let fine_m = 0.5 * thresholds_m[0];
+        let shift =
+            |threshold_m: &f64| (threshold_m / thresholds_m[0]).log2().floor().clamp(0.0, 24.0) as u32;
+        let shifts: Vec<u32> = thresholds_m.iter().map(shift).collect();
+        let wanted: Vec<(f64, u32)> = thresholds_m.iter().copied().zip(shifts.iter().copied()).collect();
+        let level = |(threshold_m, shift): &(f64, u32)| {
+            Level::new(*threshold_m, fine_m * f64::from(1_u32 << shift), &points_m)
+        };
+        let (levels, gate) = rayon::join(
+            || wanted.par_iter().map(level).collect(),
+            || gate(&points_m, thresholds_m[0], fine_m),
+        );
         Self {
             thresholds_m: thresholds_m.to_vec(),
             reached: (0..order.len()).map(|_| AtomicU8::new(none)).collect(),
-            levels: thresholds_m.par_iter().map(|threshold_m| Level::new(*threshold_m, &points_m)).collect(),
+            per_m: 1.0 / fine_m,
+            gate,
+            levels,
+            shifts,
             order,
             points_m,
         }
@@ -48,32 +72,52 @@ impl Completeness {
 
     /// A memory for one thread's hits.
     pub fn adder(&self) -> Adder {
-        Adder { last: vec![LastBrick::default(); self.levels.len()] }
+        Adder { at_gate: LastRegion::default(), at_levels: vec![LastRegion::default(); self.levels.len()] }
     }
 
     /// Counts a hit.
     #[inline]
     pub fn add(&self, adder: &mut Adder, hit_m: DVec3) {
-        for (rank, (level, last)) in self.levels.iter().zip(&mut adder.last).enumerate() {
-            let Some(open) = level.open_cell(hit_m, last) else { continue };
-            let limit = self.thresholds_m[rank] * self.thresholds_m[rank];
-            let mut missing = false;
-            for &point in level.near(open) {
-                let reached = &self.reached[point as usize];
-                if (reached.load(Ordering::Relaxed) as usize) <= rank {
-                    continue;
-                }
-                let point_m = self.points_m[point as usize];
-                if point_m.distance_squared(hit_m) <= limit {
-                    reached.fetch_min(rank as u8, Ordering::Relaxed);
-                } else {
-                    missing |= level.reaches(open, point_m);
-                }
+        let cell = cell_of(hit_m, self.per_m);
+        let gate = self.gate.find(cell, &mut adder.at_gate);
+        if gate.is_some_and(|place| self.gate.done(place) != Done::Nothing) {
+            return;
+        }
+        let mut done = Done::Brick;
+        for rank in 0..self.levels.len() {
+            done = done.min(self.search(rank, cell, hit_m, &mut adder.at_levels[rank]));
+        }
+        if let Some(place) = gate {
+            // the gate's cell lies in one cell of every level, its brick in one brick
+            self.gate.close(place, done);
+        }
+    }
+
+    /// Looks for points of one threshold; what is left to find around the hit.
+    fn search(&self, rank: usize, fine_cell: [i32; 3], hit_m: DVec3, last: &mut LastRegion) -> Done {
+        let level = &self.levels[rank];
+        let cell = fine_cell.map(|value| value >> self.shifts[rank]);
+        let Some(place) = level.cells().find(cell, last) else { return Done::Brick };
+        let before = level.cells().done(place);
+        if before != Done::Nothing {
+            return before;
+        }
+        let limit = self.thresholds_m[rank] * self.thresholds_m[rank];
+        let mut done = Done::Brick;
+        for &point in level.near(place) {
+            let reached = &self.reached[point as usize];
+            if (reached.load(Ordering::Relaxed) as usize) <= rank {
+                continue;
             }
-            if !missing {
-                level.close(open);
+            let point_m = self.points_m[point as usize];
+            if point_m.distance_squared(hit_m) <= limit {
+                reached.fetch_min(rank as u8, Ordering::Relaxed);
+            } else if done != Done::Nothing {
+                done = if level.reaches(cell, point_m) { Done::Nothing } else { Done::Cell };
             }
         }
+        level.cells().close(place, done);
+        done
     }
 
     /// Drops what was found from the search: later hits are faster. Changes no outcome.
@@ -108,6 +152,18 @@ impl Completeness {
         let all = observable.iter().filter(|seen| **seen).count();
         (all > 0).then(|| both as f64 / all as f64)
     }
+}
+
+/// Room for the cells around the points, where hits are likely.
+fn gate(points_m: &[DVec3], reach_m: f64, fine_m: f64) -> DoneCells {
+    let mut cells = DoneCells::default();
+    let mut last = LastRegion::default();
+    for point_m in points_m {
+        for_cubes_near(*point_m, reach_m, f64::from(EDGE) * fine_m, |brick| {
+            cells.add(brick, &mut last);
+        });
+    }
+    cells
 }
 
 #[cfg(test)]

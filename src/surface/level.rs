@@ -1,84 +1,112 @@
 //! The points that one threshold still misses, by cell.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use crate::scene::bricks::{BrickIndex, CELLS, EDGE, cell_of, split};
+use crate::scene::bricks::{BrickIndex, CELLS, EDGE, LastRegion, cell_of, split};
 
-/// Lists of a brick: 2 x 2 x 2.
-const LISTS: usize = 8;
-
-/// Bricks of 8 x 8 x 8 cells, a cell half a threshold wide. A quarter of a brick's edge is the threshold, so a list for
-/// each eighth of a brick holds every missing point that a hit there can be within the threshold of. A cell from which
-/// no missing point can be reached is done for good.
-#[derive(Debug)]
-pub(super) struct Level {
-    threshold_m: f64,
-    per_m: f64,
-    bricks: BrickIndex,
-    done: Vec<[AtomicU64; CELLS / 64]>,
-    /// List `l` of brick `b` is `points[starts[8 b + l]..starts[8 b + l + 1]]`.
-    starts: Vec<u32>,
-    points: Vec<u32>,
+/// Which bricks, and which of their cells, need no more hits. Flags are only ever set.
+#[derive(Debug, Default)]
+pub(super) struct DoneCells {
+    index: BrickIndex,
+    bricks: Vec<AtomicBool>,
+    cells: Vec<[AtomicU64; CELLS / 64]>,
 }
 
-/// The brick that the last hit of a thread fell into: the next is likely in the same one.
+/// How much around a hit needs no more hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Done {
+    /// Nothing: there are points that another hit in the same cell may find.
+    Nothing,
+    /// The cell.
+    Cell,
+    /// The brick around it.
+    Brick,
+}
+
+/// A cell of [`DoneCells`].
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LastBrick {
-    brick: [i32; 3],
-    number: Option<u32>,
-}
-
-impl Default for LastBrick {
-    fn default() -> Self {
-        // outside the reach of brick coordinates, so nothing is there
-        Self { brick: [i32::MAX; 3], number: None }
-    }
-}
-
-/// A cell that a hit fell into and that is not done.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct OpenCell {
-    cell: [i32; 3],
+pub(super) struct CellPlace {
     number: u32,
     inside: usize,
 }
 
+impl DoneCells {
+    /// Makes room for a brick.
+    pub fn add(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+        let number = self.index.find_or_add_near(brick, last)?;
+        if number as usize == self.cells.len() {
+            self.bricks.push(AtomicBool::new(false));
+            self.cells.push([const { AtomicU64::new(0) }; CELLS / 64]);
+        }
+        Some(number)
+    }
+
+    /// Where a cell is, if its brick exists.
+    #[inline]
+    pub fn find(&self, cell: [i32; 3], last: &mut LastRegion) -> Option<CellPlace> {
+        let (brick, inside) = split(cell);
+        Some(CellPlace { number: self.index.find_near(brick, last)?, inside })
+    }
+
+    /// What is done at a place.
+    #[inline]
+    pub fn done(&self, place: CellPlace) -> Done {
+        if self.bricks[place.number as usize].load(Ordering::Relaxed) {
+            return Done::Brick;
+        }
+        let word = self.cells[place.number as usize][place.inside / 64].load(Ordering::Relaxed);
+        if word >> (place.inside % 64) & 1 == 1 { Done::Cell } else { Done::Nothing }
+    }
+
+    /// Notes what is done at a place.
+    #[inline]
+    pub fn close(&self, place: CellPlace, done: Done) {
+        match done {
+            Done::Nothing => {}
+            Done::Cell => {
+                let word = &self.cells[place.number as usize][place.inside / 64];
+                word.fetch_or(1 << (place.inside % 64), Ordering::Relaxed);
+            }
+            Done::Brick => self.bricks[place.number as usize].store(true, Ordering::Relaxed),
+        }
+    }
+}
+
+/// Bricks, each with a list of every missing point that a hit in it can be within the threshold of.
+#[derive(Debug)]
+pub(super) struct Level {
+    threshold_m: f64,
+    cell_m: f64,
+    cells: DoneCells,
+    /// The list of brick `b` is `points[starts[b]..starts[b + 1]]`.
+    starts: Vec<u32>,
+    points: Vec<u32>,
+}
+
 impl Level {
     /// For all points (best in the order of a space-filling curve).
-    pub fn new(threshold_m: f64, points_m: &[DVec3]) -> Self {
-        let mut level = Self {
-            threshold_m,
-            per_m: 2.0 / threshold_m,
-            bricks: BrickIndex::default(),
-            done: Vec::new(),
-            starts: Vec::new(),
-            points: Vec::new(),
-        };
+    pub fn new(threshold_m: f64, cell_m: f64, points_m: &[DVec3]) -> Self {
+        let mut level =
+            Self { threshold_m, cell_m, cells: DoneCells::default(), starts: Vec::new(), points: Vec::new() };
         let all: Vec<u32> = (0..points_m.len() as u32).collect();
         level.list(points_m, &all);
-        let bricks = level.bricks.len();
-        level.done = (0..bricks).map(|_| [const { AtomicU64::new(0) }; CELLS / 64]).collect();
         level
     }
 
     /// Makes the lists again, of the points numbered in `missing` only.
     pub fn list(&mut self, points_m: &[DVec3], missing: &[u32]) {
-        let mut entries: Vec<(u32, u32)> = Vec::with_capacity(7 * missing.len());
-        let mut last = LastBrick::default();
+        let mut entries: Vec<(u32, u32)> = Vec::with_capacity(4 * missing.len());
+        let mut last = LastRegion::default();
         for &point in missing {
-            for_eighths_near(points_m[point as usize], self.threshold_m, |brick, eighth| {
-                if brick != last.brick {
-                    last = LastBrick { brick, number: self.bricks.find_or_add(brick) };
-                }
-                if let Some(number) = last.number {
-                    entries.push((LISTS as u32 * number + eighth, point));
-                }
+            let point_m = points_m[point as usize];
+            for_cubes_near(point_m, self.threshold_m, f64::from(EDGE) * self.cell_m, |brick| {
+                entries.extend(self.cells.add(brick, &mut last).map(|number| (number, point)));
             });
         }
         // a counting sort; starts[l + 1] moves from the start to the end of list l while it fills
-        self.starts = vec![0; LISTS * self.bricks.len() + 2];
+        self.starts = vec![0; self.cells.cells.len() + 2];
         for (list, _) in &entries {
             self.starts[*list as usize + 2] += 1;
         }
@@ -94,62 +122,43 @@ impl Level {
         self.starts.pop();
     }
 
-    /// The cell around a hit, unless nothing is missing near it.
+    /// Which cells need no more hits.
     #[inline]
-    pub fn open_cell(&self, hit_m: DVec3, last: &mut LastBrick) -> Option<OpenCell> {
-        let cell = cell_of(hit_m, self.per_m);
-        let (brick, inside) = split(cell);
-        if brick != last.brick {
-            *last = LastBrick { brick, number: self.bricks.find(brick) };
-        }
-        let number = last.number?;
-        let done = self.done[number as usize][inside / 64].load(Ordering::Relaxed);
-        (done >> (inside % 64) & 1 == 0).then_some(OpenCell { cell, number, inside })
+    pub fn cells(&self) -> &DoneCells {
+        &self.cells
     }
 
-    /// Points that may be within the threshold of the cell.
+    /// Points that a hit in the brick can be within the threshold of.
     #[inline]
-    pub fn near(&self, open: OpenCell) -> &[u32] {
-        // the high bit of each coordinate in the brick: bits 2, 5 and 8 of the number
-        let eighth = open.inside >> 2 & 1 | open.inside >> 4 & 2 | open.inside >> 6 & 4;
-        let list = LISTS * open.number as usize + eighth;
+    pub fn near(&self, place: CellPlace) -> &[u32] {
+        let list = place.number as usize;
         &self.points[self.starts[list] as usize..self.starts[list + 1] as usize]
     }
 
     /// Whether some hit in the cell can be within the threshold of the point.
     #[inline]
-    pub fn reaches(&self, open: OpenCell, point_m: DVec3) -> bool {
-        let cell_m = 0.5 * self.threshold_m;
-        let corner = DVec3::from(open.cell.map(f64::from)) * cell_m;
+    pub fn reaches(&self, cell: [i32; 3], point_m: DVec3) -> bool {
+        let corner = DVec3::from(cell.map(f64::from)) * self.cell_m;
         // rounding of the corner must not make a cell done that is not
         let slack = 1e-6 * self.threshold_m;
-        let nearest = point_m.clamp(corner - slack, corner + (cell_m + slack));
+        let nearest = point_m.clamp(corner - slack, corner + (self.cell_m + slack));
         nearest.distance_squared(point_m) <= self.threshold_m * self.threshold_m
-    }
-
-    /// Nothing is left to find from the cell.
-    #[inline]
-    pub fn close(&self, open: OpenCell) {
-        let word = &self.done[open.number as usize][open.inside / 64];
-        word.fetch_or(1 << (open.inside % 64), Ordering::Relaxed);
     }
 }
 
-fn for_eighths_near(point_m: DVec3, threshold_m: f64, mut visit: impl FnMut([i32; 3], u32)) {
-    // a hair wider than the threshold, so that rounding cannot lose an eighth
+/// Visits the cubes of edge `edge_m` that come within the threshold of a point.
+pub(super) fn for_cubes_near(point_m: DVec3, threshold_m: f64, edge_m: f64, mut visit: impl FnMut([i32; 3])) {
+    // a hair wider than the threshold, so that rounding cannot lose a cube
     let reach_m = threshold_m * (1.0 + 1e-6);
-    let edge_m = 2.0 * threshold_m;
-    let cells_per_eighth = EDGE / 2;
-    let per_m = 2.0 / threshold_m;
-    let eighth = |at: DVec3| cell_of(at, per_m).map(|cell| cell.div_euclid(cells_per_eighth));
-    let (low, high) = (eighth(point_m - reach_m), eighth(point_m + reach_m));
+    let per_m = 1.0 / edge_m;
+    let (low, high) = (cell_of(point_m - reach_m, per_m), cell_of(point_m + reach_m, per_m));
     for z in low[2]..=high[2] {
         for y in low[1]..=high[1] {
             for x in low[0]..=high[0] {
                 let corner = DVec3::new(f64::from(x), f64::from(y), f64::from(z)) * edge_m;
                 let nearest = point_m.clamp(corner, corner + edge_m);
                 if nearest.distance_squared(point_m) <= reach_m * reach_m {
-                    visit([x >> 1, y >> 1, z >> 1], (x & 1 | (y & 1) << 1 | (z & 1) << 2) as u32);
+                    visit([x, y, z]);
                 }
             }
         }

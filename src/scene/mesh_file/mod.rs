@@ -216,3 +216,6 @@ pub enum MeshFileError {
         extent_units: [f64; 3],
     },
 }
+
+#[cfg(test)]
+mod tests;
