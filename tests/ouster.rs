@@ -61,7 +61,7 @@ struct Decoding {
     stats: DecodeStats,
 }
 
-fn datagrams(path: &PathBuf) -> Vec<Datagram> {
+fn datagrams(path: &std::path::Path) -> Vec<Datagram> {
     let mut reader = CaptureReader::open(path).unwrap();
     let mut all = Vec::new();
     while let Some(packet) = reader.next().unwrap() {

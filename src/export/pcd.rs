@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 
-use super::record::{BYTES, FIELDS, bytes};
+use super::record::{BYTES, FIELDS, Field, bytes};
 use super::{Cause, Cloud, CloudWriter, flush};
 
 pub(super) struct PcdWriter {
@@ -37,9 +37,7 @@ impl CloudWriter for PcdWriter {
 
 /// The header has the same length whatever the count: a comment fills it up.
 fn header(points: u64) -> String {
-    let list = |of: &dyn Fn(&(&str, char, usize, &str)) -> String| {
-        FIELDS.iter().map(of).collect::<Vec<_>>().join(" ")
-    };
+    let list = |of: &dyn Fn(&Field) -> String| FIELDS.iter().map(of).collect::<Vec<_>>().join(" ");
     let fill = "-".repeat(2 * (20 - points.to_string().len()));
     debug_assert_eq!(FIELDS.iter().map(|(_, _, size, _)| size).sum::<usize>(), BYTES);
     format!(

@@ -3,7 +3,10 @@
 use super::{Cloud, Point};
 
 /// Name, PCD type letter, size in bytes, PLY type.
-pub(super) const FIELDS: [(&str, char, usize, &str); 9] = [
+pub(super) type Field = (&'static str, char, usize, &'static str);
+
+/// What a record holds, in order.
+pub(super) const FIELDS: [Field; 9] = [
     ("x", 'F', 4, "float"),
     ("y", 'F', 4, "float"),
     ("z", 'F', 4, "float"),

@@ -177,7 +177,7 @@ mod tests {
         let mut point = |n: usize| {
             let (u, v) = (rng.between(-0.6, 0.6), rng.between(-0.6, 0.6));
             let w = rng.between(-0.01, 0.01);
-            if n % 2 == 0 { DVec3::new(u, v, w) } else { DVec3::new(w, u, v) }
+            if n.is_multiple_of(2) { DVec3::new(u, v, w) } else { DVec3::new(w, u, v) }
         };
         (0..count).map(&mut point).collect()
     }

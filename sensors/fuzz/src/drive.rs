@@ -9,8 +9,11 @@ use sensors::router::Router;
 use sensors::velodyne::{Calibration, Options, Product, VelodyneDecoder};
 use sensors::{Decoded, Decoder, Packet};
 
-/// Every target by its name.
-pub const TARGETS: [(&str, fn(&[u8])); 6] = [
+/// A target's name and what it does with bytes.
+pub type Target = (&'static str, fn(&[u8]));
+
+/// Every target.
+pub const TARGETS: [Target; 6] = [
     ("capture", capture),
     ("ouster_metadata", ouster_metadata),
     ("ouster_packets", ouster_packets),

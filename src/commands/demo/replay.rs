@@ -17,6 +17,9 @@ use crate::servo::ServoReport;
 
 use super::document::{AxisSummary, Comparison, SensorSummary};
 
+/// By sensor of the session.
+type Decoders = Vec<Box<dyn Decoder>>;
+
 /// A session laid against its scene.
 pub struct Replayed {
     pub as_driven: Coverage,
@@ -135,8 +138,8 @@ fn measured_tilt(
 }
 
 /// A decoder per sensor of the session, and the sensors with the beams their packets are placed by.
-fn decoders(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<Box<dyn Decoder>>, Vec<MountedSensor>)> {
-    let mut decoders: Vec<Box<dyn Decoder>> = Vec::new();
+fn decoders(session: &Session, rig: &Rig) -> anyhow::Result<(Decoders, Vec<MountedSensor>)> {
+    let mut decoders: Decoders = Vec::new();
     let mut placed = Vec::new();
     for sensor in &rig.sensors {
         match session.metadata(&sensor.name)? {

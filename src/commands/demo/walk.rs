@@ -103,7 +103,7 @@ pub fn promise(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
     for (index, sensor) in walk.rig.sensors.iter().enumerate() {
         let columns = match mock_sensor(&sensor.model.name, index, 0)?.0.spin() {
             Spin::Angles { columns, .. } => columns as u32,
-            Spin::Clock { cycle_ns, rate_hz } => (1e9 / (rate_hz * cycle_ns as f64)).round() as u32,
+            Spin::Clock { cycle_ns, rate_hz } => (1e9 / (rate_hz * cycle_ns)).round() as u32,
         };
         scanner.spins[index] = scan::Spin { rate_hz: SPIN_HZ, columns, ..scan::Spin::default() };
     }

@@ -17,7 +17,7 @@ pub struct Args {
 #[derive(Subcommand, Debug)]
 enum Device {
     /// A sensor that sends UDP packets.
-    Sensor(sensor::Args),
+    Sensor(Box<sensor::Args>),
     /// A servo rig behind a pseudo terminal.
     Rig(rig::Args),
 }
