@@ -7,8 +7,6 @@ mod losses;
 mod metadata_files;
 mod shared_port;
 
-use std::path::PathBuf;
-
 use sensors::capture::CaptureReader;
 use sensors::ouster::{ImuSample, Metadata, OusterDecoder, ZoneReport};
 use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet};

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use sensors::Frame;
+use sensors::projection::sample_azimuth_rad;
 use serde::Serialize;
 
 use crate::coverage::{Coverage, VoxelGrid};
@@ -135,7 +136,7 @@ fn lay(
         classes.unplaced = 1;
         return Outcome { predicted_m: None, recorded_m: None, classes };
     };
-    let azimuth_rad = frame.column_azimuth_rad[column] + frame.azimuth_rate_rad_per_ns * fire_offset_ns;
+    let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
     let ray = model.ray(channel, azimuth_rad);
     let world_from_sensor = world_from_body * placed.mount.body_from_sensor();
     let origin_m = world_from_sensor.transform_point(ray.origin_m);
@@ -156,6 +157,13 @@ fn lay(
         (Some(predicted), Some(recorded)) if recorded < predicted => classes.short = 1,
         (Some(_), Some(_)) => classes.long = 1,
     }
-    let at = |range_m: f64| origin_m + (range_m - ray.range_offset_m) * direction;
-    Outcome { predicted_m: predicted_range_m.map(at), recorded_m: recorded_range_m.map(at), classes }
+    let predicted = |range_m: f64| origin_m + (range_m - ray.range_offset_m) * direction;
+    // a calibrated HDL-64E does not place near points on a straight ray
+    let recorded =
+        |range_m: f64| world_from_sensor.transform_point(model.point(channel, azimuth_rad, range_m));
+    Outcome {
+        predicted_m: predicted_range_m.map(predicted),
+        recorded_m: recorded_range_m.map(recorded),
+        classes,
+    }
 }

@@ -20,6 +20,8 @@ use std::path::{Path, PathBuf};
 
 use crate::files;
 
+use record::RecordWriter;
+
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
 
 /// A file format for points.
@@ -150,8 +152,8 @@ impl Export {
 
 fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
     Ok(match format {
-        Format::Pcd => Box::new(pcd::PcdWriter::new(file)?),
-        Format::Ply => Box::new(ply::PlyWriter::new(file)?),
+        Format::Pcd => Box::new(RecordWriter::new(file, pcd::header)?),
+        Format::Ply => Box::new(RecordWriter::new(file, ply::header)?),
         Format::Csv => Box::new(csv::CsvWriter::new(file)?),
         Format::Las => Box::new(las::LasWriter::new(file, false)?),
         Format::Laz => Box::new(las::LasWriter::new(file, true)?),

@@ -1,6 +1,9 @@
 //! Binary point records of PCD and PLY: one list of fields, so that both files say the same.
 
-use super::{Cloud, Point};
+use std::fs::File;
+use std::io::{BufWriter, Seek, SeekFrom, Write};
+
+use super::{Cause, Cloud, CloudWriter, Point, flush};
 
 /// Name, PCD type letter, size in bytes, PLY type.
 pub(super) type Field = (&'static str, char, usize, &'static str);
@@ -39,4 +42,36 @@ pub(super) fn bytes(cloud: &Cloud, point: &Point) -> [u8; BYTES] {
 /// Nanoseconds as seconds; a date of today keeps a quarter of a microsecond.
 pub(super) fn seconds(time_ns: u64) -> f64 {
     time_ns as f64 * 1e-9
+}
+
+/// A file of a text header and packed records. The header is written twice, the second time with the right count: it
+/// has the same length whatever the count.
+pub(super) struct RecordWriter {
+    file: BufWriter<File>,
+    header: fn(u64) -> String,
+    points: u64,
+}
+
+impl RecordWriter {
+    pub(super) fn new(file: File, header: fn(u64) -> String) -> Result<Self, Cause> {
+        let mut file = BufWriter::new(file);
+        file.write_all(header(0).as_bytes())?;
+        Ok(Self { file, header, points: 0 })
+    }
+}
+
+impl CloudWriter for RecordWriter {
+    fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
+        for point in &cloud.points {
+            self.file.write_all(&bytes(cloud, point))?;
+        }
+        self.points += cloud.points.len() as u64;
+        Ok(())
+    }
+
+    fn close(self: Box<Self>) -> Result<(), Cause> {
+        let mut file = flush(self.file)?;
+        file.seek(SeekFrom::Start(0))?;
+        Ok(file.write_all((self.header)(self.points).as_bytes())?)
+    }
 }
