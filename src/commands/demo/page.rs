@@ -34,12 +34,18 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
     let agreement = &document.compare.agreement;
     let iou = agreement.iou.map_or("nothing to compare".to_owned(), |iou| format!("IoU {iou:.5}"));
     let verdict = match document.compare.verdict {
+        Verdict::Matches if !document.problems.is_empty() => {
+            "What was recorded is as predicted, but data was lost"
+        }
         Verdict::Matches => "The recording covers what was promised",
         Verdict::Differs => "The recording does not cover what was promised",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
     let mut report =
         Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
+    for problem in &document.problems {
+        report.paragraph(problem);
+    }
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
     pictures(&mut report, document, as_driven, recorded);
@@ -202,7 +208,4 @@ fn recording_section(report: &mut Report, document: &Document) {
         })
         .collect();
     report.table(&["sensor", "packets sent", "recorded", "lost", "frames", "complete", "points"], &rows);
-    for problem in &document.problems {
-        report.paragraph(problem);
-    }
 }
