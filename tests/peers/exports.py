@@ -54,7 +54,8 @@ def read_e57(path):
     import pye57
 
     file = pye57.E57(str(path))
-    scans = [file.read_scan_raw(index) for index in range(file.scan_count)]
+    # the standard's return and time fields are not in that package's list
+    scans = [file.read_scan_raw(index, ignore_unsupported_fields=True) for index in range(file.scan_count)]
     positions = [np.stack([scan[f"cartesian{axis}"] for axis in "XYZ"], 1) for scan in scans]
     return np.concatenate(positions), np.concatenate([scan["rowIndex"] for scan in scans]), None
 
