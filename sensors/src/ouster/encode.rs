@@ -55,8 +55,8 @@ impl OusterEncoder {
     }
 
     /// Lidar packets of a frame, in the order of columns. A packet of which no column came (all times 0) is left
-    /// out. Ranges are rounded down to the format's step and saturate at its end. The frame must have the columns and
-    /// channels of the metadata.
+    /// out. Ranges are rounded down to the format's step and saturate at its end. Arrays that a layer does not have, and
+    /// a second layer that is not there, are sent as zeros. The frame must have the columns and channels of the metadata.
     pub fn frame(&mut self, frame: &Frame, emit: &mut dyn FnMut(&[u8])) {
         assert_eq!(
             (frame.columns(), frame.channels),

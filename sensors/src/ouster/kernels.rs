@@ -9,7 +9,8 @@ use crate::Layer;
 /// Takes the pixel blocks of one column apart into the layers, at sample `at` and onward.
 pub(super) type Unpack = fn(blocks: &[u8], at: usize, first: &mut Layer, second: Option<&mut Layer>);
 
-/// Puts the samples from `at` onward into pixel blocks; every byte is written.
+/// Puts the samples from `at` onward into pixel blocks; every byte is written. Arrays that are missing count as zeros;
+/// without the raw words of a raw profile its words are made of the fields.
 pub(super) type Pack = fn(blocks: &mut [u8], at: usize, first: &Layer, second: Option<&Layer>);
 
 /// The pair of functions of a profile.
@@ -150,8 +151,8 @@ fn pack<const P: usize, const BYTES: usize>(
 ) {
     let (blocks, _) = blocks.as_chunks_mut::<BYTES>();
     blocks.fill([0; BYTES]);
-    if const { Table::<P, BYTES>::LAYOUT.raw_words } {
-        for (block, words) in blocks.iter_mut().zip(&first.raw_words[at..]) {
+    if const { Table::<P, BYTES>::LAYOUT.raw_words } && !first.raw_words.is_empty() {
+        for (block, words) in blocks.iter_mut().zip(first.raw_words.iter().skip(at)) {
             let (quads, _) = block.as_chunks_mut::<4>();
             for (quad, word) in quads.iter_mut().zip(words) {
                 *quad = word.to_le_bytes();

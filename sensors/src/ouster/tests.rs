@@ -274,3 +274,50 @@ fn a_damaged_packet_is_still_claimed_by_its_serial_number() {
     let refused = decoder.push(&packet(&payloads[1]), &mut |_| {}).unwrap_err();
     assert!(matches!(refused, crate::Rejected::Checksum { .. }), "{refused}");
 }
+
+#[test]
+fn missing_arrays_are_sent_as_zeros() {
+    let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
+    for profile in Profile::all().filter(|profile| *profile != Profile::Off) {
+        let metadata = Metadata::synthetic(&Synthetic::new("os1-16", 5, profile)).unwrap();
+        let encode = |frame: &Frame| {
+            let mut payloads = Vec::new();
+            OusterEncoder::new(metadata.clone()).frame(frame, &mut |payload| payloads.push(payload.to_vec()));
+            payloads
+        };
+        let full = random_frame(&metadata, 3, 1, &mut rng);
+        let reduced = |reduce: &dyn Fn(&Layer) -> Layer| Frame {
+            first: reduce(&full.first),
+            second: full.second.as_ref().map(reduce),
+            ..full.clone()
+        };
+        let ranges_only = reduced(&|layer| Layer { range_mm: layer.range_mm.clone(), ..Layer::default() });
+        let ranges_and_zeros = reduced(&|layer| zeros(layer.range_mm.clone()));
+        let payloads = encode(&ranges_only);
+        assert!(payloads == encode(&ranges_and_zeros), "{profile:?}");
+        let (decoded, _) = decode(&metadata, &payloads);
+        let ranges = |frame: &Frame| {
+            [Some(&frame.first), frame.second.as_ref()].map(|l| l.map(|l| l.range_mm.clone()))
+        };
+        assert!(ranges(&decoded[0]) == ranges(&full), "{profile:?}");
+        let nothing = Frame { first: Layer::default(), second: None, ..full.clone() };
+        let only_zeros = reduced(&|layer| zeros(vec![0; layer.range_mm.len()]));
+        assert!(encode(&nothing) == encode(&only_zeros), "{profile:?}");
+    }
+}
+
+/// A layer of zeros but for its ranges, without raw words.
+fn zeros(range_mm: Vec<u32>) -> Layer {
+    let samples = range_mm.len();
+    Layer {
+        range_mm,
+        reflectivity: vec![0; samples],
+        signal: vec![0; samples],
+        near_ir: vec![0; samples],
+        flags: vec![0; samples],
+        window: vec![0; samples],
+        zone_mask: vec![0; samples],
+        rgb: vec![[0; 3]; samples],
+        raw_words: Vec::new(),
+    }
+}

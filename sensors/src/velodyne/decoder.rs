@@ -11,6 +11,7 @@ use super::calibration::{StatusReader, UnitStatus};
 use super::checks::{check, check_unknown, refuse_length};
 use super::clock::HourClock;
 use super::detect::{self, ENOUGH_PACKETS, Identity};
+use super::heads::Start;
 use super::position::Position;
 use super::product::{Product, ReturnMode};
 use super::stream::{Cut, S1_PACKET_NS, Stream};
@@ -56,7 +57,7 @@ pub struct VelodyneDecoder {
     clock: HourClock,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
-    recent: std::collections::VecDeque<(u64, u16)>,
+    recent: std::collections::VecDeque<Start>,
     position: Position,
     status_reader: StatusReader,
     status: Option<UnitStatus>,
@@ -200,7 +201,7 @@ impl VelodyneDecoder {
             self.close_frame(out);
             self.recent.clear();
         }
-        if let Some((last_ns, _)) = self.recent.back()
+        if let Some(Start { time_ns: last_ns, .. }) = self.recent.back()
             && time_ns <= *last_ns
         {
             self.take_late(time_ns, host_ns, payload);
@@ -224,7 +225,8 @@ impl VelodyneDecoder {
 
     /// Time of a packet without a stamp: its arrival, or one period after the packet before.
     fn host_time_ns(&self, host_ns: u64) -> u64 {
-        let newest_ns = self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|(ns, _)| *ns));
+        let newest_ns =
+            self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|recent| recent.time_ns));
         match (host_ns, newest_ns) {
             (0, None) => 0,
             (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
@@ -237,7 +239,7 @@ impl VelodyneDecoder {
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
         }
-        self.recent.push_back((held.time_ns, DataPacket::of(&held.payload).azimuth(0)));
+        self.recent.push_back(held.start());
         if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
             let packet = DataPacket::of(&held.payload);
             if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
@@ -254,8 +256,8 @@ impl VelodyneDecoder {
 
     /// Takes a packet that is older than what was decoded last.
     fn take_late(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES]) {
-        let azimuth = DataPacket::of(payload).azimuth(0);
-        if self.recent.contains(&(time_ns, azimuth)) {
+        let itself = Start { time_ns, azimuth_counts: DataPacket::of(payload).azimuth(0) };
+        if self.recent.contains(&itself) {
             self.stats.duplicated += 1;
             return;
         }
@@ -269,9 +271,9 @@ impl VelodyneDecoder {
         self.stats.packets += 1;
         self.stats.reordered += 1;
         let held = Held { time_ns, host_ns, payload: Box::new(*payload) };
-        stream.take_late(&held);
-        let at = self.recent.partition_point(|(recent_ns, _)| *recent_ns <= time_ns);
-        self.recent.insert(at, (time_ns, azimuth));
+        let at = self.recent.partition_point(|recent| recent.time_ns <= time_ns);
+        stream.take_late(&held, self.recent.get(at).copied());
+        self.recent.insert(at, itself);
     }
 
     fn flush(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {

@@ -68,10 +68,10 @@ pub(crate) fn is_gap(step: f64, usual: f64) -> bool {
     step > 3.0 * usual.max(0.0) + 20.0
 }
 
-/// What follows a packet, as far as it is known.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Following {
-    /// Device time of its first sequence, ns.
+/// When and where a packet starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Start {
+    /// Device time of its first sequence (of its stamp, until the lead of the stamp is taken off), ns.
     pub time_ns: u64,
     /// Azimuth of its first block, counts.
     pub azimuth_counts: u16,
@@ -80,7 +80,8 @@ pub(crate) struct Following {
 impl Heads {
     /// Fills in the heads of a packet whose first sequence began at `time_ns`. `spin` is what is known of the rate
     /// from before; `following` dates the sequences behind an azimuth gap exactly, because a packet has one stamp
-    /// and the sensor's clock runs on while no laser fires.
+    /// and the sensor's clock runs on while no laser fires. A gap never makes heads run backward,
+    /// nor brings them past `following`.
     pub fn fill(
         &mut self,
         packet: DataPacket<'_>,
@@ -88,7 +89,7 @@ impl Heads {
         cycle_ns: f64,
         time_ns: u64,
         spin: Spin,
-        following: Option<Following>,
+        following: Option<Start>,
     ) {
         let sequences = &layout.sequences;
         self.heads.clear();
@@ -121,7 +122,7 @@ impl Heads {
         let rate_for_gaps = if spin.time_ns > self.spin.time_ns { spin.rate().unwrap_or(rate) } else { rate };
 
         let mut gap_ns = 0.0;
-        let mut last_gap = None;
+        let mut gap_places = None;
         let mut block = 0;
         for (place, sequence) in sequences.iter().enumerate() {
             if sequence.after_azimuth == 0 {
@@ -129,7 +130,8 @@ impl Heads {
                     let wider = self.steps[block - 1] - rate_for_gaps * block_ns;
                     gap_ns += if rate_for_gaps > 0.0 { wider / rate_for_gaps } else { 0.0 };
                     self.gaps.push([self.azimuths[block - 1], self.azimuths[block]]);
-                    last_gap = Some(place);
+                    let (first, _) = gap_places.unwrap_or((place, place));
+                    gap_places = Some((first, place));
                 }
                 block += 1;
             }
@@ -145,8 +147,13 @@ impl Heads {
         self.last_counts = self.azimuths.last().copied().unwrap_or(0);
         let length_ns = sequences.last().map_or(0.0, |s| f64::from(s.cycles) + 1.0) * cycle_ns;
         self.end_ns = time_ns + (length_ns + gap_ns).round() as u64;
-        if let (Some(gap), Some(following)) = (last_gap, following) {
-            self.date_from(gap, length_ns, following, usual, rate_for_gaps, layout, cycle_ns);
+        if let (Some(places), Some(following)) = (gap_places, following) {
+            let contiguous = !is_gap(step_counts(self.last_counts, following.azimuth_counts), usual);
+            let turn_ns = f64::from(AZIMUTH_COUNTS) / rate_for_gaps.max(f64::MIN_POSITIVE);
+            // contiguous but much later: whole turns were lost in between
+            let late_ns = following.time_ns.saturating_sub(self.end_ns) as f64;
+            let exact = contiguous && late_ns <= 0.25 * turn_ns;
+            self.date_behind(places, [time_ns, following.time_ns], length_ns, exact, layout, cycle_ns);
         }
     }
 
@@ -155,29 +162,30 @@ impl Heads {
         self.azimuths.len()
     }
 
-    /// Dates the sequences from `gap` on by the packet that follows them without another gap.
-    #[allow(clippy::too_many_arguments)]
-    fn date_from(
+    /// Dates the sequences behind the first of the gaps so that they end before the next packet begins, and those
+    /// behind the last so that they end just there if it follows on them `exact`ly. The width of a gap is no measure
+    /// of its time then: the stamps, of this packet and the next, say how long it took.
+    fn date_behind(
         &mut self,
-        gap: usize,
+        (first_gap, last_gap): (usize, usize),
+        [time_ns, next_ns]: [u64; 2],
         length_ns: f64,
-        following: Following,
-        usual: f64,
-        rate: f64,
+        exact: bool,
         layout: &Layout,
         cycle_ns: f64,
     ) {
-        let contiguous = !is_gap(step_counts(self.last_counts, following.azimuth_counts), usual);
-        let turn_ns = f64::from(AZIMUTH_COUNTS) / rate.max(f64::MIN_POSITIVE);
-        let off_ns = following.time_ns.abs_diff(self.end_ns) as f64;
-        if !contiguous || off_ns > 0.25 * turn_ns {
-            return;
+        let date = |dated_ns: u64, since_start_ns: f64, place: usize| {
+            let without_gap_ns = time_ns + since_start_ns.round() as u64;
+            let before_next_ns = next_ns.saturating_sub((length_ns - since_start_ns).round() as u64);
+            let dated_ns =
+                if exact && place >= last_gap { before_next_ns } else { dated_ns.min(before_next_ns) };
+            dated_ns.max(without_gap_ns)
+        };
+        for (place, sequence) in layout.sequences.iter().enumerate().skip(first_gap) {
+            let head = &mut self.heads[place];
+            head.time_ns = date(head.time_ns, f64::from(sequence.cycles) * cycle_ns, place);
         }
-        self.end_ns = following.time_ns;
-        for (head, sequence) in self.heads.iter_mut().zip(&layout.sequences).skip(gap) {
-            let before_end_ns = length_ns - f64::from(sequence.cycles) * cycle_ns;
-            head.time_ns = following.time_ns.saturating_sub(before_end_ns.round() as u64);
-        }
+        self.end_ns = date(self.end_ns, length_ns, layout.sequences.len());
     }
 }
 
@@ -191,4 +199,70 @@ fn usual_step(steps: &mut [f64]) -> f64 {
 pub(crate) fn azimuth_rad(counts: f64) -> f64 {
     let azimuth_rad = counts * (TAU / f64::from(AZIMUTH_COUNTS));
     if azimuth_rad >= TAU { 0.0 } else { azimuth_rad }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::velodyne::product::Product;
+    use crate::velodyne::wire::{BLOCK_BYTES, BLOCKS, DATA_PACKET_BYTES};
+
+    const CYCLE_NS: f64 = 55_296.0;
+    const RATE: Spin = Spin { travelled_counts: 21_000.0, time_ns: 1000.0 * CYCLE_NS };
+
+    /// Heads of a dual-return packet of a VLP-32C at time 1 s, stamps and all.
+    fn dated(azimuths: [u16; BLOCKS / 2], following: Option<Start>) -> Heads {
+        let mut payload = [0; DATA_PACKET_BYTES];
+        for (block, azimuth) in azimuths.iter().flat_map(|azimuth| [azimuth; 2]).enumerate() {
+            payload[block * BLOCK_BYTES + 2..][..2].copy_from_slice(&azimuth.to_le_bytes());
+        }
+        let mut heads = Heads::default();
+        let layout = Layout::of(Product::Vlp32c, true);
+        heads.fill(DataPacket::of(&payload), &layout, CYCLE_NS, START_NS, RATE, following);
+        heads
+    }
+
+    fn after_start_ns(heads: &Heads) -> Vec<u64> {
+        heads.heads.iter().map(|head| head.time_ns - START_NS).collect()
+    }
+
+    const START_NS: u64 = 1_000_000_000;
+    const WITHOUT_GAP_NS: [u64; 6] = [0, 55_296, 110_592, 165_888, 221_184, 276_480];
+    const WINDOW: [u16; 6] = [9013, 9034, 9054, 9074, 9094, 27_014];
+
+    #[test]
+    fn the_next_stamp_dates_what_lies_behind_a_gap() {
+        for pause_ns in [0, 5_000_000, 47_000_000, 50_000_000] {
+            let next = Start { time_ns: START_NS + 331_776 + pause_ns, azimuth_counts: 27_035 };
+            let heads = dated(WINDOW, Some(next));
+            let times = after_start_ns(&heads);
+            assert_eq!(times[..5], WITHOUT_GAP_NS[..5]);
+            assert_eq!(times[5], 276_480 + pause_ns);
+            assert_eq!(heads.end_ns, next.time_ns);
+        }
+        let alone = after_start_ns(&dated(WINDOW, None));
+        assert!((46_000_000..48_000_000).contains(&alone[5]), "{alone:?}");
+    }
+
+    #[test]
+    fn no_gap_reaches_past_the_next_packet() {
+        // another gap behind the packet: its stamp is a bound still
+        let next = Start { time_ns: START_NS + 1_331_776, azimuth_counts: 30_000 };
+        let heads = dated(WINDOW, Some(next));
+        assert_eq!(after_start_ns(&heads)[5], 1_276_480);
+        // two gaps in one packet
+        let next = Start { time_ns: START_NS + 331_776, azimuth_counts: 27_035 };
+        let heads = dated([9013, 9034, 12_000, 12_021, 12_042, 27_014], Some(next));
+        assert_eq!(after_start_ns(&heads), WITHOUT_GAP_NS);
+        // stamps closer than the firings of a packet: no gap is left, and firings keep their order
+        let next = Start { time_ns: START_NS + 200_000, azimuth_counts: 27_035 };
+        assert_eq!(after_start_ns(&dated(WINDOW, Some(next))), WITHOUT_GAP_NS);
+    }
+
+    #[test]
+    fn a_turn_lost_behind_a_gap_is_not_the_gaps() {
+        let next = Start { time_ns: START_NS + 47_000_000 + 94_793_143, azimuth_counts: 27_035 };
+        let heads = dated(WINDOW, Some(next));
+        assert_eq!(after_start_ns(&heads), after_start_ns(&dated(WINDOW, None)));
+    }
 }

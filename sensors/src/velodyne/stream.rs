@@ -5,7 +5,7 @@ use crate::frame::Frame;
 
 use super::building::Building;
 use super::detect::{Identity, is_dual};
-use super::heads::{Following, Heads, Spin, is_gap, step_counts};
+use super::heads::{Heads, Spin, Start, is_gap, step_counts};
 use super::product::Product;
 use super::view::ViewWindows;
 use super::window::Held;
@@ -138,7 +138,7 @@ impl Stream {
         if self.building.is_empty() {
             self.building.restart(self.frames, self.product().lasers(), dual);
         }
-        self.read_heads(held, next);
+        self.read_heads(held, next.map(Held::start));
         for gap in &self.heads.gaps {
             stats.lost_packets = stats.lost_packets.saturating_sub(self.windows.learn(*gap));
         }
@@ -151,10 +151,10 @@ impl Stream {
         }
     }
 
-    /// Takes a packet that came late, into the frame that is still open.
-    pub fn take_late(&mut self, held: &Held) {
+    /// Takes a packet that came late, into the frame that is still open; `next` is the one after it in time.
+    pub fn take_late(&mut self, held: &Held, next: Option<Start>) {
         let kept = self.heads.clone();
-        self.read_heads(held, None);
+        self.read_heads(held, next);
         self.building.lost = self.building.lost.saturating_sub(1);
         self.append(held, 0..self.heads.heads.len());
         self.heads = kept;
@@ -181,7 +181,7 @@ impl Stream {
         self.previous = None;
     }
 
-    fn read_heads(&mut self, held: &Held, next: Option<&Held>) {
+    fn read_heads(&mut self, held: &Held, next: Option<Start>) {
         let packet = DataPacket::of(&held.payload);
         let product = self.identity.product;
         if product == Product::Hdl64eS1 {
@@ -190,10 +190,7 @@ impl Stream {
         }
         let cycle_ns = self.identity.cycle_ns;
         let lead_ns = product.stamp_lead_ns(cycle_ns).round() as u64;
-        let following = next.map(|next| Following {
-            time_ns: next.time_ns.saturating_sub(lead_ns),
-            azimuth_counts: DataPacket::of(&next.payload).azimuth(0),
-        });
+        let following = next.map(|next| Start { time_ns: next.time_ns.saturating_sub(lead_ns), ..next });
         let layout = self.layouts.of(packet, product);
         let spin = self.spin();
         let time_ns = held.time_ns.saturating_sub(lead_ns);

@@ -3,7 +3,8 @@
 
 use std::collections::VecDeque;
 
-use super::wire::DATA_PACKET_BYTES;
+use super::heads::Start;
+use super::wire::{DATA_PACKET_BYTES, DataPacket};
 
 /// A packet with its resolved device time.
 #[derive(Clone, Debug)]
@@ -12,6 +13,13 @@ pub(crate) struct Held {
     pub time_ns: u64,
     pub host_ns: u64,
     pub payload: Box<[u8; DATA_PACKET_BYTES]>,
+}
+
+impl Held {
+    /// When and where the packet starts.
+    pub fn start(&self) -> Start {
+        Start { time_ns: self.time_ns, azimuth_counts: DataPacket::of(&self.payload).azimuth(0) }
+    }
 }
 
 /// Where a packet fell.
