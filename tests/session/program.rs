@@ -148,7 +148,10 @@ pub fn two_mock_sensors_are_recorded_and_decoded() {
         assert_eq!(session.manifest().sensors[sensor].packets, sent[sensor]["sent_packets"], "{stats:?}");
         assert_eq!(stats.packets, sent[sensor]["sent_packets"], "{stats:?}");
         assert!(stats.frames >= 4, "{stats:?}");
-        assert_eq!(stats.lost_packets, sent[sensor]["faults"]["dropped"], "{stats:?}");
+        // nothing tells of packets dropped before the first or after the last one that came
+        let dropped = sent[sensor]["faults"]["dropped"].as_u64().unwrap();
+        let unseen = dropped.checked_sub(stats.lost_packets);
+        assert!(unseen.is_some_and(|unseen| unseen <= 2), "{dropped} dropped, {stats:?}");
     }
     assert!(sent[1]["faults"]["dropped"].as_u64() > Some(0));
 }

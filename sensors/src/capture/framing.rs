@@ -1,8 +1,13 @@
-//! Records of pcap and blocks of pcapng, either byte order, as link-layer frames with a time.
+//! Records of pcap and blocks of pcapng, either byte order, as link-layer frames with a time. `pcap-parser` parses
+//! headers, records and blocks, once their lengths are believed and their bytes are there; finding them in a stream
+//! with bounded memory, and saying at which byte a file is cut or damaged, is done here.
 //!
 //! Sources: IETF draft-ietf-opsawg-pcap (classic), draft-ietf-opsawg-pcapng sections 3.5 and 4.
 
 use std::ops::Range;
+
+use pcap_parser::pcap::{parse_pcap_frame, parse_pcap_frame_be, parse_pcap_header};
+use pcap_parser::pcapng::SHB_MAGIC;
 
 use super::buffer::Buffer;
 use super::error::{CaptureCounters, CaptureError, Truncated};
@@ -13,6 +18,11 @@ use super::pcapng_blocks::{self as blocks, Body, Bytes};
 const MAX_CAPTURED: u32 = 1 << 20;
 /// Longest descriptive block that is read whole; longer ones are passed over.
 const MAX_DESCRIPTION: u32 = 1 << 20;
+
+/// How pcap files start: stamps in microseconds or nanoseconds, either byte order. `pcap-parser` takes Kuznetzov's
+/// modified pcap as well, whose records are longer.
+const CLASSIC_MAGICS: [[u8; 4]; 4] =
+    [[0xd4, 0xc3, 0xb2, 0xa1], [0x4d, 0x3c, 0xb2, 0xa1], [0xa1, 0xb2, 0xc3, 0xd4], [0xa1, 0xb2, 0x3c, 0x4d]];
 
 /// One link-layer frame; `place` is valid in the buffer until the next one is asked for.
 pub(super) struct LinkFrame {
@@ -79,32 +89,26 @@ impl Framing {
         let read_error = |source| CaptureError::Read { name: name.clone(), offset: 0, source };
         let have = buffer.fill(24).map_err(read_error)?;
         let start = buffer.available();
-        let magic = start.first_chunk::<4>().map_or(0, |bytes| u32::from_le_bytes(*bytes));
-        let classic = |order, ticks_per_second| (Format::Pcap { order }, ticks_per_second);
-        let (format, ticks_per_second) = match magic {
-            0xa1b2_c3d4 => classic(Bytes::Little, 1_000_000),
-            0xa1b2_3c4d => classic(Bytes::Little, 1_000_000_000),
-            0xd4c3_b2a1 => classic(Bytes::Big, 1_000_000),
-            0x4d3c_b2a1 => classic(Bytes::Big, 1_000_000_000),
-            blocks::SECTION_HEADER => (Format::Pcapng { order: Bytes::Little }, 1),
-            _ => {
-                let start = &start[..start.len().min(4096)];
-                return Err(CaptureError::NotACapture { looks_like: looks_like(start), name });
-            }
-        };
         let mut interfaces = Vec::new();
-        if let Format::Pcap { order } = format {
-            if have < 24 {
+        let format = if start.starts_with(&SHB_MAGIC.to_le_bytes()) {
+            Format::Pcapng { order: Bytes::Little } // until the section header is read
+        } else if !CLASSIC_MAGICS.iter().any(|magic| start.starts_with(magic)) {
+            let start = &start[..start.len().min(4096)];
+            return Err(CaptureError::NotACapture { looks_like: looks_like(start), name });
+        } else {
+            let Ok((_, header)) = parse_pcap_header(start) else {
                 let looks_like = format!("a pcap header of {have} bytes; it has 24");
                 return Err(CaptureError::NotACapture { looks_like, name });
-            }
+            };
+            let ticks_per_second = if header.is_nanosecond_precision() { 1_000_000_000 } else { 1_000_000 };
             interfaces.push(Interface {
-                link_type: order.u32(start, 20) as u16, // the upper half tells about checksums
+                link_type: header.network.0 as u16, // the upper half tells about checksums
                 clock: Clock { ticks_per_second, offset_s: 0 },
                 ..Default::default()
             });
-            buffer.consume(24);
-        }
+            buffer.consume(header.size());
+            Format::Pcap { order: if header.is_bigendian() { Bytes::Big } else { Bytes::Little } }
+        };
         Ok(Self { buffer, name, format, interfaces, dropped_before: 0, done: false })
     }
 
@@ -134,8 +138,7 @@ impl Framing {
         if !self.need(HEADER, counters)? {
             return Ok(None);
         }
-        let header = self.buffer.available();
-        let [seconds, fraction, captured, original] = [0, 4, 8, 12].map(|at| order.u32(header, at));
+        let captured = order.u32(self.buffer.available(), 8);
         if captured > MAX_CAPTURED {
             return Err(self.damaged(
                 format!("a record of {captured} bytes"),
@@ -148,14 +151,26 @@ impl Framing {
         if !self.need(HEADER + length, counters)? {
             return Ok(None);
         }
+        let whole = &self.buffer.available()[..HEADER + length];
+        let parsed = match order {
+            Bytes::Little => parse_pcap_frame(whole),
+            Bytes::Big => parse_pcap_frame_be(whole),
+        };
+        let Ok((_, record)) = parsed else {
+            return Err(
+                self.damaged(format!("a record of {captured} bytes"), "a record as pcap has it".into())
+            );
+        };
+        // at most 1e9 per s
+        let ticks = u64::from(record.ts_sec) * clock.ticks_per_second as u64 + u64::from(record.ts_usec);
+        let original_length = record.origlen as usize;
         let at = self.buffer.consume(HEADER + length) + HEADER;
-        let ticks = u64::from(seconds) * clock.ticks_per_second as u64 + u64::from(fraction); // at most 1e9 per s
         Ok(Some(LinkFrame {
             place: at..at + length,
             link_type,
             interface: 0,
             time_ns: clock.time_ns(ticks),
-            original_length: original as usize,
+            original_length,
         }))
     }
 
@@ -165,7 +180,7 @@ impl Framing {
                 return Ok(None);
             }
             let head = self.buffer.available();
-            if head.starts_with(&blocks::SECTION_HEADER.to_le_bytes()) {
+            if head.starts_with(&SHB_MAGIC.to_le_bytes()) {
                 match head.get(8..12) {
                     Some([0x4d, 0x3c, 0x2b, 0x1a]) => self.format = Format::Pcapng { order: Bytes::Little },
                     Some([0x1a, 0x2b, 0x3c, 0x4d]) => self.format = Format::Pcapng { order: Bytes::Big },
@@ -220,8 +235,7 @@ impl Framing {
                 "the same number twice".into(),
             ));
         }
-        let body = &whole[8..length - 4];
-        let body = match blocks::parse(kind, order, body) {
+        let body = match blocks::parse(kind, order, whole) {
             Ok(body) => body,
             Err((found, expected)) => return Err(self.damaged(found, expected)),
         };

@@ -1,16 +1,18 @@
-//! Bodies of pcapng blocks. Source: IETF draft-ietf-opsawg-pcapng, sections 3.5 (options) and 4 (blocks).
+//! What pcapng blocks say. `pcap-parser` takes them apart; here is what it leaves out: lengths that are checked
+//! before anything is parsed, options in the section's byte order up to the end mark, clocks of any resolution, and
+//! the obsolete packet block. Source: IETF draft-ietf-opsawg-pcapng, sections 3.5 (options) and 4 (blocks).
 
 use std::ops::Range;
 
+use pcap_parser::pcapng::{
+    Block, EPB_MAGIC, IDB_MAGIC, ISB_MAGIC, InterfaceDescriptionBlock, PcapNGOption, SHB_MAGIC, SPB_MAGIC,
+    parse_block_be, parse_block_le,
+};
+
 use super::framing::Clock;
 
-/// Section header; reads the same in either byte order.
-pub(super) const SECTION_HEADER: u32 = 0x0a0d_0d0a;
-const INTERFACE_DESCRIPTION: u32 = 1;
+/// The packet block that the enhanced one replaced; `pcap-parser` does not know it.
 const OLD_PACKET: u32 = 2;
-const SIMPLE_PACKET: u32 = 3;
-const INTERFACE_STATISTICS: u32 = 5;
-const ENHANCED_PACKET: u32 = 6;
 
 /// Byte order of a file or section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,23 +75,20 @@ pub(super) struct PacketBlock {
 
 /// Whether blocks of this type are read; others are passed over.
 pub(super) fn is_read(kind: u32) -> bool {
-    matches!(
-        kind,
-        SECTION_HEADER
-            | INTERFACE_DESCRIPTION
-            | OLD_PACKET
-            | SIMPLE_PACKET
-            | INTERFACE_STATISTICS
-            | ENHANCED_PACKET
-    )
+    matches!(kind, SHB_MAGIC | IDB_MAGIC | OLD_PACKET | SPB_MAGIC | ISB_MAGIC | EPB_MAGIC)
 }
 
-/// Reads a block's body (between its two lengths). The error says what was found and what was expected.
-pub(super) fn parse(kind: u32, order: Bytes, body: &[u8]) -> Result<Body, (String, String)> {
+/// Reads a whole block, whose two lengths agree with that of the slice. The error says what was found and what was
+/// expected. Packets without options cost no allocation; `pcap-parser` collects options in a vector, which grows
+/// with the bytes that are there.
+pub(super) fn parse(kind: u32, order: Bytes, whole: &[u8]) -> Result<Body, (String, String)> {
+    let body = &whole[8..whole.len() - 4];
     let fixed = match kind {
-        INTERFACE_DESCRIPTION => 8,
-        SIMPLE_PACKET | INTERFACE_STATISTICS => [4, 12][usize::from(kind == INTERFACE_STATISTICS)],
-        OLD_PACKET | ENHANCED_PACKET => 20,
+        IDB_MAGIC => 8,
+        SPB_MAGIC => 4,
+        ISB_MAGIC => 12,
+        OLD_PACKET | EPB_MAGIC => 20,
+        SHB_MAGIC if body.len() < 16 => return Ok(Body::Other), // its byte order is known; the rest is not needed
         _ => 0,
     };
     if body.len() < fixed {
@@ -98,60 +97,78 @@ pub(super) fn parse(kind: u32, order: Bytes, body: &[u8]) -> Result<Body, (Strin
             format!("at least {fixed}"),
         ));
     }
-    match kind {
-        INTERFACE_DESCRIPTION => description(order, body).map(Body::Interface),
-        ENHANCED_PACKET => packet(order, body, order.u32(body, 0), Some(2)).map(Body::Packet),
-        OLD_PACKET => packet(order, body, u32::from(order.u16(body, 0)), None).map(Body::Packet),
-        SIMPLE_PACKET => {
-            let original_length = order.u32(body, 0);
-            let captured = (body.len() - 4).min(original_length as usize);
-            let data = 4..4 + captured;
-            Ok(Body::Packet(PacketBlock { interface: 0, ticks: None, original_length, data, dropped: 0 }))
+    if matches!(kind, OLD_PACKET | EPB_MAGIC) {
+        let (captured, room) = (order.u32(body, 12), body.len() - 20);
+        if captured as usize > room {
+            let found = format!("a packet of {captured} bytes in a block with room for {room}");
+            return Err((found, "less".into()));
         }
-        INTERFACE_STATISTICS => {
+    }
+    let parsed = match order {
+        Bytes::Little => parse_block_le(whole),
+        Bytes::Big => parse_block_be(whole),
+    };
+    let (_, block) = parsed.map_err(|_| {
+        (format!("a block of type {kind} that contradicts itself"), "one as pcapng lays it out".to_owned())
+    })?;
+    Ok(match block {
+        Block::InterfaceDescription(block) => Body::Interface(description(order, &block)?),
+        Block::EnhancedPacket(block) => {
+            let mut dropped = 0;
+            for (code, value) in options(&block.options) {
+                if code == 4 && value.len() == 8 {
+                    dropped = order.u64(value, 0); // epb_dropcount
+                }
+            }
+            Body::Packet(PacketBlock {
+                interface: block.if_id,
+                ticks: Some(u64::from(block.ts_high) << 32 | u64::from(block.ts_low)),
+                original_length: block.origlen,
+                data: 20..20 + block.caplen as usize,
+                dropped,
+            })
+        }
+        Block::SimplePacket(block) => {
+            let captured = block.data.len().min(block.origlen as usize);
+            Body::Packet(PacketBlock {
+                interface: 0,
+                ticks: None,
+                original_length: block.origlen,
+                data: 4..4 + captured,
+                dropped: 0,
+            })
+        }
+        Block::InterfaceStatistics(block) => {
             let mut dropped = 0_u64;
-            for (code, value) in options(order, &body[12..]) {
+            for (code, value) in options(&block.options) {
                 if matches!(code, 5 | 7) && value.len() == 8 {
                     dropped = dropped.saturating_add(order.u64(value, 0)); // isb_ifdrop, isb_osdrop
                 }
             }
-            Ok(Body::Statistics { interface: order.u32(body, 0), dropped })
+            Body::Statistics { interface: block.if_id, dropped }
         }
-        _ => Ok(Body::Other),
+        Block::Unknown(block) if kind == OLD_PACKET => Body::Packet(old_packet(order, block.data)),
+        _ => Body::Other,
+    })
+}
+
+/// The caller has made sure that the body holds what it claims.
+fn old_packet(order: Bytes, body: &[u8]) -> PacketBlock {
+    let dropped = order.u16(body, 2);
+    PacketBlock {
+        interface: u32::from(order.u16(body, 0)),
+        ticks: Some(u64::from(order.u32(body, 4)) << 32 | u64::from(order.u32(body, 8))),
+        original_length: order.u32(body, 16),
+        data: 20..20 + order.u32(body, 12) as usize,
+        dropped: if dropped == u16::MAX { 0 } else { u64::from(dropped) }, // all ones: not known
     }
 }
 
-fn packet(
-    order: Bytes,
-    body: &[u8],
-    interface: u32,
-    enhanced: Option<u32>,
-) -> Result<PacketBlock, (String, String)> {
-    let ticks = u64::from(order.u32(body, 4)) << 32 | u64::from(order.u32(body, 8));
-    let (captured, original_length) = (order.u32(body, 12), order.u32(body, 16));
-    let room = body.len() - 20;
-    if captured as usize > room {
-        return Err((format!("a packet of {captured} bytes in a block with room for {room}"), "less".into()));
-    }
-    let end = 20 + captured as usize;
-    let mut dropped = 0;
-    if enhanced.is_some() {
-        let after = body.get(end.next_multiple_of(4)..).unwrap_or_default();
-        for (code, value) in options(order, after) {
-            if code == 4 && value.len() == 8 {
-                dropped = order.u64(value, 0); // epb_dropcount
-            }
-        }
-    } else if order.u16(body, 2) != u16::MAX {
-        dropped = u64::from(order.u16(body, 2));
-    }
-    Ok(PacketBlock { interface, ticks: Some(ticks), original_length, data: 20..end, dropped })
-}
-
-fn description(order: Bytes, body: &[u8]) -> Result<Description, (String, String)> {
+/// `pcap-parser` reads `if_tsoffset` as little-endian in every section and knows no resolution of base 2.
+fn description(order: Bytes, block: &InterfaceDescriptionBlock<'_>) -> Result<Description, (String, String)> {
     let mut name = None;
     let mut clock = Clock::default();
-    for (code, value) in options(order, &body[8..]) {
+    for (code, value) in options(&block.options) {
         match (code, value.len()) {
             (2, _) => name = Some(String::from_utf8_lossy(value).trim_end_matches('\0').to_owned()),
             (9, 1) => {
@@ -167,18 +184,12 @@ fn description(order: Bytes, body: &[u8]) -> Result<Description, (String, String
             _ => {}
         }
     }
-    Ok(Description { name, link_type: order.u16(body, 0), clock })
+    Ok(Description { name, link_type: block.linktype.0 as u16, clock }) // 16 bits in the block
 }
 
-/// Code and value of each option; stops at the end mark and at what does not fit.
-fn options(order: Bytes, mut rest: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
-    std::iter::from_fn(move || {
-        if rest.len() < 4 {
-            return None;
-        }
-        let (code, length) = (order.u16(rest, 0), usize::from(order.u16(rest, 2)));
-        let value = rest.get(4..4 + length)?;
-        rest = rest.get(4 + length.next_multiple_of(4)..).unwrap_or_default();
-        (code != 0).then_some((code, value))
-    })
+/// Code and value, without padding, of each option before the end mark; `pcap-parser` reads on behind it.
+fn options<'a>(options: &'a [PcapNGOption<'a>]) -> impl Iterator<Item = (u16, &'a [u8])> {
+    options
+        .iter()
+        .map_while(|option| (option.code.0 != 0).then_some((option.code.0, option.as_bytes().ok()?)))
 }

@@ -16,7 +16,7 @@ use super::reassembly::{Added, Reassembly};
 use crate::Packet;
 
 /// Reads a capture from front to back: pcap or pcapng in either byte order, plain or gzip. Memory does not depend on
-/// the file's length, and no packet costs an allocation.
+/// the file's length, and no packet costs an allocation (but for those with pcapng options of their own).
 ///
 /// ```no_run
 /// # fn main() -> Result<(), sensors::capture::CaptureError> {
