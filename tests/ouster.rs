@@ -7,10 +7,10 @@ mod losses;
 mod metadata_files;
 mod shared_port;
 
-use sensors::capture::CaptureReader;
 use sensors::ouster::{ImuSample, Metadata, OusterDecoder, ZoneReport};
-use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet};
+use sensors::{DecodeStats, Decoded, Decoder, Frame};
 
+use crate::support::datagram::{Datagram, datagrams};
 use crate::support::{Case, case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
@@ -34,22 +34,6 @@ pub const CASES: &[Case] = &[
     with_shared("a_velodyne_look_alike_is_foreign", shared_port::a_velodyne_look_alike_is_foreign),
 ];
 
-/// A datagram that owns its bytes.
-#[derive(Clone, Debug, PartialEq)]
-struct Datagram {
-    host_time_ns: u64,
-    source: std::net::SocketAddr,
-    destination: std::net::SocketAddr,
-    payload: Vec<u8>,
-}
-
-impl Datagram {
-    fn packet(&self) -> Packet<'_> {
-        let Self { host_time_ns, source, destination, payload } = self;
-        Packet { host_time_ns: *host_time_ns, source: *source, destination: *destination, payload }
-    }
-}
-
 /// Everything a decoder made of a list of datagrams.
 #[derive(Default)]
 struct Decoding {
@@ -57,20 +41,6 @@ struct Decoding {
     imu: Vec<ImuSample>,
     zones: Vec<ZoneReport>,
     stats: DecodeStats,
-}
-
-fn datagrams(path: &std::path::Path) -> Vec<Datagram> {
-    let mut reader = CaptureReader::open(path).unwrap();
-    let mut all = Vec::new();
-    while let Some(packet) = reader.next().unwrap() {
-        all.push(Datagram {
-            host_time_ns: packet.host_time_ns,
-            source: packet.source,
-            destination: packet.destination,
-            payload: packet.payload.to_vec(),
-        });
-    }
-    all
 }
 
 fn metadata(path: &str) -> Metadata {

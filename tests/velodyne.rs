@@ -1,11 +1,9 @@
 //! Velodyne captures against the digests of velodyne_decoder, scans of another driver, and themselves.
 
-use std::net::SocketAddr;
-
-use sensors::capture::CaptureReader;
 use sensors::velodyne::{Options, VelodyneDecoder};
-use sensors::{DecodeStats, Decoded, Decoder, Frame, Packet, SensorModel};
+use sensors::{DecodeStats, Decoded, Decoder, Frame, SensorModel};
 
+use crate::support::datagram::{self, Datagram};
 use crate::support::{Case, shared, with_shared};
 
 mod digests;
@@ -31,38 +29,9 @@ pub const CASES: &[Case] = &[
     with_shared("recordings_are_encoded_again", packets::recordings_are_encoded_again),
 ];
 
-#[derive(Clone)]
-struct Datagram {
-    host_time_ns: u64,
-    source: SocketAddr,
-    destination: SocketAddr,
-    payload: Vec<u8>,
-}
-
-impl Datagram {
-    fn packet(&self) -> Packet<'_> {
-        Packet {
-            host_time_ns: self.host_time_ns,
-            source: self.source,
-            destination: self.destination,
-            payload: &self.payload,
-        }
-    }
-}
-
-/// UDP datagrams of a capture.
+/// Datagrams of a capture in the shared folder.
 fn datagrams(path: &str) -> Vec<Datagram> {
-    let mut reader = CaptureReader::open(&shared(path)).unwrap();
-    let mut all = Vec::new();
-    while let Some(packet) = reader.next().unwrap() {
-        all.push(Datagram {
-            host_time_ns: packet.host_time_ns,
-            source: packet.source,
-            destination: packet.destination,
-            payload: packet.payload.to_vec(),
-        });
-    }
-    all
+    datagram::datagrams(&shared(path))
 }
 
 struct Decoding {

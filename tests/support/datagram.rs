@@ -1,0 +1,38 @@
+//! Datagrams that outlive the capture they came from: to be dropped, swapped and damaged.
+
+use std::net::SocketAddr;
+use std::path::Path;
+
+use sensors::Packet;
+use sensors::capture::CaptureReader;
+
+/// A datagram that owns its bytes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Datagram {
+    pub host_time_ns: u64,
+    pub source: SocketAddr,
+    pub destination: SocketAddr,
+    pub payload: Vec<u8>,
+}
+
+impl Datagram {
+    pub fn packet(&self) -> Packet<'_> {
+        let Self { host_time_ns, source, destination, payload } = self;
+        Packet { host_time_ns: *host_time_ns, source: *source, destination: *destination, payload }
+    }
+}
+
+/// Every UDP datagram of a capture.
+pub fn datagrams(path: &Path) -> Vec<Datagram> {
+    let mut reader = CaptureReader::open(path).unwrap();
+    let mut all = Vec::new();
+    while let Some(packet) = reader.next().unwrap() {
+        all.push(Datagram {
+            host_time_ns: packet.host_time_ns,
+            source: packet.source,
+            destination: packet.destination,
+            payload: packet.payload.to_vec(),
+        });
+    }
+    all
+}
