@@ -8,6 +8,7 @@
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
 pub mod files;
+pub mod instructions;
 pub mod rng;
 pub mod geometry;
 pub mod scene;

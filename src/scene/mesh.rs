@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::Hit;
 use super::tree::{OccluderMemory, PACKET, TriangleTree};
+use crate::instructions::Instructions;
 use crate::rng::Rng;
 
 /// A mesh ready for ray casting. Triangles may intersect, overlap and leave holes.
@@ -86,11 +87,22 @@ impl Mesh {
         &self,
         origins_m: &[DVec3],
         directions: &[DVec3],
+        report: impl FnMut(usize, Option<Hit>),
+    ) {
+        self.cast_many_with(Instructions::best(), origins_m, directions, report);
+    }
+
+    /// As [`Mesh::cast_many`], with given instructions; the hits are the same to the bit.
+    pub fn cast_many_with(
+        &self,
+        instructions: Instructions,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
         mut report: impl FnMut(usize, Option<Hit>),
     ) {
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
-            self.tree.cast_packet(origins, directions, |lane, met| {
+            self.tree.cast_packet(origins, directions, instructions, |lane, met| {
                 let hit = met.map(|met| turned(met.distance_m, met.normal, directions[lane]));
                 report(block * PACKET + lane, hit);
             });
@@ -271,10 +283,11 @@ mod tests {
         let point = |rng: &mut Rng| DVec3::new(rng.normal(), rng.normal(), rng.normal());
         let origins: Vec<DVec3> = (0..count).map(|_| 2.0 * point(&mut rng)).collect();
         let directions: Vec<DVec3> = (0..count).map(|_| point(&mut rng).normalize()).collect();
-        let mut reported = Vec::new();
+        let (mut reported, mut all) = (Vec::new(), Vec::new());
         let mut hits = 0;
         mesh.cast_many(&origins, &directions, |index, hit| {
             reported.push(index);
+            all.push(hit);
             let single = mesh.cast(origins[index], directions[index]);
             hits += usize::from(hit.is_some());
             match (hit, single) {
@@ -282,6 +295,11 @@ mod tests {
                 (a, b) => assert_eq!(a, b, "ray {index}"),
             }
         });
+        for instructions in Instructions::available() {
+            let mut again = Vec::new();
+            mesh.cast_many_with(instructions, &origins, &directions, |_, hit| again.push(hit));
+            assert_eq!(again, all, "{instructions:?}");
+        }
         assert_eq!(reported, (0..count).collect::<Vec<_>>());
         assert!(hits > count / 4, "{hits} of {count}");
     }
