@@ -29,13 +29,26 @@ pub fn cast_column(
     spin_rad_s: f64,
     ranges_m: &mut [Option<f64>],
 ) {
-    for (channel, range_m) in ranges_m.iter_mut().enumerate() {
-        let beam = beam_at(model, channel, azimuth_rad, spin_rad_s, &world_from_sensor);
-        *range_m = scene
-            .cast(beam.origin_m, beam.direction)
-            .map(|hit| hit.distance_m + beam.range_offset_m)
+    let order = by_elevation(model);
+    let beams: Vec<FiredBeam> = order
+        .iter()
+        .map(|channel| beam_at(model, *channel, azimuth_rad, spin_rad_s, &world_from_sensor))
+        .collect();
+    let origins_m: Vec<DVec3> = beams.iter().map(|beam| beam.origin_m).collect();
+    let directions: Vec<DVec3> = beams.iter().map(|beam| beam.direction).collect();
+    scene.cast_many(&origins_m, &directions, |ray, hit| {
+        ranges_m[order[ray]] = hit
+            .map(|hit| hit.distance_m + beams[ray].range_offset_m)
             .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
-    }
+    });
+}
+
+/// Channels from the lowest beam to the highest: neighbours in this order see neighbouring surfaces, which is what makes
+/// casting them together fast.
+fn by_elevation(model: &SensorModel) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..model.channels()).collect();
+    order.sort_by(|a, b| model.beams()[*a].elevation_rad.total_cmp(&model.beams()[*b].elevation_rad));
+    order
 }
 
 /// How a sensor spins.
@@ -143,6 +156,8 @@ pub struct Scanner<'a> {
     pub flaws: Flaws,
     /// Of noise and drop-out.
     pub seed: u64,
+    /// Channels from the lowest beam to the highest, by sensor of the rig.
+    orders: Vec<Vec<usize>>,
 }
 
 impl<'a> Scanner<'a> {
@@ -157,6 +172,7 @@ impl<'a> Scanner<'a> {
             occluders: (0..sensors).map(|sensor| Occluder::other_housings(rig, sensor)).collect(),
             flaws: Flaws::default(),
             seed: 0,
+            orders: rig.sensors.iter().map(|mounted| by_elevation(&mounted.model)).collect(),
         }
     }
 
@@ -180,22 +196,28 @@ impl<'a> Scanner<'a> {
         let mounted = &self.rig.sensors[sensor];
         let body_from_sensor = mounted.mount.body_from_sensor();
         let azimuth_rad = spin.azimuth_rad(column);
+        let beams: Vec<FiredBeam> = (0..mounted.model.channels())
+            .map(|channel| beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor))
+            .collect();
+        let hits = self.hits(sensor, &world_from_body, &beams);
         let mut rng = Rng::new(self.seed, (sensor as u64) << 48 | column);
-        let returns = (0..mounted.model.channels())
-            .filter_map(|channel| {
-                let in_body = beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor);
-                self.cast(sensor, &world_from_body, &in_body, &mut rng).map(|(range_m, hit, direction)| {
-                    let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
-                    let origin_m = world_from_body.transform_point(in_body.origin_m);
-                    SimulatedReturn {
-                        channel,
-                        azimuth_rad: in_body.azimuth_rad,
-                        range_m,
-                        time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
-                        point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
-                        direction,
-                        normal: hit.normal,
-                    }
+        let returns = beams
+            .iter()
+            .enumerate()
+            .zip(hits)
+            .filter_map(|((channel, in_body), hit)| {
+                let range_m = self.range_m(sensor, in_body, &world_from_body, hit, &mut rng)?;
+                let (hit, direction) = (hit?, world_from_body.rotate(in_body.direction));
+                let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
+                let origin_m = world_from_body.transform_point(in_body.origin_m);
+                Some(SimulatedReturn {
+                    channel,
+                    azimuth_rad: in_body.azimuth_rad,
+                    range_m,
+                    time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
+                    point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
+                    direction,
+                    normal: hit.normal,
                 })
             })
             .collect();
@@ -229,27 +251,45 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    fn cast(
+    /// What each beam of a column meets in the scene, by channel.
+    fn hits(&self, sensor: usize, world_from_body: &Pose, beams: &[FiredBeam]) -> Vec<Option<Hit>> {
+        let sub_rays = self.flaws.sub_rays;
+        let divergence_rad = self.rig.sensors[sensor].model.divergence_rad;
+        let per_beam = 1 + sub_rays as usize;
+        let order = &self.orders[sensor];
+        let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
+        for channel in order {
+            let direction = world_from_body.rotate(beams[*channel].direction);
+            directions.push(direction);
+            directions.extend(ring(direction, divergence_rad, sub_rays));
+            let origin_m = world_from_body.transform_point(beams[*channel].origin_m);
+            origins_m.extend(std::iter::repeat_n(origin_m, per_beam));
+        }
+        let mut met: Vec<Option<Hit>> = vec![None; directions.len()];
+        self.scene.cast_many(&origins_m, &directions, |ray, hit| met[ray] = hit);
+        let mut hits = vec![None; beams.len()];
+        for (channel, met) in order.iter().zip(met.chunks(per_beam)) {
+            hits[*channel] = median(met);
+        }
+        hits
+    }
+
+    /// The range that a beam reports, m: none where drop-out, obliqueness, an occluder or the limits take the return.
+    fn range_m(
         &self,
         sensor: usize,
-        world_from_body: &Pose,
         beam: &FiredBeam,
+        world_from_body: &Pose,
+        hit: Option<Hit>,
         rng: &mut Rng,
-    ) -> Option<(f64, Hit, DVec3)> {
+    ) -> Option<f64> {
         let model = &self.rig.sensors[sensor].model;
         let flaws = &self.flaws;
         // drawn for every beam, so that one beam's fate does not change another's
         let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
         let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
-        if !kept {
-            return None;
-        }
-        let origin_m = world_from_body.transform_point(beam.origin_m);
+        let hit = hit.filter(|_| kept)?;
         let direction = world_from_body.rotate(beam.direction);
-        let hit = match flaws.sub_rays {
-            0 => self.scene.cast(origin_m, direction)?,
-            sub_rays => self.cast_spread(origin_m, direction, model.divergence_rad, sub_rays)?,
-        };
         if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
             return None;
         }
@@ -262,32 +302,28 @@ impl<'a> Scanner<'a> {
         let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
-        (range_m >= min_range_m && range_m <= max_range_m).then_some((range_m, hit, direction))
+        (range_m >= min_range_m && range_m <= max_range_m).then_some(range_m)
     }
+}
 
-    /// Median of a central ray and a ring of others at half the half-angle of the beam's cone.
-    fn cast_spread(
-        &self,
-        origin_m: DVec3,
-        direction: DVec3,
-        divergence_rad: f64,
-        sub_rays: u32,
-    ) -> Option<Hit> {
-        let (u, v) = direction.any_orthonormal_pair();
-        let spread = (0.25 * divergence_rad).tan();
-        let ring = (0..sub_rays).map(|index| {
-            let (sin, cos) = (TAU * f64::from(index) / f64::from(sub_rays)).sin_cos();
-            (direction + spread * (cos * u + sin * v)).normalize()
-        });
-        let mut hits: Vec<_> =
-            std::iter::once(direction).chain(ring).filter_map(|ray| self.scene.cast(origin_m, ray)).collect();
-        // less than half the light comes back: nothing is detected
-        if hits.len() * 2 <= sub_rays as usize {
-            return None;
-        }
-        hits.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-        Some(hits[hits.len() / 2])
+/// Rays around a beam's central one, at half the half-angle of its cone.
+fn ring(direction: DVec3, divergence_rad: f64, rays: u32) -> impl Iterator<Item = DVec3> {
+    let (u, v) = direction.any_orthonormal_pair();
+    let spread = (0.25 * divergence_rad).tan();
+    (0..rays).map(move |index| {
+        let (sin, cos) = (TAU * f64::from(index) / f64::from(rays)).sin_cos();
+        (direction + spread * (cos * u + sin * v)).normalize()
+    })
+}
+
+/// What a beam reports of what its rays met: the hit of median distance; nothing if half of the light or more is lost.
+fn median(met: &[Option<Hit>]) -> Option<Hit> {
+    let mut hits: Vec<_> = met.iter().flatten().collect();
+    if hits.len() * 2 < met.len() {
+        return None;
     }
+    hits.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+    hits.get(hits.len() / 2).map(|hit| **hit)
 }
 
 /// A channel's ray where the sensor frame was placed.

@@ -7,262 +7,19 @@
 //! the voxel is `floor(coordinate / voxel)`. A ray with a world direction component that is exactly zero is lost: a
 //! quirk of the released slab test, kept here ([`Preset::loses_axis_parallel_rays`]) and nowhere else in the program.
 
+mod anywhere;
 mod brute;
+mod experiment;
 mod fast;
+mod lanes;
+mod placement;
 mod shell;
 
+pub use experiment::{Experiment, ExperimentError, PRESETS, Path, Phase, Preset, Roll};
+pub use placement::Placement;
+
 use crate::coverage::{Counts, Coverage, VoxelGrid};
-use crate::rig::Mount;
-
-/// A published experiment as data.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Preset {
-    /// Name on the command line.
-    pub name: &'static str,
-    /// Sensor model whose housing counts.
-    pub model: &'static str,
-    /// Beams, evenly spaced.
-    pub beams: usize,
-    /// From the lowest to the highest beam, degrees.
-    pub field_of_view_deg: f64,
-    /// Columns per revolution.
-    pub azimuths: usize,
-    /// Least corner of the box, m.
-    pub box_min_m: [f64; 3],
-    /// Greatest corner of the box, m.
-    pub box_max_m: [f64; 3],
-    /// Length of the walk, centred in the box, m.
-    pub path_length_m: f64,
-    /// Height of the platform's origin, m.
-    pub platform_height_m: f64,
-    /// Edge of a voxel, m.
-    pub voxel_m: f64,
-    /// Whether rays with a zero direction component are lost.
-    pub loses_axis_parallel_rays: bool,
-}
-
-/// Ouster OS1-64 in the published experiment.
-const OS1_64: Preset = Preset {
-    name: "paper-os1-64",
-    model: "os1-64",
-    beams: 64,
-    field_of_view_deg: 42.4,
-    azimuths: 180,
-    box_min_m: [-25.0, -25.0, 0.0],
-    box_max_m: [25.0, 25.0, 20.0],
-    path_length_m: 40.0,
-    platform_height_m: 1.6,
-    voxel_m: 0.5,
-    loses_axis_parallel_rays: true,
-};
-
-/// Velodyne VLP-16 in the published experiment.
-const VLP_16: Preset =
-    Preset { name: "paper-vlp-16", model: "vlp-16", beams: 16, field_of_view_deg: 30.0, ..OS1_64 };
-
-/// Every preset.
-pub const PRESETS: &[Preset] = &[OS1_64, VLP_16];
-
-impl Preset {
-    /// By name.
-    pub fn named(name: &str) -> Result<&'static Self, ExperimentError> {
-        PRESETS
-            .iter()
-            .find(|preset| preset.name == name)
-            .ok_or_else(|| ExperimentError::UnknownPreset { name: name.to_owned(), known: Self::names() })
-    }
-
-    /// Names of all presets, for messages.
-    pub fn names() -> String {
-        PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
-    }
-}
-
-/// Along which axis of the mount frame the platform walks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Path {
-    /// x: sideways, as the released program runs it.
-    #[default]
-    Lateral,
-    /// y: ahead, as the text describes it.
-    Forward,
-}
-
-impl Path {
-    fn axis(self) -> usize {
-        match self {
-            Path::Lateral => 0,
-            Path::Forward => 1,
-        }
-    }
-}
-
-/// What happens to the roll of a mount.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Roll {
-    /// Replaced by this angle, degrees.
-    Fixed(f64),
-    /// Taken as it is.
-    Free,
-}
-
-/// Where the first azimuth of each revolution lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Phase {
-    /// At zero at every pose, as published: the pattern repeats from pose to pose.
-    #[default]
-    Locked,
-    /// Moved on by the golden ratio of an azimuth step from pose to pose: no two poses share a pattern. Rays with a
-    /// zero direction component are then not lost.
-    Free,
-}
-
-/// One sensor of the published decision vector; angles in degrees, because the published rotations are exact at
-/// multiples of 90 degrees.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Placement {
-    /// Right of the platform's origin, m.
-    pub x_m: f64,
-    /// Ahead of it, m.
-    pub y_m: f64,
-    /// Above it, m.
-    pub z_m: f64,
-    /// About the forward axis, degrees.
-    pub pitch_deg: f64,
-    /// About the lateral axis, degrees.
-    pub roll_deg: f64,
-}
-
-impl Placement {
-    /// The mirror image across the platform's plane of symmetry (YZ).
-    pub fn mirrored(&self) -> Self {
-        Self { x_m: -self.x_m, pitch_deg: -self.pitch_deg, ..*self }
-    }
-
-    /// The same in radians.
-    pub fn mount(&self) -> Mount {
-        Mount {
-            x_m: self.x_m,
-            y_m: self.y_m,
-            z_m: self.z_m,
-            pitch_rad: self.pitch_deg.to_radians(),
-            roll_rad: self.roll_deg.to_radians(),
-        }
-    }
-
-    /// `Rx(roll) * Ry(pitch)`, row by row, in the published order of operations.
-    pub(crate) fn rotation_rows(&self) -> [[f64; 3]; 3] {
-        let (sp, cp) = sin_cos_deg(self.pitch_deg);
-        let (sr, cr) = sin_cos_deg(self.roll_deg);
-        [[cp, 0.0, sp], [sr * sp, cr, -sr * cp], [-cr * sp, sr, cr * cp]]
-    }
-
-    /// The spin axis (+z of the sensor) in the mount frame.
-    pub fn spin_axis(&self) -> [f64; 3] {
-        self.rotation_rows().map(|row| row[2])
-    }
-}
-
-impl From<[f64; 5]> for Placement {
-    /// From `[x_m, y_m, z_m, pitch_deg, roll_deg]`.
-    fn from([x_m, y_m, z_m, pitch_deg, roll_deg]: [f64; 5]) -> Self {
-        Self { x_m, y_m, z_m, pitch_deg, roll_deg }
-    }
-}
-
-impl From<Placement> for [f64; 5] {
-    fn from(placement: Placement) -> Self {
-        [placement.x_m, placement.y_m, placement.z_m, placement.pitch_deg, placement.roll_deg]
-    }
-}
-
-/// Sine and cosine of an angle in degrees, exact at multiples of 90.
-fn sin_cos_deg(angle_deg: f64) -> (f64, f64) {
-    if angle_deg % 90.0 == 0.0 {
-        match (angle_deg / 90.0).rem_euclid(4.0) as u8 {
-            0 => (0.0, 1.0),
-            1 => (1.0, 0.0),
-            2 => (0.0, -1.0),
-            _ => (-1.0, 0.0),
-        }
-    } else {
-        angle_deg.to_radians().sin_cos()
-    }
-}
-
-/// A preset with what may be changed about it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Experiment {
-    /// What stays.
-    pub preset: Preset,
-    /// Direction of the walk.
-    pub path: Path,
-    /// Edge of a voxel, m: 5 m divided by a whole number.
-    pub voxel_m: f64,
-    /// Columns per revolution.
-    pub azimuths: usize,
-    /// What happens to the roll of masters.
-    pub roll: Roll,
-    /// Whether every master gets a mirror image.
-    pub mirror: bool,
-    /// Poses per metre of the walk.
-    pub sub_poses: usize,
-    /// Where each revolution starts.
-    pub phase: Phase,
-}
-
-impl Experiment {
-    /// The preset as published: path lateral, roll fixed at 0, mirrored, one pose per metre, phase locked.
-    pub fn published(preset: &Preset) -> Self {
-        Self {
-            preset: *preset,
-            path: Path::Lateral,
-            voxel_m: preset.voxel_m,
-            azimuths: preset.azimuths,
-            roll: Roll::Fixed(0.0),
-            mirror: true,
-            sub_poses: 1,
-            phase: Phase::Locked,
-        }
-    }
-
-    /// Every physical sensor of these masters: roll rule applied, each master followed by its mirror image.
-    pub fn sensors(&self, masters: &[Placement]) -> Vec<Placement> {
-        let mut sensors = Vec::with_capacity(masters.len() * (1 + usize::from(self.mirror)));
-        for master in masters {
-            let roll_deg = match self.roll {
-                Roll::Fixed(roll_deg) => roll_deg,
-                Roll::Free => master.roll_deg,
-            };
-            let sensor = Placement { roll_deg, ..*master };
-            sensors.push(sensor);
-            if self.mirror {
-                sensors.push(sensor.mirrored());
-            }
-        }
-        sensors
-    }
-
-    /// Whether the roll rule changes one of these masters.
-    pub fn replaces_a_roll(&self, masters: &[Placement]) -> bool {
-        match self.roll {
-            Roll::Fixed(roll_deg) => masters.iter().any(|master| master.roll_deg != roll_deg),
-            Roll::Free => false,
-        }
-    }
-
-    /// Number of poses.
-    pub fn poses(&self) -> usize {
-        (self.preset.path_length_m * self.sub_poses as f64).round() as usize + 1
-    }
-
-    /// Rays of one sensor over the whole walk.
-    pub fn rays_per_sensor(&self) -> u64 {
-        self.poses() as u64 * self.azimuths as u64 * self.preset.beams as u64
-    }
-}
+use crate::instructions::Instructions;
 
 /// An experiment made ready: beams, poses and grid. Sensors are then seen in turn.
 #[derive(Clone, Debug)]
@@ -277,6 +34,19 @@ pub struct Simulator {
     stations_m: Vec<f64>,
     /// Tables of the fast way, where the experiment allows it.
     plan: Option<fast::Plan>,
+    /// Tables of the way for any poses, where the numbers fit.
+    faces: Option<anywhere::Faces>,
+}
+
+/// A sensor in the box, in the mount frame's axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoxPose {
+    /// Rotation from the sensor, row by row.
+    pub rows: [[f64; 3]; 3],
+    /// Where it is, m.
+    pub origin_m: [f64; 3],
+    /// What is added to every azimuth, in steps from azimuth to azimuth.
+    pub turn: f64,
 }
 
 impl Simulator {
@@ -324,8 +94,10 @@ impl Simulator {
         let start_m = -preset.path_length_m / 2.0;
         let stations_m =
             (0..experiment.poses()).map(|pose| start_m + pose as f64 / experiment.sub_poses as f64).collect();
-        let mut simulator = Self { experiment: *experiment, cells, base, elevations, stations_m, plan: None };
+        let mut simulator =
+            Self { experiment: *experiment, cells, base, elevations, stations_m, plan: None, faces: None };
         simulator.plan = fast::Plan::new(&simulator);
+        simulator.faces = anywhere::Faces::new(&simulator);
         Ok(simulator)
     }
 
@@ -352,23 +124,96 @@ impl Simulator {
 
     /// Which voxels each sensor sees.
     pub fn see(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
-        let Some(plan) = &self.plan else {
-            return self.coverage_by_definition(sensors);
-        };
+        self.see_with(sensors, Instructions::best())
+    }
+
+    /// As [`Simulator::see`], with given instructions; the same to the bit.
+    pub fn see_with(
+        &self,
+        sensors: &[Placement],
+        instructions: Instructions,
+    ) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
-        let shells = fast::see(self, plan, sensors);
+        let Some(plan) = &self.plan else {
+            return self.see_along_with(&self.walks(sensors), instructions);
+        };
+        let shells = fast::see(self, plan, sensors, instructions);
         let bitmaps = shells.iter().map(|shell| self.bitmap(shell)).collect();
-        let lost_rays = sensors.iter().map(|sensor| brute::lost_rays(self, sensor)).collect();
+        let lost_rays = sensors.iter().map(|sensor| self.lost_rays(sensor)).collect();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
     /// How many voxels the sensors see: the counts of [`Simulator::see`] without its bitmaps.
     pub fn count(&self, sensors: &[Placement]) -> Result<Counts, ExperimentError> {
+        self.count_with(sensors, Instructions::best())
+    }
+
+    /// As [`Simulator::count`], with given instructions.
+    pub fn count_with(
+        &self,
+        sensors: &[Placement],
+        instructions: Instructions,
+    ) -> Result<Counts, ExperimentError> {
         let Some(plan) = &self.plan else {
-            return Ok(self.coverage_by_definition(sensors)?.coverage.counts());
+            return Ok(self.see_with(sensors, instructions)?.coverage.counts());
         };
         self.check(sensors)?;
-        Ok(fast::counts(&fast::see(self, plan, sensors)))
+        Ok(shell::counts(&fast::see(self, plan, sensors, instructions), instructions))
+    }
+
+    /// Which voxels sensors see from any poses in the box, one list of poses for each.
+    pub fn see_along(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
+        self.see_along_with(sensors, Instructions::best())
+    }
+
+    /// As [`Simulator::see_along`], with given instructions; the same to the bit.
+    pub fn see_along_with(
+        &self,
+        sensors: &[Vec<BoxPose>],
+        instructions: Instructions,
+    ) -> Result<Seen, ExperimentError> {
+        let Some(faces) = &self.faces else {
+            return self.see_along_by_definition(sensors);
+        };
+        self.check_poses(sensors)?;
+        let see = |poses: &Vec<BoxPose>| anywhere::see(self, faces, poses, instructions);
+        let (bitmaps, lost_rays) = sensors.iter().map(see).unzip();
+        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+    }
+
+    /// The poses of each sensor along the walk.
+    pub fn walks(&self, sensors: &[Placement]) -> Vec<Vec<BoxPose>> {
+        let poses = |sensor| (0..self.stations_m.len()).map(|pose| self.pose(sensor, pose)).collect();
+        sensors.iter().map(poses).collect()
+    }
+
+    fn pose(&self, sensor: &Placement, pose: usize) -> BoxPose {
+        let mut origin_m = [0.0, 0.0, self.experiment.preset.platform_height_m];
+        origin_m[self.experiment.path.axis()] = self.stations_m[pose];
+        BoxPose {
+            rows: sensor.rotation_rows(),
+            origin_m: [origin_m[0] + sensor.x_m, origin_m[1] + sensor.y_m, origin_m[2] + sensor.z_m],
+            turn: self.turn(pose),
+        }
+    }
+
+    /// How far the pattern has turned at a pose of the walk, in steps from azimuth to azimuth.
+    fn turn(&self, pose: usize) -> f64 {
+        /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        match self.experiment.phase {
+            Phase::Locked => 0.0,
+            Phase::Free => ((pose + 1) as f64 * GOLDEN).fract(),
+        }
+    }
+
+    /// Whether rays with a zero component are lost.
+    fn loses(&self) -> bool {
+        self.experiment.preset.loses_axis_parallel_rays && self.experiment.phase == Phase::Locked
+    }
+
+    fn lost_rays(&self, sensor: &Placement) -> u64 {
+        brute::lost_rays(self, &self.pose(sensor, 0)) * self.stations_m.len() as u64
     }
 
     fn bitmap(&self, shell: &shell::Shell) -> Vec<u64> {
@@ -385,8 +230,36 @@ impl Simulator {
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.
     pub fn coverage_by_definition(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
-        let (bitmaps, lost_rays) = sensors.iter().map(|sensor| brute::see(self, sensor)).unzip();
+        self.see_along_by_definition(&self.walks(sensors))
+    }
+
+    /// What [`Simulator::see_along`] must find, straight from the definition.
+    pub fn see_along_by_definition(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
+        self.check_poses(sensors)?;
+        let (bitmaps, lost_rays) = sensors.iter().map(|poses| brute::see(self, poses)).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+    }
+
+    fn check_poses(&self, sensors: &[Vec<BoxPose>]) -> Result<(), ExperimentError> {
+        if sensors.is_empty() {
+            return Err(ExperimentError::NoSensors);
+        }
+        let preset = &self.experiment.preset;
+        for (index, pose) in
+            sensors.iter().enumerate().flat_map(|(n, poses)| poses.iter().map(move |p| (n, p)))
+        {
+            let mut numbers = pose.rows.iter().flatten().chain(&pose.origin_m).chain([&pose.turn]);
+            if !numbers.all(|number| number.is_finite()) {
+                return Err(ExperimentError::NotFinite { what: format!("a pose of sensor {}", index + 1) });
+            }
+            let inside = |axis: usize| {
+                pose.origin_m[axis] > preset.box_min_m[axis] && pose.origin_m[axis] < preset.box_max_m[axis]
+            };
+            if !(inside(0) && inside(1) && inside(2)) {
+                return Err(ExperimentError::OutsideBox { sensor: index + 1 });
+            }
+        }
+        Ok(())
     }
 
     fn check(&self, sensors: &[Placement]) -> Result<(), ExperimentError> {
@@ -432,76 +305,10 @@ fn whole(value: f64) -> Option<f64> {
     ((value - rounded).abs() < 1e-9 && rounded.abs() < 1e9).then_some(rounded)
 }
 
-/// What can be wrong with an experiment or the sensors in it.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum ExperimentError {
-    /// No preset of that name.
-    #[error("no preset is called {name:?}; known are {known}")]
-    UnknownPreset {
-        /// As asked for.
-        name: String,
-        /// All that exist.
-        known: String,
-    },
-    /// Walls would not lie on voxel faces.
-    #[error(
-        "voxels of {voxel_m} m do not fill the box: give 5 m divided by a whole number (1, 0.5, 0.25, 0.2 ...)"
-    )]
-    Voxel {
-        /// As asked for.
-        voxel_m: f64,
-    },
-    /// The grid would not fit in memory.
-    #[error("voxels of {voxel_m} m make more than 2^30 cells: give larger voxels")]
-    TooManyVoxels {
-        /// As asked for.
-        voxel_m: f64,
-    },
-    /// No or too many columns.
-    #[error("{azimuths} azimuths: give 1 to 1048576")]
-    Azimuths {
-        /// As asked for.
-        azimuths: usize,
-    },
-    /// No or too many poses.
-    #[error("{sub_poses} poses per metre: give 1 to 1000")]
-    SubPoses {
-        /// As asked for.
-        sub_poses: usize,
-    },
-    /// A number is not one.
-    #[error("{what} is not a finite number")]
-    NotFinite {
-        /// Which.
-        what: String,
-    },
-    /// A sensor would leave the box on its way.
-    #[error("sensor {sensor} does not stay inside the box along the whole walk")]
-    OutsideBox {
-        /// Position in the list, from 1.
-        sensor: usize,
-    },
-    /// Nothing to look with.
-    #[error("no sensors: give at least one")]
-    NoSensors,
-}
-
 #[cfg(test)]
 mod tests {
+    use super::experiment::{OS1_64, VLP_16};
     use super::*;
-
-    #[test]
-    fn quarter_turns_are_exact() {
-        for (angle_deg, expected) in [
-            (0.0, (0.0, 1.0)),
-            (90.0, (1.0, 0.0)),
-            (180.0, (0.0, -1.0)),
-            (-90.0, (-1.0, 0.0)),
-            (450.0, (1.0, 0.0)),
-        ] {
-            assert_eq!(sin_cos_deg(angle_deg), expected, "{angle_deg}");
-        }
-    }
 
     #[test]
     fn experiments_that_make_no_sense_are_refused() {
