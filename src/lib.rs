@@ -27,4 +27,5 @@ pub mod export;
 pub mod chart;
 pub mod report;
 pub mod mock;
+pub mod config;
 pub mod commands;
