@@ -120,7 +120,7 @@ fn schur(own: &Matrix3<f64>, cross: &Matrix3<f64>, other: &Matrix3<f64>) -> Matr
 }
 
 /// Way between the poses of a published experiment that are looked at, m.
-const POSE_STEP_M: usize = 5;
+pub const POSE_STEP_M: usize = 5;
 /// Every so many of its columns count.
 const COLUMN_STEP: usize = 8;
 
@@ -160,6 +160,12 @@ pub struct RegistrationQuality {
     pub weakest_direction: Option<[f64; 3]>,
 }
 
+/// Least eigenvalues per hit of translation and of rotation (m^2), scan by scan; 0 for a scan without hits.
+pub fn least_along(scans: &[Information]) -> Vec<[f64; 2]> {
+    let least = |scan: Conditioning| [scan.translation.least(), scan.rotation_m2.least()];
+    scans.iter().map(|scan| scan.conditioning().map_or([0.0; 2], least)).collect()
+}
+
 impl RegistrationQuality {
     /// From one sum of hits per scan. None without scans.
     pub fn of_scans(scans: &[Information]) -> Option<Self> {
@@ -187,6 +193,18 @@ impl RegistrationQuality {
             degenerate_share: loose as f64 / scans.len() as f64,
             weakest_direction: worst.map(|scan| scan.translation.weakest.to_array()),
         })
+    }
+
+    /// One line of a summary.
+    pub fn line(&self) -> String {
+        format!(
+            "registration   least translation eigenvalue per hit: median {:.4}, 5th percentile {:.4}; {:.1} % of {} scans \
+             have a loose direction\n",
+            self.translation_median,
+            self.translation_p5,
+            100.0 * self.degenerate_share,
+            self.scans
+        )
     }
 }
 

@@ -1,8 +1,10 @@
 //! Mounts, the sensors on them, and the files that say so.
 
 mod mount_file;
+mod unit;
 
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
+pub use unit::{Unit, UnitChoice, UnitError};
 
 use glam::{DMat3, DQuat, DVec3};
 use sensors::SensorModel;

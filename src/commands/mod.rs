@@ -4,9 +4,12 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+mod baselines;
 mod decode;
 mod demo;
 mod evaluate;
+mod figures;
+mod ground;
 mod inspect;
 mod manual;
 mod mock;
@@ -19,6 +22,7 @@ mod replay;
 mod rig;
 mod sensor_ids;
 mod signals;
+mod surface;
 mod unread;
 mod validate;
 

@@ -1,36 +1,11 @@
-//! `outrigger evaluate`
+//! A published experiment as typed: its options, and the masters scored in it.
 
-use std::path::PathBuf;
 use std::str::FromStr;
-use std::time::Instant;
 
 use anyhow::bail;
-use serde::Serialize;
 
-use super::{Context, Outcome, output};
-use crate::objective::{Evaluation, Objective, Weights};
-use crate::rig::MountFile;
+use crate::objective::{Objective, Weights};
 use crate::simulate::published::{Experiment, Path, Phase, Placement, Preset, Roll, Simulator};
-
-/// Arguments of `evaluate`.
-#[derive(clap::Args, Debug)]
-#[command(
-    group = clap::ArgGroup::new("mounts").required(true),
-    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\",\n\
-                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective,\n\
-                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...]. Its sensors are scored as they are, mirrored\n\
-                  ones being listed; its preset holds where --preset is not given."
-)]
-pub struct Args {
-    #[command(flatten)]
-    experiment: ExperimentArgs,
-    /// Sensors from a mount file.
-    #[arg(long, group = "mounts", value_name = "FILE")]
-    mount: Option<PathBuf>,
-    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
-    #[arg(long, group = "mounts", allow_hyphen_values = true, value_name = "LIST")]
-    masters: Option<Masters>,
-}
 
 /// A published experiment and what may be changed about it.
 #[derive(clap::Args, Debug, Clone)]
@@ -171,137 +146,6 @@ impl ExperimentArgs {
         };
         Ok(Objective::new(Simulator::new(&experiment)?, weights, self.least_distance)?)
     }
-}
-
-/// The document that `evaluate` prints.
-#[derive(Serialize)]
-struct Document<'a> {
-    #[serde(flatten)]
-    evaluation: &'a Evaluation,
-    coverage_sha256: String,
-    preset: &'static str,
-    path: Path,
-    voxel_m: f64,
-    azimuths: usize,
-    sub_poses: usize,
-    phase: Phase,
-    /// Rays that the published slab test loses, by sensor.
-    lost_rays: Vec<u64>,
-    /// Every physical sensor: x_m, y_m, z_m, pitch_deg, roll_deg.
-    mounts: Vec<[f64; 5]>,
-    wall_s: f64,
-}
-
-/// Runs the verb.
-pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let (objective, sensors) = match (&args.mount, &args.masters) {
-        (Some(path), _) => from_file(args, path)?,
-        (None, Some(Masters(masters))) => from_masters(args, masters)?,
-        (None, None) => bail!("give --mount or --masters"),
-    };
-    let start = Instant::now();
-    let seen = objective.simulator().see(&sensors)?;
-    let evaluation = objective.score_counts(&sensors, &seen.coverage.counts());
-    let wall_s = start.elapsed().as_secs_f64();
-    let experiment = objective.simulator().experiment();
-    let document = Document {
-        evaluation: &evaluation,
-        coverage_sha256: seen.coverage.union_sha256(),
-        preset: experiment.preset.name,
-        path: experiment.path,
-        voxel_m: experiment.voxel_m,
-        azimuths: experiment.azimuths,
-        sub_poses: experiment.sub_poses,
-        phase: experiment.phase,
-        lost_rays: seen.lost_rays,
-        mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
-        wall_s,
-    };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&summary(&document))?;
-    }
-    Ok(Outcome::Done)
-}
-
-fn from_masters(args: &Args, masters: &[Placement]) -> anyhow::Result<(Objective, Vec<Placement>)> {
-    let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
-    let experiment = objective.simulator().experiment();
-    if experiment.replaces_a_roll(masters) {
-        output::say_notice(
-            "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",
-        );
-    }
-    let sensors = experiment.sensors(masters);
-    Ok((objective, sensors))
-}
-
-fn from_file(args: &Args, path: &std::path::Path) -> anyhow::Result<(Objective, Vec<Placement>)> {
-    let file = MountFile::read(path)?;
-    let objective = args.experiment.objective(file.preset.as_deref(), Roll::Free)?;
-    let experiment = objective.simulator().experiment();
-    let wanted = experiment.preset.model;
-    if let Some(other) = file.sensors.iter().find(|sensor| !sensor.model.eq_ignore_ascii_case(wanted)) {
-        bail!(
-            "mount file {}: sensor {:?} is a {}, but preset {} simulates {wanted}: give the preset of that sensor",
-            path.display(),
-            other.name,
-            other.model,
-            experiment.preset.name
-        );
-    }
-    let listed: Vec<_> = file
-        .sensors
-        .iter()
-        .map(|s| Placement::from([s.x_m, s.y_m, s.z_m, s.pitch_deg, s.roll_deg]))
-        .collect();
-    if experiment.replaces_a_roll(&listed) {
-        output::say_notice("the roll in the mount file is replaced, as --roll says");
-    }
-    let as_listed = Experiment { mirror: false, ..*experiment };
-    let sensors = as_listed.sensors(&listed);
-    Ok((objective, sensors))
-}
-
-fn summary(document: &Document) -> String {
-    let evaluation = document.evaluation;
-    let terms = &evaluation.terms;
-    let angle = evaluation.min_angle_deg.map_or("one sensor".into(), |angle| format!("{angle:.2} degrees"));
-    let mut text = format!(
-        "{}, path {:?}\n\
-         J              {:.2} = coverage {:.0} {:+.2} overlap {:+.2} angular {:+.0} cost\n\
-         voxels seen    {} of {} that can be hit ({:.2} %)\n\
-         overlap        {:.2} %\n\
-         least angle    {angle}\n",
-        document.preset,
-        document.path,
-        evaluation.objective,
-        terms.coverage,
-        terms.overlap,
-        terms.angular,
-        terms.cost,
-        evaluation.unique_voxels,
-        evaluation.reachable_voxels,
-        100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
-        100.0 * evaluation.overlap_ratio,
-    );
-    text += "sensor       x m      y m      z m    pitch     roll   voxels    alone\n";
-    for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in document.mounts.iter().enumerate() {
-        text += &format!(
-            "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}\n",
-            index + 1,
-            evaluation.per_sensor_voxels[index],
-            evaluation.unique_per_sensor[index]
-        );
-    }
-    if evaluation.feasible {
-        text += "allowed        yes: every pair of housings is apart\n";
-    }
-    for violation in &evaluation.violations {
-        text += &format!("allowed        no: {violation}\n");
-    }
-    text + &format!("{} rays in {:.4} s\n", evaluation.rays, document.wall_s)
 }
 
 #[cfg(test)]
