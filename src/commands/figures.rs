@@ -126,7 +126,8 @@ pub fn registration_section(
         ..LineChart::default()
     };
     let direction = quality.weakest_direction.map_or(String::new(), |[x, y, z]| {
-        format!(" The weakest direction of the worst scan is ({x:.2}, {y:.2}, {z:.2}).")
+        let [x, y, z] = [x, y, z].map(|value| number(value, 2));
+        format!(" The weakest direction of the worst scan is ({x}, {y}, {z}).")
     });
     report.figure(
         &chart.svg(),
@@ -149,8 +150,7 @@ pub fn baselines_section<T>(
 ) {
     report.heading("Beside single sensors");
     report.table(header, rows);
-    let mut searched = baselines.pitch_search.clone();
-    searched.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let searched = baselines.pitch_search.clone();
     let (Some(first), Some(last)) = (searched.first().copied(), searched.last().copied()) else { return };
     let best_deg = baselines.best_single.pitch_deg;
     let mut series = vec![Series { name: "one sensor".into(), points: searched }];

@@ -18,6 +18,7 @@ mod output;
 mod predict;
 mod record;
 mod recording;
+mod registration;
 mod replay;
 mod rig;
 mod sensor_ids;

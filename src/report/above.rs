@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::chart::CellMap;
+use crate::chart::{CellMap, number};
 
 /// Most columns along the longer side of a map.
 const MOST_COLUMNS: f64 = 160.0;
@@ -76,7 +76,7 @@ impl FromAbove {
                 if counts.iter().all(|count| *count == 0) { None } else { cell(counts) }
             };
             CellMap {
-                title: format!("from {bottom_m:.2} to {top_m:.2} m high"),
+                title: format!("from {} to {} m high", number(bottom_m, 2), number(*top_m, 2)),
                 width: ny,
                 cells: (0..nx * ny).map(of_place).collect(),
             }

@@ -70,7 +70,7 @@ impl Report {
         for map in &maps.iter().map(|map| map.coarse(MOST_SQUARES)).collect::<Vec<_>>() {
             let _ = write!(
                 self.body,
-                "<div style=\"width:{}px\"><p>{}</p>{}</div>",
+                "<div style=\"max-width:{}px\"><p>{}</p>{}</div>",
                 map.width * cell_px(map),
                 escape(&map.title),
                 cell_map_svg(label, map, classes)
@@ -120,9 +120,9 @@ impl Report {
 /// Squares along the longer side of a map; more cannot be told apart.
 const MOST_SQUARES: usize = 220;
 
-/// Pixels per cell at most: a map fills about half a wide page.
+/// Pixels per cell at most: a map fills at most half a wide page.
 fn cell_px(map: &CellMap) -> usize {
-    (440 / map.width.max(map.height()).max(1)).clamp(2, 16)
+    (560 / map.width.max(map.height()).max(1)).clamp(2, 16)
 }
 
 const STYLE: &str = include_str!("report.css");

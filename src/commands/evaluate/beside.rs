@@ -7,8 +7,11 @@ use crate::commands::baselines::{Baselines, Single, best_pitch, level_mount};
 use crate::objective::Objective;
 use crate::simulate::published::{ExperimentError, Placement};
 
-/// Pitches tried for the best single sensor, degrees: 0 to 90 in steps of 1, as hall and walk are symmetric.
+/// Pitches tried for the best single sensor, degrees: 0 to this in steps of 1, as hall and walk are symmetric.
 const MOST_PITCH_DEG: u32 = 90;
+/// Rays of one sensor from which on every 5th pitch is tried first, and then those around the best.
+const MANY_RAYS: u64 = 4_000_000;
+const COARSE_DEG: u32 = 5;
 
 /// What one sensor reaches.
 #[derive(Clone, Debug, Serialize)]
@@ -36,10 +39,21 @@ pub fn baselines(objective: &Objective, sensors: &[Placement]) -> Result<Baselin
         Ok::<_, ExperimentError>(Single { pitch_deg, ..single })
     };
     let level_single = alone(0.0)?;
-    let pitches_deg: Vec<f64> = (0..=MOST_PITCH_DEG).map(f64::from).collect();
+    let many = simulator.experiment().rays_per_sensor() > MANY_RAYS;
+    let step = if many { COARSE_DEG as usize } else { 1 };
+    let pitches_deg: Vec<f64> = (0..=MOST_PITCH_DEG).step_by(step).map(f64::from).collect();
     // a sensor at a place that was scored level fails nowhere else
     let score = |pitch_deg| alone(pitch_deg).map_or(f64::NEG_INFINITY, |single| single.seen.objective);
-    let (best_deg, pitch_search) = best_pitch(&pitches_deg, score);
+    let (mut best_deg, mut pitch_search) = best_pitch(&pitches_deg, score);
+    if many {
+        let reach = f64::from(COARSE_DEG - 1);
+        let around = (0..=MOST_PITCH_DEG).map(f64::from).filter(|pitch| (pitch - best_deg).abs() <= reach);
+        let (finer_deg, finer) = best_pitch(&around.collect::<Vec<_>>(), score);
+        best_deg = finer_deg;
+        pitch_search.retain(|[pitch_deg, _]| finer.iter().all(|[other, _]| other != pitch_deg));
+        pitch_search.extend(finer);
+        pitch_search.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    }
     Ok(Baselines {
         level_single,
         best_single: alone(best_deg)?,

@@ -6,9 +6,10 @@ use super::Place;
 use super::scan::{Alone, Scanned};
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
+use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{Covered, Surface};
 use crate::coverage::Coverage;
-use crate::registration::{Information, RegistrationQuality, least_along};
+use crate::registration::RegistrationQuality;
 use crate::report::{BlindSpot, blind_spots};
 use crate::rig::{Clearance, MountedSensor, Rig};
 use crate::simulate::scan::Scanner;
@@ -40,9 +41,8 @@ pub struct Document {
     grid: GridDocument,
     /// Union bitmap; null for grids of more than 2^33 cells.
     coverage_sha256: Option<String>,
-    pub registration: Option<RegistrationQuality>,
-    /// `[way m, translation, rotation m^2]`: least eigenvalues per hit of each whole revolution.
-    pub registration_path: Vec<[f64; 3]>,
+    #[serde(flatten)]
+    pub tied: Tied,
     /// Whether every pair of housings is apart.
     feasible: bool,
     /// Pairs that are not.
@@ -105,8 +105,6 @@ impl Document {
         let sensors: Vec<_> = scanner.rig.sensors.iter().enumerate().map(sensor).collect();
         let seen = coverage.union_cells();
         let unseen = reachable.iter().copied().filter(|cell| seen.binary_search(cell).is_err());
-        let scans: Vec<Information> = scanned.scans.iter().map(|(_, scan)| scan.clone()).collect();
-        let along = scanned.scans.iter().zip(least_along(&scans));
         let violations: Vec<_> =
             scanner.rig.clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect();
         let grid = coverage.grid();
@@ -132,8 +130,7 @@ impl Document {
                 cells: grid.cells,
             },
             coverage_sha256: (grid.len() <= HASHED_CELLS).then(|| coverage.union_sha256()),
-            registration: RegistrationQuality::of_scans(&scans),
-            registration_path: along.map(|((at_m, _), [t, r])| [*at_m, t, r]).collect(),
+            tied: along_way(scanner),
             feasible: violations.is_empty(),
             violations,
             trajectory_length_m: scanner.trajectory.length_m(),
@@ -188,7 +185,7 @@ impl Document {
                 text += &single.seen.covered.as_ref().map_or(String::new(), |covered| line(name, covered));
             }
         }
-        text += &self.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
+        text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
         for pair in &self.violations {
             text += &format!(
                 "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",

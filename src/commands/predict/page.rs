@@ -33,8 +33,13 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
     beside(&mut report, document);
     pictures(&mut report, document, place, coverage, reachable);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
-    let least = document.registration_path.iter().map(|[at_m, least, _]| [*at_m, *least]).collect();
-    figures::registration_section(&mut report, document.registration.as_ref(), "way, m", least);
+    let tied = &document.tied;
+    figures::registration_section(
+        &mut report,
+        tied.registration.as_ref(),
+        "way, m",
+        tied.least_translation(),
+    );
     report
 }
 

@@ -6,22 +6,16 @@ use serde::Serialize;
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
 use crate::commands::surface::{Covered, Surface};
 use crate::coverage::{Coverage, VoxelGrid};
-use crate::registration::Information;
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::Scanner;
 use crate::surface::{Completeness, THRESHOLDS_M};
-
-/// Every so many columns count for the registration quality.
-const REGISTRATION_STEP: u64 = 8;
 
 /// What a rig saw.
 pub struct Scanned {
     pub coverage: Coverage,
     /// Returns by sensor.
     pub returns: Vec<u64>,
-    /// Of each whole revolution of all sensors together, with its place on the way, m.
-    pub scans: Vec<(f64, Information)>,
     pub covered: Option<Covered>,
 }
 
@@ -32,7 +26,6 @@ pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) 
     let mut returns = vec![0; sensors];
     let mut completeness = surface.map(|surface| Completeness::new(&surface.samples, &THRESHOLDS_M));
     let mut adder = completeness.as_ref().map(Completeness::adder);
-    let mut scans: Vec<Information> = Vec::new();
     let mut last_sensor = 0;
     scanner.for_each_column(|sensor, column| {
         returns[sensor] += column.returns.len() as u64;
@@ -46,50 +39,9 @@ pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) 
         for back in &column.returns {
             coverage.add(sensor, back.point_m);
         }
-        if column.column.is_multiple_of(REGISTRATION_STEP) {
-            tie_down(scanner, sensor, column, &mut scans);
-        }
     });
-    // the last revolution is not a whole one
-    if scans.len() > 1 {
-        scans.pop();
-    }
     let covered = surface.zip(completeness.as_ref()).map(|(surface, found)| surface.covered(found));
-    Scanned { coverage, returns, scans: with_places(scanner, scans), covered }
-}
-
-/// Adds a column's returns to the sum of its revolution.
-fn tie_down(
-    scanner: &Scanner<'_>,
-    sensor: usize,
-    column: &crate::simulate::scan::SimulatedColumn,
-    scans: &mut Vec<Information>,
-) {
-    let columns = u64::from(scanner.spins[sensor].columns);
-    let turn = column.column / columns;
-    let turn_ns = scanner.trajectory.time_span_ns()[0] + scanner.spins[sensor].offset_ns(turn * columns);
-    let Some(world_from_body) = scanner.trajectory.at(turn_ns) else { return };
-    let turn = turn as usize;
-    scans.resize(scans.len().max(turn + 1), Information::default());
-    for back in &column.returns {
-        scans[turn].add(back.point_m - world_from_body.translation_m, back.normal);
-    }
-}
-
-fn with_places(scanner: &Scanner<'_>, scans: Vec<Information>) -> Vec<(f64, Information)> {
-    let spin = &scanner.spins[0];
-    let mut walked_m = 0.0;
-    let mut before = None;
-    let place = |(turn, scan): (usize, Information)| {
-        let turn_ns = spin.offset_ns(turn as u64 * u64::from(spin.columns));
-        let here = scanner.trajectory.at(scanner.trajectory.time_span_ns()[0] + turn_ns);
-        if let Some(here) = here.map(|pose| pose.translation_m) {
-            walked_m += before.map_or(0.0, |before| here.distance(before));
-            before = Some(here);
-        }
-        (walked_m, scan)
-    };
-    scans.into_iter().enumerate().map(place).collect()
+    Scanned { coverage, returns, covered }
 }
 
 /// What one sensor sees.

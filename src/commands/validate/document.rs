@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
+use crate::commands::registration::Tied;
 use crate::commands::surface::Covered;
+use crate::registration::RegistrationQuality;
 use crate::rig::Clearance;
 
 /// The document that `validate` prints.
@@ -29,6 +31,8 @@ pub struct Document {
     pub triangles_without_area: usize,
     pub area_m2: f64,
     pub trajectory_length_m: f64,
+    #[serde(flatten)]
+    pub tied: Tied,
     /// Pairs of housings that are not apart.
     pub violations: Vec<Clearance>,
     pub warnings: Vec<String>,
@@ -88,6 +92,7 @@ impl Document {
             let best = &baselines.best_single;
             text += &format!("best single is a {} at a pitch of {:.0} degrees\n", best.model, best.pitch_deg);
         }
+        text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
         for pair in &self.violations {
             text += &format!(
                 "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",

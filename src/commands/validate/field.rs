@@ -10,11 +10,13 @@ use super::document::{Beside, Seen};
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
 use crate::commands::evaluate::Masters;
 use crate::commands::ground::{MeshTaken, stations};
+use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{MAIN_RANK, Surface};
 use crate::files::folder_of;
 use crate::rig::{Clearance, Mount, MountFile, MountedSensor, Rig, Unit, UnitChoice};
 use crate::scene::{Mesh, Scene};
 use crate::simulate::fan::BeamFan;
+use crate::simulate::scan::{Scanner, Spin};
 use crate::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
 use crate::trajectory::Trajectory;
 
@@ -69,15 +71,19 @@ pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
     }
 }
 
-/// Pairs of sensors whose housings are not apart.
-pub fn violations(placed: &[Placed]) -> Vec<Clearance> {
+/// The sensors as a rig.
+fn rig(placed: &[Placed]) -> Rig {
     let mounted = |placed: &Placed| MountedSensor {
         name: placed.name.clone(),
         model: placed.unit.model.clone(),
         mount: placed.mount,
     };
-    let rig = Rig { sensors: placed.iter().map(mounted).collect() };
-    rig.clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect()
+    Rig { sensors: placed.iter().map(mounted).collect() }
+}
+
+/// Pairs of sensors whose housings are not apart.
+pub fn violations(placed: &[Placed]) -> Vec<Clearance> {
+    rig(placed).clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect()
 }
 
 /// Reads and checks everything.
@@ -190,6 +196,16 @@ impl Field {
             pitch_search,
             search_by: "completeness at 0.05 m on some revolutions",
         }
+    }
+
+    /// How well scans are tied down, by the sensors' own beams and spins.
+    pub fn tied(&self, placed: &[Placed]) -> Tied {
+        let rig = rig(placed);
+        let mut scanner = Scanner::new(&self.scene, &self.trajectory, &rig, Spin::default());
+        for (spin, fan) in scanner.spins.iter_mut().zip(&self.fans) {
+            (spin.rate_hz, spin.columns) = (fan.rate_hz, fan.columns() as u32);
+        }
+        along_way(&scanner)
     }
 
     /// Share of the samples within 5 cm of a hit on some revolutions.

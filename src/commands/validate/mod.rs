@@ -107,6 +107,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         triangles_without_area: field.mesh.degenerate(),
         area_m2: field.mesh.area_m2(),
         trajectory_length_m: field.trajectory.length_m(),
+        tied: field.tied(&placed),
         violations: field::violations(&placed),
         warnings,
         prepare_s,

@@ -30,6 +30,13 @@ pub fn page(document: &Document, field: &Field, placed: &[Placed], surface: &Sur
     }
     shares(&mut report, document);
     pictures(&mut report, field, placed, surface);
+    let tied = &document.tied;
+    figures::registration_section(
+        &mut report,
+        tied.registration.as_ref(),
+        "way, m",
+        tied.least_translation(),
+    );
     report
 }
 
