@@ -11,6 +11,7 @@ mod decode;
 mod demo;
 mod export;
 mod fuzz;
+mod inspect;
 mod optimize;
 mod ouster;
 mod rig;
@@ -30,6 +31,7 @@ fn main() -> std::process::ExitCode {
         ("demo", demo::CASES),
         ("export", export::CASES),
         ("fuzz", fuzz::CASES),
+        ("inspect", inspect::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),

@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr};
 
+use super::explain;
 use crate::ouster::OusterDecoder;
 use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
 use crate::{DecodeStats, Decoded, Decoder, Packet, Rejected, SensorModel};
@@ -15,6 +16,7 @@ pub struct Sensor {
     pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
+    first_damage: Option<String>,
     calibrated: Option<Result<SensorModel, CalibrationError>>,
 }
 
@@ -35,6 +37,7 @@ impl Sensor {
             source_is_known: false,
             first_source: None,
             data_port: None,
+            first_damage: None,
             calibrated: None,
         }
     }
@@ -115,6 +118,17 @@ impl Sensor {
         match &self.decoder {
             Family::Ouster(decoder) => decoder.stats(),
             Family::Velodyne(decoder) => decoder.stats(),
+        }
+    }
+
+    /// What was wrong with the first of its packets that is malformed.
+    pub fn first_damage(&self) -> Option<&str> {
+        self.first_damage.as_deref()
+    }
+
+    pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
+        if self.first_damage.is_none() {
+            self.first_damage = Some(explain::damaged(self, packet, reason));
         }
     }
 

@@ -14,7 +14,7 @@ use sensors::velodyne::{Product, ReturnMode};
 use crate::commands::ground::{MeshArgs, Numbers};
 use crate::commands::{Context, Outcome, output};
 use crate::geometry::Pose;
-use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, MockSensor, Surroundings};
+use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::receive::now_ns;
 use crate::rig::{Mount, MountFile};
@@ -34,12 +34,21 @@ pub struct Args {
     /// Where packets go.
     #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
     to: SocketAddr,
+    /// Where IMU packets (Ouster) or position packets (Velodyne) go; not sent without it.
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
+    aside_to: Option<SocketAddr>,
     /// Where they come from; any free port by default.
     #[arg(long, value_name = "ADDRESS:PORT")]
     from: Option<SocketAddr>,
     /// Lidar profile of an Ouster.
     #[arg(long, value_name = "NAME", default_value = "RNG19_RFL8_SIG16_NIR16", value_parser = parse_profile)]
     profile: Profile,
+    /// IMU packets of an Ouster: LEGACY or ACCEL32_GYRO32_NMEA.
+    #[arg(long, value_name = "NAME", default_value = "LEGACY", value_parser = parse_imu_profile)]
+    imu_profile: ImuProfile,
+    /// Returns of a Velodyne; a second return of the mock's walls is the first again, as with real ones.
+    #[arg(long, value_name = "MODE", default_value = "strongest", value_parser = parse_returns)]
+    returns: ReturnMode,
     /// Columns in a revolution of an Ouster.
     #[arg(long, value_name = "N", default_value_t = 1024)]
     columns: usize,
@@ -143,9 +152,21 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         format!("cannot send from {}", args.from.map_or("any port".into(), |from| from.to_string()))
     })?;
     announce(args, &sensor, &transmitter, [start_ns, end_ns], context)?;
-    let mut sending = Sending { args, transmitter, injector: injector(args), start_ns, packets: 0, bytes: 0 };
+    let mut sending = Sending {
+        args,
+        transmitter,
+        injector: injector(args),
+        start_ns,
+        packets: 0,
+        bytes: 0,
+        aside_packets: 0,
+    };
     let begun = Instant::now();
-    let outcome = sensor.run(&surroundings, |time_ns, payload| sending.take(time_ns, payload));
+    let outcome = sensor.run_both(&surroundings, |time_ns, line, payload| match (line, args.aside_to) {
+        (Line::Lidar, _) => sending.take(time_ns, payload),
+        (Line::Aside, Some(to)) => sending.aside(time_ns, payload, to),
+        (Line::Aside, None) => Ok(()),
+    });
     match outcome {
         Err(Ended::Died) => return Ok(Outcome::Done),
         Err(Ended::Io(error)) => return Err(error).with_context(|| format!("cannot send to {}", args.to)),
@@ -155,7 +176,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let seconds = begun.elapsed().as_secs_f64();
     let (packets, bytes) = (sending.packets, sending.bytes);
     let document = serde_json::json!({
-        "sent_packets": packets, "sent_bytes": bytes, "wall_s": seconds, "faults": faults
+        "sent_packets": packets, "sent_bytes": bytes, "sent_aside": sending.aside_packets, "wall_s": seconds, "faults": faults
     });
     say(context, &document, || format!("sent {packets} packets, {bytes} bytes, in {seconds:.1} s"))?;
     Ok(Outcome::Done)
@@ -174,6 +195,7 @@ struct Sending<'a> {
     start_ns: u64,
     packets: u64,
     bytes: u64,
+    aside_packets: u64,
 }
 
 impl Sending<'_> {
@@ -189,6 +211,17 @@ impl Sending<'_> {
             *bytes += packet.len() as u64;
             Ok(())
         })
+    }
+
+    /// A packet beside: no fault strikes it, but it falls silent with the sensor.
+    fn aside(&mut self, time_ns: u64, payload: &[u8], to: SocketAddr) -> Result<(), Ended> {
+        let time_s = time_ns.saturating_sub(self.start_ns) as f64 * 1e-9;
+        if self.args.silent_after.is_some_and(|silent_s| time_s >= silent_s) {
+            return Ok(());
+        }
+        self.transmitter.send(time_ns, payload, to).map_err(Ended::Io)?;
+        self.aside_packets += 1;
+        Ok(())
     }
 
     fn finish(&mut self, end_ns: u64) -> anyhow::Result<FaultCounts> {
@@ -248,16 +281,18 @@ fn say(context: Context, document: &serde_json::Value, text: impl FnOnce() -> St
 
 fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
     if let Some(product) = Product::from_name(&args.model) {
-        return Ok(MockSensor::velodyne(product, ReturnMode::Strongest, args.rotation_hz)?);
+        let sensor = MockSensor::velodyne(product, args.returns, args.rotation_hz)?;
+        return Ok(if args.aside_to.is_some() { sensor.with_aside() } else { sensor });
     }
     let port = args.to.port();
     let serial = args.serial.unwrap_or(992_200_000_000 + u64::from(port));
     let mut wanted = Synthetic::new(&args.model, serial, args.profile).columns(args.columns, 16);
     wanted.frame_rate_hz = args.rotation_hz;
     wanted.lidar_port = port;
-    wanted.imu_profile = ImuProfile::Off;
+    wanted.imu_profile = if args.aside_to.is_some() { args.imu_profile } else { ImuProfile::Off };
+    wanted.imu_port = args.aside_to.map_or(0, |to| to.port());
     wanted.timestamp_mode = TimestampMode::SyncPulseIn;
-    Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?))
+    Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_aside())
 }
 
 fn build_scene(args: &Args) -> anyhow::Result<Scene> {
@@ -323,6 +358,21 @@ fn parse_address(text: &str) -> Result<SocketAddr, String> {
 fn parse_profile(text: &str) -> Result<Profile, String> {
     let names = || Profile::all().map(Profile::name).collect::<Vec<_>>().join(", ");
     Profile::from_name(&text.to_uppercase()).ok_or_else(|| format!("{text:?}; known are {}", names()))
+}
+
+fn parse_imu_profile(text: &str) -> Result<ImuProfile, String> {
+    ImuProfile::from_name(&text.to_uppercase())
+        .filter(|profile| *profile != ImuProfile::Off)
+        .ok_or_else(|| format!("{text:?}; known are LEGACY, ACCEL32_GYRO32_NMEA"))
+}
+
+fn parse_returns(text: &str) -> Result<ReturnMode, String> {
+    match text {
+        "strongest" => Ok(ReturnMode::Strongest),
+        "last" => Ok(ReturnMode::Last),
+        "dual" => Ok(ReturnMode::Dual),
+        _ => Err(format!("{text:?}; known are strongest, last, dual")),
+    }
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {
