@@ -287,13 +287,21 @@ impl Objective {
 
     /// The pairs of sensors that are too close to each other.
     fn too_close(&self, sensors: &[Placement]) -> Vec<Clearance> {
+        self.rig(sensors)
+            .clearances(self.least_distance_m)
+            .into_iter()
+            .filter(|pair| !pair.is_kept())
+            .collect()
+    }
+
+    /// The sensors with their housings, named by their numbers.
+    pub fn rig(&self, sensors: &[Placement]) -> Rig {
         let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),
             ..self.housing.clone()
         };
-        let rig = Rig { sensors: sensors.iter().enumerate().map(mounted).collect() };
-        rig.clearances(self.least_distance_m).into_iter().filter(|pair| !pair.is_kept()).collect()
+        Rig { sensors: sensors.iter().enumerate().map(mounted).collect() }
     }
 }
 

@@ -18,7 +18,7 @@ use super::{Context, Outcome, output};
 use crate::objective::{Evaluation, Objective};
 use crate::registration::{POSE_STEP_M, RegistrationQuality, along_published, least_along};
 use crate::report::{BlindSpot, blind_spots};
-use crate::rig::MountFile;
+use crate::rig::{MountFile, Touching};
 use crate::simulate::published::{Experiment, Path, Phase, Placement, Roll};
 
 /// Blind spots listed, the largest first.
@@ -75,6 +75,8 @@ struct Document<'a> {
     registration_path: Vec<[f64; 3]>,
     /// Neighbouring voxels that can be hit and are not, the largest groups first.
     blind_spots: Vec<BlindSpot>,
+    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
+    touching: Vec<Touching>,
     coverage_sha256: String,
     preset: &'static str,
     path: Path,
@@ -116,6 +118,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         rescored: beside::rescored(&objective, &sensors, args)?,
         registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
         blind_spots: blind_spots(&grid, unseen, MOST_BLIND_SPOTS),
+        touching: objective.rig(&sensors).touching(),
         evaluation: &evaluation,
         coverage_sha256: seen.coverage.union_sha256(),
         preset: experiment.preset.name,
@@ -232,10 +235,13 @@ fn summary(document: &Document) -> String {
         text += &rescored.line();
     }
     if evaluation.feasible {
-        text += "allowed        yes: every pair of housings is apart\n";
+        text += "allowed        yes: every pair of sensors keeps its distance\n";
     }
     for violation in &evaluation.violations {
         text += &format!("allowed        no: {violation}\n");
+    }
+    for pair in &document.touching {
+        text += &format!("can be built   no: {pair}\n");
     }
     text + &format!("{} rays in {:.4} s\n", evaluation.rays, document.wall_s)
 }

@@ -27,6 +27,9 @@ pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
     for violation in &evaluation.violations {
         report.paragraph(&format!("Not allowed: {violation}."));
     }
+    for pair in &document.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
     terms(&mut report, document);
     sensors(&mut report, document);
     beside(&mut report, document);

@@ -11,7 +11,7 @@ use crate::commands::surface::{Covered, Surface};
 use crate::coverage::Coverage;
 use crate::registration::RegistrationQuality;
 use crate::report::{BlindSpot, blind_spots};
-use crate::rig::{Clearance, MountedSensor, Rig};
+use crate::rig::{Clearance, MountedSensor, Rig, Touching};
 use crate::simulate::scan::Scanner;
 
 /// Union bitmaps are hashed up to this many cells.
@@ -47,6 +47,8 @@ pub struct Document {
     feasible: bool,
     /// Pairs that are not.
     pub violations: Vec<Clearance>,
+    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
+    pub touching: Vec<Touching>,
     trajectory_length_m: f64,
     warnings: Vec<String>,
     wall_s: f64,
@@ -133,6 +135,7 @@ impl Document {
             tied: along_way(scanner),
             feasible: violations.is_empty(),
             violations,
+            touching: scanner.rig.touching(),
             trajectory_length_m: scanner.trajectory.length_m(),
             warnings: place.warnings.clone(),
             wall_s,
@@ -191,6 +194,9 @@ impl Document {
                 "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
                 pair.first, pair.second, pair.distance_m, pair.needed_m
             );
+        }
+        for pair in &self.touching {
+            text += &format!("cannot be built: {pair}\n");
         }
         text + &format!("{:.2} s\n", self.wall_s)
     }

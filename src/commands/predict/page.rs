@@ -28,6 +28,9 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
     for pair in &document.violations {
         report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
     }
+    for pair in &document.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
     sensors(&mut report, document);
     surface(&mut report, document);
     beside(&mut report, document);

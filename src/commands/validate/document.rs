@@ -9,7 +9,7 @@ use crate::commands::ground::MeshTaken;
 use crate::commands::registration::Tied;
 use crate::commands::surface::Covered;
 use crate::registration::RegistrationQuality;
-use crate::rig::Clearance;
+use crate::rig::{Clearance, Touching};
 
 /// The document that `validate` prints.
 #[derive(Serialize)]
@@ -35,6 +35,8 @@ pub struct Document {
     pub tied: Tied,
     /// Pairs of housings that are not apart.
     pub violations: Vec<Clearance>,
+    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
+    pub touching: Vec<Touching>,
     pub warnings: Vec<String>,
     /// Reading of files, tree and samples.
     pub prepare_s: f64,
@@ -98,6 +100,9 @@ impl Document {
                 "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
                 pair.first, pair.second, pair.distance_m, pair.needed_m
             );
+        }
+        for pair in &self.touching {
+            text += &format!("cannot be built: {pair}\n");
         }
         text + &format!("{} rays in {:.2} s\n", self.seen.rays, self.wall_s)
     }

@@ -13,7 +13,7 @@ use crate::commands::ground::{MeshTaken, stations};
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{MAIN_RANK, Surface};
 use crate::files::folder_of;
-use crate::rig::{Clearance, Mount, MountFile, MountedSensor, Rig, Unit, UnitChoice};
+use crate::rig::{Mount, MountFile, MountedSensor, Rig, Unit, UnitChoice};
 use crate::scene::{Mesh, Scene};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::scan::{Scanner, Spin};
@@ -72,18 +72,13 @@ pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
 }
 
 /// The sensors as a rig.
-fn rig(placed: &[Placed]) -> Rig {
+pub fn rig(placed: &[Placed]) -> Rig {
     let mounted = |placed: &Placed| MountedSensor {
         name: placed.name.clone(),
         model: placed.unit.model.clone(),
         mount: placed.mount,
     };
     Rig { sensors: placed.iter().map(mounted).collect() }
-}
-
-/// Pairs of sensors whose housings are not apart.
-pub fn violations(placed: &[Placed]) -> Vec<Clearance> {
-    rig(placed).clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect()
 }
 
 /// Reads and checks everything.

@@ -94,6 +94,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
     let start = Instant::now();
     let baselines = (!args.no_baselines).then(|| field.baselines(&placed, &surface, &seen));
+    let rig = field::rig(&placed);
     let document = Document {
         observable_share: surface.observable_share(),
         baselines,
@@ -108,7 +109,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         area_m2: field.mesh.area_m2(),
         trajectory_length_m: field.trajectory.length_m(),
         tied: field.tied(&placed),
-        violations: field::violations(&placed),
+        violations: rig.clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect(),
+        touching: rig.touching(),
         warnings,
         prepare_s,
         wall_s,

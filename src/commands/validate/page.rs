@@ -28,6 +28,9 @@ pub fn page(document: &Document, field: &Field, placed: &[Placed], surface: &Sur
     for warning in &document.warnings {
         report.paragraph(warning);
     }
+    for pair in &document.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
     shares(&mut report, document);
     pictures(&mut report, field, placed, surface);
     let tied = &document.tied;
