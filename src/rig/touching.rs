@@ -104,17 +104,19 @@ mod tests {
     }
 
     #[test]
-    fn tilted_housings_meet_at_their_feet() {
+    fn housings_that_lean_together_meet_at_their_heads() {
         let leaning = |x_m, pitch_deg: f64| {
             sensor("os1-64", Mount { x_m, pitch_rad: pitch_deg.to_radians(), ..Mount::default() })
         };
-        let pair = |x_m| Rig { sensors: vec![leaning(x_m, 25.0), leaning(-x_m, -25.0)] };
-        // half the height times the sine, the radius times the cosine of the tilt
-        let reach_m = 0.5 * 0.0745 * 25.0_f64.to_radians().sin() + 0.0435 * 25.0_f64.to_radians().cos();
+        let pair = |x_m| Rig { sensors: vec![leaning(x_m, -25.0), leaning(-x_m, 25.0)] };
+        // from the mount's origin to the middle, half the height on, and the radius, each as the tilt has it
+        let model = sensors::catalogue::nominal("os1-64").unwrap();
+        let head_m = model.sensor_from_lidar().translation.z + 0.5 * model.housing_height_m;
+        let reach_m = head_m * 25.0_f64.to_radians().sin() + 0.0435 * 25.0_f64.to_radians().cos();
         assert_eq!(pair(reach_m - 0.001).touching().len(), 1);
         assert!(pair(reach_m - 0.001).clearances(0.0)[0].is_kept(), "the origins are far enough apart");
         assert!(pair(reach_m + 0.001).touching().is_empty());
-        let gap_m = housing_gap_m(&leaning(reach_m + 0.01, 25.0), &leaning(-reach_m - 0.01, -25.0));
+        let gap_m = housing_gap_m(&leaning(reach_m + 0.01, -25.0), &leaning(-reach_m - 0.01, 25.0));
         assert!((gap_m - 0.02).abs() < 1e-4, "{gap_m}");
     }
 
