@@ -17,6 +17,7 @@ mod optimize;
 mod ouster;
 mod rig;
 mod rig_verbs;
+mod scene_reports;
 mod scenes;
 mod session;
 mod simulator;
@@ -37,6 +38,7 @@ fn main() -> std::process::ExitCode {
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
         ("rig_verbs", rig_verbs::CASES),
+        ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),

@@ -8,10 +8,13 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::config::Config;
 
+mod baselines;
 mod decode;
 mod defaults;
 mod demo;
 mod evaluate;
+mod figures;
+mod ground;
 mod init;
 mod inspect;
 mod manual;
@@ -21,10 +24,12 @@ mod output;
 mod predict;
 mod record;
 mod recording;
+mod registration;
 mod replay;
 mod rig;
 mod sensor_ids;
 mod signals;
+mod surface;
 mod unread;
 mod validate;
 

@@ -1,5 +1,6 @@
 //! The sampling of beams along a trajectory.
 
+pub mod detection;
 pub mod fan;
 pub mod occluder;
 pub mod published;

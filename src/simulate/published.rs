@@ -10,6 +10,10 @@
 mod brute;
 mod fast;
 mod shell;
+mod sparse;
+mod spread;
+
+pub use spread::PUBLISHED_SPREAD_DEG;
 
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::rig::Mount;
@@ -348,6 +352,11 @@ impl Simulator {
         let all: usize = self.cells.iter().product();
         let inner: usize = self.cells.iter().map(|n| n.saturating_sub(2)).product();
         (all - inner) as u64
+    }
+
+    /// The cells of the grid that any ray could hit, ascending.
+    pub fn reachable_cells(&self) -> impl Iterator<Item = usize> + use<> {
+        self.grid().outer_cells()
     }
 
     /// Which voxels each sensor sees.

@@ -10,6 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use sensors::SensorModel;
 
+use super::detection::Detection;
 use super::occluder::Occluder;
 use crate::coverage::Coverage;
 use crate::geometry::Pose;
@@ -90,6 +91,8 @@ pub struct Flaws {
     pub max_incidence_rad: Option<f64>,
     /// Share of returns lost at random.
     pub drop_out: f64,
+    /// Returns lost because too little light comes back.
+    pub detection: Option<Detection>,
     /// Rays spread over the model's divergence beside the central one; the median range is reported.
     pub sub_rays: u32,
 }
@@ -241,6 +244,7 @@ impl<'a> Scanner<'a> {
         // drawn for every beam, so that one beam's fate does not change another's
         let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
         let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
+        let luck = if flaws.detection.is_some() { rng.uniform() } else { 0.0 };
         if !kept {
             return None;
         }
@@ -259,9 +263,15 @@ impl<'a> Scanner<'a> {
         if self.occluders[sensor].iter().any(occluded) {
             return None;
         }
-        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
+        let detected = |detection: Detection| {
+            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
+        };
+        if !flaws.detection.is_none_or(detected) {
+            return None;
+        }
+        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         (range_m >= min_range_m && range_m <= max_range_m).then_some((range_m, hit, direction))
     }
 

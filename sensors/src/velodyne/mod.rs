@@ -23,7 +23,7 @@ mod view;
 mod window;
 pub mod wire;
 
-pub use calibration::{Calibration, CalibrationError};
+pub use calibration::{Calibration, CalibrationError, LaserCalibration};
 pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
 pub use detect::Identity;
 pub use encode::{Column, VelodyneEncoder};

@@ -3,7 +3,6 @@
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -12,13 +11,14 @@ use glam::DVec3;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
 use sensors::velodyne::{Product, ReturnMode};
 
-use crate::commands::{Context, Outcome};
+use crate::commands::ground::{MeshArgs, Numbers};
+use crate::commands::{Context, Outcome, output};
 use crate::geometry::Pose;
 use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::receive::now_ns;
 use crate::rig::{Mount, MountFile};
-use crate::scene::{BoxScene, Scene, load_mesh};
+use crate::scene::{BoxScene, Scene};
 use crate::trajectory::Trajectory;
 
 /// Arguments of `mock sensor`.
@@ -64,6 +64,8 @@ pub struct Args {
     /// Mesh around the sensor (OBJ, PLY, STL, glTF).
     #[arg(long, value_name = "FILE", conflicts_with = "hall")]
     scene: Option<PathBuf>,
+    #[command(flatten)]
+    mesh: MeshArgs,
     /// Box around the sensor: least and greatest corner, m.
     #[arg(
         long = "box",
@@ -295,11 +297,9 @@ fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
 
 fn build_scene(args: &Args) -> anyhow::Result<Scene> {
     if let Some(path) = &args.scene {
-        let loaded = load_mesh(path, None, None)?;
-        for warning in &loaded.warnings {
-            let _ = writeln!(std::io::stderr(), "outrigger: warning: {}: {warning}", path.display());
-        }
-        return Ok(Scene::Mesh(Arc::new(loaded.mesh)));
+        let read = args.mesh.read(path)?;
+        read.warnings.iter().for_each(|warning| output::say_notice(warning));
+        return Ok(Scene::Mesh(Arc::new(read.mesh)));
     }
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
     let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
@@ -346,28 +346,6 @@ fn build_trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
     let text = std::fs::read_to_string(path).with_context(|| format!("trajectory {}", path.display()))?;
     Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
-}
-
-/// So many finite numbers, separated by commas.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Numbers<const N: usize>([f64; N]);
-
-impl<const N: usize> FromStr for Numbers<N> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .map(|word| word.trim().parse().map_err(|_| format!("{word:?} is no number")))
-            .collect::<Result<_, _>>()?;
-        let found = numbers.len();
-        let array = <[f64; N]>::try_from(numbers).map_err(|_| format!("{found} numbers, expected {N}"))?;
-        if array.iter().all(|number| number.is_finite()) {
-            Ok(Self(array))
-        } else {
-            Err("give finite numbers".into())
-        }
-    }
 }
 
 fn parse_address(text: &str) -> Result<SocketAddr, String> {
