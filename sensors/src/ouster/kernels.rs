@@ -223,7 +223,7 @@ fn put<const BYTES: usize>(block: &mut [u8; BYTES], field: Bits, value: Option<i
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ouster::{Metadata, Synthetic, assembly::Assembly};
+    use crate::ouster::{Metadata, Synthetic, assembly::blank_frame};
 
     #[test]
     fn both_builds_of_the_inner_loops_agree() {
@@ -233,7 +233,7 @@ mod tests {
                 (0..64 * BYTES as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
             let [plain, detected] =
                 [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
-                    let mut frame = Assembly::new(&metadata).frame;
+                    let mut frame = blank_frame(&metadata);
                     unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
                     frame
                 });

@@ -39,7 +39,7 @@ fn random_frame(metadata: &Metadata, frame_id: u32, start_ns: u64, rng: &mut Tes
     let columns = metadata.columns_per_frame;
     let samples = columns * metadata.pixels_per_column;
     let expected = metadata.packets_per_frame() as u32;
-    let mut frame = assembly::Assembly::new(metadata).frame;
+    let mut frame = assembly::blank_frame(metadata);
     let step_ns = 1e9 / metadata.frame_rate_hz / columns as f64;
     frame.frame_id = frame_id;
     frame.column_time_ns = (0..columns).map(|column| start_ns + (column as f64 * step_ns) as u64).collect();

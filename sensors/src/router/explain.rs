@@ -44,7 +44,7 @@ pub(super) fn unclaimed(
     }
     let ousters: Vec<(&Metadata, &str)> = sensors
         .iter()
-        .filter_map(|sensor| match &sensor.decoder {
+        .filter_map(|sensor| match &sensor.family {
             Family::Ouster(decoder) => {
                 Some((decoder.metadata(), sensor.metadata_name.as_deref().unwrap_or("metadata")))
             }

@@ -18,6 +18,16 @@ pub(crate) struct Building {
 }
 
 impl Building {
+    /// The last frame took its buffers along.
+    pub fn lacks_buffers(&self) -> bool {
+        self.frame.column_time_ns.capacity() == 0
+    }
+
+    /// Takes the buffers of a frame that nobody looks at any more.
+    pub fn fill_with(&mut self, spent: Frame) {
+        self.frame = spent;
+    }
+
     /// Empties the frame for the next revolution; its buffers stay.
     pub fn restart(&mut self, frame_id: u32, channels: usize, dual: bool) {
         let frame = &mut self.frame;
@@ -92,8 +102,8 @@ impl Building {
         }
     }
 
-    /// Closes the frame and lends it out.
-    pub fn close(&mut self, complete: bool) -> &Frame {
+    /// Closes the frame and gives it away.
+    pub fn close(&mut self, complete: bool) -> Frame {
         if self.unsorted {
             self.sort();
         }
@@ -101,7 +111,7 @@ impl Building {
         frame.complete = complete && self.lost == 0;
         let rate = self.spin.rate().unwrap_or(0.0);
         frame.azimuth_rate_rad_per_ns = rate * std::f64::consts::TAU / f64::from(super::wire::AZIMUTH_COUNTS);
-        &self.frame
+        std::mem::take(&mut self.frame)
     }
 
     fn sort(&mut self) {
