@@ -56,8 +56,7 @@ fn bent_points<T>(
 
 /// Points of one sensor's frames, fast: keeps what does not change from frame to frame.
 pub struct Projector {
-    /// The model of a unit whose corrections are no straight line (calibrated HDL-64E): it goes the exact way.
-    bent: Option<SensorModel>,
+    model: SensorModel,
     beams: Vec<Beam>,
     sensor_from_lidar: DMat3,
     translation_m: DVec3,
@@ -75,7 +74,7 @@ impl Projector {
     /// For frames of this sensor.
     pub fn new(model: &SensorModel) -> Self {
         let mut projector = Self {
-            bent: (!model.corrections().is_empty()).then(|| model.clone()),
+            model: model.clone(),
             beams: model.beams().to_vec(),
             sensor_from_lidar: model.sensor_from_lidar().matrix3,
             translation_m: model.sensor_from_lidar().translation,
@@ -90,10 +89,17 @@ impl Projector {
         projector
     }
 
+    /// Goes on with another model, if it is another: that of a sensor that learns its calibration on the way.
+    pub fn follow(&mut self, model: &SensorModel) {
+        if self.model != *model {
+            *self = Self::new(model);
+        }
+    }
+
     /// As [`points_f64`], within 1e-9 m.
     pub fn points_f64(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f64; 3]>) {
-        if let Some(model) = &self.bent {
-            return bent_points(model, frame, layer, out, |point| point.to_array());
+        if !self.model.corrections().is_empty() {
+            return bent_points(&self.model, frame, layer, out, |point| point.to_array());
         }
         self.prepare(frame);
         kernel::points(&self.channels, &self.columns, &layer.range_mm, out);
@@ -101,8 +107,8 @@ impl Projector {
 
     /// As [`points_f64`], in single precision: within 0.1 mm at 300 m.
     pub fn points_f32(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f32; 3]>) {
-        if let Some(model) = &self.bent {
-            return bent_points(model, frame, layer, out, |point| point.as_vec3().to_array());
+        if !self.model.corrections().is_empty() {
+            return bent_points(&self.model, frame, layer, out, |point| point.as_vec3().to_array());
         }
         self.prepare(frame);
         kernel::points(&self.channels_f32, &self.columns_f32, &layer.range_mm, out);
