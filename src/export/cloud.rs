@@ -151,7 +151,6 @@ impl Cloud {
 
 /// Places the samples of one sensor's frames, also of one that learns its calibration on the way.
 pub struct Placer {
-    model: SensorModel,
     projector: Projector,
     positions_m: Vec<[f64; 3]>,
 }
@@ -159,15 +158,12 @@ pub struct Placer {
 impl Placer {
     /// For a sensor with these beams.
     pub fn new(model: &SensorModel) -> Self {
-        Self { model: model.clone(), projector: Projector::new(model), positions_m: Vec::new() }
+        Self { projector: Projector::new(model), positions_m: Vec::new() }
     }
 
     /// Positions in the sensor frame, m, in the order of the layer; zero where nothing came back.
     pub fn positions_m(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer) -> &[[f64; 3]] {
-        if self.model != *model {
-            self.model = model.clone();
-            self.projector = Projector::new(model);
-        }
+        self.projector.follow(model);
         self.projector.points_f64(frame, layer, &mut self.positions_m);
         &self.positions_m
     }

@@ -44,7 +44,7 @@ pub(super) fn unclaimed(
     }
     let ousters: Vec<(&Metadata, &str)> = sensors
         .iter()
-        .filter_map(|sensor| match &sensor.decoder {
+        .filter_map(|sensor| match &sensor.family {
             Family::Ouster(decoder) => {
                 Some((decoder.metadata(), sensor.metadata_name.as_deref().unwrap_or("metadata")))
             }
@@ -103,7 +103,7 @@ pub(super) fn unclaimed(
 pub(super) fn damaged(sensor: &Sensor, packet: &Packet<'_>, decoder_says: String) -> String {
     let guess = Guess::of(packet.payload);
     let length = packet.payload.len();
-    match (&sensor.decoder, &guess) {
+    match (&sensor.family, &guess) {
         (Family::Ouster(decoder), Guess::OusterLidar { .. })
             if length != decoder.metadata().packet_format().packet_bytes() =>
         {

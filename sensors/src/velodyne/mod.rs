@@ -13,6 +13,7 @@ mod decoder;
 mod detect;
 mod encode;
 mod heads;
+mod kernels;
 mod nmea;
 mod position;
 mod product;
