@@ -330,6 +330,25 @@ mod tests {
     }
 
     #[test]
+    fn rays_in_a_face_and_along_an_edge_have_an_answer() {
+        let (vertices, triangles) = wall();
+        let mesh = Mesh::new(vertices, triangles).unwrap();
+        // in the wall's plane: no surface is met, whatever the direction
+        for direction in [DVec3::Y, DVec3::Z, DVec3::new(0.0, 0.6, 0.8)] {
+            let hits = [DVec3::new(0.0, -3.0, -0.5), DVec3::ZERO, DVec3::new(0.0, 1.0, -1.0)]
+                .map(|origin| mesh.cast(origin, direction));
+            assert_eq!(hits, [None; 3], "{direction}");
+        }
+        // onto the edges, the diagonal between both triangles and the corners, from both sides
+        for (y, z) in [(0.0, 0.0), (0.5, 0.5), (1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)] {
+            for side in [-2.0, 2.0] {
+                let hit = mesh.cast(DVec3::new(side, y, z), DVec3::new(-side.signum(), 0.0, 0.0));
+                assert_eq!(hit.map(|hit| hit.distance_m), Some(2.0), "{y} {z}");
+            }
+        }
+    }
+
+    #[test]
     fn many_copies_of_one_triangle_still_make_a_tree() {
         let (vertices, _) = wall();
         let mesh = Mesh::new(vertices, vec![[0, 1, 2]; 20_000]).unwrap();

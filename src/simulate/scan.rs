@@ -8,8 +8,9 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use sensors::SensorModel;
 
+use super::column::{FiredBeam, beam_at, by_elevation, median, ring};
+use super::detection::Detection;
 use super::occluder::Occluder;
 use crate::coverage::Coverage;
 use crate::geometry::Pose;
@@ -17,39 +18,6 @@ use crate::rig::Rig;
 use crate::rng::Rng;
 use crate::scene::{Hit, Scene};
 use crate::trajectory::Trajectory;
-
-/// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's limits.
-/// `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that fire later.
-/// `ranges_m` holds one place per channel.
-pub fn cast_column(
-    scene: &Scene,
-    world_from_sensor: Pose,
-    model: &SensorModel,
-    azimuth_rad: f64,
-    spin_rad_s: f64,
-    ranges_m: &mut [Option<f64>],
-) {
-    let order = by_elevation(model);
-    let beams: Vec<FiredBeam> = order
-        .iter()
-        .map(|channel| beam_at(model, *channel, azimuth_rad, spin_rad_s, &world_from_sensor))
-        .collect();
-    let origins_m: Vec<DVec3> = beams.iter().map(|beam| beam.origin_m).collect();
-    let directions: Vec<DVec3> = beams.iter().map(|beam| beam.direction).collect();
-    scene.cast_many(&origins_m, &directions, |ray, hit| {
-        ranges_m[order[ray]] = hit
-            .map(|hit| hit.distance_m + beams[ray].range_offset_m)
-            .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
-    });
-}
-
-/// Channels from the lowest beam to the highest: neighbours in this order see neighbouring surfaces, which is what makes
-/// casting them together fast.
-fn by_elevation(model: &SensorModel) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..model.channels()).collect();
-    order.sort_by(|a, b| model.beams()[*a].elevation_rad.total_cmp(&model.beams()[*b].elevation_rad));
-    order
-}
 
 /// How a sensor spins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,6 +71,8 @@ pub struct Flaws {
     pub max_incidence_rad: Option<f64>,
     /// Share of returns lost at random.
     pub drop_out: f64,
+    /// Returns lost because too little light comes back.
+    pub detection: Option<Detection>,
     /// Rays spread over the model's divergence beside the central one; the median range is reported.
     pub sub_rays: u32,
 }
@@ -156,8 +126,6 @@ pub struct Scanner<'a> {
     pub flaws: Flaws,
     /// Of noise and drop-out.
     pub seed: u64,
-    /// Channels from the lowest beam to the highest, by sensor of the rig.
-    orders: Vec<Vec<usize>>,
 }
 
 impl<'a> Scanner<'a> {
@@ -172,7 +140,6 @@ impl<'a> Scanner<'a> {
             occluders: (0..sensors).map(|sensor| Occluder::other_housings(rig, sensor)).collect(),
             flaws: Flaws::default(),
             seed: 0,
-            orders: rig.sensors.iter().map(|mounted| by_elevation(&mounted.model)).collect(),
         }
     }
 
@@ -254,14 +221,14 @@ impl<'a> Scanner<'a> {
     /// What each beam of a column meets in the scene, by channel.
     fn hits(&self, sensor: usize, world_from_body: &Pose, beams: &[FiredBeam]) -> Vec<Option<Hit>> {
         let sub_rays = self.flaws.sub_rays;
-        let divergence_rad = self.rig.sensors[sensor].model.divergence_rad;
+        let model = &self.rig.sensors[sensor].model;
         let per_beam = 1 + sub_rays as usize;
-        let order = &self.orders[sensor];
+        let order = by_elevation(model);
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
-        for channel in order {
+        for channel in &order {
             let direction = world_from_body.rotate(beams[*channel].direction);
             directions.push(direction);
-            directions.extend(ring(direction, divergence_rad, sub_rays));
+            directions.extend(ring(direction, model.divergence_rad, sub_rays));
             let origin_m = world_from_body.transform_point(beams[*channel].origin_m);
             origins_m.extend(std::iter::repeat_n(origin_m, per_beam));
         }
@@ -288,6 +255,7 @@ impl<'a> Scanner<'a> {
         // drawn for every beam, so that one beam's fate does not change another's
         let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
         let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
+        let luck = if flaws.detection.is_some() { rng.uniform() } else { 0.0 };
         let hit = hit.filter(|_| kept)?;
         let direction = world_from_body.rotate(beam.direction);
         if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
@@ -299,60 +267,22 @@ impl<'a> Scanner<'a> {
         if self.occluders[sensor].iter().any(occluded) {
             return None;
         }
-        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
+        let detected = |detection: Detection| {
+            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
+        };
+        if !flaws.detection.is_none_or(detected) {
+            return None;
+        }
+        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         (range_m >= min_range_m && range_m <= max_range_m).then_some(range_m)
-    }
-}
-
-/// Rays around a beam's central one, at half the half-angle of its cone.
-fn ring(direction: DVec3, divergence_rad: f64, rays: u32) -> impl Iterator<Item = DVec3> {
-    let (u, v) = direction.any_orthonormal_pair();
-    let spread = (0.25 * divergence_rad).tan();
-    (0..rays).map(move |index| {
-        let (sin, cos) = (TAU * f64::from(index) / f64::from(rays)).sin_cos();
-        (direction + spread * (cos * u + sin * v)).normalize()
-    })
-}
-
-/// What a beam reports of what its rays met: the hit of median distance; nothing if half of the light or more is lost.
-fn median(met: &[Option<Hit>]) -> Option<Hit> {
-    let mut hits: Vec<_> = met.iter().flatten().collect();
-    if hits.len() * 2 < met.len() {
-        return None;
-    }
-    hits.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-    hits.get(hits.len() / 2).map(|hit| **hit)
-}
-
-/// A channel's ray where the sensor frame was placed.
-struct FiredBeam {
-    origin_m: DVec3,
-    direction: DVec3,
-    range_offset_m: f64,
-    azimuth_rad: f64,
-}
-
-fn beam_at(
-    model: &SensorModel,
-    channel: usize,
-    column_azimuth_rad: f64,
-    spin_rad_s: f64,
-    target_from_sensor: &Pose,
-) -> FiredBeam {
-    let azimuth_rad = column_azimuth_rad + spin_rad_s * model.beams()[channel].fire_offset_ns * 1e-9;
-    let ray = model.ray(channel, azimuth_rad);
-    FiredBeam {
-        origin_m: target_from_sensor.transform_point(ray.origin_m),
-        direction: target_from_sensor.rotate(ray.direction),
-        range_offset_m: ray.range_offset_m,
-        azimuth_rad,
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::column::cast_column;
     use super::*;
     use crate::coverage::VoxelGrid;
     use crate::rig::{Mount, MountedSensor};
@@ -466,6 +396,22 @@ mod tests {
             scanner.flaws.sub_rays = 6;
         });
         assert_eq!(spread, all);
+    }
+
+    #[test]
+    fn of_two_sensors_in_one_place_neither_sees_anything() {
+        let (scene, trajectory) = (room(), walk());
+        let mut rig = pair();
+        rig.sensors[1].mount = rig.sensors[0].mount;
+        let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        let count = |scanner: &Scanner| {
+            let mut returns = [0, 0];
+            scanner.for_each_column(|sensor, column| returns[sensor] += column.returns.len());
+            returns
+        };
+        assert_eq!(count(&scanner), [0, 0], "each stands inside the other's housing");
+        scanner.occluders = vec![Vec::new(); 2];
+        assert_eq!(count(&scanner), [361 * 16; 2], "without housings both see the same");
     }
 
     #[test]

@@ -14,6 +14,10 @@ mod fast;
 mod lanes;
 mod placement;
 mod shell;
+mod sparse;
+mod spread;
+
+pub use spread::PUBLISHED_SPREAD_DEG;
 
 pub use experiment::{Experiment, ExperimentError, PRESETS, Path, Phase, Preset, Roll};
 pub use placement::Placement;
@@ -120,6 +124,11 @@ impl Simulator {
         let all: usize = self.cells.iter().product();
         let inner: usize = self.cells.iter().map(|n| n.saturating_sub(2)).product();
         (all - inner) as u64
+    }
+
+    /// The cells of the grid that any ray could hit, ascending.
+    pub fn reachable_cells(&self) -> impl Iterator<Item = usize> + use<> {
+        self.grid().outer_cells()
     }
 
     /// Which voxels each sensor sees.
@@ -371,5 +380,65 @@ mod tests {
                 assert_eq!(simulator.count(&sensors).unwrap(), definition.coverage.counts());
             }
         }
+    }
+
+    /// Poses that no walk has: any rotation, anywhere in the box, near its walls and in its corners, any turn.
+    #[test]
+    fn any_poses_see_what_the_definition_sees() {
+        let mut rng = crate::rng::Rng::new(5, 0);
+        for (preset, phase) in [(&OS1_64, Phase::Locked), (&VLP_16, Phase::Free)] {
+            let experiment = Experiment { phase, azimuths: 36, ..Experiment::published(preset) };
+            let simulator = Simulator::new(&experiment).unwrap();
+            let mut poses: Vec<BoxPose> = (0..40)
+                .map(|_| {
+                    let axis = glam::DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
+                    let rotation = glam::DMat3::from_axis_angle(axis, rng.between(-4.0, 4.0));
+                    let place = |low: f64, high: f64, rng: &mut crate::rng::Rng| rng.between(low, high);
+                    BoxPose {
+                        rows: rotation.transpose().to_cols_array_2d(),
+                        origin_m: [
+                            place(-24.9, 24.9, &mut rng),
+                            place(-24.9, 24.9, &mut rng),
+                            place(0.1, 19.9, &mut rng),
+                        ],
+                        turn: rng.uniform(),
+                    }
+                })
+                .collect();
+            // a hair's breadth from the floor, a wall and a corner; on voxel faces; on its side
+            let upright = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            let on_side = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
+            for origin_m in [
+                [0.0, 0.0, 1e-6],
+                [24.999_999, 3.0, 1.0],
+                [-24.999_999, -24.999_999, 19.999_999],
+                [0.5, -7.0, 10.0],
+            ] {
+                poses.extend([upright, on_side].map(|rows| BoxPose { rows, origin_m, turn: 0.0 }));
+            }
+            let sensors = [poses[..20].to_vec(), poses[20..].to_vec()];
+            let definition = simulator.see_along_by_definition(&sensors).unwrap();
+            assert!(definition.lost_rays[1] > 0 || phase == Phase::Free);
+            for instructions in Instructions::available() {
+                let seen = simulator.see_along_with(&sensors, instructions).unwrap();
+                assert!(seen == definition, "{instructions:?}, {phase:?}");
+            }
+        }
+        let simulator = Simulator::new(&Experiment::published(&VLP_16)).unwrap();
+        let level = BoxPose { rows: [[0.0; 3]; 3], origin_m: [0.0, 0.0, 1.0], turn: 0.0 };
+        let outside = BoxPose { origin_m: [0.0, 0.0, 20.0], ..level };
+        assert_eq!(simulator.see_along(&[vec![outside]]), Err(ExperimentError::OutsideBox { sensor: 1 }));
+        let nan = BoxPose { turn: f64::NAN, ..level };
+        assert!(simulator.see_along(&[vec![level], vec![nan]]).unwrap_err().to_string().contains("sensor 2"));
+    }
+
+    #[test]
+    fn coincident_sensors_see_the_same_and_nothing_alone() {
+        let simulator = Simulator::new(&Experiment::published(&VLP_16)).unwrap();
+        let sensor = Placement { pitch_deg: 21.0, ..Placement::default() };
+        let counts = simulator.count(&[sensor, sensor]).unwrap();
+        assert_eq!(counts.per_sensor, [counts.union; 2]);
+        assert_eq!((counts.overlap, counts.unique_per_sensor), (counts.union, vec![0, 0]));
+        assert_eq!(counts.union, simulator.count(&[sensor]).unwrap().union);
     }
 }
