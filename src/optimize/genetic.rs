@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{Polished, Population, members};
+use super::polished::{Polished, Population, members, searched};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -43,6 +43,7 @@ pub struct Genes {
 impl Genetic {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
+        let space = searched(space, settings);
         let size = members(POPULATION, settings);
         let genes = Genes {
             space: space.clone(),

@@ -14,6 +14,7 @@ mod cma_es;
 mod differential_evolution;
 mod gaussian_process;
 mod genetic;
+mod lines;
 mod method;
 mod mounts;
 mod normal;
