@@ -65,6 +65,13 @@ pub struct ExperimentArgs {
     /// Least distance between sensor origins; the housings are always asked for.
     #[arg(long, value_name = "M", default_value_t = 0.0)]
     least_distance: f64,
+    /// Adds to J this times log10(q / 0.003), q being the least translation eigenvalue per hit (5th percentile along
+    /// the path): how well scans are tied down.
+    #[arg(long, value_name = "J", default_value_t = 0.0)]
+    registration_weight: f64,
+    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be).
+    #[arg(long, value_name = "Q", default_value_t = 0.0)]
+    min_conditioning: f64,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -150,7 +157,18 @@ impl ExperimentArgs {
         if !(self.lambda.is_finite() && self.least_distance.is_finite() && self.least_distance >= 0.0) {
             bail!("--lambda and --least-distance take finite numbers, the distance none below 0");
         }
-        let weights = Weights { sensor_cost: self.lambda, ..Weights::default() };
+        if !(self.registration_weight.is_finite() && self.registration_weight >= 0.0) {
+            bail!("--registration-weight {}, expected a number of at least 0", self.registration_weight);
+        }
+        if !(0.0..1.0 / 3.0).contains(&self.min_conditioning) {
+            bail!("--min-conditioning {}, expected at least 0 and below 1/3", self.min_conditioning);
+        }
+        let weights = Weights {
+            sensor_cost: self.lambda,
+            registration: self.registration_weight,
+            least_conditioning: self.min_conditioning,
+            ..Weights::default()
+        };
         Ok(Objective::new(Simulator::new(&experiment)?, weights, self.least_distance)?)
     }
 }
@@ -278,13 +296,10 @@ fn summary(document: &Document) -> String {
         );
     }
     if evaluation.feasible {
-        text += "can be built   yes: every pair of housings is apart\n";
+        text += "allowed        yes: every pair of housings is apart\n";
     }
-    for pair in &evaluation.violations {
-        text += &format!(
-            "can be built   no: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-            pair.first, pair.second, pair.distance_m, pair.needed_m
-        );
+    for violation in &evaluation.violations {
+        text += &format!("allowed        no: {violation}\n");
     }
     text + &format!("{} rays in {:.4} s\n", evaluation.rays, document.wall_s)
 }

@@ -192,8 +192,8 @@ fn report(
 ) -> anyhow::Result<Outcome> {
     if best.violation > 0.0 {
         bail!(
-            "none of {} mounts keeps the clearance; the nearest misses it by {:.4} m: give more evaluations or a smaller \
-             --clearance",
+            "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
+             conditioning): give more evaluations, or a smaller --clearance or --min-conditioning",
             search.evaluations(),
             best.violation
         );
@@ -287,11 +287,8 @@ fn summary(document: &Document) -> String {
     for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in masters.iter().enumerate() {
         text += &format!("{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}\n", index + 1);
     }
-    for pair in &evaluation.violations {
-        text += &format!(
-            "can be built   no: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-            pair.first, pair.second, pair.distance_m, pair.needed_m
-        );
+    for violation in &evaluation.violations {
+        text += &format!("allowed        no: {violation}\n");
     }
     text + &format!("{} rays in {:.3} s\n", document.rays, document.wall_s)
 }

@@ -133,7 +133,9 @@ impl MountProblem {
         let weights = self.objective.weights();
         let reachable = self.objective.simulator().reachable() as f64;
         let per_master = if self.search.is_mirrored { 2.0 } else { 1.0 };
-        let rewards = weights.overlap_reward.max(0.0) + weights.angle_reward.max(0.0);
+        let rewards = weights.overlap_reward.max(0.0)
+            + weights.angle_reward.max(0.0)
+            + weights.best_registration_term();
         let ceiling = |masters| reachable + rewards - weights.sensor_cost * per_master * f64::from(masters);
         Ok(self.search.space()?.with_ceilings((1..=self.search.masters_max).map(ceiling).collect()))
     }
@@ -148,15 +150,17 @@ impl MountProblem {
         &self.objective
     }
 
-    /// Scores a point. Violation: the distances that miss, summed, m; sensors that may not be are still scored.
+    /// Scores a point. Violation: the distances that miss, summed, m, and the share by which the conditioning of
+    /// registration falls short; sensors that may not be are still scored.
     pub fn measure(&self, values: &[f64]) -> Result<Measured, ExperimentError> {
         let masters = self.masters(values);
         let experiment = self.objective.simulator().experiment();
         let sensors = experiment.sensors(&masters);
         let counts = self.objective.simulator().count(&sensors)?;
+        let quality = self.objective.registration(&sensors);
         Ok(Measured {
-            score: self.objective.terms(&sensors, &counts).objective(),
-            violation: self.violation(&sensors),
+            score: self.objective.terms(&sensors, &counts, quality.as_ref()).objective(),
+            violation: self.violation(&sensors) + self.objective.conditioning_shortfall(quality.as_ref()),
             rays: experiment.rays_per_sensor() * sensors.len() as u64,
         })
     }

@@ -10,6 +10,7 @@
 mod brute;
 mod fast;
 mod shell;
+mod sparse;
 
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::rig::Mount;

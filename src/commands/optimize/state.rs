@@ -40,6 +40,8 @@ pub fn question(problem: &MountProblem, masters_max: u32, keep_apart: KeepApart)
         "mirror": experiment.mirror,
         "roll": match experiment.roll { Roll::Fixed(roll_deg) => json!(roll_deg), Roll::Free => json!("free") },
         "lambda": objective.weights().sensor_cost,
+        "registration_weight": objective.weights().registration,
+        "least_conditioning": objective.weights().least_conditioning,
         "least_distance_m": objective.needed_distance_m(),
         "clearance": keep_apart,
         "masters_max": masters_max,
