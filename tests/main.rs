@@ -18,6 +18,7 @@ mod rig_verbs;
 mod scenes;
 mod session;
 mod simulator;
+mod study;
 mod tidy;
 mod velodyne;
 
@@ -36,6 +37,7 @@ fn main() -> std::process::ExitCode {
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
+        ("study", study::CASES),
         ("tidy", tidy::CASES),
         ("velodyne", velodyne::CASES),
     ];

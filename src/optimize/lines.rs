@@ -11,15 +11,18 @@ use serde::{Deserialize, Serialize};
 use super::{Candidate, Space, Trial};
 use crate::rng::Rng;
 
-/// One search for so many evaluations, within bounds.
-const EVALUATIONS_PER_LINE: usize = 40;
-const LINES: (usize, usize) = (2, 64);
+/// One search for so many evaluations, within bounds: with fewer each, the first rounds would judge starts, not searches.
+const EVALUATIONS_PER_LINE: usize = 150;
+const LINES: (usize, usize) = (2, 24);
 /// Least and greatest step, shares of a variable's range.
 const STEPS: (f64, f64) = (1e-4, 0.1);
-/// Least distance between the starts of two searches, as a share of some variable's range.
-const APART: f64 = 0.02;
-/// Chance that a variable other than the sure one moves.
-const MOVES: f64 = 0.4;
+/// Least distance between the starts of two searches, each variable in lengths over which the objective changes.
+const APART: f64 = 0.2;
+/// That length where no model knows it, as a share of the variable's range.
+pub const TYPICAL_LENGTH: f64 = 0.1;
+/// Variables that move beside the sure one, on average; at most this share of them.
+const MOVED: f64 = 1.2;
+const MOVED_SHARE: f64 = 0.4;
 /// Chance that a variable which moves goes to one of its bounds.
 const TO_BOUND: f64 = 0.2;
 /// Chance of a move along the difference of two other searches.
@@ -40,13 +43,18 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Starts from the best of these trials that lie apart, with about `evaluations` to spend.
-    pub fn begin(space: &Space, ranked: &[&Trial], evaluations: usize) -> Self {
+    /// Starts from the best of these trials that lie apart, with about `evaluations` to spend. `lengths` says for each
+    /// variable over which share of its range the objective changes.
+    pub fn begin(space: &Space, ranked: &[&Trial], lengths: &[f64], evaluations: usize) -> Self {
         let wanted = (evaluations / EVALUATIONS_PER_LINE).clamp(LINES.0, LINES.1);
         let mut starts: Vec<(Vec<f64>, Trial)> = Vec::new();
         for trial in ranked {
             let unit = space.to_unit(&space.canonical(&trial.candidate.values));
-            let is_apart = |other: &Vec<f64>| unit.iter().zip(other).any(|(a, b)| (a - b).abs() > APART);
+            let is_apart = |other: &Vec<f64>| {
+                let squares =
+                    unit.iter().zip(other).zip(lengths).map(|((a, b), length)| ((a - b) / length).powi(2));
+                squares.sum::<f64>() > APART * APART
+            };
             if starts.iter().all(|(other, _)| is_apart(other)) {
                 starts.push((unit, (*trial).clone()));
             }
@@ -128,6 +136,7 @@ pub fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Ve
     if free.is_empty() {
         return values;
     }
+    let moves = MOVED_SHARE.min(MOVED / free.len() as f64);
     let sure = free[rng.below(free.len() as u64) as usize];
     for index in free {
         let variable = &space.variables()[index];
@@ -136,7 +145,7 @@ pub fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Ve
             if index == sure || rng.uniform() < scale {
                 values[index] += if rng.uniform() < 0.5 { 1.0 } else { -1.0 };
             }
-        } else if index == sure || rng.uniform() < MOVES {
+        } else if index == sure || rng.uniform() < moves {
             values[index] = match rng.uniform() {
                 u if u < 0.5 * TO_BOUND => variable.low,
                 u if u < TO_BOUND => variable.high,

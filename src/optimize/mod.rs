@@ -31,7 +31,7 @@ pub use cma_es::CmaEs;
 pub use differential_evolution::DifferentialEvolution;
 pub use genetic::Genetic;
 pub use method::{Kind, Method, Settings};
-pub use mounts::{KeepApart, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX};
+pub use mounts::{KeepApart, MountBounds, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX};
 pub use particle_swarm::ParticleSwarm;
 pub use pattern::{Pattern, Poll};
 pub use random::Random;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::lines::Lines;
+use super::lines::{Lines, TYPICAL_LENGTH};
 use super::pattern::Poll;
 use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 
@@ -10,8 +10,8 @@ use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 const POLISH_STEP: f64 = 0.02;
 /// Share of the budget kept for local searches where the published rule does not end the population.
 const LOCAL_SHARE: f64 = 0.5;
-/// Fewer evaluations than this are all the population's.
-const LOCAL_FROM: usize = 100;
+/// Evaluations that a local search after the first gets.
+const LOCAL_AGAIN: usize = 100;
 /// Trials remembered as starts of local searches.
 const REMEMBERED: usize = 400;
 /// Step of the generator that local searches draw from, apart from every generation's.
@@ -77,8 +77,8 @@ impl<P: Population> Polished<P> {
     }
 
     fn is_local_due(&self) -> bool {
-        let kept = if self.budget < LOCAL_FROM { 0.0 } else { self.budget as f64 * LOCAL_SHARE };
-        let reserved = self.restarts == 0 && self.evaluations as f64 >= self.budget as f64 - kept;
+        let populations = self.budget as f64 * (1.0 - LOCAL_SHARE);
+        let reserved = self.restarts == 0 && self.evaluations as f64 >= populations;
         !self.remembered.is_empty() && (reserved || self.population.is_spent())
     }
 
@@ -96,8 +96,9 @@ impl<P: Population> Optimizer for Polished<P> {
         }
         if self.lines.is_none() && self.is_local_due() {
             let ranked: Vec<&Trial> = self.remembered.iter().collect();
-            let left = self.budget.saturating_sub(self.evaluations).max(LOCAL_FROM);
-            self.lines = Some(Lines::begin(&self.space, &ranked, left));
+            let left = self.budget.saturating_sub(self.evaluations).max(LOCAL_AGAIN);
+            self.lines =
+                Some(Lines::begin(&self.space, &ranked, &vec![TYPICAL_LENGTH; self.space.len()], left));
         }
         match &mut self.lines {
             Some(lines) if !lines.is_spent() => {

@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::lines::{Lines, vary};
+use super::lines::{Lines, TYPICAL_LENGTH, vary};
 use super::{Bayesian, Candidate, Optimizer, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -17,7 +17,7 @@ const SEEDS_PER_COUNT: usize = 12;
 /// Bayesian evaluations at most: beyond, the model costs more than the objective and says less.
 const MODELLED_MAX: usize = 120;
 /// Share of the evaluations after the model's that look for places worth a local search.
-const SCOUT_SHARE: f64 = 0.4;
+const SCOUT_SHARE: f64 = 0.25;
 /// Scouts start from so many of the best points.
 const SCOUTED: usize = 120;
 const SCOUT_STEPS: (f64, f64) = (0.02, 0.5);
@@ -33,6 +33,8 @@ pub struct Staged {
     next_count: f64,
     trials: Vec<Trial>,
     model: Option<Bayesian>,
+    /// Over which share of each variable's range the objective changes, as the model learned.
+    lengths: Vec<f64>,
     lines: Option<Lines>,
 }
 
@@ -41,15 +43,8 @@ impl Staged {
     pub fn new(space: Space, settings: Settings) -> Self {
         let space = space.folded();
         let next_count = space.variables()[0].low;
-        Self {
-            space,
-            settings,
-            step: 0,
-            next_count,
-            trials: Vec::new(),
-            model: None,
-            lines: None,
-        }
+        let lengths = vec![TYPICAL_LENGTH; space.len()];
+        Self { space, settings, step: 0, next_count, trials: Vec::new(), model: None, lengths, lines: None }
     }
 
     fn rest(&self) -> Space {
@@ -128,14 +123,17 @@ impl Optimizer for Staged {
                 return model.ask();
             }
         }
-        self.model = None;
+        if let Some(lengths) = self.model.take().and_then(|model| model.lengths()) {
+            self.lengths = lengths;
+        }
         let scouted = self.modelled() + (self.local() as f64 * SCOUT_SHARE) as usize;
         if self.lines.is_none() && self.trials.len() < scouted {
             return self.scouts(&mut rng);
         }
         let space = self.rest();
         let mut lines = self.lines.take().unwrap_or_else(|| {
-            Lines::begin(&self.space, &self.ranked(), self.settings.budget.saturating_sub(self.trials.len()))
+            let left = self.settings.budget.saturating_sub(self.trials.len());
+            Lines::begin(&self.space, &self.ranked(), &self.lengths, left)
         });
         let batch = lines.ask(&space, &mut rng);
         self.lines = Some(lines);

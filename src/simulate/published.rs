@@ -8,9 +8,12 @@
 //! quirk of the released slab test, kept here ([`Preset::loses_axis_parallel_rays`]) and nowhere else in the program.
 
 mod brute;
+mod divergence;
 mod fast;
 mod shell;
 mod sparse;
+
+pub use divergence::PUBLISHED_DIVERGENCE_RAD;
 
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::rig::Mount;
@@ -212,6 +215,8 @@ pub struct Experiment {
     pub sub_poses: usize,
     /// Where each revolution starts.
     pub phase: Phase,
+    /// Where the first one starts, shares of an azimuth step; only where the phase is free.
+    pub phase_shift: f64,
 }
 
 impl Experiment {
@@ -226,6 +231,7 @@ impl Experiment {
             mirror: true,
             sub_poses: 1,
             phase: Phase::Locked,
+            phase_shift: 0.0,
         }
     }
 

@@ -11,7 +11,9 @@ use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [preset, path, rest @ ..] = arguments.as_slice() else {
-        return Err("give a preset, then lateral or forward, then (for a roll that is not fixed at 0) free".into());
+        return Err(
+            "give a preset, then lateral or forward, then (for a roll that is not fixed at 0) free".into()
+        );
     };
     let path = match path.as_str() {
         "lateral" => Path::Lateral,

@@ -53,7 +53,7 @@ pub(super) fn azimuth_rad(simulator: &Simulator, pose: usize, azimuth: usize) ->
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let shift = match simulator.experiment.phase {
         Phase::Locked => 0.0,
-        Phase::Free => ((pose + 1) as f64 * GOLDEN).fract(),
+        Phase::Free => ((pose + 1) as f64 * GOLDEN + simulator.experiment.phase_shift).fract(),
     };
     let azimuths = simulator.experiment.azimuths as f64;
     ((azimuth as f64 + shift) * 360.0 / azimuths).to_radians()
