@@ -225,6 +225,17 @@ impl Objective {
         terms
     }
 
+    /// J of physical sensors as they are, without the rest of an evaluation.
+    pub fn score_sensors(&self, sensors: &[Placement]) -> Result<f64, ExperimentError> {
+        let counts = self.simulator.count(sensors)?;
+        Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
+    }
+
+    /// The same objective in another experiment with the same sensor model.
+    pub fn with_simulator(&self, simulator: Simulator) -> Self {
+        Self { simulator, ..self.clone() }
+    }
+
     /// How well the hits tie scans down, where weight or constraint asks: it costs as much as a coverage.
     pub fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
         let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;

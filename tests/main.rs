@@ -21,6 +21,7 @@ mod scene_reports;
 mod scenes;
 mod session;
 mod simulator;
+mod study;
 mod tidy;
 mod velodyne;
 
@@ -42,6 +43,7 @@ fn main() -> std::process::ExitCode {
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
+        ("study", study::CASES),
         ("tidy", tidy::CASES),
         ("velodyne", velodyne::CASES),
     ];

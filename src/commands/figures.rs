@@ -4,7 +4,7 @@ use super::baselines::Baselines;
 use crate::chart::{CellClass, LineChart, Series, number};
 use crate::coverage::Coverage;
 use crate::registration::{DEGENERATE, RegistrationQuality};
-use crate::report::{BlindSpot, FromAbove, Report};
+use crate::report::{BlindSpot, FromAbove, Report, unfold_mount_box};
 
 /// Number of classes of [`who_saw`].
 pub const WHO_CLASSES: usize = 5;
@@ -41,6 +41,17 @@ pub fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
 /// The class of a cell of a coverage.
 pub fn who_covers(coverage: &Coverage, cell: usize) -> usize {
     who_saw((0..coverage.sensors()).map(|sensor| coverage.contains(sensor, cell)))
+}
+
+/// Who saw what on the walls of a box whose coverage is in the mount frame's axes.
+pub fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
+    report.heading("Who saw what");
+    report.maps(
+        "Voxels by who saw them",
+        &unfold_mount_box(coverage.grid(), &|cell| Some(who_covers(coverage, cell))),
+        &who_classes(names, "can be hit, but nobody saw it"),
+        "The box unfolded: floor and ceiling seen from above, the platform's front (+y) up the page; walls from inside.",
+    );
 }
 
 /// Who saw what from above, and where how much of it is seen by nobody.

@@ -29,6 +29,7 @@ mod replay;
 mod rig;
 mod sensor_ids;
 mod signals;
+mod study;
 mod surface;
 mod unread;
 mod validate;
@@ -71,6 +72,8 @@ enum Verb {
     Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
+    /// Many searches that together answer a question; the published tables among them.
+    Study(study::Args),
     /// Devices to test against, on loopback and ptys.
     Mock(mock::Args),
     /// Print a completion script for a shell.
@@ -141,6 +144,7 @@ impl Cli {
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
+            Verb::Study(args) => study::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),
             Verb::Man => manual::manual(),

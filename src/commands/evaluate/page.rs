@@ -4,7 +4,7 @@ use super::Document;
 use crate::chart::number;
 use crate::commands::{figures, output};
 use crate::coverage::Coverage;
-use crate::report::{Report, unfold_mount_box};
+use crate::report::Report;
 
 /// What was scored, term by term, and who saw what.
 pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
@@ -33,17 +33,8 @@ pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
     terms(&mut report, document);
     sensors(&mut report, document);
     beside(&mut report, document);
-    let grid = coverage.grid();
     let names: Vec<String> = (1..=coverage.sensors()).map(|sensor| format!("sensor {sensor}")).collect();
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let classes = figures::who_classes(&names, "can be hit, but nobody saw it");
-    report.heading("Who saw what");
-    report.maps(
-        "Voxels by who saw them",
-        &unfold_mount_box(grid, &|cell| Some(figures::who_covers(coverage, cell))),
-        &classes,
-        "The box unfolded: floor and ceiling seen from above, the platform's front (+y) up the page; walls from inside.",
-    );
+    figures::unfolded(&mut report, coverage, &names.iter().map(String::as_str).collect::<Vec<_>>());
     report.heading("Blind spots");
     figures::blind_spot_table(&mut report, &document.blind_spots, document.voxel_m);
     let least = document.registration_path.iter().map(|[at_m, least, _]| [*at_m, *least]).collect();

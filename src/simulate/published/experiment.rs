@@ -126,6 +126,8 @@ pub struct Experiment {
     pub sub_poses: usize,
     /// Where each revolution starts.
     pub phase: Phase,
+    /// Where the first one starts, shares of an azimuth step; only where the phase is free.
+    pub phase_shift: f64,
 }
 
 impl Experiment {
@@ -140,6 +142,7 @@ impl Experiment {
             mirror: true,
             sub_poses: 1,
             phase: Phase::Locked,
+            phase_shift: 0.0,
         }
     }
 

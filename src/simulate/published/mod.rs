@@ -212,7 +212,7 @@ impl Simulator {
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         match self.experiment.phase {
             Phase::Locked => 0.0,
-            Phase::Free => ((pose + 1) as f64 * GOLDEN).fract(),
+            Phase::Free => ((pose + 1) as f64 * GOLDEN + self.experiment.phase_shift).fract(),
         }
     }
 
