@@ -164,8 +164,8 @@ impl TrajectoryArgs {
         parsed.with_context(|| self.name())
     }
 
-    /// What is odd about the trajectory, alone and within a scene of these bounds.
-    pub fn doubts(&self, bounds_m: [DVec3; 2], trajectory: &Trajectory) -> Vec<String> {
+    /// What is odd about the trajectory, alone and within a mesh or room of these bounds.
+    pub fn doubts(&self, what: &str, bounds_m: [DVec3; 2], trajectory: &Trajectory) -> Vec<String> {
         let name = self.name();
         let mut doubts = Vec::new();
         let suspicions = trajectory.suspicions(&Default::default());
@@ -180,7 +180,7 @@ impl TrajectoryArgs {
         let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
         if outside > 0 {
             doubts.push(format!(
-                "{name}: {outside} of {} points of the path lie outside the mesh; do both use the same frame, unit and up axis?",
+                "{name}: {outside} of {} points of the path lie outside the {what}; do both use the same frame, unit and up axis?",
                 stations_m.len()
             ));
         }

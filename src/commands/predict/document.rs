@@ -50,7 +50,7 @@ pub struct Document {
     /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
     pub touching: Vec<Touching>,
     trajectory_length_m: f64,
-    warnings: Vec<String>,
+    pub warnings: Vec<String>,
     wall_s: f64,
 }
 

@@ -151,7 +151,8 @@ fn place(args: &Args) -> anyhow::Result<Place> {
         (None, None) => bail!("give --scene or --room"),
     };
     let trajectory = args.trajectory.read()?;
-    warnings.extend(args.trajectory.doubts(scene.bounds_m(), &trajectory));
+    let what = if mesh.is_some() { "mesh" } else { "room" };
+    warnings.extend(args.trajectory.doubts(what, scene.bounds_m(), &trajectory));
     let grid = grid(args.voxel, &scene)?;
     Ok(Place { scene, mesh, trajectory, grid, warnings })
 }

@@ -25,6 +25,9 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
         coverage.grid().voxel_m,
     );
     let mut report = Report::new("Predicted coverage", &summary, &output::again());
+    for warning in &document.warnings {
+        report.paragraph(warning);
+    }
     for pair in &document.violations {
         report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
     }
@@ -100,7 +103,10 @@ fn beside(report: &mut Report, document: &Document) {
     });
     let rows: Vec<_> = std::iter::once(rig.to_vec()).chain(single).collect();
     let header = ["", "model", "pitch, deg", "voxels seen", "the rig sees more"];
-    let y_label = "voxels seen on some revolutions";
+    let y_label = match document.surface {
+        Some(_) => "share covered on some revolutions",
+        None => "voxels seen on some revolutions",
+    };
     figures::baselines_section(report, baselines, &header, &rows, y_label, None);
 }
 

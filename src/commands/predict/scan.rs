@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
-use crate::commands::surface::{Covered, Surface};
+use crate::commands::surface::{Covered, MAIN_RANK, Surface};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::occluder::Occluder;
@@ -82,12 +82,15 @@ pub fn baselines(
     let tilted = |pitch_deg: f64| Mount { pitch_rad: pitch_deg.to_radians(), ..level };
     let (best_deg, pitch_search) = best_pitch(&SCAN_PITCHES_DEG, |pitch_deg| {
         let rig = rig_of(tilted(pitch_deg));
-        count_some(&single(scanner, strongest, &rig), grid) as f64
+        value_of_some(&single(scanner, strongest, &rig), grid, surface)
     });
     let level_single = alone(level);
     let mut best_single = if best_deg == 0.0 { level_single.clone() } else { alone(tilted(best_deg)) };
     // the search saw a part of the way only
-    if best_single.seen.unique_voxels < level_single.seen.unique_voxels {
+    let value = |single: &Single<Alone>| {
+        single.seen.covered.as_ref().map_or(single.seen.unique_voxels as f64, Covered::main)
+    };
+    if value(&best_single) < value(&level_single) {
         best_single = level_single.clone();
     }
     Baselines {
@@ -95,7 +98,10 @@ pub fn baselines(
         best_single,
         first_single: None,
         pitch_search,
-        search_by: "unique_voxels on some revolutions",
+        search_by: match surface {
+            Some(_) => "completeness at 0.05 m on some revolutions",
+            None => "unique_voxels on some revolutions",
+        },
     }
 }
 
@@ -106,16 +112,26 @@ fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a>
     Scanner { rig, spins: vec![scanner.spins[sensor]], occluders: vec![wearer], ..scanner.clone() }
 }
 
-/// Voxels seen on some revolutions of the only sensor.
-fn count_some(scanner: &Scanner<'_>, grid: &VoxelGrid) -> u64 {
+/// What some revolutions of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
+fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> f64 {
     let per_turn = u64::from(scanner.spins[0].columns);
     let columns = scanner.columns(0);
     let step = search_step(columns / per_turn);
     let chosen: Vec<u64> = (0..columns).filter(|column| (column / per_turn).is_multiple_of(step)).collect();
+    if let Some(surface) = surface {
+        let found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
+        chosen.par_chunks(256).for_each(|part| {
+            let mut adder = found.adder();
+            for column in part.iter().filter_map(|column| scanner.column(0, *column)) {
+                column.returns.iter().for_each(|back| found.add(&mut adder, back.point_m));
+            }
+        });
+        return found.shares()[0];
+    }
     let mut coverage = Coverage::new(grid.clone(), 1);
     for part in chosen.chunks(4096) {
         let made: Vec<_> = part.par_iter().filter_map(|column| scanner.column(0, *column)).collect();
         made.iter().flat_map(|column| &column.returns).for_each(|back| coverage.add(0, back.point_m));
     }
-    coverage.union_count()
+    coverage.union_count() as f64
 }

@@ -98,7 +98,7 @@ pub fn field(args: &Args, placed: &[Placed]) -> anyhow::Result<(Field, Vec<Strin
             1.0 / slow.rate_hz
         );
     }
-    warnings.extend(args.trajectory.doubts(read.mesh.bounds_m(), &trajectory));
+    warnings.extend(args.trajectory.doubts("mesh", read.mesh.bounds_m(), &trajectory));
     let samples = args.samples.take(&read.mesh, args.seed)?;
     let mesh = Arc::new(read.mesh);
     let (scene, taken) = (Scene::Mesh(mesh.clone()), read.taken);
