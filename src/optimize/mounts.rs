@@ -158,13 +158,13 @@ impl MountSearch {
     }
 }
 
-/// Which distance between sensor origins a search must keep.
+/// How far apart a search must keep sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum KeepApart {
     /// None: sensors may lie in each other, as in the published runs.
     None,
-    /// The housings, and the objective's least distance.
+    /// The housings, which may not touch as they are tilted, and the objective's least distance.
     Housings,
     /// This distance, m.
     Distance(f64),
@@ -277,7 +277,10 @@ impl MountProblem {
                 missing_m += (least_m - distance_m).max(0.0);
             }
         }
-        missing_m
+        match self.keep_apart {
+            KeepApart::Housings => missing_m + self.objective.rig(sensors).housing_shortfall_m(),
+            _ => missing_m,
+        }
     }
 }
 

@@ -38,6 +38,22 @@ impl Rig {
         }
         pairs
     }
+
+    /// 0 where no housings touch; otherwise how much farther apart the centres of those that do would have to be for no
+    /// tilt to let them touch, summed over pairs, m.
+    pub fn housing_shortfall_m(&self) -> f64 {
+        let mut missing_m = 0.0;
+        for (index, first) in self.sensors.iter().enumerate() {
+            for second in &self.sensors[index + 1..] {
+                if housing_gap_m(first, second) < TOUCH_M {
+                    let (a, b) = (Cylinder::of(first), Cylinder::of(second));
+                    let apart_m = a.centre_m.distance(b.centre_m);
+                    missing_m += (a.reach_m() + b.reach_m() - apart_m).max(TOUCH_M);
+                }
+            }
+        }
+        missing_m
+    }
 }
 
 /// Least distance between two housings, m; next to 0 where they touch. Both are convex: going from the nearest point of
@@ -73,6 +89,11 @@ impl Cylinder {
             radius_m: sensor.model.housing_radius_m,
             half_height_m: 0.5 * sensor.model.housing_height_m,
         }
+    }
+
+    /// From the centre to the rim.
+    fn reach_m(&self) -> f64 {
+        self.radius_m.hypot(self.half_height_m)
     }
 
     fn nearest_to(&self, point_m: DVec3) -> DVec3 {
@@ -115,6 +136,9 @@ mod tests {
         let reach_m = head_m * 25.0_f64.to_radians().sin() + 0.0435 * 25.0_f64.to_radians().cos();
         assert_eq!(pair(reach_m - 0.001).touching().len(), 1);
         assert!(pair(reach_m - 0.001).clearances(0.0)[0].is_kept(), "the origins are far enough apart");
+        let shortfall_m = |x_m| pair(x_m).housing_shortfall_m();
+        assert!(shortfall_m(reach_m - 0.01) > shortfall_m(reach_m - 0.001));
+        assert_eq!(shortfall_m(reach_m + 0.001), 0.0);
         assert!(pair(reach_m + 0.001).touching().is_empty());
         let gap_m = housing_gap_m(&leaning(reach_m + 0.01, -25.0), &leaning(-reach_m - 0.01, 25.0));
         assert!((gap_m - 0.02).abs() < 1e-4, "{gap_m}");
