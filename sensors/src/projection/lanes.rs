@@ -64,6 +64,8 @@ pub(super) trait Lanes: Copy {
     fn abs(self) -> Self;
     /// Zero where the range is not below a limit.
     fn where_below(self, range_mm: &[u32; BLOCK], at: usize, limit_mm: u32) -> Self;
+    /// Whether any range from `at` on is not 0.
+    fn any(range_mm: &[u32; BLOCK], at: usize) -> bool;
     /// Writes points from `at` on; zeros where the range is 0.
     fn store(point: [Self; 3], range_mm: &[u32; BLOCK], at: usize, out: &mut [[Self::Real; 3]; BLOCK]);
 }
@@ -121,6 +123,11 @@ impl<T: Real> Lanes for Portable<T> {
     #[inline(always)]
     fn where_below(self, range_mm: &[u32; BLOCK], at: usize, limit_mm: u32) -> Self {
         Self::of(|lane| if range_mm[at + lane] < limit_mm { self.0[lane] } else { T::default() })
+    }
+
+    #[inline(always)]
+    fn any(range_mm: &[u32; BLOCK], at: usize) -> bool {
+        range_mm[at..at + 8].iter().any(|range_mm| *range_mm != 0)
     }
 
     #[inline(always)]
@@ -247,6 +254,15 @@ pub(super) mod avx512 {
         }
 
         #[inline(always)]
+        fn any(range_mm: &[u32; BLOCK], _: usize) -> bool {
+            // SAFETY: 16 numbers, in a function for AVX-512.
+            unsafe {
+                let range_mm = _mm512_loadu_si512(range_mm.as_ptr().cast());
+                _mm512_test_epi32_mask(range_mm, range_mm) != 0
+            }
+        }
+
+        #[inline(always)]
         fn store(point: [Self; 3], range_mm: &[u32; BLOCK], _: usize, out: &mut [[f32; 3]; BLOCK]) {
             // SAFETY: 16 ranges and 48 numbers of 16 points, in a function for AVX-512.
             unsafe {
@@ -316,12 +332,19 @@ pub(super) mod avx512 {
 
         #[inline(always)]
         fn where_below(self, range_mm: &[u32; BLOCK], at: usize, limit_mm: u32) -> Self {
-            let metres = wide(range_mm, at);
+            let range_mm = wide(range_mm, at);
             // SAFETY: in a function for AVX-512.
             unsafe {
-                let below = _mm512_cmplt_epu64_mask(metres, _mm512_set1_epi64(i64::from(limit_mm)));
+                let below = _mm512_cmplt_epu64_mask(range_mm, _mm512_set1_epi64(i64::from(limit_mm)));
                 _mm512_maskz_mov_pd(below, self)
             }
+        }
+
+        #[inline(always)]
+        fn any(range_mm: &[u32; BLOCK], at: usize) -> bool {
+            let range_mm = wide(range_mm, at);
+            // SAFETY: in a function for AVX-512.
+            unsafe { _mm512_test_epi64_mask(range_mm, range_mm) != 0 }
         }
 
         #[inline(always)]
