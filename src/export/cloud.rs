@@ -74,10 +74,10 @@ pub struct Cloud {
 
 impl Cloud {
     /// An empty cloud of a sensor with the given beams.
-    pub fn new(source: Source, model: &SensorModel) -> Self {
+    pub fn new(source: Arc<Source>, model: &SensorModel) -> Self {
         let rings = rings(&source, model);
         Self {
-            source: Arc::new(source),
+            source,
             frame_id: 0,
             start_time_ns: 0,
             host_time_ns: 0,
@@ -100,9 +100,9 @@ impl Cloud {
         }
     }
 
-    /// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
+    /// Time for a message header, ns since 1970.
     pub fn stamp_ns(&self) -> u64 {
-        if self.start_time_ns >= FIRST_DATE_NS { self.start_time_ns } else { self.host_time_ns }
+        stamp_ns(self.start_time_ns, self.host_time_ns)
     }
 
     /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
@@ -167,6 +167,11 @@ impl Placer {
         self.projector.points_f64(frame, layer, &mut self.positions_m);
         &self.positions_m
     }
+}
+
+/// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
+pub(super) fn stamp_ns(device_time_ns: u64, host_time_ns: u64) -> u64 {
+    if device_time_ns >= FIRST_DATE_NS { device_time_ns } else { host_time_ns }
 }
 
 fn rings(source: &Source, model: &SensorModel) -> Vec<u16> {

@@ -99,6 +99,21 @@ pub(super) fn unclaimed(
     }
 }
 
+/// What is wrong with a packet of a sensor that its decoder calls malformed, where a wrong setting explains it.
+pub(super) fn damaged(sensor: &Sensor, packet: &Packet<'_>, decoder_says: String) -> String {
+    let guess = Guess::of(packet.payload);
+    let length = packet.payload.len();
+    match (&sensor.family, &guess) {
+        (Family::Ouster(decoder), Guess::OusterLidar { .. })
+            if length != decoder.metadata().packet_format().packet_bytes() =>
+        {
+            let name = sensor.metadata_name.as_deref().unwrap_or("metadata");
+            other_format(&guess, length, decoder.metadata(), name)
+        }
+        _ => decoder_says,
+    }
+}
+
 fn other_format(guess: &Guess, length: usize, metadata: &Metadata, name: &str) -> String {
     let expected = metadata.packet_format();
     format!(

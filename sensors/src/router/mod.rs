@@ -128,8 +128,12 @@ impl Router {
                 self.count_unclaimed(packet, Some(reason));
                 Routed::Unclaimed
             }
-            Err(Rejected::Malformed { .. } | Rejected::Checksum { .. }) => {
-                self.sensors[at].first_source.get_or_insert(packet.source);
+            Err(problem @ (Rejected::Malformed { .. } | Rejected::Checksum { .. })) => {
+                let sensor = &mut self.sensors[at];
+                sensor.first_source.get_or_insert(packet.source);
+                if let Rejected::Malformed { reason } = problem {
+                    sensor.note_damage(packet, reason);
+                }
                 Routed::Damaged(at)
             }
         }

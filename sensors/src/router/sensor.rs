@@ -2,6 +2,7 @@
 
 use std::net::{IpAddr, SocketAddr};
 
+use super::explain;
 use crate::ouster::OusterDecoder;
 use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
 use crate::{DecodeStats, Decoder, Packet, SensorModel};
@@ -15,6 +16,7 @@ pub struct Sensor {
     pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
+    first_damage: Option<String>,
     calibrated: Option<Result<SensorModel, CalibrationError>>,
 }
 
@@ -51,6 +53,7 @@ impl Sensor {
             source_is_known: false,
             first_source: None,
             data_port: None,
+            first_damage: None,
             calibrated: None,
         }
     }
@@ -129,6 +132,17 @@ impl Sensor {
     /// Everything its decoder counted.
     pub fn stats(&self) -> &DecodeStats {
         self.family.decoder().stats()
+    }
+
+    /// What was wrong with the first of its packets that is malformed.
+    pub fn first_damage(&self) -> Option<&str> {
+        self.first_damage.as_deref()
+    }
+
+    pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
+        if self.first_damage.is_none() {
+            self.first_damage = Some(explain::damaged(self, packet, reason));
+        }
     }
 
     /// Takes the first calibration that is meant for it, once it is known what it is.

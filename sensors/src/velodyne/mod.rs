@@ -24,11 +24,11 @@ mod view;
 mod window;
 pub mod wire;
 
-pub use calibration::{Calibration, CalibrationError};
+pub use calibration::{Calibration, CalibrationError, LaserCalibration};
 pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
 pub use detect::Identity;
 pub use encode::{Column, VelodyneEncoder};
-pub use nmea::{Fix, NmeaError};
+pub use nmea::{Fix, NmeaError, rmc_sentence};
 pub use position::{Inertial, Position, PulseState, Thermal};
 pub use product::{Product, ReturnMode};
 pub use stream::Cut;
