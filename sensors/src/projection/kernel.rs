@@ -104,6 +104,11 @@ fn one_block<V: Lanes, const FLAT: bool, const NEAR: bool>(
         if at >= left {
             break;
         }
+        if !V::any(range_mm, at) {
+            // columns that never came, second returns that few firings have
+            out[at..at + V::LANES].fill([V::Real::default(); 3]);
+            continue;
+        }
         let range = V::metres(range_mm, at);
         let direction = lines.direction.each_ref().map(|axis| V::load(axis, at));
         let local =

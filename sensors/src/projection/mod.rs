@@ -103,6 +103,7 @@ mod tests {
         frame.first.range_mm =
             (0..channels * columns).map(|at| random() % [300_000, 30_000][at % 2]).collect();
         frame.first.range_mm[7] = 0;
+        frame.first.range_mm[2 * channels..4 * channels].fill(0);
         frame
     }
 

@@ -121,8 +121,8 @@ impl<T: Real> Tables<T> {
                 lines.direction[axis][lane] = T::from_f64(direction[axis]);
                 lines.origin[axis][lane] = T::from_f64(origin_m[axis]);
             }
-            for axis in 0..2 {
-                lines.near[axis][lane] = T::from_f64(near[axis]);
+            for (lines, near) in lines.near.iter_mut().zip(near) {
+                lines[lane] = T::from_f64(near);
             }
         }
     }

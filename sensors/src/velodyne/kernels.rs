@@ -4,8 +4,6 @@
 
 use super::wire::DATA_PACKET_BYTES;
 
-/// Lasers of a part come in groups of this many.
-pub(super) const GROUP: usize = 16;
 const MEASUREMENT_BYTES: usize = 3;
 
 /// Reads measurements (2 bytes of distance, 1 of reflectivity) from byte `at` on into whole groups of lasers. They lie
@@ -75,7 +73,10 @@ fn drop_repeated_here(first: (&[u32], &[u8]), second: (&mut [u32], &mut [u8])) {
 mod avx512 {
     use std::arch::x86_64::*;
 
-    use super::{DATA_PACKET_BYTES, GROUP, MEASUREMENT_BYTES};
+    use super::{DATA_PACKET_BYTES, MEASUREMENT_BYTES};
+
+    /// Lasers of a part come in groups of this many.
+    const GROUP: usize = 16;
 
     /// Distances and reflectivities of four measurements (12 bytes), each as a 32-bit number; -1 is a zero.
     const DISTANCES: [i8; 16] = [0, 1, -1, -1, 3, 4, -1, -1, 6, 7, -1, -1, 9, 10, -1, -1];
