@@ -10,10 +10,12 @@ mod closed_loop;
 mod decode;
 mod demo;
 mod export;
+mod firmware;
 mod fuzz;
 mod optimize;
 mod ouster;
 mod rig;
+mod rig_damage;
 mod rig_verbs;
 mod scenes;
 mod session;
@@ -28,10 +30,12 @@ fn main() -> std::process::ExitCode {
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
+        ("firmware", firmware::CASES),
         ("fuzz", fuzz::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("rig_damage", rig_damage::CASES),
         ("rig_verbs", rig_verbs::CASES),
         ("scenes", scenes::CASES),
         ("session", session::CASES),

@@ -1,6 +1,6 @@
 //! What a rig may do, in numbers.
 
-use crate::keep_out::KeepOut;
+use crate::keep_out::{HalfPlane, KeepOut};
 use crate::report::coded;
 
 coded! {
@@ -110,5 +110,14 @@ impl<const N: usize> Default for Config<N> {
             firmware: 0x00_01_00,
             revision: 0,
         }
+    }
+}
+
+impl Config<2> {
+    /// A mirrored pair that tilts ± 60 degrees each and must not tip both sensors inwards by more than 80 degrees
+    /// together.
+    pub fn mirrored_pair(uid: u64) -> Self {
+        let inwards = HalfPlane { a: -1, b: 1, c: 1_396_263 };
+        Self { keep_out: KeepOut::inside(&[inwards]).unwrap_or_default(), uid, ..Self::default() }
     }
 }

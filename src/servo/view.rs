@@ -103,7 +103,8 @@ impl View {
                     for fault in Fault::ALL.into_iter().filter(|fault| !faults.contains(*fault)) {
                         self.fault_axis[usize::from(fault.code())] = None;
                     }
-                } else {
+                } else if self.heartbeat.is_some() {
+                    // before ours came, they are what the rig said to nobody: a line may hold seconds of it
                     self.strangers += 1;
                 }
             }

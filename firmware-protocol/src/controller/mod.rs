@@ -339,4 +339,6 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 }
 
 #[cfg(test)]
+mod model_tests;
+#[cfg(test)]
 mod tests;

@@ -90,6 +90,10 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                     speed_mrad_s: speed.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
                 });
             }
+            // a host that opens the line later, or lost the first one, still learns why the rig started
+            if self.session.is_none() {
+                self.introduce(tell);
+            }
             for fault in self.faults.iter() {
                 self.tell_fault(fault, tell);
             }

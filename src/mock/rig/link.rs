@@ -10,8 +10,18 @@ use crate::servo::{Link, LinkError, Received};
 
 const STEP_US: u64 = 1000;
 
-/// Is shown the time, µs, and where the axes really are, µrad.
-type Watch = Box<dyn FnMut(u64, [i32; 2]) + Send>;
+/// What no line tells.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// Since the start, µs.
+    pub time_us: u64,
+    /// Where the axes really are, µrad.
+    pub position_urad: [i32; 2],
+    /// Whether the rig may move.
+    pub armed: bool,
+}
+
+type Watch = Box<dyn FnMut(Truth) + Send>;
 
 /// A mock rig and a line to it.
 pub struct SimulatedLink {
@@ -47,8 +57,8 @@ impl SimulatedLink {
         self.faults.push_back((time_us, fault));
     }
 
-    /// Shows every millisecond where the axes really are, µrad.
-    pub fn watch(&mut self, watch: impl FnMut(u64, [i32; 2]) + Send + 'static) {
+    /// Shows the truth every millisecond.
+    pub fn watch(&mut self, watch: impl FnMut(Truth) + Send + 'static) {
         self.watch = Some(Box::new(watch));
     }
 
@@ -73,7 +83,7 @@ impl SimulatedLink {
             self.frames.extend(self.receiver.push(byte).map(|frame| Received { time_ns, frame }));
         }
         if let ([Some(a), Some(b)], Some(watch)) = (self.device.true_positions_urad(), &mut self.watch) {
-            watch(self.now_us, [a, b]);
+            watch(Truth { time_us: self.now_us, position_urad: [a, b], armed: self.device.armed() });
         }
     }
 

@@ -18,7 +18,7 @@ mod proxy;
 
 pub use device::{AxisKind, MockAxis, MockConfig, MockDevice};
 pub use fault::MockFault;
-pub use link::SimulatedLink;
+pub use link::{SimulatedLink, Truth};
 pub use proxy::{Damage, Proxy};
 
 enum Message {

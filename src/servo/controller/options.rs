@@ -15,6 +15,8 @@ pub struct Options {
     pub node: u8,
     /// How long the rig may miss the host before it stops and holds.
     pub heartbeat_timeout: Duration,
+    /// How long a connected rig, which says something every 20 ms, may say nothing at all.
+    pub silence: Duration,
     /// Time between repeats of an order that is not acknowledged.
     pub retry: Duration,
     /// How long an answer may take, repeats included.
@@ -37,6 +39,7 @@ impl Default for Options {
             session: 1,
             node: 1,
             heartbeat_timeout: Duration::from_secs(1),
+            silence: Duration::from_secs(1),
             retry: Duration::from_millis(120),
             answer_within: Duration::from_millis(1500),
             settle_within: Duration::from_secs(20),

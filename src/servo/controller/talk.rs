@@ -12,8 +12,6 @@ const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
 const STRANGERS: u32 = 5;
-/// A rig says something every 20 ms; this much silence is a rig without power behind a living adapter.
-const SILENCE: Duration = Duration::from_secs(1);
 
 impl<L: Link> RigController<L> {
     /// Sends an order until it is acknowledged; the order's number.
@@ -190,9 +188,11 @@ impl<L: Link> RigController<L> {
             return Err(RigError::Restarted { cause: self.reset_cause() });
         }
         let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
-        if self.connected && silence_ns > SILENCE.as_nanos() as u64 {
+        let within = self.options.silence;
+        // a rig without power behind a living adapter
+        if self.connected && silence_ns > within.as_nanos() as u64 {
             let heard = "it says nothing at all: no power, or another program's hands on it".to_owned();
-            return Err(RigError::NoAnswer { what: "heartbeats", within: SILENCE, heard });
+            return Err(RigError::NoAnswer { what: "heartbeats", within, heard });
         }
         Ok(())
     }
