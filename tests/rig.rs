@@ -4,10 +4,10 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use firmware_protocol::simulated::AxisFault;
-use firmware_protocol::{AckCode, HalfPlane, KeepOut, ResetCause};
+use firmware_protocol::{AckCode, Command, Frame, HalfPlane, KeepOut, ResetCause};
 use outrigger::mock::dynamixel::MockDynamixel;
 use outrigger::mock::rig::{AxisKind, Damage, MockConfig, MockFault, MockRig, SimulatedLink};
-use outrigger::servo::{Link, LinkError, Options, Rig, RigController, RigError, SerialLink, ServoReport};
+use outrigger::servo::{LinkError, Options, Rig, RigController, RigError, SerialLink, ServoReport};
 
 use crate::support::{Case, case};
 
@@ -24,6 +24,8 @@ pub const CASES: &[Case] = &[
         slow_answers_are_waited_for_and_wrong_ones_ignored,
     ),
     case("interrupts_hold_then_stop", interrupts_hold_then_stop),
+    case("a_pitch_is_approached_from_below", a_pitch_is_approached_from_below),
+    case("a_second_host_takes_over_and_the_first_says_so", a_second_host_takes_over_and_the_first_says_so),
     case("a_servo_that_measures_nothing_says_so", a_servo_that_measures_nothing_says_so),
     case("the_rig_speaks_through_a_can_adapter", the_rig_speaks_through_a_can_adapter),
     case("bought_servos_are_a_rig_too", bought_servos_are_a_rig_too),
@@ -246,6 +248,39 @@ fn interrupts_hold_then_stop() {
     rig.apply(&[0.0, 0.0], |_| {}).unwrap();
 }
 
+/// With play before the shaft, where it stands depends on where it came from, unless that is always the same side.
+fn a_pitch_is_approached_from_below() {
+    let mut directions = Vec::new();
+    for start in [0.6, -0.6] {
+        let mut rig = ready(clean(14), Options::default());
+        rig.apply(&[start, start], |_| {}).unwrap();
+        let mut seen = Vec::new();
+        let applied = rig.apply(&[0.2, 0.1], |progress| seen.push(progress.measured_rad[0])).unwrap();
+        assert!(applied.axes.iter().all(|axis| axis.approach == "from_below"), "{applied:?}");
+        let lowest = seen.iter().rev().take_while(|at| **at < 0.21).fold(f64::MAX, |low, at| low.min(*at));
+        directions.push(lowest < 0.2 - 0.012);
+    }
+    assert_eq!(directions, [true, true]);
+    // where the limits leave no room, it says so
+    let mut rig = ready(clean(14), Options::default());
+    let applied = rig.apply(&[0.3, -1.045], |_| {}).unwrap();
+    assert!(applied.axes.iter().all(|axis| axis.approach == "either"), "{applied:?}");
+    let mut straight = ready(clean(14), Options { approach_rad: 0.0, ..Options::default() });
+    straight.apply(&[0.6, 0.0], |_| {}).unwrap();
+    let mut lowest = f64::MAX;
+    straight.apply(&[0.2, 0.0], |progress| lowest = lowest.min(progress.measured_rad[0])).unwrap();
+    assert!(lowest > 0.19, "{lowest}");
+}
+
+fn a_second_host_takes_over_and_the_first_says_so() {
+    let hello = Command::Hello { protocol_min: 1, protocol_max: 1, heartbeat_timeout_ms: 1000, nonce: 4711 };
+    let mut link = clean(15);
+    link.another_says_at(2_000_000, Frame::command(0, 1, &hello));
+    let mut rig = ready(link, Options::default());
+    let error = rig.apply(&[1.0, -1.0], |_| {}).unwrap_err();
+    assert!(matches!(error, RigError::TakenOver), "{error}");
+}
+
 fn a_servo_that_measures_nothing_says_so() {
     let config = MockConfig { kind: AxisKind::Pulse, ..MockConfig::default() };
     let mut rig = ready(SimulatedLink::new(config, 11, NO_DAMAGE), Options::default());
@@ -304,7 +339,7 @@ fn bought_servos_are_a_rig_too() {
     let nobody = Rig::connect(format!("dynamixel:{}@57600:1,9", absent.path().display())).err().unwrap();
     assert!(nobody.to_string().contains("servo 9") && nobody.to_string().contains("no answer"), "{nobody}");
     let typo = Rig::connect("dynamixel:/dev/null@fast").err().unwrap();
-    assert!(typo.to_string().contains("expected dynamixel:PATH"), "{typo}");
+    assert!(typo.to_string().contains("dynamixel:PATH@BAUD:ID,ID"), "{typo}");
 }
 
 fn bought_servos_that_shut_down_are_a_fault() {

@@ -134,6 +134,14 @@ impl Link for SerialLink {
         *self.counters.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
+    }
+
     fn name(&self) -> &str {
         &self.path
     }

@@ -81,6 +81,14 @@ impl Link for BoardTime {
         self.line.counters()
     }
 
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
+    }
+
     fn name(&self) -> &str {
         self.line.name()
     }

@@ -5,7 +5,6 @@ use crate::fault::Fault;
 use crate::report::Report;
 use crate::servo::Servo;
 
-const POSITION_US: u64 = 20_000;
 const TARGET_US: u64 = 50_000;
 const HEARTBEAT_US: u64 = 100_000;
 const SLOW_US: u64 = 200_000;
@@ -47,11 +46,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         if !core::mem::replace(&mut self.schedule.introduced, true) {
             self.introduce(tell);
         }
-        if due(now, &mut self.schedule.position_us, POSITION_US) {
+        if due(now, &mut self.schedule.position_us, self.config.position_every_us.into()) {
             for (number, axis) in self.axes.iter().enumerate() {
                 tell(Report::Position {
                     axis: number as u8,
-                    source: self.source(axis),
+                    source: self.source(number),
                     time_ms: (axis.measured_us / 1000) as u16,
                     position_urad: axis.measured_urad,
                 });

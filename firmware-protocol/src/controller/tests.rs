@@ -5,6 +5,7 @@ use std::vec::Vec;
 
 use super::Controller;
 use crate::command::CLEAR_KEY;
+use crate::config::Home;
 use crate::simulated::{AxisFault, SimulatedAxis};
 use crate::{
     ALL_AXES, AckCode, Command, Config, Fault, HalfPlane, KeepOut, Limit, Order, Report, ResetCause, State,
@@ -309,4 +310,67 @@ fn another_host_finds_a_disarmed_rig() {
     bench.tell(Command::Hello { protocol_min: 1, protocol_max: 1, heartbeat_timeout_ms: 300, nonce: 9 });
     bench.run(10);
     assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Idle, false));
+}
+
+/// A pair whose encoders count from where they were switched on, with switches at -30 degrees.
+fn switched(start_urad: [i32; 2]) -> Bench {
+    const AT_URAD: i32 = -523_599;
+    let mut config = config();
+    for axis in &mut config.axes {
+        axis.home = Home::Switch { at_urad: AT_URAD, speed_urad_s: -100_000, longest_urad: 1_600_000 };
+    }
+    let axes = [0, 1]
+        .map(|axis| SimulatedAxis::new(axis as u64 + 1, start_urad[axis], 0).counting_from_start(AT_URAD));
+    let mut bench = Bench::new(1);
+    bench.controller = Controller::new(config, axes, ResetCause::BrownOut, 0);
+    bench.run(50);
+    bench.hello();
+    assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::Accepted);
+    bench
+}
+
+#[test]
+fn an_axis_without_an_absolute_encoder_homes_on_its_switch() {
+    // the second one stands behind its switch already, and first goes away from it
+    let mut bench = switched([200_000, -600_000]);
+    assert_eq!(bench.pair(0, 0), AckCode::NotHomed);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    bench.run(3000);
+    assert_eq!(bench.controller.state(), State::Homing);
+    assert!((bench.at()[1] + 600_000).abs() < 3000, "the second axis waits for the first");
+    bench.run(9000);
+    assert_eq!(bench.controller.state(), State::Holding, "{:?}", bench.controller.faults());
+    assert_eq!(bench.pair(300_000, -300_000), AckCode::Accepted);
+    bench.run(3000);
+    // the switch is read once a millisecond while the shaft goes 0.1 mrad in it, and the gears have play
+    let [a, b] = bench.at();
+    assert!((a - 300_000).abs() < 6000 && (b + 300_000).abs() < 6000, "{a} {b}");
+    assert_eq!(bench.pair(1_040_000, 0), AckCode::Accepted, "limits are those of the homed angle");
+}
+
+#[test]
+fn a_switch_that_never_closes_is_a_fault() {
+    let mut bench = switched([200_000, 0]);
+    bench.controller.servo_mut(0).unwrap().home_switch_urad = Some(-3_000_000);
+    assert_eq!(bench.order(Order::Home { axis: 0 }), AckCode::Accepted);
+    bench.run(20_000);
+    assert!(!bench.controller.faults().is_empty());
+    assert_eq!(bench.controller.state(), State::Fault);
+    let before = bench.at()[0];
+    bench.run(1000);
+    assert!((bench.at()[0] - before).abs() < 3000, "it stands");
+    assert!(!bench.controller.armed());
+}
+
+#[test]
+fn homing_on_a_switch_stops_when_told() {
+    let mut bench = switched([200_000, 0]);
+    assert_eq!(bench.order(Order::Home { axis: 0 }), AckCode::Accepted);
+    bench.run(1000);
+    assert_eq!(bench.order(Order::Hold), AckCode::Accepted);
+    bench.run(500);
+    let before = bench.at()[0];
+    bench.run(1000);
+    assert!((bench.at()[0] - before).abs() < 3000);
+    assert_eq!(bench.pair(0, 0), AckCode::NotHomed);
 }

@@ -49,6 +49,14 @@ impl Default for MockConfig {
     }
 }
 
+impl MockConfig {
+    /// The same make, another rig: the low 16 bits of its unique number.
+    pub fn of_number(mut self, number: u64) -> Self {
+        self.firmware.uid = self.firmware.uid & !0xFFFF | number & 0xFFFF;
+        self
+    }
+}
+
 /// One axis of a mock rig.
 #[derive(Clone, Debug)]
 pub enum MockAxis {

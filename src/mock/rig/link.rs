@@ -32,6 +32,7 @@ pub struct SimulatedLink {
     frames: VecDeque<Received>,
     now_us: u64,
     faults: VecDeque<(u64, MockFault)>,
+    others: VecDeque<(u64, Frame)>,
     cut: bool,
     watch: Option<Watch>,
 }
@@ -47,6 +48,7 @@ impl SimulatedLink {
             frames: VecDeque::new(),
             now_us: 0,
             faults: VecDeque::new(),
+            others: VecDeque::new(),
             cut: false,
             watch: None,
         }
@@ -55,6 +57,11 @@ impl SimulatedLink {
     /// Breaks something at a time, µs since the start. Later calls are for later times.
     pub fn inject_at(&mut self, time_us: u64, fault: MockFault) {
         self.faults.push_back((time_us, fault));
+    }
+
+    /// Lets another host say something on the same bus at a time, µs since the start. Later calls are for later times.
+    pub fn another_says_at(&mut self, time_us: u64, frame: Frame) {
+        self.others.push_back((time_us, frame));
     }
 
     /// Shows the truth every millisecond.
@@ -69,6 +76,11 @@ impl SimulatedLink {
                 Some((_, MockFault::HangUp)) => self.cut = true,
                 Some((_, fault)) => self.device.inject(self.now_us, fault),
                 None => {}
+            }
+        }
+        while self.others.front().is_some_and(|(time_us, _)| *time_us <= self.now_us) {
+            if let Some((_, frame)) = self.others.pop_front() {
+                self.device.take(self.now_us, frame.encode().bytes());
             }
         }
         let bytes = self.to_device.receive(self.now_us);
@@ -118,6 +130,14 @@ impl Link for SimulatedLink {
 
     fn counters(&self) -> LinkCounters {
         self.receiver.counters()
+    }
+
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
     }
 
     fn name(&self) -> &str {

@@ -25,6 +25,9 @@ pub struct Options {
     pub settle_within: Duration,
     /// Distance from the target that counts as there, rad.
     pub tolerance_rad: f64,
+    /// How far below its target an axis goes first, when it does not come from there anyway: play then lies on the same
+    /// side each time. 0 goes straight there.
+    pub approach_rad: f64,
     /// The configured limits of each axis, rad; an axis without one has only those of firmware and servo.
     pub limits_rad: Vec<(f64, f64)>,
     /// The configured keep-out region of the pair; the firmware has its own.
@@ -44,6 +47,7 @@ impl Default for Options {
             answer_within: Duration::from_millis(1500),
             settle_within: Duration::from_secs(20),
             tolerance_rad: 0.3f64.to_radians(),
+            approach_rad: 1f64.to_radians(),
             limits_rad: Vec::new(),
             keep_out: KeepOut::NONE,
             report_every: Duration::from_millis(50),
@@ -99,6 +103,8 @@ pub struct AppliedAxis {
     pub measured_rad: f64,
     /// How that is known: `measured` or `commanded`.
     pub source: &'static str,
+    /// The side it came from: `from_below`, or `either` where limits left no room for that.
+    pub approach: &'static str,
     /// How old the reading is, s.
     pub age_s: f64,
     /// Half the width in which the true angle lies around the reading, rad.
