@@ -113,6 +113,8 @@ impl HostedLink {
                 uncertainty_urad: make.uncertainty_urad,
                 // an answer through an operating system is late at times
                 missing_us: 300_000,
+                // and a late reading followed by one in time looks like a leap
+                jump_urad: 100_000,
                 // a shaft that somebody turns by hand is left alone until the rig is armed
                 holds_when_idle: false,
                 ..usual
