@@ -49,6 +49,15 @@ impl VoxelGrid {
         Some(i + self.cells[0] * (j + self.cells[1] * k))
     }
 
+    /// The cells that touch the outside, ascending.
+    pub fn outer_cells(&self) -> impl Iterator<Item = usize> + use<> {
+        let grid = self.clone();
+        (0..grid.len()).filter(move |cell| {
+            let place = grid.place(*cell);
+            (0..3).any(|axis| place[axis] == 0 || place[axis] + 1 == grid.cells[axis])
+        })
+    }
+
     /// Brick of a cell, and the cell's number in it.
     fn brick(&self, cell: usize) -> ([i32; 3], usize) {
         let [i, j, k] = self.place(cell);
@@ -56,7 +65,7 @@ impl VoxelGrid {
     }
 
     /// i, j, k of a cell.
-    fn place(&self, cell: usize) -> [usize; 3] {
+    pub fn place(&self, cell: usize) -> [usize; 3] {
         let [nx, ny, _] = self.cells;
         [cell % nx, cell / nx % ny, cell / (nx * ny)]
     }
@@ -130,6 +139,15 @@ impl Coverage {
     /// Points that fell outside the grid.
     pub fn outside(&self) -> u64 {
         self.outside
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let of = |cells: &Cells| match cells {
+            Cells::Whole(bitmap) => std::mem::size_of_val(&bitmap[..]),
+            Cells::Bricks { index, words } => index.bytes() + std::mem::size_of_val(&words[..]),
+        };
+        self.sensors.iter().map(of).sum()
     }
 
     /// Number of sensors.

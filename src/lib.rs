@@ -8,6 +8,7 @@
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
 pub mod files;
+pub mod instructions;
 pub mod rng;
 pub mod geometry;
 pub mod scene;
@@ -16,8 +17,9 @@ pub mod rig;
 pub mod coverage;
 pub mod surface;
 pub mod simulate;
-pub mod objective;
 pub mod registration;
+pub mod objective;
+pub mod robustness;
 pub mod optimize;
 pub mod compare;
 pub mod servo;
@@ -26,5 +28,7 @@ pub mod record;
 pub mod export;
 pub mod chart;
 pub mod report;
+pub mod study;
 pub mod mock;
+pub mod config;
 pub mod commands;

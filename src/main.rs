@@ -1,7 +1,5 @@
-//! The `outrigger` program: parse, dispatch, exit code.
-
-use clap::Parser;
+//! The `outrigger` program.
 
 fn main() -> std::process::ExitCode {
-    outrigger::commands::Cli::parse().run()
+    outrigger::commands::run(std::env::args_os())
 }

@@ -1,12 +1,13 @@
 //! Score: the terms of J, each with its own number.
 //!
 //! J = U + R_ov(rho) + R_ang(delta) - lambda N: cells seen, a window for the share seen twice, an angle between spin
-//! axes, a price per sensor. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
+//! axes, a price per sensor; where asked for, how well the hits tie scans down. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
 //! Mount Configurations for Mapping Systems", equations 8 to 15.
 
 use sensors::catalogue;
 
 use crate::coverage::Counts;
+use crate::registration::{DEGENERATE, RegistrationQuality, along_published};
 use crate::rig::{Clearance, MountedSensor, Rig};
 use crate::simulate::published::{ExperimentError, Placement, Simulator};
 
@@ -31,6 +32,26 @@ pub struct Weights {
     pub angle_reward: f64,
     /// Taken off at angle zero; in proportion in between.
     pub angle_penalty: f64,
+    /// Added per factor of ten between the least translation eigenvalue (5th percentile along the path) and
+    /// [`DEGENERATE`]; 0 leaves J as published. Not below 0.
+    pub registration: f64,
+    /// Least such eigenvalue that is allowed; 0 allows every one.
+    pub least_conditioning: f64,
+}
+
+/// Eigenvalues below this count as this in the term of J: no information has no logarithm.
+const LEAST_EIGENVALUE: f64 = 1e-6;
+
+impl Weights {
+    /// The term of J for how well scans are tied down: a logarithm, because the eigenvalue has no scale of its own.
+    fn registration_term(&self, quality: &RegistrationQuality) -> f64 {
+        self.registration * (quality.translation_p5.max(LEAST_EIGENVALUE) / DEGENERATE).log10()
+    }
+
+    /// The greatest value of that term: three eigenvalues share a trace of 1.
+    pub fn best_registration_term(&self) -> f64 {
+        self.registration * (1.0 / 3.0 / DEGENERATE).log10()
+    }
 }
 
 impl Default for Weights {
@@ -46,6 +67,8 @@ impl Default for Weights {
             angle_min_deg: 30.0,
             angle_reward: 100.0,
             angle_penalty: 2000.0,
+            registration: 0.0,
+            least_conditioning: 0.0,
         }
     }
 }
@@ -61,12 +84,14 @@ pub struct Terms {
     pub angular: f64,
     /// Price of the sensors, zero or less.
     pub cost: f64,
+    /// How well the hits tie scans down; 0 where nobody asked.
+    pub registration: f64,
 }
 
 impl Terms {
     /// J.
     pub fn objective(&self) -> f64 {
-        self.coverage + self.overlap + self.angular + self.cost
+        self.coverage + self.overlap + self.angular + self.cost + self.registration
     }
 }
 
@@ -87,7 +112,8 @@ pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, sen
         }
         _ => weights.angle_reward,
     };
-    Terms { coverage: counts.union as f64, overlap, angular, cost: -weights.sensor_cost * sensors as f64 }
+    let cost = -weights.sensor_cost * sensors as f64;
+    Terms { coverage: counts.union as f64, overlap, angular, cost, registration: 0.0 }
 }
 
 /// A published experiment with its score and the rule of clearance: what optimizers maximise.
@@ -120,12 +146,47 @@ pub struct Evaluation {
     pub unique_per_sensor: Vec<u64>,
     /// The terms of J.
     pub terms: Terms,
-    /// Whether every pair of sensors keeps its distance.
+    /// Whether every pair of sensors keeps its distance, and the least conditioning is kept.
     pub feasible: bool,
-    /// The pairs that do not.
-    pub violations: Vec<Clearance>,
+    /// What is not kept.
+    pub violations: Vec<Violation>,
+    /// How well the hits tie scans down; none where neither weight nor constraint asks.
+    pub registration: Option<RegistrationQuality>,
     /// Rays cast.
     pub rays: u64,
+}
+
+/// What keeps mounts from being used.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[serde(untagged)]
+pub enum Violation {
+    /// Two sensors too close to each other.
+    Clearance(Clearance),
+    /// Scans that are not tied down as asked for.
+    Conditioning {
+        /// Least translation eigenvalue per hit, 5th percentile along the path.
+        conditioning: f64,
+        /// Least allowed.
+        needed_conditioning: f64,
+    },
+}
+
+impl std::fmt::Display for Violation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Clearance(pair) => write!(
+                f,
+                "{} and {} are {:.4} m apart, needed are {:.4} m",
+                pair.first, pair.second, pair.distance_m, pair.needed_m
+            ),
+            Self::Conditioning { conditioning, needed_conditioning } => {
+                write!(
+                    f,
+                    "conditioning of registration is {conditioning:.6}, needed is {needed_conditioning}"
+                )
+            }
+        }
+    }
 }
 
 impl Objective {
@@ -152,9 +213,42 @@ impl Objective {
     }
 
     /// The terms of J of sensors whose coverage is counted already, without the rest of an evaluation.
-    pub fn terms(&self, sensors: &[Placement], counts: &Counts) -> Terms {
+    pub fn terms(
+        &self,
+        sensors: &[Placement],
+        counts: &Counts,
+        quality: Option<&RegistrationQuality>,
+    ) -> Terms {
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
-        score(&self.weights, counts, min_angle_deg(&axes), sensors.len())
+        let mut terms = score(&self.weights, counts, min_angle_deg(&axes), sensors.len());
+        terms.registration = quality.map_or(0.0, |quality| self.weights.registration_term(quality));
+        terms
+    }
+
+    /// J of physical sensors as they are, without the rest of an evaluation.
+    pub fn score_sensors(&self, sensors: &[Placement]) -> Result<f64, ExperimentError> {
+        let counts = self.simulator.count(sensors)?;
+        Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
+    }
+
+    /// The same objective in another experiment with the same sensor model.
+    pub fn with_simulator(&self, simulator: Simulator) -> Self {
+        Self { simulator, ..self.clone() }
+    }
+
+    /// How well the hits tie scans down, where weight or constraint asks: it costs as much as a coverage.
+    pub fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
+        let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;
+        asked.then(|| RegistrationQuality::of_scans(&along_published(&self.simulator, sensors)))?
+    }
+
+    /// By what share the conditioning falls short of what is needed; 0 when it does not.
+    pub fn conditioning_shortfall(&self, quality: Option<&RegistrationQuality>) -> f64 {
+        let needed = self.weights.least_conditioning;
+        if needed <= 0.0 {
+            return 0.0;
+        }
+        (1.0 - quality.map_or(0.0, |quality| quality.translation_p5) / needed).max(0.0)
     }
 
     /// Least distance between two sensor origins: both housings, or the least distance asked for where that is more, m.
@@ -176,8 +270,15 @@ impl Objective {
     pub fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
         let min_angle_deg = min_angle_deg(&axes);
-        let terms = score(&self.weights, counts, min_angle_deg, sensors.len());
-        let violations = self.violations(sensors);
+        let registration = self.registration(sensors);
+        let terms = self.terms(sensors, counts, registration.as_ref());
+        let mut violations: Vec<_> = self.too_close(sensors).into_iter().map(Violation::Clearance).collect();
+        if self.conditioning_shortfall(registration.as_ref()) > 0.0 {
+            violations.push(Violation::Conditioning {
+                conditioning: registration.as_ref().map_or(0.0, |quality| quality.translation_p5),
+                needed_conditioning: self.weights.least_conditioning,
+            });
+        }
         Evaluation {
             objective: terms.objective(),
             unique_voxels: counts.union,
@@ -190,19 +291,28 @@ impl Objective {
             terms,
             feasible: violations.is_empty(),
             violations,
+            registration,
             rays: self.simulator.experiment().rays_per_sensor() * sensors.len() as u64,
         }
     }
 
-    /// The pairs of sensors that are too close to each other; cheap, so that a search can ask before it scores.
-    pub fn violations(&self, sensors: &[Placement]) -> Vec<Clearance> {
+    /// The pairs of sensors that are too close to each other.
+    fn too_close(&self, sensors: &[Placement]) -> Vec<Clearance> {
+        self.rig(sensors)
+            .clearances(self.least_distance_m)
+            .into_iter()
+            .filter(|pair| !pair.is_kept())
+            .collect()
+    }
+
+    /// The sensors with their housings, named by their numbers.
+    pub fn rig(&self, sensors: &[Placement]) -> Rig {
         let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),
             ..self.housing.clone()
         };
-        let rig = Rig { sensors: sensors.iter().enumerate().map(mounted).collect() };
-        rig.clearances(self.least_distance_m).into_iter().filter(|pair| !pair.is_kept()).collect()
+        Rig { sensors: sensors.iter().enumerate().map(mounted).collect() }
     }
 }
 

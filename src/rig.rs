@@ -1,8 +1,12 @@
 //! Mounts, the sensors on them, and the files that say so.
 
 mod mount_file;
+mod touching;
+mod unit;
 
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
+pub use touching::{Touching, housing_gap_m};
+pub use unit::{Unit, UnitChoice, UnitError};
 
 use glam::{DMat3, DQuat, DVec3};
 use sensors::SensorModel;
@@ -148,6 +152,13 @@ mod tests {
         let axes: Vec<_> = rig.sensors.iter().map(MountedSensor::spin_axis).collect();
         assert_eq!(rig.sensors[1].mount.x_m, -0.06);
         assert!(axes[0].x > 0.0 && axes[0].x == -axes[1].x && axes[0].z == axes[1].z);
+    }
+
+    #[test]
+    fn each_model_brings_its_own_size() {
+        let mut rig = Rig::mirrored(vec![sensor("a", 0.05)]);
+        rig.sensors[1].model = sensors::catalogue::nominal("hdl-64e-s3").unwrap();
+        assert!((rig.clearances(0.0)[0].needed_m - (0.0435 + 0.1118)).abs() < 1e-12);
     }
 
     #[test]

@@ -18,13 +18,14 @@ use sensors::ouster::{Metadata, OusterDecoder, Profile, Synthetic};
 use sensors::velodyne::{Options, Product, ReturnMode, VelodyneDecoder};
 use sensors::{Decoded, Decoder, Packet, catalogue};
 
-use crate::support::{Case, case};
+use crate::support::{Case, case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
     case("every_ouster_sees_what_was_predicted", every_ouster_sees_what_was_predicted),
     case("every_velodyne_sees_what_was_predicted", every_velodyne_sees_what_was_predicted),
     case("every_model_of_the_catalogue_is_in_the_loop", every_model_of_the_catalogue_is_in_the_loop),
     case("range_noise_shows_as_noise", range_noise_shows_as_noise),
+    with_shared("a_furnished_house_closes_the_loop", a_furnished_house_closes_the_loop),
 ];
 
 /// UTC, because a Velodyne sends only its place in the hour: the host's clock says which.
@@ -41,6 +42,22 @@ fn hall() -> Scene {
 
 fn walk() -> Trajectory {
     Trajectory::straight(DVec3::new(-1.0, 0.1, 0.0), DVec3::new(-0.85, 0.12, 0.03), 1.0, START_NS)
+}
+
+/// Where the loop is closed.
+struct Place {
+    scene: Scene,
+    walk: Trajectory,
+    /// Share of the rays that the rounding of azimuths may lead past an edge.
+    past_edges: f64,
+    /// Share of the cells that the rounding of ranges may leave open.
+    open_cells: f64,
+}
+
+impl Place {
+    fn hall() -> Self {
+        Self { scene: hall(), walk: walk(), past_edges: 0.0, open_cells: 0.12 }
+    }
 }
 
 /// What the true firings hit: cells that rounding cannot take away, and cells it could add.
@@ -96,12 +113,18 @@ fn predict(sensor: &MockSensor, scene: &Scene, walk: &Trajectory, grid: &VoxelGr
 }
 
 /// Measures, encodes, decodes, lays against the scene and compares with the prediction.
-fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder, host_late_ns: u64) {
-    let (scene, walk) = (hall(), walk());
+fn close_the_loop(
+    what: &str,
+    place: &Place,
+    mut sensor: MockSensor,
+    decoder: &mut dyn Decoder,
+    host_late_ns: u64,
+) {
+    let Place { scene, walk, past_edges, open_cells } = place;
     let grid = VoxelGrid::centred_on(scene.bounds_m(), 0.1);
-    let prediction = predict(&sensor, &scene, &walk, &grid);
-    let mut replay = replay(&scene, &walk, &sensor, &grid);
-    run(&mut sensor, 0.0, host_late_ns, &scene, &walk, decoder, &mut replay);
+    let prediction = predict(&sensor, scene, walk, &grid);
+    let mut replay = replay(scene, walk, &sensor, &grid);
+    run(&mut sensor, 0.0, host_late_ns, scene, walk, decoder, &mut replay);
     let stats = decoder.stats();
     assert_eq!(
         (stats.malformed, stats.crc_errors, stats.lost_packets, stats.late),
@@ -110,12 +133,13 @@ fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder,
     );
     assert!(stats.frames >= 2, "{what}: {stats:?}");
     let rays = replay.rays[0];
-    assert_eq!((rays.short, rays.long, rays.extra), (0, 0, 0), "{what}: {rays:?}");
+    let at_edges = (past_edges * prediction.hits as f64) as u64;
+    assert!(rays.short.max(rays.long).max(rays.extra) <= at_edges, "{what}: {rays:?}");
     // the walk may end between the true time of a group of lasers and its time in the packet, rounded to 1 us
     let at_the_end = 8;
-    assert!(rays.drop <= at_the_end, "{what}: {rays:?}");
+    assert!(rays.drop <= at_the_end + at_edges, "{what}: {rays:?}");
     assert!(
-        rays.agree.abs_diff(prediction.hits) <= at_the_end,
+        rays.agree.abs_diff(prediction.hits) <= at_the_end + 2 * at_edges,
         "{what}: {} hits predicted, {rays:?}",
         prediction.hits
     );
@@ -129,7 +153,7 @@ fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder,
     let undecided: u32 = open.iter().map(|word| word.count_ones()).sum();
     let share = f64::from(undecided) / prediction.certain.union_count() as f64;
     assert!(
-        share < 0.12,
+        share < *open_cells,
         "{what}: rounding leaves {undecided} cells open beside {}",
         prediction.certain.union_count()
     );
@@ -187,6 +211,7 @@ fn every_ouster_sees_what_was_predicted() {
         let mut decoder = OusterDecoder::new(known);
         close_the_loop(
             &format!("{name} {}", profile.name()),
+            &Place::hall(),
             MockSensor::ouster(metadata),
             &mut decoder,
             HOST_LATE_NS,
@@ -200,7 +225,7 @@ fn every_velodyne_sees_what_was_predicted() {
         let mut decoder = VelodyneDecoder::new(Options { product: Some(product), ..Options::default() });
         // the packets of an S1 carry no time: the host's stamps date them
         let host_late_ns = if product == Product::Hdl64eS1 { 0 } else { HOST_LATE_NS };
-        close_the_loop(product.name(), sensor, &mut decoder, host_late_ns);
+        close_the_loop(product.name(), &Place::hall(), sensor, &mut decoder, host_late_ns);
     }
 }
 
@@ -226,4 +251,31 @@ fn range_noise_shows_as_noise() {
     let share = (rays.short + rays.long) as f64 / rays.informative() as f64;
     assert!((share - 0.317).abs() < 0.01, "{rays:?}");
     assert!((rays.short as f64 / rays.long as f64 - 1.0).abs() < 0.05, "{rays:?}");
+}
+
+/// Real walls, furniture and openings: single and dual returns, fine and coarse ranges, both makers.
+fn a_furnished_house_closes_the_loop() {
+    let mesh = outrigger::scene::load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
+    let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
+    let here = Trajectory::from_tum(&text).unwrap().at(10_000_000_000).unwrap().translation_m;
+    let walk = Trajectory::straight(here, here + DVec3::new(0.12, 0.09, 0.0), 1.0, START_NS);
+    let scene = Scene::Mesh(std::sync::Arc::new(mesh));
+    let exact = Place { scene: scene.clone(), walk: walk.clone(), past_edges: 0.0, open_cells: 0.3 };
+    for (name, profile) in [
+        ("os0-128", Profile::Rng19Rfl8Sig16Nir16Dual),
+        ("os1-64", Profile::Rng15Rfl8Nir8Dual),
+        ("os2-32", Profile::Legacy),
+    ] {
+        let metadata = ouster(name, profile);
+        let mut decoder = OusterDecoder::new(metadata.clone());
+        let what = format!("house, {name} {}", profile.name());
+        close_the_loop(&what, &exact, MockSensor::ouster(metadata), &mut decoder, HOST_LATE_NS);
+    }
+    // a Velodyne says its azimuths to 0.01 degrees
+    let rounded = Place { scene, walk, past_edges: 5e-4, open_cells: 0.3 };
+    for product in [Product::Vlp16, Product::Vlp32c, Product::Hdl64eS3] {
+        let sensor = MockSensor::velodyne(product, ReturnMode::Strongest, 10.0).unwrap();
+        let mut decoder = VelodyneDecoder::new(Options { product: Some(product), ..Options::default() });
+        close_the_loop(&format!("house, {}", product.name()), &rounded, sensor, &mut decoder, HOST_LATE_NS);
+    }
 }

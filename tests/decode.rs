@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use sensors::capture::{CaptureReader, PcapngWriter};
 use serde_json::Value;
 
+use crate::support::datagram::{datagrams, write_capture};
 use crate::support::{Case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
@@ -205,19 +205,14 @@ fn a_cut_capture_is_decoded_up_to_the_cut() {
 
 /// The capture again as pcapng, without the lidar packets that `leave_out` names by their number.
 fn rewritten(capture: &str, to: &Path, leave_out: &[usize]) -> PathBuf {
-    let mut reader = CaptureReader::open(&shared(capture)).unwrap();
-    let mut writer = PcapngWriter::new(Vec::new()).unwrap();
-    let interface = writer.add_interface("again").unwrap();
     let mut number = 0;
-    while let Some(packet) = reader.next().unwrap() {
-        let lidar = packet.payload.len() > 1000;
-        if !lidar || !leave_out.contains(&number) {
-            writer.write(interface, &packet).unwrap();
-        }
+    let mut all = datagrams(&shared(capture));
+    all.retain(|datagram| {
+        let lidar = datagram.payload.len() > 1000;
         number += usize::from(lidar);
-    }
-    std::fs::write(to, writer.close(&[]).unwrap()).unwrap();
-    to.to_owned()
+        !lidar || !leave_out.contains(&(number - 1))
+    });
+    write_capture(to, &all)
 }
 
 fn a_lost_packet_is_data_lost() {

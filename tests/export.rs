@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use glam::DVec3;
-use outrigger::export::{Cloud, Export, ExportError, Format, Source};
+use outrigger::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
+use sensors::ouster::ImuSample;
 use sensors::projection::points_f64;
 use sensors::{Frame, Layer, SensorModel, catalogue};
 
@@ -15,6 +16,8 @@ pub const CASES: &[Case] = &[
     case("las_and_laz_hold_the_points", las_and_laz_hold_the_points),
     case("e57_holds_a_scan_per_frame", e57_holds_a_scan_per_frame),
     case("mcap_holds_a_message_per_frame", mcap_holds_a_message_per_frame),
+    case("foxglove_messages_hold_the_points", foxglove_messages_hold_the_points),
+    case("inertial_samples_have_a_topic", inertial_samples_have_a_topic),
     case("a_file_appears_whole_or_not_at_all", a_file_appears_whole_or_not_at_all),
     case("the_same_points_give_the_same_bytes", the_same_points_give_the_same_bytes),
 ];
@@ -66,7 +69,7 @@ fn frame() -> Frame {
 }
 
 fn cloud() -> Cloud {
-    let mut cloud = Cloud::new(source(), &model());
+    let mut cloud = Cloud::new(source().into(), &model());
     cloud.fill(&model(), &frame());
     cloud
 }
@@ -76,7 +79,7 @@ fn write(format: Format, frames: usize, path: &Path) -> u64 {
     for _ in 0..frames {
         export.add(&cloud()).unwrap();
     }
-    export.finish().unwrap()
+    export.finish().unwrap().points
 }
 
 /// Every return once, with its position by the exact projection.
@@ -214,6 +217,55 @@ fn mcap_holds_a_message_per_frame() {
     }
 }
 
+fn foxglove_messages_hold_the_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    write(Format::Foxglove, 2, &path);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut messages = 0;
+    for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+        messages += 1;
+        assert_eq!(message.channel.schema.as_ref().unwrap().name, "foxglove.PointCloud");
+        let cloud = <foxglove::messages::PointCloud as foxglove::Decode>::decode(&message.data[..]).unwrap();
+        assert_eq!((cloud.frame_id.as_str(), cloud.point_stride), ("left, vlp-16", 30));
+        let positions = cloud.data.chunks(30).map(|r| DVec3::new(f32_at(r, 0), f32_at(r, 4), f32_at(r, 8)));
+        assert_same(positions.collect(), 1e-6);
+        let last = cloud.fields.last().unwrap();
+        assert_eq!((last.name.as_str(), last.offset), ("return_number", 29));
+        assert_eq!(cloud.data.chunks(30).filter(|record| record[29] == 2).count(), 5);
+    }
+    assert_eq!(messages, 2);
+}
+
+fn inertial_samples_have_a_topic() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag_0.mcap");
+    let mut export = Export::create(&path, Format::Mcap, false).unwrap();
+    for number in 0..3 {
+        let sample = ImuSample {
+            time_ns: START_NS + number,
+            acceleration_m_s2: [0.5, -0.25, 9.75],
+            angular_rate_rad_s: [0.125, 0.0, -1.0],
+        };
+        export.add_imu(&source(), &sample, START_NS + 10 * number).unwrap();
+    }
+    let written = export.finish().unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    for message in mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap) {
+        assert_eq!(message.channel.topic, "/left__vlp_16/imu");
+        let f64_from_end = |count: usize| {
+            let at = message.data.len() - 8 * count;
+            f64::from_le_bytes(message.data[at..at + 8].try_into().unwrap())
+        };
+        // the message ends with acceleration and its nine covariances, before it the same of the angular rate
+        assert_eq!([12, 11, 10].map(f64_from_end), [0.5, -0.25, 9.75]);
+        assert_eq!([24, 23, 22].map(f64_from_end), [0.125, 0.0, -1.0]);
+    }
+    write_bag_metadata(folder.path(), "bag_0.mcap", &written).unwrap();
+    let metadata = std::fs::read_to_string(folder.path().join("metadata.yaml")).unwrap();
+    assert!(metadata.contains("message_count: 3") && metadata.contains("nanoseconds: 20"), "{metadata}");
+}
+
 fn a_file_appears_whole_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("new/a.ply");
@@ -235,10 +287,9 @@ fn a_file_appears_whole_or_not_at_all() {
 
 fn the_same_points_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    for format in [Format::Pcd, Format::Ply, Format::Csv, Format::Las, Format::Laz, Format::E57, Format::Mcap]
-    {
+    for format in <Format as clap::ValueEnum>::value_variants().iter().copied() {
         let bytes = ["a", "b"].map(|name| {
-            let path = folder.path().join(name).with_extension(format.extension());
+            let path = folder.path().join(format!("{name}-{format:?}")).with_extension(format.extension());
             write(format, 2, &path);
             std::fs::read(&path).unwrap()
         });

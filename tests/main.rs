@@ -7,19 +7,23 @@ mod support;
 
 mod cli;
 mod closed_loop;
+mod config;
 mod decode;
 mod demo;
 mod export;
 mod firmware;
 mod fuzz;
+mod inspect;
 mod optimize;
 mod ouster;
 mod rig;
 mod rig_damage;
 mod rig_verbs;
+mod scene_reports;
 mod scenes;
 mod session;
 mod simulator;
+mod study;
 mod tidy;
 mod velodyne;
 
@@ -27,19 +31,23 @@ fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
+        ("config", config::CASES),
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
         ("firmware", firmware::CASES),
         ("fuzz", fuzz::CASES),
+        ("inspect", inspect::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
         ("rig_damage", rig_damage::CASES),
         ("rig_verbs", rig_verbs::CASES),
+        ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
+        ("study", study::CASES),
         ("tidy", tidy::CASES),
         ("velodyne", velodyne::CASES),
     ];

@@ -34,6 +34,15 @@ pub const CASES: &[Case] = &[
     ),
     case("the_command_finds_writes_and_goes_on", the_command_finds_writes_and_goes_on),
     case("housings_that_must_not_collide_do_not", housings_that_must_not_collide_do_not),
+    case(
+        "prices_at_which_counts_tie_do_not_stop_the_search",
+        prices_at_which_counts_tie_do_not_stop_the_search,
+    ),
+    case("needles_on_a_hill_are_climbed", needles_on_a_hill_are_climbed),
+    case("optima_on_a_border_are_hit", optima_on_a_border_are_hit),
+    case("a_servo_s_steps_and_limits_are_kept", a_servo_s_steps_and_limits_are_kept),
+    case("robust_searches_report_what_is_built", robust_searches_report_what_is_built),
+    case("a_budget_of_rays_and_all_outputs", a_budget_of_rays_and_all_outputs),
     case("small_budgets_are_kept_to_the_evaluation", small_budgets_are_kept_to_the_evaluation),
 ];
 
@@ -206,6 +215,7 @@ fn hartmann6(x: &[f64]) -> f64 {
 fn methods_climb_hartmann_in_six_dimensions() {
     let space = Space::new((1..=6).map(|i| real(&format!("x{i}"), 0.0, 1.0)).collect()).unwrap();
     for (kind, budget, least) in [
+        (Kind::Random, 3000, 2.2),
         (Kind::Staged, 1500, 3.1),
         (Kind::Pattern, 1500, 3.1),
         (Kind::Bayesian, 70, 2.8),
@@ -216,6 +226,54 @@ fn methods_climb_hartmann_in_six_dimensions() {
     ] {
         let best = run(&space, kind, settings(3, budget), hartmann6).best().unwrap().score;
         assert!(best > least && best < 3.322_38, "{}: {best}", kind.name());
+    }
+}
+
+/// One part or two are worth exactly the same wherever the first is: neither may keep the search from the best place.
+fn prices_at_which_counts_tie_do_not_stop_the_search() {
+    for &kind in Kind::ALL {
+        let budget = few_if_modelled(kind, 400);
+        let search = run(&parts_space(), kind, settings(6, budget), |x| {
+            let used = x[0] as usize;
+            let mean = x[1..=used].iter().map(|place| (place - 0.3).abs()).sum::<f64>() / used as f64;
+            10.0 - mean
+        });
+        let best = search.best().unwrap();
+        assert!(best.score > 9.95, "{}: {best:?}", kind.name());
+    }
+}
+
+/// A smooth hill of 1 under needles of width 0.002 and height 0.3, piecewise constant.
+fn needles(x: &[f64]) -> f64 {
+    let hill = 1.0 - 0.5 * (x[0] - 0.4).powi(2) - 0.5 * (x[1] + 0.2).powi(2);
+    let cell = ((x[0] * 500.0).floor() * 131.0 + (x[1] * 40.0).floor() * 7919.0) as i64;
+    let hash = (cell as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+    hill + 0.3 * (hash as f64 / f64::from(1 << 24)).powi(8)
+}
+
+fn needles_on_a_hill_are_climbed() {
+    let space = Space::new(vec![real("a", -1.0, 1.0), real("b", -1.0, 1.0)]).unwrap();
+    let at = |kind, budget| {
+        let mut scores: Vec<f64> = (1..=5)
+            .map(|seed| run(&space, kind, settings(seed, budget), needles).best().unwrap().score)
+            .collect();
+        scores.sort_by(f64::total_cmp);
+        scores[2]
+    };
+    let chance = at(Kind::Random, 500);
+    for kind in [Kind::Staged, Kind::Genetic, Kind::ParticleSwarm] {
+        let found = at(kind, 500);
+        assert!(found > chance && found > 1.2, "{}: {found}, chance {chance}", kind.name());
+    }
+}
+
+/// The best place is a corner of the box.
+fn optima_on_a_border_are_hit() {
+    let space = Space::new(vec![real("a", -1.0, 1.0), real("b", -1.0, 1.0), real("c", -1.0, 1.0)]).unwrap();
+    for kind in [Kind::Staged, Kind::Genetic, Kind::ParticleSwarm] {
+        let search = run(&space, kind, settings(1, 400), |x| x[0] - x[1] + (7.0 * x[2]).sin());
+        let best = search.best().unwrap();
+        assert_eq!(best.candidate.values[..2], [1.0, -1.0], "{}: {best:?}", kind.name());
     }
 }
 
@@ -390,4 +448,93 @@ fn housings_that_must_not_collide_do_not() {
     ]);
     let words = String::from_utf8_lossy(&far.stderr);
     assert!(!far.status.success() && words.contains("clearance"), "{words}");
+}
+
+fn a_servo_s_steps_and_limits_are_kept() {
+    let arguments = ["optimize", "--preset", "paper-vlp-16", "--evals", "40", "--json", "--masters-min", "2"];
+    let limits = [
+        "--pitch-limits",
+        "-20,31",
+        "--tilt-step",
+        "2.5",
+        "--masters-max",
+        "2",
+        "--space=0,0.1,-0.1,0.1,0,0.05",
+    ];
+    let best = json(&[&arguments[..], &limits[..]].concat())["best"].clone();
+    let masters = best["masters"].as_array().unwrap();
+    assert_eq!(masters.len(), 2);
+    for master in masters {
+        let [x, y, z, pitch] = [0, 1, 2, 3].map(|at| master[at].as_f64().unwrap());
+        assert!(
+            (0.0..=0.1).contains(&x) && (-0.1..=0.1).contains(&y) && (0.0..=0.05).contains(&z),
+            "{master}"
+        );
+        assert!((-20.0..=30.0).contains(&pitch) && pitch % 2.5 == 0.0, "{master}");
+    }
+    for (bad, words) in [
+        (&["--tilt-step", "0"][..], "--tilt-step"),
+        (&["--tilt-step", "7", "--pitch-limits", "1,6"], "no multiple of 7"),
+        (&["--masters-min", "3", "--masters-max", "2"], "--masters-min 3"),
+        (&["--pitch-limits", "9,3"], "bounds 9 to 3"),
+        (&["--robust", "worst", "--tolerance", "-1,0"], "tolerance -1"),
+    ] {
+        let output = outrigger(&[&["optimize", "--preset", "paper-vlp-16", "--evals", "5"], bad].concat());
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{bad:?}");
+        assert!(error.contains(words), "{bad:?}: {error}");
+    }
+}
+
+fn robust_searches_report_what_is_built() {
+    let arguments = ["optimize", "--preset", "paper-vlp-16", "--masters-max", "1", "--evals", "30", "--json"];
+    let robust =
+        |more: &[&str]| json(&[&arguments[..], &["--robust", "expected", "--draws", "4"], more].concat());
+    let found = robust(&[]);
+    let [mean, worst] = ["mean", "worst"].map(|name| found["robust"][name].as_f64().unwrap());
+    assert!(worst <= mean);
+    let history = found["history"].as_array().unwrap();
+    assert_eq!(history[29][1].as_f64().unwrap(), mean, "the search maximises what is built");
+    // each evaluation casts the rays of every draw
+    assert_eq!(found["rays"].as_u64().unwrap(), 30 * 4 * 2 * 41 * 180 * 16);
+    let exact = robust(&["--tolerance", "0,0"]);
+    assert_eq!(exact["robust"]["deviation"].as_f64().unwrap(), 0.0);
+    assert_eq!(exact["robust"]["mean"], exact["best"]["objective"], "no error, no difference");
+    let spun = robust(&["--tolerance", "0,0", "--free-spin"]);
+    assert!(spun["robust"]["deviation"].as_f64().unwrap() > 0.0);
+}
+
+fn a_budget_of_rays_and_all_outputs() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (csv, page) = (path("sensors.csv"), path("report.html"));
+    let document = json(&[
+        "optimize",
+        "--preset",
+        "paper-vlp-16",
+        "--masters-max",
+        "1",
+        "--evals",
+        "500",
+        "--method",
+        "random",
+        "--json",
+        "--max-rays",
+        "5000000",
+        "--csv",
+        &csv,
+        "--report",
+        &page,
+    ]);
+    assert_eq!(document["stopped_by"], "rays");
+    let rays = document["rays"].as_u64().unwrap();
+    assert!((5_000_000..10_000_000).contains(&rays), "{rays}");
+    let [wall_s, objective_s, search_s] =
+        ["wall_s", "objective_s", "search_s"].map(|n| document[n].as_f64().unwrap());
+    assert!(objective_s > 0.0 && search_s >= 0.0 && (wall_s - objective_s - search_s).abs() < 1e-6);
+    let lines = std::fs::read_to_string(csv).unwrap();
+    assert_eq!(lines.lines().count(), 3, "{lines}");
+    assert!(lines.lines().nth(1).unwrap().starts_with("master,vlp-16,"), "{lines}");
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.matches("<svg class").count() >= 2 && page.contains("seen by two or more"));
 }

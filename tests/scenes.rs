@@ -355,7 +355,7 @@ fn validate_reports_and_repeats_itself() {
     let at = |key: &str| one["completeness"][key].as_f64().unwrap();
     assert!(at("0.02") < at("0.05") && at("0.05") < at("0.10") && at("0.10") <= 1.0 && at("0.02") > 0.1);
     assert_eq!(one["completeness_of_observable"], one["completeness"]["0.05"]);
-    for name in ["single_level", "single_best", "single_first"] {
+    for name in ["level_single", "best_single", "first_single"] {
         let alone = one["baselines"][name]["completeness"]["0.05"].as_f64().unwrap();
         let gain = one["baselines"][name]["gain_points"]["0.05"].as_f64().unwrap();
         assert!((gain - 100.0 * (at("0.05") - alone)).abs() < 1e-9, "{name}");

@@ -1,5 +1,6 @@
 //! The published simulator to the bit, and the general one against stored references.
 
+use outrigger::instructions::Instructions;
 use outrigger::objective::{self, Weights};
 use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Seen, Simulator};
 use serde::Deserialize;
@@ -142,15 +143,31 @@ fn the_definition_matches_the_released_program() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
 }
 
+/// Every way there is: with each instruction set of this machine, on one thread and on two, with the structure of the
+/// walk and without.
 fn the_fast_way_matches_the_released_program() {
+    let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap());
     let mut wrong = Vec::new();
     for case in Reference::all() {
         let simulator = Simulator::new(&case.experiment()).unwrap();
-        let seen = simulator.see(&case.sensors()).unwrap();
+        let sensors = case.sensors();
+        let seen = simulator.see(&sensors).unwrap();
         wrong.extend(case.differences(&simulator, &seen));
-        let counts = simulator.count(&case.sensors()).unwrap();
-        if counts != seen.coverage.counts() {
-            wrong.push(format!("{}: counted {counts:?}", case.id));
+        let walks = simulator.walks(&sensors);
+        for instructions in Instructions::available() {
+            for (pool, threads) in pools.iter().zip(1..) {
+                let same = pool.install(|| {
+                    let again = simulator.see_with(&sensors, instructions).unwrap();
+                    let counts = simulator.count_with(&sensors, instructions).unwrap();
+                    again == seen && counts == seen.coverage.counts()
+                });
+                if !same {
+                    wrong.push(format!("{}: {instructions:?}, {threads} threads", case.id));
+                }
+            }
+            if simulator.see_along_with(&walks, instructions).unwrap() != seen {
+                wrong.push(format!("{}: {instructions:?}, pose by pose", case.id));
+            }
         }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));

@@ -1,22 +1,54 @@
 //! What every decoder of a sensor's packets does, and what it counts.
 
-use crate::{Frame, Packet};
+use crate::{Completed, Frame, Packet};
 
 /// Turns one sensor's packets into frames. Two families live behind it: `ouster::OusterDecoder` and
 /// `velodyne::VelodyneDecoder`.
+///
+/// Data flows one way: [`take`](Self::take) puts a packet in, and what it completed is taken out of
+/// [`completed`](Self::completed), where it can be looked at beside the decoder itself. [`push`](Self::push) and
+/// [`finish`](Self::finish) do both.
 pub trait Decoder {
-    /// Takes one packet and hands everything it completed to `out`. A packet that this decoder does not take is
-    /// counted and returned as [`Rejected`]; decoding goes on.
-    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected>;
+    /// Takes one packet. A packet that this decoder does not take is counted and returned as [`Rejected`]; decoding
+    /// goes on.
+    fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected>;
 
-    /// Hands out the frame under construction, marked incomplete where it is.
-    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>));
+    /// Completes the frame under construction, marked incomplete where it is.
+    fn end(&mut self);
+
+    /// What is complete.
+    fn completed(&self) -> &Completed;
+
+    /// What is complete, to go on to the next.
+    fn completed_mut(&mut self) -> &mut Completed;
 
     /// Everything counted so far.
     fn stats(&self) -> &DecodeStats;
+
+    /// Takes one packet and hands everything it completed to `out`.
+    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+        let outcome = self.take(packet);
+        self.hand_out(out);
+        outcome
+    }
+
+    /// Hands out the frame under construction, marked incomplete where it is.
+    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        self.end();
+        self.hand_out(out);
+    }
+
+    /// Hands out everything that is complete.
+    fn hand_out(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+        while self.completed_mut().advance() {
+            if let Some(decoded) = self.completed().current() {
+                out(decoded);
+            }
+        }
+    }
 }
 
-/// One finished thing. Borrowed: the decoder reuses its buffers, so memory does not grow with the recording.
+/// One complete thing. Borrowed: the decoder reuses its buffers, so memory does not grow with the recording.
 #[derive(Clone, Copy, Debug)]
 pub enum Decoded<'a> {
     /// One revolution.

@@ -91,12 +91,14 @@ impl Frame {
         column * self.channels + channel
     }
 
-    /// Device time of the first and the last column that came, ns.
+    /// Earliest and latest device time of the columns that came, ns. Columns stand in order of their azimuth: where a
+    /// field-of-view window goes through azimuth 0, the first of them was not fired first.
     pub fn time_span_ns(&self) -> Option<[u64; 2]> {
-        let mut times =
-            self.column_time_ns.iter().zip(&self.column_valid).filter(|(_, v)| **v).map(|(t, _)| *t);
-        let first = times.next()?;
-        Some([first, times.next_back().unwrap_or(first)])
+        let times = self.column_time_ns.iter().zip(&self.column_valid).filter(|(_, v)| **v).map(|(t, _)| *t);
+        times.fold(None, |span: Option<[u64; 2]>, time_ns| {
+            let [first_ns, last_ns] = span.unwrap_or([time_ns; 2]);
+            Some([first_ns.min(time_ns), last_ns.max(time_ns)])
+        })
     }
 }
 

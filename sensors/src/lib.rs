@@ -7,6 +7,7 @@
 
 pub mod capture;
 pub mod catalogue;
+mod completed;
 pub mod decoder;
 pub mod frame;
 pub mod model;
@@ -16,6 +17,7 @@ pub mod projection;
 pub mod router;
 pub mod velodyne;
 
+pub use completed::Completed;
 pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};
 pub use frame::{Frame, Health, Layer};
 pub use model::{Beam, BeamCorrection, Ray, SensorModel};

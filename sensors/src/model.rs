@@ -43,8 +43,8 @@ pub struct BeamCorrection {
 
 /// Distances of the near calibration targets on the lateral and the forward axis, and of the far one, m. Source:
 /// HDL-64E S3 manual 63-HDL64ES3, appendix on calibration.
-const NEAR_TARGETS_M: [f64; 2] = [2.40, 1.93];
-const FAR_TARGET_M: f64 = 25.04;
+pub(crate) const NEAR_TARGETS_M: [f64; 2] = [2.40, 1.93];
+pub(crate) const FAR_TARGET_M: f64 = 25.04;
 
 /// A beam at one azimuth, in the sensor frame: the point at reported range r is
 /// `origin_m + (r - range_offset_m) * direction`.

@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use super::escape;
+use super::{escape, number};
 
 /// A class of cells: CSS class and name in the legend.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,50 +32,71 @@ pub struct CellMap {
     pub cells: Vec<Option<usize>>,
 }
 
-/// Pixels per cell.
-const CELL_PX: usize = 3;
-const TITLE_PX: usize = 18;
-const GAP_PX: usize = 16;
+impl CellMap {
+    /// Number of rows.
+    pub fn height(&self) -> usize {
+        self.cells.len().checked_div(self.width).unwrap_or(0)
+    }
 
-/// Maps beside each other, wrapped into rows of at most `columns`.
-pub fn cell_map_svg(label: &str, maps: &[CellMap], classes: &[CellClass], columns: usize) -> String {
-    let columns = columns.max(1);
-    let mut body = String::new();
-    let (mut width_px, mut top) = (0, 0);
-    for row in maps.chunks(columns) {
-        let mut left = 0;
-        let mut tallest = 0;
-        for map in row {
-            let rows = map.cells.len().checked_div(map.width).unwrap_or(0);
-            let _ = write!(body, "<text x=\"{left}\" y=\"{}\">{}</text>", top + 12, escape(&map.title));
-            let (wide, tall) = (map.width * CELL_PX, rows * CELL_PX);
-            let _ = write!(
-                body,
-                "<rect class=\"frame\" x=\"{left}\" y=\"{}\" width=\"{wide}\" height=\"{tall}\"/>",
-                top + TITLE_PX
-            );
-            for (place, class) in classes.iter().enumerate() {
-                let path = runs(map, place, left, top + TITLE_PX, rows);
-                if !path.is_empty() {
-                    let _ = write!(body, "<path class=\"{}\" d=\"{path}\"/>", class.css);
+    /// The same in squares of several cells, so that neither side has more than `most`: the class of most of a square's
+    /// cells, of equals the last. The title says so.
+    pub fn coarse(&self, most: usize) -> Self {
+        let step = self.width.max(self.height()).div_ceil(most.max(1));
+        if step <= 1 {
+            return self.clone();
+        }
+        let (width, height) = (self.width.div_ceil(step), self.height().div_ceil(step));
+        let square = |place: usize| {
+            let (row, column) = (place / width * step, place % width * step);
+            let rows = row..(row + step).min(self.height());
+            let mut counts: Vec<u32> = Vec::new();
+            for row in rows {
+                let cells = &self.cells[row * self.width..(row + 1) * self.width];
+                for class in cells[column..(column + step).min(self.width)].iter().flatten() {
+                    counts.resize(counts.len().max(class + 1), 0);
+                    counts[*class] += 1;
                 }
             }
-            left += wide + GAP_PX;
-            tallest = tallest.max(tall);
+            (0..counts.len()).max_by_key(|class| counts[*class])
+        };
+        Self {
+            title: format!("{} (squares of {step} x {step} voxels)", self.title),
+            width,
+            cells: (0..width * height).map(square).collect(),
         }
-        width_px = width_px.max(left.saturating_sub(GAP_PX));
-        top += TITLE_PX + tallest + GAP_PX;
     }
+
+    /// How many cells each class has, in words.
+    fn counts(&self, classes: &[CellClass]) -> String {
+        let count = |class| self.cells.iter().filter(|cell| **cell == Some(class)).count();
+        let counts = classes.iter().enumerate().map(|(at, class)| (count(at), &class.name));
+        let words: Vec<_> = counts
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, name)| format!("{} {name}", number(count as f64, 0)))
+            .collect();
+        if words.is_empty() { "nothing".into() } else { words.join(", ") }
+    }
+}
+
+/// One map; a cell is a unit of the picture. The label for those who do not see it says how many cells each class has.
+pub fn cell_map_svg(label: &str, map: &CellMap, classes: &[CellClass]) -> String {
+    let (width, height) = (map.width.max(1), map.height().max(1));
+    let mut body = String::new();
+    for (place, class) in classes.iter().enumerate() {
+        let path = runs(map, place, height);
+        if !path.is_empty() {
+            let _ = write!(body, "<path class=\"{}\" d=\"{path}\"/>", class.css);
+        }
+    }
+    let words = format!("{label}, {}: {}", map.title, map.counts(classes));
     format!(
-        "<svg class=\"cells\" viewBox=\"0 0 {} {}\" style=\"max-width:{}px\" role=\"img\" aria-label=\"{}\">{body}</svg>",
-        width_px.max(1),
-        top.max(1),
-        width_px.max(1) * 3 / 2,
-        escape(label)
+        "<svg class=\"cells\" viewBox=\"0 0 {width} {height}\" shape-rendering=\"crispEdges\" role=\"img\" \
+         aria-label=\"{}\">{body}</svg>",
+        escape(&words)
     )
 }
 
-fn runs(map: &CellMap, class: usize, left: usize, top: usize, rows: usize) -> String {
+fn runs(map: &CellMap, class: usize, rows: usize) -> String {
     let mut path = String::new();
     for (row, cells) in map.cells.chunks(map.width.max(1)).enumerate() {
         let mut column = 0;
@@ -88,14 +109,7 @@ fn runs(map: &CellMap, class: usize, left: usize, top: usize, rows: usize) -> St
             while column < cells.len() && cells[column] == Some(class) {
                 column += 1;
             }
-            let _ = write!(
-                path,
-                "M{} {}h{}v{CELL_PX}h-{}z",
-                left + start * CELL_PX,
-                top + (rows - 1 - row) * CELL_PX,
-                (column - start) * CELL_PX,
-                (column - start) * CELL_PX
-            );
+            let _ = write!(path, "M{start} {}h{}v1h-{}z", rows - 1 - row, column - start, column - start);
         }
     }
     path
@@ -107,10 +121,22 @@ mod tests {
 
     #[test]
     fn a_run_is_one_rectangle_and_row_zero_lies_at_the_bottom() {
-        let classes = [CellClass::new("a", "A")];
+        let classes = [CellClass::new("a", "seen"), CellClass::new("b", "not seen")];
         let map =
-            CellMap { title: "t".into(), width: 3, cells: vec![Some(0), Some(0), None, None, None, None] };
-        let svg = cell_map_svg("x", &[map], &classes, 1);
-        assert!(svg.contains("d=\"M0 21h6v3h-6z\""), "{svg}");
+            CellMap { title: "t".into(), width: 3, cells: vec![Some(0), Some(0), None, None, None, Some(1)] };
+        let svg = cell_map_svg("x", &map, &classes);
+        assert!(svg.contains("d=\"M0 1h2v1h-2z\""), "{svg}");
+        assert!(svg.contains("aria-label=\"x, t: 2 seen, 1 not seen\""), "{svg}");
+    }
+
+    #[test]
+    fn a_coarse_map_shows_what_most_cells_are() {
+        let cells = [Some(0), Some(1), None, Some(1), Some(0), None, Some(0), Some(0), Some(1)].to_vec();
+        let map = CellMap { title: "t".into(), width: 3, cells };
+        let coarse = map.coarse(2);
+        assert_eq!((coarse.width, coarse.height()), (2, 2));
+        // of a tie the last class, of an edge what is there
+        assert_eq!(coarse.cells, [Some(1), None, Some(0), Some(1)]);
+        assert_eq!(map.coarse(3).cells, map.cells);
     }
 }

@@ -1,12 +1,21 @@
 //! One file per verb: what was typed becomes what it means, errors end here.
 
+use std::ffi::OsString;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
+use crate::config::Config;
+
+mod baselines;
 mod decode;
+mod defaults;
 mod demo;
 mod evaluate;
+mod figures;
+mod ground;
+mod init;
 mod inspect;
 mod manual;
 mod mock;
@@ -15,10 +24,13 @@ mod output;
 mod predict;
 mod record;
 mod recording;
+mod registration;
 mod replay;
 mod rig;
 mod sensor_ids;
 mod signals;
+mod study;
+mod surface;
 mod unread;
 mod validate;
 
@@ -29,6 +41,9 @@ pub struct Cli {
     /// Print one JSON document on stdout and nothing else there.
     #[arg(long, global = true, env = "OUTRIGGER_JSON")]
     json: bool,
+    /// Sensors and defaults of every verb (`outrigger init` writes one); flags and environment win over it.
+    #[arg(long, global = true, env = "OUTRIGGER_CONFIG", value_name = "RIG.toml")]
+    config: Option<PathBuf>,
     #[command(subcommand)]
     verb: Verb,
 }
@@ -37,6 +52,8 @@ pub struct Cli {
 enum Verb {
     /// The whole loop on mock devices: optimize, tilt, record over UDP, replay, compare, report.
     Demo(demo::Args),
+    /// Write a commented rig.toml.
+    Init(init::Args),
     /// Search the mounts that see the most.
     Optimize(optimize::Args),
     /// Score given mounts.
@@ -55,6 +72,8 @@ enum Verb {
     Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
+    /// Many searches that together answer a question; the published tables among them.
+    Study(study::Args),
     /// Devices to test against, on loopback and ptys.
     Mock(mock::Args),
     /// Print a completion script for a shell.
@@ -77,14 +96,45 @@ pub enum Outcome {
 pub struct Context {
     /// One JSON document on stdout.
     pub json: bool,
+    /// The rig's file, where one is named; it lives as long as the program.
+    pub config: Option<&'static Config>,
+}
+
+/// Parses a command line, with the defaults of its `rig.toml`, and runs it.
+pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.collect();
+    let mut command = Cli::command();
+    let config = match defaults::file_named(&command, &arguments).map(|path| Config::read(&path)).transpose()
+    {
+        Ok(config) => config.map(|config| &*Box::leak(Box::new(config))),
+        Err(error) => return fail(error),
+    };
+    if let Some(config) = config {
+        command = match defaults::apply(command, config) {
+            Ok(command) => command,
+            Err(error) => return fail(error),
+        };
+    }
+    let parsed = command.try_get_matches_from(&arguments).and_then(|matches| Cli::from_arg_matches(&matches));
+    match (parsed, config) {
+        (Ok(cli), _) => cli.run(config),
+        (Err(error), None) => error.exit(),
+        (Err(error), Some(config)) => defaults::with_origin(error, config).exit(),
+    }
+}
+
+fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
+    output::say_error(&error.into());
+    ExitCode::FAILURE
 }
 
 impl Cli {
     /// Runs the verb. Exit codes: 0 ok, 1 failed, 2 usage (by the argument parser), 3 finished but data was lost.
-    pub fn run(self) -> ExitCode {
-        let context = Context { json: self.json };
+    fn run(self, config: Option<&'static Config>) -> ExitCode {
+        let context = Context { json: self.json, config };
         let outcome = match self.verb {
             Verb::Demo(args) => demo::run(&args, context),
+            Verb::Init(args) => init::run(&args),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
@@ -94,6 +144,7 @@ impl Cli {
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
+            Verb::Study(args) => study::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),
             Verb::Man => manual::manual(),
@@ -101,10 +152,7 @@ impl Cli {
         match outcome {
             Ok(Outcome::Done) => ExitCode::SUCCESS,
             Ok(Outcome::DataLost) => ExitCode::from(3),
-            Err(error) => {
-                output::say_error(&error);
-                ExitCode::FAILURE
-            }
+            Err(error) => fail(error),
         }
     }
 }

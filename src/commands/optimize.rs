@@ -1,10 +1,13 @@
 //! `outrigger optimize`
 
+mod busy;
+mod outputs;
 mod state;
 
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
@@ -12,15 +15,18 @@ use serde::Serialize;
 
 use super::evaluate::ExperimentArgs;
 use super::{Context, Outcome, output, signals};
-use crate::objective::Evaluation;
+use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
-    KeepApart, Kind, MountProblem, PUBLISHED_MASTERS_MAX, Search, Settings, StoppedBy, Trial,
+    KeepApart, Kind, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX, Search, Settings, StoppedBy, Trial,
 };
-use crate::rig::{MountFile, SensorEntry};
-use crate::simulate::published::{Path, Placement, Roll};
+use crate::robustness::{Criterion, Robustness, Spread, Tolerance};
+use crate::simulate::published::{Path, Roll};
 
 /// Seconds between two writings of the state file.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
+
+/// Of the draws of mount errors, the same in every search so that scores compare.
+const ROBUST_SEED: u64 = 1;
 
 /// Arguments of `optimize`.
 #[derive(clap::Args, Debug)]
@@ -49,12 +55,88 @@ pub struct Args {
     /// Distance between sensor origins that the search must keep: housing, none (as published) or metres.
     #[arg(long, value_name = "RULE", default_value = "none")]
     clearance: ClearanceArg,
+    /// Fewest masters.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    masters_min: u32,
+    /// Pitches that the servo reaches: "low,high" in degrees.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    pitch_limits: Range,
+    /// Rolls that the plate allows, where roll is free: "low,high" in degrees.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    roll_limits: Range,
+    /// Where masters may sit: "x,x,y,y,z,z", least and greatest of each, m [default: as published].
+    #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
+    space: Option<Corners>,
+    /// Pitch and roll are whole multiples of this: the step of a servo.
+    #[arg(long, value_name = "DEG")]
+    tilt_step: Option<f64>,
+    /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
+    #[arg(long, value_enum, value_name = "CRITERION")]
+    robust: Option<Criterion>,
+    /// Mount errors, uniform within plus and minus: "metres,degrees".
+    #[arg(
+        long,
+        value_name = "M,DEG",
+        default_value = "0.01,1",
+        requires = "robust",
+        allow_hyphen_values = true
+    )]
+    tolerance: Range,
+    /// Also leave to chance where revolutions start.
+    #[arg(long, requires = "robust")]
+    free_spin: bool,
+    /// Draws of mount errors, the same for every mount.
+    #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    draws: u32,
+    /// End when so many rays are cast (the batch under way is finished).
+    #[arg(long, value_name = "N")]
+    max_rays: Option<u64>,
     /// Write the best mount to this file.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Write one line per sensor: mount, voxels, voxels alone.
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Write a page with convergence and coverage.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
     /// State of the search: read if it exists, written while searching.
     #[arg(long, value_name = "STATE")]
     resume: Option<PathBuf>,
+}
+
+/// Two numbers, the first not above the second where they are a range.
+#[derive(Clone, Copy, Debug)]
+struct Range(f64, f64);
+
+impl FromStr for Range {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers(text)?.as_slice() {
+            [first, second] => Ok(Self(*first, *second)),
+            other => Err(format!("{} numbers, expected 2", other.len())),
+        }
+    }
+}
+
+/// Least and greatest x, y and z.
+#[derive(Clone, Copy, Debug)]
+struct Corners([f64; 6]);
+
+impl FromStr for Corners {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = numbers(text)?;
+        let found = numbers.len();
+        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected 6: x,x,y,y,z,z"))
+    }
+}
+
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    let parts = text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite()));
+    parts.collect::<Option<_>>().ok_or_else(|| "every part must be a finite number".into())
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -85,8 +167,17 @@ struct Document {
     evaluations: usize,
     rays: u64,
     wall_s: f64,
+    /// Part of `wall_s` during which the objective was at work on some thread.
+    objective_s: f64,
+    /// The rest: what the search itself took.
+    search_s: f64,
     stopped_by: StoppedBy,
+    /// J over mount errors, where the search was for it.
+    robust: Option<Spread>,
     best: Best,
+    /// No mount of this space can score above this: all reachable voxels with every reward, for the fewest sensors.
+    bound: Option<f64>,
+    command: String,
     /// Evaluation that found the best, from 1.
     best_at: usize,
     preset: &'static str,
@@ -108,8 +199,8 @@ struct Best {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
-    let problem = MountProblem::new(objective, args.masters_max, args.clearance.0);
-    let question = state::question(&problem, args.masters_max, args.clearance.0)?;
+    let problem = problem(args, objective)?;
+    let question = state::question(&problem, args.clearance.0)?;
     let mut search =
         match args.resume.as_deref().map(|path| state::read(path, &question)).transpose()?.flatten() {
             Some(search) => continued(args, search)?,
@@ -122,10 +213,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = Instant::now();
     let mut saved = Instant::now();
     let mut save_error = None;
+    let busy = busy::Busy::default();
+    let are_rays_spent = AtomicBool::new(false);
     let stopped_by = search.run(
         budget,
-        |values| problem.measure(values),
+        |values| busy.during(|| problem.measure(values)),
         |search| {
+            if args.max_rays.is_some_and(|most| search.rays() >= most) {
+                are_rays_spent.store(true, Ordering::Relaxed);
+                stop.store(true, Ordering::Relaxed);
+            }
             bar.set_position(search.evaluations() as u64);
             if let Some(best) = search.best() {
                 bar.set_message(format!("J {:.1}", best.score));
@@ -141,12 +238,50 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         &stop,
     )?;
     let wall_s = start.elapsed().as_secs_f64();
+    let stopped_by = match stopped_by {
+        StoppedBy::Interrupted if are_rays_spent.into_inner() => StoppedBy::Rays,
+        other => other,
+    };
     bar.finish_and_clear();
     if let Some(path) = &args.resume {
         save_error.map_or_else(|| state::write(path, &question, &search), Err)?;
     }
     let Some(best) = search.best() else { bail!("stopped before the first evaluation: no mount was scored") };
-    report(args, context, &problem, &search, best, stopped_by, wall_s)
+    report(args, context, &problem, &search, best, stopped_by, [wall_s, busy.seconds()])
+}
+
+/// What is searched, as asked for.
+fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
+    let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
+    if args.masters_min > args.masters_max {
+        bail!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
+    }
+    search.masters_min = args.masters_min;
+    search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
+    search.bounds.roll_deg = (args.roll_limits.0, args.roll_limits.1);
+    if let Some(Corners([x0, x1, y0, y1, z0, z1])) = args.space {
+        (search.bounds.x_m, search.bounds.y_m, search.bounds.z_m) = ((x0, x1), (y0, y1), (z0, z1));
+    }
+    if let Some(step_deg) = args.tilt_step {
+        if !(step_deg.is_finite() && step_deg > 0.0) {
+            bail!("--tilt-step {step_deg}, expected above 0");
+        }
+        for (name, Range(low, high)) in
+            [("--pitch-limits", args.pitch_limits), ("--roll-limits", args.roll_limits)]
+        {
+            if (low / step_deg).ceil() > (high / step_deg).floor() {
+                bail!("{name}: no multiple of {step_deg} degrees lies between {low} and {high}");
+            }
+        }
+        search.tilt_step_deg = Some(step_deg);
+    }
+    let Some(criterion) = args.robust else {
+        return Ok(MountProblem::with_search(objective, search, args.clearance.0));
+    };
+    let Range(position_m, angle_deg) = args.tolerance;
+    let tolerance = Tolerance { position_m, angle_deg, free_phase: args.free_spin };
+    let robustness = Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED)?;
+    Ok(MountProblem::with_search(objective, search, args.clearance.0).robust(robustness, criterion))
 }
 
 fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
@@ -188,12 +323,12 @@ fn report(
     search: &Search,
     best: &Trial,
     stopped_by: StoppedBy,
-    wall_s: f64,
+    [wall_s, objective_s]: [f64; 2],
 ) -> anyhow::Result<Outcome> {
     if best.violation > 0.0 {
         bail!(
-            "none of {} mounts keeps the clearance; the nearest misses it by {:.4} m: give more evaluations or a smaller \
-             --clearance",
+            "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
+             conditioning): give more evaluations, or a smaller --clearance or --min-conditioning",
             search.evaluations(),
             best.violation
         );
@@ -207,7 +342,12 @@ fn report(
         evaluations: search.evaluations(),
         rays: search.rays(),
         wall_s,
+        objective_s,
+        search_s: (wall_s - objective_s).max(0.0),
         stopped_by,
+        robust: problem.spread(&masters)?,
+        bound: search.space().ceiling(),
+        command: std::env::args().collect::<Vec<_>>().join(" "),
         best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
         best_at: search.best_at(),
         preset: experiment.preset.name,
@@ -216,8 +356,15 @@ fn report(
         masters_max: args.masters_max,
         history: search.history().collect(),
     };
+    let file = outputs::mount_file(problem, &masters, document.best.evaluation.objective);
+    if let Some(path) = &args.csv {
+        outputs::write_csv(path, &file, &document)?;
+    }
+    if let Some(path) = &args.report {
+        outputs::write_report(path, problem, &file, &masters, &document)?;
+    }
     if let Some(path) = &args.out {
-        mount_file(problem, &masters, document.best.evaluation.objective).write(path)?;
+        file.write(path)?;
     }
     if context.json {
         output::print_json(&document)?;
@@ -231,33 +378,6 @@ fn report(
         );
     }
     Ok(Outcome::Done)
-}
-
-fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64) -> MountFile {
-    let experiment = problem.objective().simulator().experiment();
-    let entry = |(index, sensor): (usize, Placement)| SensorEntry {
-        name: sensor_name(index, experiment.mirror, masters.len()),
-        model: experiment.preset.model.into(),
-        x_m: sensor.x_m,
-        y_m: sensor.y_m,
-        z_m: sensor.z_m,
-        pitch_deg: sensor.pitch_deg,
-        roll_deg: sensor.roll_deg,
-    };
-    let mut file = MountFile::new(experiment.sensors(masters).into_iter().enumerate().map(entry).collect());
-    file.masters = Some(masters.iter().map(|master| (*master).into()).collect());
-    file.preset = Some(experiment.preset.name.into());
-    file.objective = Some(objective);
-    file
-}
-
-/// `master` and `mirrored`, numbered where there are several.
-fn sensor_name(index: usize, is_mirrored: bool, masters: usize) -> String {
-    let (master, side) = match is_mirrored {
-        true => (index / 2, if index.is_multiple_of(2) { "master" } else { "mirrored" }),
-        false => (index, "sensor"),
-    };
-    if masters == 1 { side.into() } else { format!("{side}-{}", master + 1) }
 }
 
 fn summary(document: &Document) -> String {
@@ -278,6 +398,7 @@ fn summary(document: &Document) -> String {
             StoppedBy::Budget => "all used",
             StoppedBy::Converged => "then converged",
             StoppedBy::Interrupted => "then interrupted",
+            StoppedBy::Rays => "then the rays were used up",
         },
         evaluation.unique_voxels,
         evaluation.reachable_voxels,
@@ -287,11 +408,23 @@ fn summary(document: &Document) -> String {
     for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in masters.iter().enumerate() {
         text += &format!("{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}\n", index + 1);
     }
-    for pair in &evaluation.violations {
+    for violation in &evaluation.violations {
+        text += &format!("allowed        no: {violation}\n");
+    }
+    if let Some(bound) = document.bound {
         text += &format!(
-            "can be built   no: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-            pair.first, pair.second, pair.distance_m, pair.needed_m
+            "bound          no mount can score above {bound:.1}, {:.1} more than this one\n",
+            bound - evaluation.objective
         );
     }
-    text + &format!("{} rays in {:.3} s\n", document.rays, document.wall_s)
+    if let Some(spread) = &document.robust {
+        text += &format!(
+            "as built       J {:.1} on average, {:.1} at worst, standard deviation {:.1} over {} draws\n",
+            spread.mean, spread.worst, spread.deviation, spread.draws
+        );
+    }
+    text + &format!(
+        "{} rays in {:.3} s: objective {:.3} s, search itself {:.3} s\n",
+        document.rays, document.wall_s, document.objective_s, document.search_s
+    )
 }

@@ -1,4 +1,4 @@
-//! What every verb prints the same way: the JSON document on stdout, errors on stderr.
+//! What every verb prints the same way: the JSON document on stdout, errors on stderr, the command to run again.
 
 use std::io::Write;
 
@@ -27,5 +27,60 @@ pub fn say_notice(notice: &str) {
 
 /// Prints an error and its causes on stderr.
 pub fn say_error(error: &anyhow::Error) {
-    let _ = writeln!(std::io::stderr(), "outrigger: {error:#}");
+    let _ = writeln!(std::io::stderr(), "outrigger: {}", said_once(error));
+}
+
+/// An error and its causes, without those that an error before them has told already.
+fn said_once(error: &anyhow::Error) -> String {
+    let mut text = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if !text.contains(&cause) {
+            let separator = if text.is_empty() { "" } else { ": " };
+            text = text + separator + &cause;
+        }
+    }
+    text
+}
+
+/// The command line of this run, for a shell, with the environment that speaks into it.
+pub fn again() -> String {
+    const ABOUT_THE_RUN: [&str; 2] = ["OUTRIGGER_JSON", "OUTRIGGER_SHARED"];
+    let environment = std::env::vars_os().filter_map(|(name, value)| {
+        let name = name.into_string().ok().filter(|name| name.starts_with("OUTRIGGER_"))?;
+        let told = !ABOUT_THE_RUN.contains(&name.as_str());
+        told.then(|| format!("{name}={}", quoted(&value.to_string_lossy())))
+    });
+    let arguments = std::env::args_os().skip(1).map(|argument| quoted(&argument.to_string_lossy()));
+    environment.chain(["outrigger".into()]).chain(arguments).collect::<Vec<_>>().join(" ")
+}
+
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:=,+@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', "'\\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let missing = || std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
+        let twice = anyhow::Error::new(missing()).context("walk.tum: cannot be read: no such file");
+        assert_eq!(said_once(&twice), "walk.tum: cannot be read: no such file");
+        let once = anyhow::Error::new(missing()).context("walk.tum");
+        assert_eq!(said_once(&once), "walk.tum: no such file");
+    }
+
+    #[test]
+    fn words_of_a_command_survive_a_shell() {
+        assert_eq!(quoted("0.1,0,0,25,0"), "0.1,0,0,25,0");
+        assert_eq!(quoted("0,0,0,0,0;1,0,0,0,0"), "'0,0,0,0,0;1,0,0,0,0'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+        assert_eq!(quoted(""), "''");
+    }
 }

@@ -5,12 +5,13 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::ouster::Metadata;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{Context, Outcome, output};
+use crate::config::SensorConfig;
 use crate::receive::{Listen, Monitor, Options, Receiver, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
 
@@ -22,8 +23,9 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Arguments of `record`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// A sensor: name, local port (or address and port), metadata file of an Ouster. Once per sensor.
-    #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json]", required = true, value_parser = parse_listen)]
+    /// A sensor: name, local port (or address and port), metadata file of an Ouster. Once per sensor; those of the
+    /// rig.toml when not given.
+    #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json]", value_parser = parse_listen)]
     listen: Vec<ListenArg>,
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
@@ -41,13 +43,13 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let mut listens: Vec<Listen> = args.listen.iter().map(|sensor| sensor.listen.clone()).collect();
+    let wanted = wanted(args, context)?;
+    let mut listens: Vec<Listen> = wanted.iter().map(|sensor| sensor.listen.clone()).collect();
     for (name, source) in &args.source {
         let sensor = listens.iter_mut().find(|listen| listen.name == *name);
         sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
     }
-    let metadata: Vec<Option<String>> = args
-        .listen
+    let metadata: Vec<Option<String>> = wanted
         .iter()
         .map(|sensor| sensor.metadata.as_deref().map(read_metadata).transpose())
         .collect::<Result<_, _>>()?;
@@ -75,6 +77,33 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let monitor = recording.monitor().clone();
     let manifest = recording.stop()?;
     conclude(&manifest, &monitor, &dir, context)
+}
+
+/// The sensors that were typed; otherwise those of the rig's file.
+fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<ListenArg>> {
+    if !args.listen.is_empty() {
+        return Ok(args.listen.clone());
+    }
+    let Some(config) = context.config else {
+        bail!("which sensors? --listen NAME=PORT for each, or --config RIG.toml that has them");
+    };
+    let wanted: Vec<ListenArg> = config.sensors.iter().flat_map(listens_of).collect();
+    if wanted.is_empty() {
+        bail!("{}: no [[sensor]] has a `listen`", config.path.display());
+    }
+    Ok(wanted)
+}
+
+/// The streams of a sensor: lidar packets, and what it sends beside them.
+fn listens_of(sensor: &SensorConfig) -> impl Iterator<Item = ListenArg> + use<> {
+    let SensorConfig { name, listen, listen_aside, source, metadata, .. } = sensor.clone();
+    let stream = move |name: String, address: SocketAddr, metadata: Option<PathBuf>| ListenArg {
+        listen: Listen { name, address, source },
+        metadata,
+    };
+    let lidar = listen.map(|address| stream(name.clone(), address, metadata));
+    let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None));
+    lidar.into_iter().chain(aside)
 }
 
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself.

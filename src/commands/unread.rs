@@ -15,12 +15,22 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
     let unclaimed: Vec<&Unclaimed> = router.unclaimed().collect();
     if counters.frames == 0 {
         text.push_str(" The file holds no packets at all.");
-    } else if unclaimed.is_empty() {
+    } else if counters.datagrams == 0 {
         text.push_str(" It holds no UDP packets.");
     } else {
         text.push_str(" It holds:");
         for Unclaimed { port, length, packets, reason, .. } in &unclaimed {
             let _ = write!(text, "\n  {packets} packets of {length} bytes to port {port}: {reason}");
+        }
+    }
+    for sensor in router.sensors() {
+        if let Some(damage) = sensor.first_damage() {
+            let malformed = sensor.stats().malformed;
+            let _ = write!(
+                text,
+                "\n  {malformed} malformed packets of {}; the first: {damage}",
+                sensor.product()
+            );
         }
     }
     for (count, what) in oddities(counters) {

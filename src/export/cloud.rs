@@ -74,10 +74,10 @@ pub struct Cloud {
 
 impl Cloud {
     /// An empty cloud of a sensor with the given beams.
-    pub fn new(source: Source, model: &SensorModel) -> Self {
+    pub fn new(source: Arc<Source>, model: &SensorModel) -> Self {
         let rings = rings(&source, model);
         Self {
-            source: Arc::new(source),
+            source,
             frame_id: 0,
             start_time_ns: 0,
             host_time_ns: 0,
@@ -100,9 +100,9 @@ impl Cloud {
         }
     }
 
-    /// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
+    /// Time for a message header, ns since 1970.
     pub fn stamp_ns(&self) -> u64 {
-        if self.start_time_ns >= FIRST_DATE_NS { self.start_time_ns } else { self.host_time_ns }
+        stamp_ns(self.start_time_ns, self.host_time_ns)
     }
 
     /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
@@ -151,7 +151,6 @@ impl Cloud {
 
 /// Places the samples of one sensor's frames, also of one that learns its calibration on the way.
 pub struct Placer {
-    model: SensorModel,
     projector: Projector,
     positions_m: Vec<[f64; 3]>,
 }
@@ -159,18 +158,20 @@ pub struct Placer {
 impl Placer {
     /// For a sensor with these beams.
     pub fn new(model: &SensorModel) -> Self {
-        Self { model: model.clone(), projector: Projector::new(model), positions_m: Vec::new() }
+        Self { projector: Projector::new(model), positions_m: Vec::new() }
     }
 
     /// Positions in the sensor frame, m, in the order of the layer; zero where nothing came back.
     pub fn positions_m(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer) -> &[[f64; 3]] {
-        if self.model != *model {
-            self.model = model.clone();
-            self.projector = Projector::new(model);
-        }
+        self.projector.follow(model);
         self.projector.points_f64(frame, layer, &mut self.positions_m);
         &self.positions_m
     }
+}
+
+/// Time for a message header, ns since 1970: the device's if it keeps a date, the host's otherwise.
+pub(super) fn stamp_ns(device_time_ns: u64, host_time_ns: u64) -> u64 {
+    if device_time_ns >= FIRST_DATE_NS { device_time_ns } else { host_time_ns }
 }
 
 fn rings(source: &Source, model: &SensorModel) -> Vec<u16> {

@@ -4,7 +4,6 @@
 //! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` (`gps_time` in LAS) the device
 //! clock in seconds.
 
-mod cdr;
 mod cloud;
 mod csv;
 mod e57;
@@ -18,11 +17,14 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use sensors::ouster::ImuSample;
+
 use crate::files;
 
 use record::RecordWriter;
 
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
+pub use mcap::{Topic, write_metadata as write_bag_metadata};
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -39,8 +41,10 @@ pub enum Format {
     E57,
     /// One line per point.
     Csv,
-    /// MCAP with ROS 2 PointCloud2 messages, one topic per sensor.
+    /// MCAP with ROS 2 PointCloud2 and Imu messages, topics per sensor; into a folder: a ROS 2 bag.
     Mcap,
+    /// MCAP with Foxglove PointCloud messages, a topic per sensor.
+    Foxglove,
 }
 
 impl Format {
@@ -59,7 +63,7 @@ impl Format {
             Self::Laz => "laz",
             Self::E57 => "e57",
             Self::Csv => "csv",
-            Self::Mcap => "mcap",
+            Self::Mcap | Self::Foxglove => "mcap",
         }
     }
 
@@ -99,7 +103,27 @@ pub type Cause = Box<dyn std::error::Error + Send + Sync>;
 /// What every format does.
 trait CloudWriter {
     fn add(&mut self, cloud: &Cloud) -> Result<(), Cause>;
+
+    /// Adds an inertial sample, where the format has a place for one.
+    fn add_imu(&mut self, _source: &Source, _sample: &ImuSample, _host_time_ns: u64) -> Result<(), Cause> {
+        Ok(())
+    }
+
+    /// What was written, by topic, where the format has topics.
+    fn topics(&self) -> Vec<Topic> {
+        Vec::new()
+    }
+
     fn close(self: Box<Self>) -> Result<(), Cause>;
+}
+
+/// What a finished file holds.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Points of all frames.
+    pub points: u64,
+    /// Messages by topic, where the format has topics.
+    pub topics: Vec<Topic>,
 }
 
 /// A point file under way.
@@ -131,9 +155,22 @@ impl Export {
         self.writer.add(cloud).map_err(|cause| ExportError::Write { path: self.path.clone(), cause })
     }
 
-    /// Ends the file and gives it its name; returns how many points it holds.
-    pub fn finish(self) -> Result<u64, ExportError> {
+    /// Adds an inertial sample where the format has a place for one; host time in ns since 1970.
+    pub fn add_imu(
+        &mut self,
+        source: &Source,
+        sample: &ImuSample,
+        host_time_ns: u64,
+    ) -> Result<(), ExportError> {
+        self.writer
+            .add_imu(source, sample, host_time_ns)
+            .map_err(|cause| ExportError::Write { path: self.path.clone(), cause })
+    }
+
+    /// Ends the file and gives it its name.
+    pub fn finish(self) -> Result<Written, ExportError> {
         let refuse = |cause: Cause| ExportError::Write { path: self.path.clone(), cause };
+        let written = Written { points: self.points, topics: self.writer.topics() };
         self.writer.close().map_err(refuse)?;
         self.temporary.as_file().sync_all().map_err(|error| refuse(error.into()))?;
         let persisted = match self.overwrite {
@@ -141,7 +178,7 @@ impl Export {
             false => self.temporary.persist_noclobber(&self.path),
         };
         match persisted {
-            Ok(_) => Ok(self.points),
+            Ok(_) => Ok(written),
             Err(error) if error.error.kind() == std::io::ErrorKind::AlreadyExists => {
                 Err(ExportError::Exists { path: self.path.clone() })
             }
@@ -158,7 +195,8 @@ fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
         Format::Las => Box::new(las::LasWriter::new(file, false)?),
         Format::Laz => Box::new(las::LasWriter::new(file, true)?),
         Format::E57 => Box::new(e57::E57Writer::new(file)?),
-        Format::Mcap => Box::new(mcap::McapWriter::new(file)?),
+        Format::Mcap => Box::new(mcap::McapWriter::new(file, mcap::Dialect::Ros2)?),
+        Format::Foxglove => Box::new(mcap::McapWriter::new(file, mcap::Dialect::Foxglove)?),
     })
 }
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
-use super::{Candidate, Optimizer, Settings, Space, Trial, generator, normal};
+use super::{Candidate, Optimizer, Settings, Space, Trial, Variable, generator, normal};
 use crate::rng::Rng;
 
 const SEED_POINTS: usize = 12;
@@ -25,6 +25,8 @@ const REFIT_FROM_ONE_START: usize = 60;
 const GLOBAL_CANDIDATES: usize = 500;
 const LOCAL_CENTRES: usize = 5;
 const LOCAL_CANDIDATES: usize = 60;
+/// Candidates that one thread takes at a time.
+const JUDGED_AT_ONCE: usize = 64;
 const REFINED: usize = 3;
 const REFINE_ROUNDS: usize = 8;
 
@@ -65,6 +67,17 @@ impl Bayesian {
         method.seed_points = trials.len();
         method.tell(&trials);
         method
+    }
+
+    /// The length scale of each variable, as a share of its range, once the process is fitted.
+    pub(super) fn lengths(&self) -> Option<Vec<f64>> {
+        let hyper = self.hyper.as_ref()?;
+        let names = role_names(&self.space);
+        let of = |variable: &Variable| {
+            let place = names.iter().position(|name| *name == variable.role)?;
+            hyper.ln_lengths.get(place).map(|ln| ln.exp())
+        };
+        self.space.variables().iter().map(of).collect()
     }
 
     fn is_stalled(&self) -> bool {
@@ -181,9 +194,7 @@ impl<'a> View<'a> {
         let variables = space.variables();
         let most: Vec<f64> = variables.iter().map(|variable| variable.high).collect();
         let axes = (0..space.len()).filter(|&axis| space.is_active(&most, axis)).collect::<Vec<_>>();
-        let mut names: Vec<usize> = variables.iter().map(|variable| variable.role).collect();
-        names.sort_unstable();
-        names.dedup();
+        let names = role_names(space);
         let place = |axis: &usize| names.iter().position(|name| *name == variables[*axis].role).unwrap_or(0);
         let roles = axes.iter().map(place).collect();
         Self { space, axes, roles, role_count: names.len() }
@@ -194,6 +205,14 @@ impl<'a> View<'a> {
         let unit = self.space.to_unit(&self.space.canonical(values));
         self.axes.iter().map(|&axis| unit[axis]).collect()
     }
+}
+
+/// The roles of a space, ascending, each once.
+fn role_names(space: &Space) -> Vec<usize> {
+    let mut names: Vec<usize> = space.variables().iter().map(|variable| variable.role).collect();
+    names.sort_unstable();
+    names.dedup();
+    names
 }
 
 fn is_inside(space: &Space, trial: &Trial) -> bool {
@@ -288,17 +307,20 @@ impl Hunt<'_> {
     }
 
     fn judge(&self, candidates: Vec<Vec<f64>>) -> Vec<Prey> {
-        let one = |values: Vec<f64>| {
-            let unit = self.view.unit(&values);
-            let belief = self.process.predict(&unit);
-            let acquisition = if self.points.contains(&unit) {
+        let units: Vec<Vec<f64>> = candidates.iter().map(|values| self.view.unit(values)).collect();
+        let beliefs: Vec<Prediction> = units
+            .par_chunks(JUDGED_AT_ONCE)
+            .flat_map_iter(|group| self.process.predict_many(group))
+            .collect();
+        let one = |((values, unit), belief): ((Vec<f64>, &Vec<f64>), Prediction)| {
+            let acquisition = if self.points.contains(unit) {
                 f64::NEG_INFINITY
             } else {
                 ln_improvement(belief, self.process.noise_deviation(), self.greatest)
             };
             Prey { values, acquisition, belief }
         };
-        candidates.into_par_iter().map(one).collect()
+        candidates.into_iter().zip(&units).zip(beliefs).map(one).collect()
     }
 }
 

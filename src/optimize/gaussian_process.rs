@@ -16,6 +16,8 @@ const LN_NOISE: (f64, f64) = (-16.0, 0.7);
 const PRIOR_LENGTH: (f64, f64) = (-0.7, 1.2);
 const PRIOR_NOISE: (f64, f64) = (-6.0, 3.0);
 const FIRST_JITTER: f64 = 1e-10;
+/// Predictions made at once.
+const LANES: usize = 8;
 const SQRT_5: f64 = 2.236_067_977_499_79;
 
 /// Logarithms of the length scales, one per role, and of the noise ratio.
@@ -221,8 +223,9 @@ impl GaussianProcess {
         let (cholesky, _) = factor(kernel)?;
         let (mean, weights, variance) = trend(&cholesky, &data.values);
         let lower = cholesky.l();
-        let mut ones = vec![1.0; n];
+        let mut ones = vec![[1.0; LANES]; n];
         solve_lower(&lower, &mut ones);
+        let ones = ones.into_iter().map(|lanes| lanes[0]).collect();
         (mean.is_finite() && variance.is_finite()).then_some(Self {
             data,
             inverse_lengths,
@@ -236,18 +239,41 @@ impl GaussianProcess {
     }
 
     /// Belief at a point of the unit cube.
-    pub fn predict(&self, point: &[f64]) -> Prediction {
-        let mut correlation: Vec<f64> =
-            self.data.points.iter().map(|p| matern(distance(p, point, &self.inverse_lengths)).0).collect();
-        let mean = self.mean + correlation.iter().zip(self.weights.iter()).map(|(k, w)| k * w).sum::<f64>();
-        solve_lower(&self.lower, &mut correlation);
-        let solved = correlation;
-        let explained: f64 = solved.iter().map(|s| s * s).sum();
-        let ones_solved: f64 = self.ones.iter().zip(&solved).map(|(o, s)| o * s).sum();
+    #[cfg(test)]
+    fn predict(&self, point: &[f64]) -> Prediction {
+        self.predict_many(&[point.to_vec()])[0]
+    }
+
+    /// Beliefs at points of the unit cube, several at a time: each entry of the factor is then read once for all of them.
+    /// What is believed of a point does not depend on its neighbours in the list.
+    pub fn predict_many(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
         let ones_ones: f64 = self.ones.iter().map(|o| o * o).sum();
-        let unknown_mean = (1.0 - ones_solved).powi(2) / ones_ones;
-        let variance = self.variance * (1.0 - explained + unknown_mean).max(0.0);
-        Prediction { mean, deviation: variance.sqrt() }
+        let mut beliefs = Vec::with_capacity(points.len());
+        let mut right = vec![[0.0; LANES]; self.data.points.len()];
+        for group in points.chunks(LANES) {
+            let mut means = [self.mean; LANES];
+            for (row, known) in self.data.points.iter().enumerate() {
+                for (lane, point) in group.iter().enumerate() {
+                    let value = matern(distance(known, point, &self.inverse_lengths)).0;
+                    means[lane] += value * self.weights[row];
+                    right[row][lane] = value;
+                }
+            }
+            solve_lower(&self.lower, &mut right);
+            let (mut explained, mut ones_solved) = ([0.0; LANES], [0.0; LANES]);
+            for (solved, one) in right.iter().zip(&self.ones) {
+                for lane in 0..LANES {
+                    explained[lane] += solved[lane] * solved[lane];
+                    ones_solved[lane] += one * solved[lane];
+                }
+            }
+            beliefs.extend((0..group.len()).map(|lane| {
+                let unknown_mean = (1.0 - ones_solved[lane]).powi(2) / ones_ones;
+                let variance = self.variance * (1.0 - explained[lane] + unknown_mean).max(0.0);
+                Prediction { mean: means[lane], deviation: variance.sqrt() }
+            }));
+        }
+        beliefs
     }
 
     /// Standard deviation of the observation noise.
@@ -260,14 +286,16 @@ fn distance(a: &[f64], b: &[f64], inverse_lengths: &[f64]) -> f64 {
     a.iter().zip(b).zip(inverse_lengths).map(|((a, b), inverse)| ((a - b) * inverse).powi(2)).sum()
 }
 
-/// Forward substitution in place, column by column so that the inner loop has no chain of sums.
-fn solve_lower(lower: &DMatrix<f64>, right: &mut [f64]) {
+/// Forward substitution in place for several right sides at once, column by column so that no loop waits for a sum.
+fn solve_lower(lower: &DMatrix<f64>, right: &mut [[f64; LANES]]) {
     let n = right.len();
     for (j, column) in lower.as_slice().chunks_exact(n).enumerate() {
-        right[j] /= column[j];
-        let solved = right[j];
-        for (value, l) in right[j + 1..].iter_mut().zip(&column[j + 1..]) {
-            *value -= solved * l;
+        let solved = right[j].map(|value| value / column[j]);
+        right[j] = solved;
+        for (values, l) in right[j + 1..].iter_mut().zip(&column[j + 1..]) {
+            for (value, solved) in values.iter_mut().zip(solved) {
+                *value -= solved * l;
+            }
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{Polished, Population, members};
+use super::polished::{Polished, Population, members, searched};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -33,6 +33,7 @@ pub struct Genes {
     seed: u64,
     restart: u64,
     size: usize,
+    first_size: usize,
     generation: u64,
     /// Best first.
     members: Vec<Trial>,
@@ -43,12 +44,19 @@ pub struct Genes {
 impl Genetic {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
+        let space = searched(space, settings);
         let size = members(POPULATION, settings);
         let genes = Genes {
             space: space.clone(),
             seed: settings.seed,
             restart: 0,
             size,
+            // breeding a handful finds less than chance does: a third of a small budget looks around
+            first_size: if settings.early_stop {
+                size
+            } else {
+                (settings.budget / 3).clamp(size, POPULATION)
+            },
             generation: 0,
             members: Vec::new(),
             best_scores: Vec::new(),
@@ -120,7 +128,8 @@ impl Population for Genes {
     fn ask(&mut self) -> Vec<Candidate> {
         let mut rng = generator(self.seed, self.restart << 32 | self.generation);
         if self.members.is_empty() {
-            return (0..self.size).map(|_| Candidate { values: self.space.sample(&mut rng) }).collect();
+            let points = self.space.latin_hypercube(self.first_size, &mut rng);
+            return points.into_iter().map(|values| Candidate { values }).collect();
         }
         let wanted = self.size.saturating_sub(self.elite()).max(1);
         let mut children = Vec::with_capacity(wanted + 1);
@@ -151,6 +160,7 @@ impl Population for Genes {
         self.members.truncate(elite);
         self.members.extend_from_slice(trials);
         self.members.sort_by(Trial::order);
+        self.members.truncate(self.size);
         self.best_scores.push(self.members[0].score);
         self.generation += 1;
     }

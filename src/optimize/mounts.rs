@@ -4,42 +4,99 @@ use serde::{Deserialize, Serialize};
 
 use super::{Measured, Mirror, Space, SpaceError, Variable};
 use crate::objective::Objective;
-use crate::simulate::published::{ExperimentError, Phase, Placement, Roll};
+use crate::robustness::{Criterion, Robustness, Spread};
+use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Roll};
 
 /// Greatest number of masters of the published space.
 pub const PUBLISHED_MASTERS_MAX: u32 = 5;
 
-/// Published bounds: where a master may sit, m, and how far it may tilt, degrees.
-const BOUNDS: [(&str, f64, f64); 5] = [
-    ("x_m", -0.10, 0.15),
-    ("y_m", -0.25, 0.25),
-    ("z_m", -0.15, 0.15),
-    ("pitch_deg", -90.0, 90.0),
-    ("roll_deg", -90.0, 90.0),
-];
+/// Where a master may sit and how far it may tilt.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MountBounds {
+    /// Right of the platform's origin, m.
+    pub x_m: (f64, f64),
+    /// Ahead of it, m.
+    pub y_m: (f64, f64),
+    /// Above it, m.
+    pub z_m: (f64, f64),
+    /// About the forward axis, degrees: what the servo reaches.
+    pub pitch_deg: (f64, f64),
+    /// About the lateral axis, degrees.
+    pub roll_deg: (f64, f64),
+}
+
+impl Default for MountBounds {
+    /// As published.
+    fn default() -> Self {
+        Self {
+            x_m: (-0.10, 0.15),
+            y_m: (-0.25, 0.25),
+            z_m: (-0.15, 0.15),
+            pitch_deg: (-90.0, 90.0),
+            roll_deg: (-90.0, 90.0),
+        }
+    }
+}
+
+impl MountBounds {
+    fn named(&self) -> [(&'static str, (f64, f64)); 5] {
+        [
+            ("x_m", self.x_m),
+            ("y_m", self.y_m),
+            ("z_m", self.z_m),
+            ("pitch_deg", self.pitch_deg),
+            ("roll_deg", self.roll_deg),
+        ]
+    }
+}
 
 /// What about the mounts is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MountSearch {
-    /// One master up to this many; each is mirrored.
+    /// At least so many masters, from 1.
+    pub masters_min: u32,
+    /// At most so many.
     pub masters_max: u32,
+    /// Where they may be.
+    pub bounds: MountBounds,
+    /// Pitch and roll are whole multiples of this, degrees: the step of a servo or of a drilled plate.
+    pub tilt_step_deg: Option<f64>,
     /// Roll of every master in degrees; searched when `None`.
     pub fixed_roll_deg: Option<f64>,
-    /// Whether each master has a mirror image: the two may then change places.
+    /// Whether each master has a mirror image.
     pub is_mirrored: bool,
+    /// Whether a master and its image may change places without a change of the score.
+    pub is_mirrored_exactly: bool,
     /// Whether scene and path look the same from both ends of the platform (y and roll change sign).
     pub fore_aft_symmetry: bool,
 }
 
 impl MountSearch {
+    /// What is searched in this experiment as published: 1 master up to so many, published bounds, no steps.
+    pub fn of(experiment: &Experiment, masters_max: u32) -> Self {
+        Self {
+            masters_min: 1,
+            masters_max,
+            bounds: MountBounds::default(),
+            tilt_step_deg: None,
+            fixed_roll_deg: match experiment.roll {
+                Roll::Fixed(roll_deg) => Some(roll_deg),
+                Roll::Free => None,
+            },
+            is_mirrored: experiment.mirror,
+            is_mirrored_exactly: experiment.mirror,
+            // a phase that moves on from pose to pose tells the two ends of the walk apart
+            fore_aft_symmetry: experiment.phase == Phase::Locked,
+        }
+    }
+
     /// The space: the number of masters, then x, y, z, pitch and, if it is free, roll of each. A master beyond the
     /// number is inactive. Symmetries: a master and its mirror image may change places, and so may masters.
     pub fn space(&self) -> Result<Space, SpaceError> {
-        let count = f64::from(self.masters_max);
         let mut variables = vec![Variable {
             name: "masters".into(),
-            low: 1.0,
-            high: count,
+            low: f64::from(self.masters_min),
+            high: f64::from(self.masters_max),
             integer: true,
             active_from: None,
             role: 0,
@@ -47,24 +104,27 @@ impl MountSearch {
         let mut blocks = Vec::new();
         let mut mirrors = Vec::new();
         let per_master = self.per_master();
+        let MountBounds { x_m, y_m, pitch_deg, roll_deg, .. } = self.bounds;
+        let is_even = |(low, high): (f64, f64)| low == -high;
         for master in 1..=self.masters_max {
             let first = variables.len();
-            for (role, (name, low, high)) in BOUNDS.iter().take(per_master).enumerate() {
+            for (role, (name, (low, high))) in self.bounds.named().into_iter().take(per_master).enumerate() {
                 variables.push(Variable {
                     name: format!("master {master} {name}"),
-                    low: *low,
-                    high: *high,
+                    low,
+                    high,
                     integer: false,
-                    active_from: (master > 1).then_some(master),
+                    active_from: (master > self.masters_min).then_some(master),
                     role: role + 1,
                 });
             }
-            if self.is_mirrored {
+            if self.is_mirrored_exactly && is_even(pitch_deg) && x_m.0 <= 0.0 && x_m.1 >= -x_m.0 {
                 mirrors.push(Mirror { key: first, negated: vec![first, first + 3] });
             }
             blocks.push((first..first + per_master).collect::<Vec<usize>>());
         }
-        if self.fore_aft_symmetry && self.fixed_roll_deg.is_none_or(|roll| roll == 0.0) {
+        let rolls_even = self.fixed_roll_deg.map_or(is_even(roll_deg), |roll| roll == 0.0);
+        if self.fore_aft_symmetry && is_even(y_m) && rolls_even {
             let negated = blocks.iter().flat_map(|block| {
                 let roll = self.fixed_roll_deg.is_none().then_some(block[0] + 4);
                 [Some(block[0] + 1), roll].into_iter().flatten()
@@ -78,11 +138,19 @@ impl MountSearch {
     /// The masters of a point of that space.
     pub fn masters(&self, values: &[f64]) -> Vec<Placement> {
         let roll_deg = self.fixed_roll_deg.unwrap_or(0.0);
-        values[1..]
-            .chunks_exact(self.per_master())
-            .take(values[0] as usize)
-            .map(|v| Placement::from([v[0], v[1], v[2], v[3], v.get(4).copied().unwrap_or(roll_deg)]))
-            .collect()
+        let stepped = |angle_deg: f64, (low, high): (f64, f64)| match self.tilt_step_deg {
+            // the last whole step inside the bounds
+            Some(step_deg) => {
+                let least = (low / step_deg).ceil();
+                (angle_deg / step_deg).round().clamp(least, (high / step_deg).floor().max(least)) * step_deg
+            }
+            None => angle_deg,
+        };
+        let tilt = |v: &[f64]| {
+            let roll_deg = v.get(4).map_or(roll_deg, |free_deg| stepped(*free_deg, self.bounds.roll_deg));
+            Placement::from([v[0], v[1], v[2], stepped(v[3], self.bounds.pitch_deg), roll_deg])
+        };
+        values[1..].chunks_exact(self.per_master()).take(values[0] as usize).map(tilt).collect()
     }
 
     fn per_master(&self) -> usize {
@@ -108,24 +176,44 @@ pub struct MountProblem {
     objective: Objective,
     search: MountSearch,
     keep_apart: KeepApart,
+    robust: Option<(Robustness, Criterion)>,
 }
 
 impl MountProblem {
     /// Searches masters 1 to `masters_max` for this objective; roll is free or fixed as its experiment says.
     pub fn new(objective: Objective, masters_max: u32, keep_apart: KeepApart) -> Self {
-        let experiment = objective.simulator().experiment();
-        let fixed_roll_deg = match experiment.roll {
-            Roll::Fixed(roll_deg) => Some(roll_deg),
-            Roll::Free => None,
-        };
-        let search = MountSearch {
-            masters_max,
-            fixed_roll_deg,
-            is_mirrored: experiment.mirror,
-            // a phase that moves on from pose to pose tells the two ends of the walk apart
-            fore_aft_symmetry: experiment.phase == Phase::Locked,
-        };
-        Self { objective, search, keep_apart }
+        let search = MountSearch::of(objective.simulator().experiment(), masters_max);
+        Self::with_search(objective, search, keep_apart)
+    }
+
+    /// Searches what is said.
+    pub fn with_search(objective: Objective, search: MountSearch, keep_apart: KeepApart) -> Self {
+        Self { objective, search, keep_apart, robust: None }
+    }
+
+    /// The same with the expected or the worst J of a built rig in place of J as planned. Errors of mounting differ from
+    /// sensor to sensor: two ends of the walk are then no longer alike.
+    pub fn robust(mut self, robustness: Robustness, criterion: Criterion) -> Self {
+        self.search.fore_aft_symmetry = false;
+        self.search.is_mirrored_exactly = false;
+        self.robust = Some((robustness, criterion));
+        self
+    }
+
+    /// What mount errors are reckoned with, if any.
+    pub fn robustness(&self) -> Option<(&Robustness, Criterion)> {
+        self.robust.as_ref().map(|(robustness, criterion)| (robustness, *criterion))
+    }
+
+    /// J over mount errors of these masters, where they are reckoned with.
+    pub fn spread(&self, masters: &[Placement]) -> Result<Option<Spread>, ExperimentError> {
+        let sensors = self.objective.simulator().experiment().sensors(masters);
+        self.robust.as_ref().map(|(robustness, _)| robustness.spread(&sensors)).transpose()
+    }
+
+    /// What is searched.
+    pub fn search(&self) -> &MountSearch {
+        &self.search
     }
 
     /// What is searched, with its symmetries and with what each number of masters could reach at most.
@@ -133,9 +221,12 @@ impl MountProblem {
         let weights = self.objective.weights();
         let reachable = self.objective.simulator().reachable() as f64;
         let per_master = if self.search.is_mirrored { 2.0 } else { 1.0 };
-        let rewards = weights.overlap_reward.max(0.0) + weights.angle_reward.max(0.0);
+        let rewards = weights.overlap_reward.max(0.0)
+            + weights.angle_reward.max(0.0)
+            + weights.best_registration_term();
         let ceiling = |masters| reachable + rewards - weights.sensor_cost * per_master * f64::from(masters);
-        Ok(self.search.space()?.with_ceilings((1..=self.search.masters_max).map(ceiling).collect()))
+        let counts = self.search.masters_min..=self.search.masters_max;
+        Ok(self.search.space()?.with_ceilings(counts.map(ceiling).collect()))
     }
 
     /// The masters of a point.
@@ -148,16 +239,28 @@ impl MountProblem {
         &self.objective
     }
 
-    /// Scores a point. Violation: the distances that miss, summed, m; sensors that may not be are still scored.
+    /// Scores a point. Violation: the distances that miss, summed, m, and the share by which the conditioning of
+    /// registration falls short; sensors that may not be are still scored.
     pub fn measure(&self, values: &[f64]) -> Result<Measured, ExperimentError> {
         let masters = self.masters(values);
         let experiment = self.objective.simulator().experiment();
         let sensors = experiment.sensors(&masters);
+        let rays = experiment.rays_per_sensor() * sensors.len() as u64;
+        let too_close_m = self.violation(&sensors);
+        if let Some((robustness, criterion)) = &self.robust {
+            let quality = self.objective.registration(&sensors);
+            return Ok(Measured {
+                score: robustness.judge(&sensors, *criterion)?,
+                violation: too_close_m + self.objective.conditioning_shortfall(quality.as_ref()),
+                rays: rays * robustness.draws() as u64,
+            });
+        }
         let counts = self.objective.simulator().count(&sensors)?;
+        let quality = self.objective.registration(&sensors);
         Ok(Measured {
-            score: self.objective.terms(&sensors, &counts).objective(),
-            violation: self.violation(&sensors),
-            rays: experiment.rays_per_sensor() * sensors.len() as u64,
+            score: self.objective.terms(&sensors, &counts, quality.as_ref()).objective(),
+            violation: too_close_m + self.objective.conditioning_shortfall(quality.as_ref()),
+            rays,
         })
     }
 
@@ -181,11 +284,15 @@ impl MountProblem {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::published::PRESETS;
+
+    fn searched(masters_max: u32, fixed_roll_deg: Option<f64>) -> MountSearch {
+        MountSearch { fixed_roll_deg, ..MountSearch::of(&Experiment::published(&PRESETS[0]), masters_max) }
+    }
 
     #[test]
     fn the_published_space_has_one_integer_and_25_continuous_variables() {
-        let search =
-            MountSearch { masters_max: 5, is_mirrored: true, fixed_roll_deg: None, fore_aft_symmetry: true };
+        let search = searched(5, None);
         let space = search.space().unwrap();
         assert_eq!(space.len(), 26);
         assert_eq!(space.variables().iter().filter(|v| v.integer).count(), 1);
@@ -198,8 +305,7 @@ mod tests {
 
     #[test]
     fn equal_rigs_have_one_canonical_point() {
-        let search =
-            MountSearch { masters_max: 1, is_mirrored: true, fixed_roll_deg: None, fore_aft_symmetry: true };
+        let search = searched(1, None);
         let space = search.space().unwrap();
         let one = space.canonical(&[1.0, 0.1, 0.2, 0.05, 30.0, 5.0]);
         assert_eq!(one, space.canonical(&[1.0, -0.1, 0.2, 0.05, -30.0, 5.0]));
@@ -209,14 +315,28 @@ mod tests {
 
     #[test]
     fn a_tilt_fixed_off_zero_has_no_fore_aft_symmetry() {
-        let search = MountSearch {
-            masters_max: 1,
-            is_mirrored: true,
-            fixed_roll_deg: Some(5.0),
-            fore_aft_symmetry: true,
-        };
+        let search = searched(1, Some(5.0));
         let space = search.space().unwrap();
         assert_eq!(space.canonical(&[1.0, 0.1, -0.2, 0.0, 30.0])[2], -0.2);
         assert_eq!(search.masters(&[1.0, 0.1, -0.2, 0.0, 30.0]), [[0.1, -0.2, 0.0, 30.0, 5.0].into()]);
+    }
+
+    #[test]
+    fn tilts_come_in_steps_within_the_servo_s_limits() {
+        let mut search = searched(1, Some(0.0));
+        search.bounds.pitch_deg = (-31.0, 47.0);
+        search.tilt_step_deg = Some(2.5);
+        let space = search.space().unwrap();
+        assert_eq!(space.folded().variables()[1].low, -0.1, "uneven limits leave no mirror to fold");
+        let pitch = |at: f64| search.masters(&[1.0, 0.0, 0.0, 0.0, at])[0].pitch_deg;
+        assert_eq!([pitch(-31.0), pitch(1.2), pitch(1.3), pitch(47.0)], [-30.0, 0.0, 2.5, 45.0]);
+    }
+
+    #[test]
+    fn a_least_number_of_masters_is_always_active() {
+        let mut search = searched(3, Some(0.0));
+        search.masters_min = 2;
+        let space = search.space().unwrap();
+        assert_eq!(space.free(&[2.0; 13]), (0..9).collect::<Vec<_>>());
     }
 }

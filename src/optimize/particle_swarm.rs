@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{Polished, Population, members};
+use super::polished::{Polished, Population, members, searched};
 use super::{Candidate, Settings, Space, Trial, generator};
 
 const PARTICLES: usize = 60;
@@ -37,6 +37,7 @@ pub struct Swarm {
 impl ParticleSwarm {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
+        let space = searched(space, settings);
         let swarm = Swarm {
             space: space.clone(),
             seed: settings.seed,

@@ -1,14 +1,21 @@
-//! A population method followed by pattern search from its best point, as the published runs do.
+//! A population method followed by a local search, as the published runs do (theirs is pattern search).
 
 use serde::{Deserialize, Serialize};
 
+use super::lines::{Lines, TYPICAL_LENGTH};
 use super::pattern::Poll;
-use super::{Candidate, Optimizer, Settings, Space, Trial};
+use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 
 /// Mesh of the closing pattern search at its start, as a share of each variable's range.
 const POLISH_STEP: f64 = 0.02;
-/// Share of the budget kept for it.
-const POLISH_SHARE: f64 = 0.1;
+/// Share of the budget kept for local searches where the published rule does not end the population.
+const LOCAL_SHARE: f64 = 0.5;
+/// Evaluations that a local search after the first gets.
+const LOCAL_AGAIN: usize = 100;
+/// Trials remembered as starts of local searches.
+const REMEMBERED: usize = 400;
+/// Step of the generator that local searches draw from, apart from every generation's.
+const LOCAL_STREAM: u64 = 1 << 63;
 
 /// Generations of candidates that end by their own rule.
 pub trait Population {
@@ -24,63 +31,109 @@ pub trait Population {
     fn restart(&mut self, restart: u64);
 }
 
-/// A population method, then pattern search; then, unless the search stops by the published rule, again.
+/// A population method, then a local search: stopped by the published rule, pattern search from the best point and the end;
+/// otherwise [`Lines`] from the population's best points until the budget is spent, then the population again.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Polished<P> {
     space: Space,
     population: P,
-    poll: Option<Poll>,
+    seed: u64,
     early_stop: bool,
-    /// Evaluations of the first population at which its polish starts.
-    polish_from: usize,
+    budget: usize,
     evaluations: usize,
     restarts: u64,
+    step: u64,
+    poll: Option<Poll>,
+    lines: Option<Lines>,
+    /// The best trials of the population so far, best first.
+    remembered: Vec<Trial>,
 }
 
 impl<P: Population> Polished<P> {
     pub(super) fn new(space: Space, population: P, settings: Settings) -> Self {
-        let kept = (settings.budget as f64 * POLISH_SHARE) as usize;
         Self {
             space,
             population,
-            poll: None,
+            seed: settings.seed,
             early_stop: settings.early_stop,
-            polish_from: settings.budget - kept,
+            budget: settings.budget,
             evaluations: 0,
             restarts: 0,
+            step: 0,
+            poll: None,
+            lines: None,
+            remembered: Vec::new(),
         }
     }
 
-    fn is_population_done(&self) -> bool {
-        let reserved = !self.early_stop && self.restarts == 0 && self.evaluations >= self.polish_from;
-        reserved || self.population.is_spent()
+    fn ask_published(&mut self) -> Vec<Candidate> {
+        if self.poll.is_none() && self.population.is_spent() {
+            self.poll = self.population.best().map(|best| Poll::new(best.clone(), POLISH_STEP));
+        }
+        match &self.poll {
+            Some(poll) => poll.ask(&self.space),
+            None => self.population.ask(),
+        }
+    }
+
+    fn is_local_due(&self) -> bool {
+        let populations = self.budget as f64 * (1.0 - LOCAL_SHARE);
+        let reserved = self.restarts == 0 && self.evaluations as f64 >= populations;
+        !self.remembered.is_empty() && (reserved || self.population.is_spent())
+    }
+
+    fn remember(&mut self, trials: &[Trial]) {
+        self.remembered.extend_from_slice(trials);
+        self.remembered.sort_by(Trial::order);
+        self.remembered.truncate(REMEMBERED);
     }
 }
 
 impl<P: Population> Optimizer for Polished<P> {
     fn ask(&mut self) -> Vec<Candidate> {
-        if self.poll.is_none() && self.is_population_done() {
-            self.poll = self.population.best().map(|best| Poll::new(best.clone(), POLISH_STEP));
+        if self.early_stop {
+            return self.ask_published();
         }
-        if let Some(poll) = &self.poll {
-            let batch = poll.ask(&self.space);
-            if !batch.is_empty() || self.early_stop {
-                return batch;
+        if self.lines.is_none() && self.is_local_due() {
+            let ranked: Vec<&Trial> = self.remembered.iter().collect();
+            let left = self.budget.saturating_sub(self.evaluations).max(LOCAL_AGAIN);
+            self.lines =
+                Some(Lines::begin(&self.space, &ranked, &vec![TYPICAL_LENGTH; self.space.len()], left));
+        }
+        match &mut self.lines {
+            Some(lines) if !lines.is_spent() => {
+                self.step += 1;
+                return lines.ask(&self.space, &mut generator(self.seed, LOCAL_STREAM | self.step));
             }
-            self.poll = None;
-            self.restarts += 1;
-            self.population.restart(self.restarts);
+            Some(_) => {
+                self.lines = None;
+                self.remembered.clear();
+                self.restarts += 1;
+                self.population.restart(self.restarts);
+            }
+            None => (),
         }
         self.population.ask()
     }
 
     fn tell(&mut self, trials: &[Trial]) {
         self.evaluations += trials.len();
-        match &mut self.poll {
-            Some(poll) => poll.tell(trials),
-            None => self.population.tell(trials),
+        match (&mut self.poll, &mut self.lines) {
+            (Some(poll), _) => poll.tell(trials),
+            (None, Some(lines)) => lines.tell(trials),
+            (None, None) => {
+                self.population.tell(trials);
+                if !self.early_stop {
+                    self.remember(trials);
+                }
+            }
         }
     }
+}
+
+/// The space a method searches: as published, or one representative of each class of equal points.
+pub(super) fn searched(space: Space, settings: Settings) -> Space {
+    if settings.early_stop { space } else { space.folded() }
 }
 
 /// Members of a population where the published number would leave fewer than ten generations.

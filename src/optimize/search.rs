@@ -32,6 +32,8 @@ pub enum StoppedBy {
     Converged,
     /// The stop flag.
     Interrupted,
+    /// All rays of the budget were cast; the stop flag was set for that.
+    Rays,
 }
 
 /// Why a search cannot go on.

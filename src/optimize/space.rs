@@ -138,6 +138,11 @@ impl Space {
         rest
     }
 
+    /// What no point of the space can exceed, where that is known.
+    pub fn ceiling(&self) -> Option<f64> {
+        self.ceilings.iter().copied().reduce(f64::max)
+    }
+
     /// One representative of each class of equal points: the canonical half of every mirror.
     pub fn folded(&self) -> Self {
         let mut folded = self.clone();

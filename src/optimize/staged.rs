@@ -4,31 +4,24 @@
 //! 1. Seed points take the least count only: fewer sensors cost fewer rays, and a good score there often proves that
 //!    larger counts cannot win ([`Space::that_can_exceed`]). Counts that stay possible get seed points in turn.
 //! 2. Bayesian optimization over what is left, symmetries folded.
-//! 3. Local searches around many of the best points, with steps of all sizes, log-uniform for each variable: the objective
-//!    is a smooth hill under needles whose width differs from variable to variable, so no single step size is right. The
-//!    worse half of the searches is given up in each round (sequential halving: Karnin, Koren, Somekh 2013,
-//!    <https://proceedings.mlr.press/v28/karnin13.html>).
+//! 3. Scouts: wide steps from any of the better points, so that hills the model has given up are looked at again.
+//! 4. Local searches ([`Lines`]) from the best points that lie apart.
 
 use serde::{Deserialize, Serialize};
 
+use super::lines::{Lines, TYPICAL_LENGTH, vary};
 use super::{Bayesian, Candidate, Optimizer, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
 const SEEDS_PER_COUNT: usize = 12;
 /// Bayesian evaluations at most: beyond, the model costs more than the objective and says less.
 const MODELLED_MAX: usize = 120;
-/// Share of the local evaluations that look for places worth a local search.
+/// Share of the evaluations after the model's that look for places worth a local search.
 const SCOUT_SHARE: f64 = 0.25;
 /// Scouts start from so many of the best points.
-const SCOUTED: usize = 30;
-const SCOUT_STEPS: (f64, f64) = (0.01, 0.2);
+const SCOUTED: usize = 120;
+const SCOUT_STEPS: (f64, f64) = (0.02, 0.5);
 const SCOUTS_AT_ONCE: usize = 16;
-/// Local searches at first: one for so many local evaluations, within bounds.
-const EVALUATIONS_PER_LINE: usize = 40;
-const LINES: (usize, usize) = (2, 64);
-const LINE_STEPS: (f64, f64) = (1e-5, 0.1);
-/// Least distance between the starts of two local searches, as a share of some variable's range.
-const APART: f64 = 2e-3;
 
 /// Cheap first, then modelled, then local.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -40,12 +33,9 @@ pub struct Staged {
     next_count: f64,
     trials: Vec<Trial>,
     model: Option<Bayesian>,
-    /// Best point of each local search, the best first at the start of each round; empty before the first.
-    lines: Vec<Trial>,
-    /// Local search that each candidate of the last batch belongs to.
-    asked: Vec<usize>,
-    /// Evaluations left of this round.
-    round_left: usize,
+    /// Over which share of each variable's range the objective changes, as the model learned.
+    lengths: Vec<f64>,
+    lines: Option<Lines>,
 }
 
 impl Staged {
@@ -53,17 +43,8 @@ impl Staged {
     pub fn new(space: Space, settings: Settings) -> Self {
         let space = space.folded();
         let next_count = space.variables()[0].low;
-        Self {
-            space,
-            settings,
-            step: 0,
-            next_count,
-            trials: Vec::new(),
-            model: None,
-            lines: Vec::new(),
-            asked: Vec::new(),
-            round_left: 0,
-        }
+        let lengths = vec![TYPICAL_LENGTH; space.len()];
+        Self { space, settings, step: 0, next_count, trials: Vec::new(), model: None, lengths, lines: None }
     }
 
     fn rest(&self) -> Space {
@@ -117,72 +98,6 @@ impl Staged {
         ranked.sort_by(|a, b| a.order(b));
         ranked
     }
-
-    /// The best points that lie apart from each other, one for each local search.
-    fn begin_lines(&mut self) {
-        let wanted = (self.local() / EVALUATIONS_PER_LINE).clamp(LINES.0, LINES.1);
-        let mut lines: Vec<(Vec<f64>, Trial)> = Vec::new();
-        for trial in self.ranked() {
-            let unit = self.space.to_unit(&self.space.canonical(&trial.candidate.values));
-            let is_apart = |other: &Vec<f64>| unit.iter().zip(other).any(|(a, b)| (a - b).abs() > APART);
-            if lines.iter().all(|(other, _)| is_apart(other)) {
-                lines.push((unit, trial.clone()));
-            }
-            if lines.len() == wanted {
-                break;
-            }
-        }
-        self.lines = lines.into_iter().map(|(_, trial)| trial).collect();
-        self.round_left = self.round();
-    }
-
-    /// Evaluations of one round: the halvings left share what is left of the plan.
-    fn round(&self) -> usize {
-        let rounds = self.lines.len().max(1).ilog2() as usize + 1;
-        (self.settings.budget.saturating_sub(self.trials.len()) / rounds).max(self.lines.len())
-    }
-
-    fn children(&mut self, rng: &mut Rng) -> Vec<Candidate> {
-        if self.lines.is_empty() {
-            self.begin_lines();
-        }
-        if self.round_left == 0 {
-            self.lines.sort_by(Trial::order);
-            self.lines.truncate(self.lines.len().div_ceil(2));
-            self.round_left = self.round();
-        }
-        let space = self.rest();
-        let count = if self.lines.len() < 8 { 8usize.div_ceil(self.lines.len()) } else { 1 };
-        self.asked = (0..count).flat_map(|_| 0..self.lines.len()).collect();
-        let child = |&line: &usize| Candidate {
-            values: vary(&space, &self.lines[line].candidate.values, LINE_STEPS, rng),
-        };
-        self.asked.iter().map(child).collect()
-    }
-}
-
-/// A point near another: each free variable moves with even odds (at least one does), by a normal step whose size is
-/// log-uniform within `steps`, shares of its range; integers move by one.
-fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Vec<f64> {
-    let mut values = from.to_vec();
-    let free = space.free(from);
-    if free.is_empty() {
-        return values;
-    }
-    let sure = free[rng.below(free.len() as u64) as usize];
-    for index in free {
-        let variable = &space.variables()[index];
-        let scale = steps.0 * (steps.1 / steps.0).powf(rng.uniform());
-        if variable.integer {
-            if index == sure || rng.uniform() < scale {
-                values[index] += if rng.uniform() < 0.5 { 1.0 } else { -1.0 };
-            }
-        } else if index == sure || rng.uniform() < 0.5 {
-            values[index] += scale * (variable.high - variable.low) * rng.normal();
-        }
-    }
-    space.clamp(&mut values);
-    values
 }
 
 fn candidates(points: Vec<Vec<f64>>) -> Vec<Candidate> {
@@ -208,13 +123,21 @@ impl Optimizer for Staged {
                 return model.ask();
             }
         }
-        self.model = None;
-        let scouted = self.modelled() + (self.local() as f64 * SCOUT_SHARE) as usize;
-        if self.lines.is_empty() && self.trials.len() < scouted {
-            self.scouts(&mut rng)
-        } else {
-            self.children(&mut rng)
+        if let Some(lengths) = self.model.take().and_then(|model| model.lengths()) {
+            self.lengths = lengths;
         }
+        let scouted = self.modelled() + (self.local() as f64 * SCOUT_SHARE) as usize;
+        if self.lines.is_none() && self.trials.len() < scouted {
+            return self.scouts(&mut rng);
+        }
+        let space = self.rest();
+        let mut lines = self.lines.take().unwrap_or_else(|| {
+            let left = self.settings.budget.saturating_sub(self.trials.len());
+            Lines::begin(&self.space, &self.ranked(), &self.lengths, left)
+        });
+        let batch = lines.ask(&space, &mut rng);
+        self.lines = Some(lines);
+        batch
     }
 
     fn tell(&mut self, trials: &[Trial]) {
@@ -222,11 +145,8 @@ impl Optimizer for Staged {
         if let Some(model) = &mut self.model {
             model.tell(trials);
         }
-        for (&line, trial) in std::mem::take(&mut self.asked).iter().zip(trials) {
-            if trial.beats(&self.lines[line]) {
-                self.lines[line] = trial.clone();
-            }
-            self.round_left = self.round_left.saturating_sub(1);
+        if let Some(lines) = &mut self.lines {
+            lines.tell(trials);
         }
     }
 }

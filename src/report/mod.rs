@@ -3,24 +3,30 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::chart::{CellClass, escape};
+use crate::chart::{CellClass, CellMap, cell_map_svg, escape};
 
+mod above;
+mod blind_spots;
 mod unfold;
 
-pub use unfold::unfold_box;
+pub use above::FromAbove;
+pub use blind_spots::{BlindSpot, blind_spots};
+pub use unfold::{unfold_box, unfold_mount_box};
 
 /// A page, built from top to bottom.
 #[derive(Clone, Debug)]
 pub struct Report {
     title: String,
     body: String,
+    /// Command that makes every figure again.
+    made_by: String,
 }
 
 impl Report {
-    /// An empty page; `summary` is the one sentence a reader takes away.
-    pub fn new(title: &str, summary: &str) -> Self {
+    /// An empty page; `summary` is the one sentence a reader takes away, `made_by` the command that makes it again.
+    pub fn new(title: &str, summary: &str, made_by: &str) -> Self {
         let body = format!("<h1>{}</h1><p class=\"summary\">{}</p>", escape(title), escape(summary));
-        Self { title: title.to_owned(), body }
+        Self { title: title.to_owned(), body, made_by: made_by.to_owned() }
     }
 
     /// A heading.
@@ -31,11 +37,6 @@ impl Report {
     /// A paragraph.
     pub fn paragraph(&mut self, text: &str) {
         let _ = write!(self.body, "<p>{}</p>", escape(text));
-    }
-
-    /// A command the reader can run again.
-    pub fn command(&mut self, text: &str) {
-        let _ = write!(self.body, "<pre>{}</pre>", escape(text));
     }
 
     /// A table; the first column is text, numbers stand right.
@@ -57,23 +58,46 @@ impl Report {
         self.body.push_str("</tbody></table></div>");
     }
 
-    /// A picture made by [`crate::chart`], with its caption and a legend of the classes it uses.
-    pub fn figure(&mut self, svg: &str, caption: &str, legend: &[CellClass]) {
-        let _ = write!(self.body, "<figure>{svg}");
-        if !legend.is_empty() {
-            self.body.push_str("<p class=\"legend\">");
-            for class in legend {
-                let _ = write!(
-                    self.body,
-                    "<span><svg width=\"12\" height=\"12\"><rect class=\"{}\" width=\"12\" height=\"12\"/></svg> \
-                     {}</span>",
-                    class.css,
-                    escape(&class.name)
-                );
-            }
-            self.body.push_str("</p>");
+    /// A chart made by [`crate::chart`], with its caption and the command that makes it again.
+    pub fn figure(&mut self, svg: &str, caption: &str) {
+        let _ = write!(self.body, "<figure><div class=\"scroll\">{svg}</div>");
+        self.close_figure(caption);
+    }
+
+    /// Maps beside each other, as many as fit the page, with a legend of the classes and a caption.
+    pub fn maps(&mut self, label: &str, maps: &[CellMap], classes: &[CellClass], caption: &str) {
+        self.body.push_str("<figure><div class=\"maps\">");
+        for map in &maps.iter().map(|map| map.coarse(MOST_SQUARES)).collect::<Vec<_>>() {
+            let _ = write!(
+                self.body,
+                "<div style=\"max-width:{}px\"><p>{}</p>{}</div>",
+                map.width * cell_px(map),
+                escape(&map.title),
+                cell_map_svg(label, map, classes)
+            );
         }
-        let _ = write!(self.body, "<figcaption>{}</figcaption></figure>", escape(caption));
+        self.body.push_str("</div><p class=\"legend\">");
+        let used = |place: usize| maps.iter().any(|map| map.cells.contains(&Some(place)));
+        for class in classes.iter().enumerate().filter(|(place, _)| used(*place)).map(|(_, class)| class) {
+            let _ = write!(
+                self.body,
+                "<span><svg width=\"12\" height=\"12\" aria-hidden=\"true\"><rect class=\"{}\" width=\"12\" \
+                 height=\"12\"/></svg> {}</span>",
+                class.css,
+                escape(&class.name)
+            );
+        }
+        self.body.push_str("</p>");
+        self.close_figure(caption);
+    }
+
+    fn close_figure(&mut self, caption: &str) {
+        let _ = write!(
+            self.body,
+            "<figcaption>{} <span class=\"again\">Made by <code>{}</code></span></figcaption></figure>",
+            escape(caption),
+            escape(&self.made_by)
+        );
     }
 
     /// The whole page.
@@ -91,6 +115,14 @@ impl Report {
     pub fn write(&self, path: &Path) -> std::io::Result<()> {
         crate::files::write_whole(path, self.html().as_bytes())
     }
+}
+
+/// Squares along the longer side of a map; more cannot be told apart.
+const MOST_SQUARES: usize = 220;
+
+/// Pixels per cell at most: a map fills at most half a wide page.
+fn cell_px(map: &CellMap) -> usize {
+    (560 / map.width.max(map.height()).max(1)).clamp(2, 16)
 }
 
 const STYLE: &str = include_str!("report.css");

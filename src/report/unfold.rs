@@ -3,6 +3,20 @@
 use crate::chart::CellMap;
 use crate::coverage::VoxelGrid;
 
+/// The same for a grid in the axes of the mount frame (x right, y ahead).
+pub fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
+    let [right, ahead, up] = grid.cells;
+    let in_body = VoxelGrid { cells: [ahead, right, up], ..grid.clone() };
+    unfold_box(&in_body, &|cell| {
+        let [x, y, z] = in_body.place(cell);
+        class_of((right - 1 - y) + right * (x + ahead * z))
+    })
+    .into_iter()
+    .zip(["floor", "ceiling", "wall ahead (+y)", "wall behind (-y)", "wall left (-x)", "wall right (+x)"])
+    .map(|(map, title)| CellMap { title: title.into(), ..map })
+    .collect()
+}
+
 /// The outermost cell layers of a grid around a closed room, unfolded: floor and ceiling as seen from above (world x up
 /// the page, y to the left), walls as seen from inside with z up.
 pub fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
@@ -43,5 +57,18 @@ mod tests {
         assert_eq!(floor.cells.iter().position(Option::is_some), Some(4 * floor.width));
         assert_eq!(maps[2].cells.iter().position(Option::is_some), Some(0));
         assert_eq!(maps[4].cells.iter().position(Option::is_some), Some(4));
+    }
+
+    #[test]
+    fn the_mount_frame_has_its_right_at_the_right() {
+        let bounds = [DVec3::new(-1.0, -2.0, 0.0), DVec3::new(1.0, 2.0, 1.0)];
+        let grid = VoxelGrid::centred_on(bounds, 1.0);
+        let marked = grid.index(DVec3::new(1.0, 2.0, 0.0));
+        let maps = unfold_mount_box(&grid, &|index| (Some(index) == marked).then_some(0));
+        let first = |map: &CellMap| map.cells.iter().position(Option::is_some);
+        // right and ahead: the last column of the floor's top row, and of the wall ahead
+        assert_eq!((maps[0].width, first(&maps[0])), (3, Some(4 * 3 + 2)));
+        assert_eq!((maps[2].title.as_str(), first(&maps[2])), ("wall ahead (+y)", Some(2)));
+        assert_eq!((maps[5].title.as_str(), first(&maps[5])), ("wall right (+x)", Some(0)));
     }
 }

@@ -10,8 +10,10 @@
 //! ```
 //!
 //! The last three are optional: which experiment the mount was found in, its score there, and the sensors before
-//! mirroring (x_m, y_m, z_m, pitch_deg, roll_deg). Angles stay in degrees here, so that writing and reading loses nothing.
+//! mirroring (x_m, y_m, z_m, pitch_deg, roll_deg). So is `"calibrations": { "right": "right.json" }`: by name of a
+//! sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so that writing and reading loses nothing.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
@@ -33,6 +35,9 @@ pub struct MountFile {
     frame: String,
     /// Every physical sensor, mirrored ones included.
     pub sensors: Vec<SensorEntry>,
+    /// Calibration of the unit in a sensor's place, by its name: a path as seen from this file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibrations: Option<BTreeMap<String, String>>,
     /// Sensors before mirroring: `[x_m, y_m, z_m, pitch_deg, roll_deg]` each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masters: Option<Vec<[f64; 5]>>,
@@ -94,6 +99,7 @@ impl MountFile {
             format: FORMAT.into(),
             frame: FRAME.into(),
             sensors,
+            calibrations: None,
             masters: None,
             preset: None,
             objective: None,
@@ -169,6 +175,11 @@ impl MountFile {
             catalogue::nominal(&sensor.model).map_err(|error| format!("sensors[{index}].model: {error}"))?;
             for (field, value) in sensor.numbers() {
                 finite(&format!("sensors[{index}].{field}"), value)?;
+            }
+        }
+        for name in self.calibrations.iter().flat_map(BTreeMap::keys) {
+            if !self.sensors.iter().any(|sensor| sensor.name == *name) {
+                return Err(format!("calibrations names {name:?}, but no sensor is called so"));
             }
         }
         for (index, master) in self.masters.iter().flatten().enumerate() {

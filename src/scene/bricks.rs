@@ -66,6 +66,13 @@ impl BrickIndex {
         &self.bricks
     }
 
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let tables = std::mem::size_of_val(&self.keys[..]) + std::mem::size_of_val(&self.slots[..]);
+        let regions = self.regions.len() * (size_of::<Region>() + size_of::<[u32; CELLS]>());
+        tables + regions + std::mem::size_of_val(&self.bricks[..])
+    }
+
     /// Number of a brick, if it exists.
     pub fn find(&self, brick: [i32; 3]) -> Option<u32> {
         self.find_near(brick, &mut LastRegion::default())

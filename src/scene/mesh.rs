@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::Hit;
 use super::tree::{OccluderMemory, PACKET, TriangleTree};
+use crate::instructions::Instructions;
 use crate::rng::Rng;
 
 /// A mesh ready for ray casting. Triangles may intersect, overlap and leave holes.
@@ -86,11 +87,22 @@ impl Mesh {
         &self,
         origins_m: &[DVec3],
         directions: &[DVec3],
+        report: impl FnMut(usize, Option<Hit>),
+    ) {
+        self.cast_many_with(Instructions::best(), origins_m, directions, report);
+    }
+
+    /// As [`Mesh::cast_many`], with given instructions; the hits are the same to the bit.
+    pub fn cast_many_with(
+        &self,
+        instructions: Instructions,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
         mut report: impl FnMut(usize, Option<Hit>),
     ) {
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
-            self.tree.cast_packet(origins, directions, |lane, met| {
+            self.tree.cast_packet(origins, directions, instructions, |lane, met| {
                 let hit = met.map(|met| turned(met.distance_m, met.normal, directions[lane]));
                 report(block * PACKET + lane, hit);
             });
@@ -271,10 +283,11 @@ mod tests {
         let point = |rng: &mut Rng| DVec3::new(rng.normal(), rng.normal(), rng.normal());
         let origins: Vec<DVec3> = (0..count).map(|_| 2.0 * point(&mut rng)).collect();
         let directions: Vec<DVec3> = (0..count).map(|_| point(&mut rng).normalize()).collect();
-        let mut reported = Vec::new();
+        let (mut reported, mut all) = (Vec::new(), Vec::new());
         let mut hits = 0;
         mesh.cast_many(&origins, &directions, |index, hit| {
             reported.push(index);
+            all.push(hit);
             let single = mesh.cast(origins[index], directions[index]);
             hits += usize::from(hit.is_some());
             match (hit, single) {
@@ -282,6 +295,11 @@ mod tests {
                 (a, b) => assert_eq!(a, b, "ray {index}"),
             }
         });
+        for instructions in Instructions::available() {
+            let mut again = Vec::new();
+            mesh.cast_many_with(instructions, &origins, &directions, |_, hit| again.push(hit));
+            assert_eq!(again, all, "{instructions:?}");
+        }
         assert_eq!(reported, (0..count).collect::<Vec<_>>());
         assert!(hits > count / 4, "{hits} of {count}");
     }
@@ -309,6 +327,25 @@ mod tests {
         let mesh = Mesh::new(vertices, triangles).unwrap();
         assert_eq!((mesh.triangles(), mesh.degenerate()), (4, 2));
         assert!(mesh.cast(DVec3::new(1.0, 0.0, 0.0), -DVec3::X).is_some());
+    }
+
+    #[test]
+    fn rays_in_a_face_and_along_an_edge_have_an_answer() {
+        let (vertices, triangles) = wall();
+        let mesh = Mesh::new(vertices, triangles).unwrap();
+        // in the wall's plane: no surface is met, whatever the direction
+        for direction in [DVec3::Y, DVec3::Z, DVec3::new(0.0, 0.6, 0.8)] {
+            let hits = [DVec3::new(0.0, -3.0, -0.5), DVec3::ZERO, DVec3::new(0.0, 1.0, -1.0)]
+                .map(|origin| mesh.cast(origin, direction));
+            assert_eq!(hits, [None; 3], "{direction}");
+        }
+        // onto the edges, the diagonal between both triangles and the corners, from both sides
+        for (y, z) in [(0.0, 0.0), (0.5, 0.5), (1.0, 0.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)] {
+            for side in [-2.0, 2.0] {
+                let hit = mesh.cast(DVec3::new(side, y, z), DVec3::new(-side.signum(), 0.0, 0.0));
+                assert_eq!(hit.map(|hit| hit.distance_m), Some(2.0), "{y} {z}");
+            }
+        }
     }
 
     #[test]

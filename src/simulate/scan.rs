@@ -8,8 +8,9 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 use rayon::prelude::*;
-use sensors::SensorModel;
 
+use super::column::{FiredBeam, beam_at, by_elevation, median, ring};
+use super::detection::Detection;
 use super::occluder::Occluder;
 use crate::coverage::Coverage;
 use crate::geometry::Pose;
@@ -17,26 +18,6 @@ use crate::rig::Rig;
 use crate::rng::Rng;
 use crate::scene::{Hit, Scene};
 use crate::trajectory::Trajectory;
-
-/// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's limits.
-/// `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that fire later.
-/// `ranges_m` holds one place per channel.
-pub fn cast_column(
-    scene: &Scene,
-    world_from_sensor: Pose,
-    model: &SensorModel,
-    azimuth_rad: f64,
-    spin_rad_s: f64,
-    ranges_m: &mut [Option<f64>],
-) {
-    for (channel, range_m) in ranges_m.iter_mut().enumerate() {
-        let beam = beam_at(model, channel, azimuth_rad, spin_rad_s, &world_from_sensor);
-        *range_m = scene
-            .cast(beam.origin_m, beam.direction)
-            .map(|hit| hit.distance_m + beam.range_offset_m)
-            .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
-    }
-}
 
 /// How a sensor spins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +71,8 @@ pub struct Flaws {
     pub max_incidence_rad: Option<f64>,
     /// Share of returns lost at random.
     pub drop_out: f64,
+    /// Returns lost because too little light comes back.
+    pub detection: Option<Detection>,
     /// Rays spread over the model's divergence beside the central one; the median range is reported.
     pub sub_rays: u32,
 }
@@ -180,22 +163,28 @@ impl<'a> Scanner<'a> {
         let mounted = &self.rig.sensors[sensor];
         let body_from_sensor = mounted.mount.body_from_sensor();
         let azimuth_rad = spin.azimuth_rad(column);
+        let beams: Vec<FiredBeam> = (0..mounted.model.channels())
+            .map(|channel| beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor))
+            .collect();
+        let hits = self.hits(sensor, &world_from_body, &beams);
         let mut rng = Rng::new(self.seed, (sensor as u64) << 48 | column);
-        let returns = (0..mounted.model.channels())
-            .filter_map(|channel| {
-                let in_body = beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor);
-                self.cast(sensor, &world_from_body, &in_body, &mut rng).map(|(range_m, hit, direction)| {
-                    let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
-                    let origin_m = world_from_body.transform_point(in_body.origin_m);
-                    SimulatedReturn {
-                        channel,
-                        azimuth_rad: in_body.azimuth_rad,
-                        range_m,
-                        time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
-                        point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
-                        direction,
-                        normal: hit.normal,
-                    }
+        let returns = beams
+            .iter()
+            .enumerate()
+            .zip(hits)
+            .filter_map(|((channel, in_body), hit)| {
+                let range_m = self.range_m(sensor, in_body, &world_from_body, hit, &mut rng)?;
+                let (hit, direction) = (hit?, world_from_body.rotate(in_body.direction));
+                let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
+                let origin_m = world_from_body.transform_point(in_body.origin_m);
+                Some(SimulatedReturn {
+                    channel,
+                    azimuth_rad: in_body.azimuth_rad,
+                    range_m,
+                    time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
+                    point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
+                    direction,
+                    normal: hit.normal,
                 })
             })
             .collect();
@@ -229,27 +218,46 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    fn cast(
+    /// What each beam of a column meets in the scene, by channel.
+    fn hits(&self, sensor: usize, world_from_body: &Pose, beams: &[FiredBeam]) -> Vec<Option<Hit>> {
+        let sub_rays = self.flaws.sub_rays;
+        let model = &self.rig.sensors[sensor].model;
+        let per_beam = 1 + sub_rays as usize;
+        let order = by_elevation(model);
+        let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
+        for channel in &order {
+            let direction = world_from_body.rotate(beams[*channel].direction);
+            directions.push(direction);
+            directions.extend(ring(direction, model.divergence_rad, sub_rays));
+            let origin_m = world_from_body.transform_point(beams[*channel].origin_m);
+            origins_m.extend(std::iter::repeat_n(origin_m, per_beam));
+        }
+        let mut met: Vec<Option<Hit>> = vec![None; directions.len()];
+        self.scene.cast_many(&origins_m, &directions, |ray, hit| met[ray] = hit);
+        let mut hits = vec![None; beams.len()];
+        for (channel, met) in order.iter().zip(met.chunks(per_beam)) {
+            hits[*channel] = median(met);
+        }
+        hits
+    }
+
+    /// The range that a beam reports, m: none where drop-out, obliqueness, an occluder or the limits take the return.
+    fn range_m(
         &self,
         sensor: usize,
-        world_from_body: &Pose,
         beam: &FiredBeam,
+        world_from_body: &Pose,
+        hit: Option<Hit>,
         rng: &mut Rng,
-    ) -> Option<(f64, Hit, DVec3)> {
+    ) -> Option<f64> {
         let model = &self.rig.sensors[sensor].model;
         let flaws = &self.flaws;
         // drawn for every beam, so that one beam's fate does not change another's
         let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
         let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
-        if !kept {
-            return None;
-        }
-        let origin_m = world_from_body.transform_point(beam.origin_m);
+        let luck = if flaws.detection.is_some() { rng.uniform() } else { 0.0 };
+        let hit = hit.filter(|_| kept)?;
         let direction = world_from_body.rotate(beam.direction);
-        let hit = match flaws.sub_rays {
-            0 => self.scene.cast(origin_m, direction)?,
-            sub_rays => self.cast_spread(origin_m, direction, model.divergence_rad, sub_rays)?,
-        };
         if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
             return None;
         }
@@ -259,64 +267,22 @@ impl<'a> Scanner<'a> {
         if self.occluders[sensor].iter().any(occluded) {
             return None;
         }
-        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
         let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
         let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
-        (range_m >= min_range_m && range_m <= max_range_m).then_some((range_m, hit, direction))
-    }
-
-    /// Median of a central ray and a ring of others at half the half-angle of the beam's cone.
-    fn cast_spread(
-        &self,
-        origin_m: DVec3,
-        direction: DVec3,
-        divergence_rad: f64,
-        sub_rays: u32,
-    ) -> Option<Hit> {
-        let (u, v) = direction.any_orthonormal_pair();
-        let spread = (0.25 * divergence_rad).tan();
-        let ring = (0..sub_rays).map(|index| {
-            let (sin, cos) = (TAU * f64::from(index) / f64::from(sub_rays)).sin_cos();
-            (direction + spread * (cos * u + sin * v)).normalize()
-        });
-        let mut hits: Vec<_> =
-            std::iter::once(direction).chain(ring).filter_map(|ray| self.scene.cast(origin_m, ray)).collect();
-        // less than half the light comes back: nothing is detected
-        if hits.len() * 2 <= sub_rays as usize {
+        let detected = |detection: Detection| {
+            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
+        };
+        if !flaws.detection.is_none_or(detected) {
             return None;
         }
-        hits.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-        Some(hits[hits.len() / 2])
-    }
-}
-
-/// A channel's ray where the sensor frame was placed.
-struct FiredBeam {
-    origin_m: DVec3,
-    direction: DVec3,
-    range_offset_m: f64,
-    azimuth_rad: f64,
-}
-
-fn beam_at(
-    model: &SensorModel,
-    channel: usize,
-    column_azimuth_rad: f64,
-    spin_rad_s: f64,
-    target_from_sensor: &Pose,
-) -> FiredBeam {
-    let azimuth_rad = column_azimuth_rad + spin_rad_s * model.beams()[channel].fire_offset_ns * 1e-9;
-    let ray = model.ray(channel, azimuth_rad);
-    FiredBeam {
-        origin_m: target_from_sensor.transform_point(ray.origin_m),
-        direction: target_from_sensor.rotate(ray.direction),
-        range_offset_m: ray.range_offset_m,
-        azimuth_rad,
+        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
+        (range_m >= min_range_m && range_m <= max_range_m).then_some(range_m)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::column::cast_column;
     use super::*;
     use crate::coverage::VoxelGrid;
     use crate::rig::{Mount, MountedSensor};
@@ -430,6 +396,22 @@ mod tests {
             scanner.flaws.sub_rays = 6;
         });
         assert_eq!(spread, all);
+    }
+
+    #[test]
+    fn of_two_sensors_in_one_place_neither_sees_anything() {
+        let (scene, trajectory) = (room(), walk());
+        let mut rig = pair();
+        rig.sensors[1].mount = rig.sensors[0].mount;
+        let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        let count = |scanner: &Scanner| {
+            let mut returns = [0, 0];
+            scanner.for_each_column(|sensor, column| returns[sensor] += column.returns.len());
+            returns
+        };
+        assert_eq!(count(&scanner), [0, 0], "each stands inside the other's housing");
+        scanner.occluders = vec![Vec::new(); 2];
+        assert_eq!(count(&scanner), [361 * 16; 2], "without housings both see the same");
     }
 
     #[test]

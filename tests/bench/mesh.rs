@@ -1,70 +1,128 @@
-//! Rays per second through a mesh: `cargo bench --bench mesh -- FILE [X Y Z]`, one thread, median of several passes
-//! over the fan of a 64 x 1024 sensor standing at a point, level and tilted; and the time to build the tree.
+//! Rays through a mesh with their voxels counted, beside Open3D (Embree) with numpy; and the surface completeness of a
+//! house walked through with two sensors.
+//!
+//! `cargo bench --bench mesh` prints processor time per ray of this program and of Open3D on one thread each, all from
+//! one run, and the median of the ratios. Open3D is asked through the interpreter that `PYTHON` names (`python3`
+//! otherwise); without it its columns say none. The house lies in the folder that `OUTRIGGER_SHARED` names (default
+//! `../shared`); without it what needs it is named as left out.
 
+mod hall;
+mod support;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DMat3, DVec3};
-use outrigger::scene::{Mesh, load_mesh};
+use outrigger::coverage::{Coverage, VoxelGrid};
+use outrigger::instructions::Instructions;
+use outrigger::rig::Mount;
+use outrigger::scene::{Mesh, Scene, load_mesh};
+use outrigger::simulate::fan::BeamFan;
+use outrigger::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
+use outrigger::trajectory::Trajectory;
+use support::{median, median_cpu_s};
 
-const PASSES: usize = 11;
+const BEAMS: usize = 64;
+const COLUMNS: usize = 1024;
+const VOXEL_M: f64 = 0.1;
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
-    let mesh = match words.first().map(String::as_str) {
-        None | Some("hall") => hall(1_000_000),
-        Some(path) => load_mesh(path.as_ref(), None, None).expect("a mesh file").mesh,
-    };
-    let centre_m = 0.5 * (mesh.bounds_m()[0] + mesh.bounds_m()[1]);
-    let number = |index: usize| words.get(index).and_then(|word| word.parse::<f64>().ok());
-    let at_m = match (number(1), number(2), number(3)) {
-        (Some(x), Some(y), Some(z)) => DVec3::new(x, y, z),
-        _ => centre_m,
-    };
-    println!("{} triangles, {:.1} MiB, from {at_m}", mesh.triangles(), mesh.bytes() as f64 / 1048576.0);
-    for pitch_deg in [0.0_f64, 25.23] {
-        let (origins, directions) = fan(at_m, pitch_deg.to_radians());
-        let rays = directions.len() as f64;
-        let mut single: Vec<f64> = Vec::new();
-        let mut packets: Vec<f64> = Vec::new();
-        let mut sums = [0.0, 0.0];
-        for _ in 0..PASSES {
-            let start = Instant::now();
-            sums[0] = 0.0;
-            for (origin, direction) in origins.iter().zip(&directions) {
-                sums[0] += mesh.cast(*origin, *direction).map_or(0.0, |hit| hit.distance_m);
-            }
-            single.push(start.elapsed().as_secs_f64());
-            let start = Instant::now();
-            sums[1] = 0.0;
-            mesh.cast_many(&origins, &directions, |_, hit| {
-                sums[1] += hit.map_or(0.0, |hit| hit.distance_m);
-            });
-            packets.push(start.elapsed().as_secs_f64());
-        }
-        let nanoseconds = |times: &mut Vec<f64>| {
-            times.sort_by(f64::total_cmp);
-            times[PASSES / 2] / rays * 1e9
-        };
-        println!(
-            "pitch {pitch_deg:5.2} deg: one by one {:6.1} ns/ray, in packets {:6.1} ns/ray (mean range {:.6} and {:.6} m)",
-            nanoseconds(&mut single),
-            nanoseconds(&mut packets),
-            sums[0] / rays,
-            sums[1] / rays
-        );
+    println!("64 x 1024 rays from a point, voxels of {VOXEL_M} m counted; processor time on one thread");
+    let (vertices, faces) = hall::hall(1_000_000);
+    let stands = [[30.0, 20.0, 1.6], [12.0, 5.5, 1.6], [50.0, 33.0, 1.2]];
+    compare("hall of a million", vertices, faces, &stands);
+    let shared = PathBuf::from(std::env::var_os("OUTRIGGER_SHARED").unwrap_or("../shared".into()));
+    let house = shared.join("scenes/house.ply");
+    if !house.exists() {
+        println!("LEFT OUT: the house (no {})", house.display());
+        return;
     }
+    let (vertices, faces) = read_ply(&house);
+    compare("house", vertices, faces, &[[0.0, 0.0, 1.5], [2.0, 1.0, 1.6], [-3.0, 0.5, 1.2]]);
+    completeness(&house, &shared.join("reference/validation"));
+}
+
+fn compare(name: &str, vertices: Vec<DVec3>, faces: Vec<[u32; 3]>, stands: &[[f64; 3]]) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("mesh.bin");
+    std::fs::write(&file, as_bytes(&vertices, &faces)).expect("a file in it");
+    let start = Instant::now();
+    let mesh = Mesh::new(vertices, faces).expect("a well-formed mesh");
+    println!(
+        "{name}: {} triangles, {:.0} MiB, tree built in {:.1} s",
+        mesh.triangles(),
+        mesh.bytes() as f64 / f64::from(1 << 20),
+        start.elapsed().as_secs_f64()
+    );
+    let mut ratios = Vec::new();
+    for at in stands {
+        for pitch_deg in [0.0_f64, 25.23] {
+            let (origins, directions) = fan(DVec3::from(*at), pitch_deg.to_radians());
+            let (ns, voxels, mean_m) = ours(&mesh, &origins, &directions);
+            let words = [at[0], at[1], at[2], pitch_deg].map(|number| number.to_string());
+            let mut arguments = vec![file.display().to_string(), VOXEL_M.to_string()];
+            arguments.extend(words);
+            let peer = support::python("mesh_open3d.py", &arguments).map(|text| {
+                let n: Vec<f64> = text.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+                assert!(
+                    (n[3] - mean_m).abs() < 1e-3,
+                    "Open3D's rays end after {} m, ours after {mean_m}",
+                    n[3]
+                );
+                let more = (n[2] - voxels as f64).abs() / n[2];
+                assert!(more < 1e-3, "Open3D's rays hit {} voxels, ours {voxels}", n[2]);
+                [n[0], n[1]]
+            });
+            print!("  from {at:?} m, pitch {pitch_deg:5.2} deg: {ns:6.1} ns/ray");
+            match peer {
+                Some([cast_ns, all_ns]) => {
+                    println!(
+                        ", Open3D {cast_ns:.1} + {:.1} to count, ratio {:.2} without counting its voxels, {:.2} with",
+                        all_ns - cast_ns,
+                        cast_ns / ns,
+                        all_ns / ns
+                    );
+                    ratios.push([cast_ns / ns, all_ns / ns]);
+                }
+                None => println!(", Open3D none"),
+            }
+        }
+    }
+    if !ratios.is_empty() {
+        let of = |at: usize| median(ratios.iter().map(|ratio| ratio[at]).collect());
+        println!("  median ratio: {:.2}, with numpy's counting {:.2}", of(0), of(1));
+    }
+}
+
+/// Nanoseconds per ray with its voxel, voxels, and mean range.
+fn ours(mesh: &Mesh, origins: &[DVec3], directions: &[DVec3]) -> (f64, u64, f64) {
+    let grid = VoxelGrid::centred_on(mesh.bounds_m(), VOXEL_M);
+    let mut coverage = Coverage::new(grid, 1);
+    let (mut sum_m, mut hits) = (0.0, 0);
+    let mut cast = || {
+        (sum_m, hits) = (0.0, 0);
+        mesh.cast_many_with(Instructions::best(), origins, directions, |ray, hit| {
+            if let Some(hit) = hit {
+                sum_m += hit.distance_m;
+                hits += 1;
+                coverage.add(0, origins[ray] + hit.distance_m * directions[ray]);
+            }
+        });
+    };
+    let seconds = median_cpu_s(11, &mut cast);
+    (seconds / origins.len() as f64 * 1e9, coverage.union_count(), sum_m / f64::from(hits))
 }
 
 /// Tiles of 4 beams by 4 columns, as the scanners order them.
 fn fan(at_m: DVec3, pitch_rad: f64) -> (Vec<DVec3>, Vec<DVec3>) {
-    let (beams, columns) = (64_usize, 1024_usize);
     let turn = DMat3::from_rotation_y(pitch_rad);
     let mut directions = Vec::new();
-    for column in (0..columns).step_by(4) {
-        for beam in (0..beams).step_by(4) {
+    for column in (0..COLUMNS).step_by(4) {
+        for beam in (0..BEAMS).step_by(4) {
             for tile in 0..16 {
-                let elevation = (-21.2 + 42.4 * (beam + tile % 4) as f64 / (beams - 1) as f64).to_radians();
-                let azimuth = std::f64::consts::TAU * (column + tile / 4) as f64 / columns as f64;
+                let elevation = (-21.2 + 42.4 * (beam + tile % 4) as f64 / (BEAMS - 1) as f64).to_radians();
+                let azimuth = std::f64::consts::TAU * (column + tile / 4) as f64 / COLUMNS as f64;
                 let (sin, cos) = azimuth.sin_cos();
                 directions
                     .push(turn * DVec3::new(cos * elevation.cos(), sin * elevation.cos(), elevation.sin()));
@@ -74,43 +132,66 @@ fn fan(at_m: DVec3, pitch_rad: f64) -> (Vec<DVec3>, Vec<DVec3>) {
     (vec![at_m; directions.len()], directions)
 }
 
-/// A hall of bumpy floor, walls and ceiling and a forest of round pillars.
-fn hall(triangles: usize) -> Mesh {
-    let side = ((triangles as f64 / 2.0 / 14.0).sqrt()) as u32;
-    let (mut vertices, mut faces) = (Vec::new(), Vec::new());
-    let mut patch = |point: &dyn Fn(f64, f64) -> DVec3, nu: u32, nv: u32| {
-        let first = vertices.len() as u32;
-        for v in 0..=nv {
-            for u in 0..=nu {
-                vertices.push(point(f64::from(u) / f64::from(nu), f64::from(v) / f64::from(nv)));
-            }
-        }
-        for v in 0..nv {
-            for u in 0..nu {
-                let corner = first + v * (nu + 1) + u;
-                faces.push([corner, corner + 1, corner + nu + 2]);
-                faces.push([corner, corner + nu + 2, corner + nu + 1]);
-            }
-        }
+/// Two counts (u64), vertices (f32), triangles (u32), little-endian.
+fn as_bytes(vertices: &[DVec3], faces: &[[u32; 3]]) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    bytes.extend([vertices.len() as u64, faces.len() as u64].iter().flat_map(|n| n.to_le_bytes()));
+    bytes.extend(vertices.iter().flat_map(|v| v.as_vec3().to_array()).flat_map(f32::to_le_bytes));
+    bytes.extend(faces.iter().flatten().flat_map(|index| index.to_le_bytes()));
+    bytes
+}
+
+/// The house's own layout: binary, three floats a vertex, a count byte and three indices a face.
+fn read_ply(path: &Path) -> hall::Soup {
+    let ply = std::fs::read(path).expect("a readable file");
+    let header_end = ply.windows(11).position(|window| window == b"end_header\n").expect("a PLY header") + 11;
+    let header = String::from_utf8_lossy(&ply[..header_end]).into_owned();
+    let count = |name: &str| -> usize {
+        let line = header.lines().find_map(|line| line.strip_prefix(&format!("element {name} ")));
+        line.and_then(|number| number.trim().parse().ok()).expect("a count in the header")
     };
-    let bump = |u: f64, v: f64| 0.02 * (60.0 * u).sin() * (50.0 * v).cos();
-    let size = DVec3::new(40.0, 20.0, 5.0);
-    patch(&|u, v| DVec3::new(size.x * u, size.y * v, bump(u, v)), 2 * side, side);
-    patch(&|u, v| DVec3::new(size.x * u, size.y * v, size.z + bump(v, u)), 2 * side, side);
-    patch(&|u, v| DVec3::new(size.x * u, bump(u, v), size.z * v), 2 * side, side / 2);
-    patch(&|u, v| DVec3::new(size.x * u, size.y + bump(u, v), size.z * v), 2 * side, side / 2);
-    patch(&|u, v| DVec3::new(bump(u, v), size.y * u, size.z * v), side, side);
-    patch(&|u, v| DVec3::new(size.x + bump(u, v), size.y * u, size.z * v), side, side);
-    for pillar in 0..24 {
-        let centre = DVec3::new(3.0 + 6.0 * f64::from(pillar % 6), 3.0 + 4.5 * f64::from(pillar / 6), 0.0);
-        patch(
-            &|u, v| {
-                let (sin, cos) = (std::f64::consts::TAU * u).sin_cos();
-                centre + DVec3::new(0.3 * cos, 0.3 * sin, size.z * v)
-            },
-            side / 2,
-            side / 2,
-        );
+    let (vertices, faces) = (count("vertex"), count("face"));
+    let word = |at: usize| [ply[at], ply[at + 1], ply[at + 2], ply[at + 3]];
+    let vertex = |v: usize| {
+        DVec3::from([0, 4, 8].map(|byte| f64::from(f32::from_le_bytes(word(header_end + 12 * v + byte)))))
+    };
+    let faces_at = header_end + 12 * vertices;
+    let face = |f: usize| [1, 5, 9].map(|byte| u32::from_le_bytes(word(faces_at + 13 * f + byte)));
+    ((0..vertices).map(vertex).collect(), (0..faces).map(face).collect())
+}
+
+/// Two OS1-64 carried through the house: 51 million rays against a million samples, on two threads.
+fn completeness(house: &Path, reference: &Path) {
+    let mesh = load_mesh(house, None, None).expect("the house").mesh;
+    let text = std::fs::read_to_string(reference.join("house_trajectory.tum")).expect("its walk");
+    let walk = Trajectory::from_tum(&text).expect("a trajectory");
+    let samples = SurfaceSamples::of_mesh(&mesh, 1_000_000, 0);
+    let scene = Scene::Mesh(Arc::new(mesh));
+    let mut fan = BeamFan::nominal(&sensors::catalogue::nominal("os1-64").expect("a model"), COLUMNS, 10.0);
+    fan.min_range_m = 0.3;
+    let mount = |side: f64| Mount {
+        x_m: 0.05 * side,
+        z_m: 0.1,
+        pitch_rad: (25.23 * side).to_radians(),
+        ..Mount::default()
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    let (mut wall_s, mut cpu_s, mut found) = (Vec::new(), Vec::new(), (0, 0.0));
+    for _ in 0..3 {
+        let (wall, cpu) = (Instant::now(), support::process_cpu_s());
+        pool.install(|| {
+            let mut completeness = Completeness::new(&samples, &THRESHOLDS_M);
+            let rays = fan.cover(&scene, &walk, &[mount(1.0), mount(-1.0)], 1, &mut completeness);
+            found = (rays, completeness.shares()[1]);
+        });
+        wall_s.push(wall.elapsed().as_secs_f64());
+        cpu_s.push(support::process_cpu_s() - cpu);
     }
-    Mesh::new(vertices, faces).expect("a well-formed hall")
+    println!(
+        "completeness of the house at 5 cm: {:.4} with {} rays, {:.1} s on two threads, {:.1} s of processor time (medians of 3)",
+        found.1,
+        found.0,
+        median(wall_s),
+        median(cpu_s)
+    );
 }

@@ -1,17 +1,22 @@
-//! How long one published evaluation takes: the fast way, the definition, and numpy doing the definition's work.
+//! The published evaluation: the fast way and the way for any poses beside the definition, and numpy doing the
+//! definition's work.
 //!
-//! `cargo bench --bench simulator` prints medians and ratios, all from one run, so that the machine's mood cancels.
-//! numpy is asked through the interpreter that `PYTHON` names (`python3` otherwise); without it that line says so.
+//! `cargo bench --bench simulator` prints medians of processor time on one thread and their ratios, all from one run,
+//! so that the machine's mood cancels. numpy is asked through the interpreter that `PYTHON` names (`python3`
+//! otherwise); without it its column says none.
+
+mod support;
 
 use std::hint::black_box;
 use std::time::Instant;
 
+use outrigger::instructions::Instructions;
 use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
+use support::{median, median_cpu_s};
 
 fn main() {
-    println!("one evaluation on one thread, medians in ms");
-    println!("{:34}{:>9}{:>12}{:>12}{:>12}{:>8}", "", "fast", "definition", "numpy", "definition", "numpy");
-    println!("{:34}{:>9}{:>12}{:>12}{:>12}{:>8}", "", "", "", "", "/ fast", "/ fast");
+    println!("one evaluation, processor time on one thread, medians in ms; ratios to the fast way");
+    println!("{:22}{:>9}{:>17}{:>18}{:>16}", "", "fast", "any poses", "definition", "numpy");
     for (name, preset, path, master) in [
         ("OS1-64 pair, lateral", "paper-os1-64", Path::Lateral, [0.0604, 0.21, -0.08, 32.7, 0.0]),
         ("OS1-64 pair, forward", "paper-os1-64", Path::Forward, [0.0604, 0.21, -0.08, 32.7, 0.0]),
@@ -22,51 +27,73 @@ fn main() {
         let experiment = Experiment { path, ..Experiment::published(preset) };
         let simulator = Simulator::new(&experiment).expect("the published experiment");
         let sensors = experiment.sensors(&[Placement::from(master)]);
-        let fast = simulator.count(&sensors).expect("a mount inside the box");
+        let walks = simulator.walks(&sensors);
         let definition = simulator.coverage_by_definition(&sensors).expect("a mount inside the box");
-        assert_eq!(fast, definition.coverage.counts(), "both ways count the same");
-        let fast_ms = median_ms(401, || drop(black_box(simulator.count(black_box(&sensors)))));
-        let definition_ms =
-            median_ms(5, || drop(black_box(simulator.coverage_by_definition(black_box(&sensors)))));
-        let numpy = numpy_ms(preset, path, &sensors, fast.union);
-        let numpy_column = numpy.map_or("none".to_owned(), |ms| format!("{ms:.1}"));
-        let numpy_ratio = numpy.map_or("none".to_owned(), |ms| format!("{:.0}", ms / fast_ms));
+        let counts = definition.coverage.counts();
+        assert_eq!(simulator.count(&sensors).as_ref(), Ok(&counts), "the fast way counts the same");
+        assert_eq!(simulator.see_along(&walks).as_ref(), Ok(&definition), "pose by pose the same is seen");
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
+        let [fast_ms, any_ms, definition_ms] = alone.install(|| {
+            [
+                1e3 * median_cpu_s(401, || drop(black_box(simulator.count(black_box(&sensors))))),
+                1e3 * median_cpu_s(51, || drop(black_box(simulator.see_along(black_box(&walks))))),
+                1e3 * median_cpu_s(5, || {
+                    drop(black_box(simulator.coverage_by_definition(black_box(&sensors))));
+                }),
+            ]
+        });
+        let numpy = match numpy_ms(preset, path, &sensors, counts.union) {
+            Some(ms) => format!("{ms:8.1} ({:5.0})", ms / fast_ms),
+            None => "none".into(),
+        };
         println!(
-            "{name:34}{fast_ms:9.4}{definition_ms:12.2}{numpy_column:>12}{:12.0}{numpy_ratio:>8}",
+            "{name:22}{fast_ms:9.4}{any_ms:9.3} ({:5.1}){definition_ms:9.2} ({:6.0}){numpy:>16}",
+            any_ms / fast_ms,
             definition_ms / fast_ms
         );
+        if name.starts_with("OS1-64 pair, lateral") {
+            instruction_sets(&simulator, &sensors);
+            threads(&simulator, &sensors);
+        }
     }
 }
 
-fn median_ms(repetitions: usize, mut call: impl FnMut()) -> f64 {
-    let mut times_ms: Vec<_> = (0..repetitions)
-        .map(|_| {
-            let start = Instant::now();
-            call();
-            start.elapsed().as_secs_f64() * 1e3
-        })
-        .collect();
-    times_ms.sort_by(f64::total_cmp);
-    times_ms[repetitions / 2]
+fn instruction_sets(simulator: &Simulator, sensors: &[Placement]) {
+    let walks = simulator.walks(sensors);
+    for instructions in Instructions::available() {
+        let fast_ms = 1e3
+            * median_cpu_s(201, || drop(black_box(simulator.count_with(black_box(sensors), instructions))));
+        let any_ms = 1e3
+            * median_cpu_s(21, || drop(black_box(simulator.see_along_with(black_box(&walks), instructions))));
+        println!("  with {instructions:?}: fast {fast_ms:.4}, any poses {any_ms:.3}");
+    }
+}
+
+/// Time on the wall, because that is what a second thread is for.
+fn threads(simulator: &Simulator, sensors: &[Placement]) {
+    let pools =
+        [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads"));
+    let mut times_ms = [Vec::new(), Vec::new()];
+    for _ in 0..401 {
+        for (pool, times_ms) in pools.iter().zip(&mut times_ms) {
+            pool.install(|| {
+                let start = Instant::now();
+                drop(black_box(simulator.count(black_box(sensors))));
+                times_ms.push(1e3 * start.elapsed().as_secs_f64());
+            });
+        }
+    }
+    let [one_ms, two_ms] = times_ms.map(median);
+    println!("  on the wall: one thread {one_ms:.4}, two {two_ms:.4}, ratio {:.2}", one_ms / two_ms);
 }
 
 /// Median of the same evaluation in vectorised numpy, which must see as many voxels.
 fn numpy_ms(preset: &Preset, path: Path, sensors: &[Placement], union: u64) -> Option<f64> {
-    let python = std::env::var("PYTHON").unwrap_or("python3".into());
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/simulator_numpy.py");
     let mounts: Vec<_> = sensors.iter().map(|sensor| <[f64; 5]>::from(*sensor)).collect();
-    let output = std::process::Command::new(python)
-        .args([script, &preset.beams.to_string(), &preset.field_of_view_deg.to_string()])
-        .arg(if path == Path::Lateral { "0" } else { "1" })
-        .arg(serde_json::to_string(&mounts).expect("finite numbers"))
-        .env("OMP_NUM_THREADS", "1")
-        .output()
-        .ok()?;
-    if !output.status.success() {
-        eprintln!("numpy: {}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default());
-        return None;
-    }
-    let text = String::from_utf8_lossy(&output.stdout);
+    let axis = if path == Path::Lateral { "0" } else { "1" };
+    let mounts = serde_json::to_string(&mounts).expect("finite numbers");
+    let arguments = [preset.beams.to_string(), preset.field_of_view_deg.to_string(), axis.into(), mounts];
+    let text = support::python("simulator_numpy.py", &arguments)?;
     let mut numbers = text.split_whitespace();
     let seen: u64 = numbers.next()?.parse().ok()?;
     let difference = seen.abs_diff(union);

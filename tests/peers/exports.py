@@ -2,7 +2,7 @@
 
     python tests/peers/exports.py OUTRIGGER CAPTURE [META.json...]
 
-Needs: numpy plyfile laspy[lazrs] pye57 mcap-ros2-support open3d. Every file is judged by point count,
+Needs: numpy plyfile laspy[lazrs] pye57 mcap-ros2-support mcap-protobuf-support rosbags open3d. Every file is judged by point count,
 bounds and sums of coordinates against the `decode --json` document. Ends with `N passed, N failed`; exit status 1 when a
 comparison failed.
 """
@@ -66,10 +66,52 @@ def read_mcap_ros2(path):
     positions = []
     for message in read_ros2_messages(str(path)):
         cloud = message.ros_msg
+        if message.channel.topic.endswith("/imu"):
+            assert abs(cloud.linear_acceleration.z) > 5, "gravity is felt"
+            continue
         data = np.frombuffer(bytes(cloud.data), np.uint8).reshape(-1, cloud.point_step)
         offsets = {field.name: field.offset for field in cloud.fields}
         columns = [data[:, offsets[axis]:offsets[axis] + 4].copy().view("<f4")[:, 0] for axis in "xyz"]
         positions.append(np.stack(columns, 1))
+    return np.concatenate(positions), None, None
+
+
+def read_mcap_foxglove(path):
+    from mcap_protobuf.reader import read_protobuf_messages
+
+    positions, rings = [], []
+    for message in read_protobuf_messages(str(path)):
+        cloud = message.proto_msg
+        assert cloud.DESCRIPTOR.full_name == "foxglove.PointCloud" and cloud.frame_id
+        data = np.frombuffer(cloud.data, np.uint8).reshape(-1, cloud.point_stride)
+        offsets = {field.name: field.offset for field in cloud.fields}
+        columns = [data[:, offsets[axis]:offsets[axis] + 4].copy().view("<f4")[:, 0] for axis in "xyz"]
+        positions.append(np.stack(columns, 1))
+        rings.append(data[:, offsets["ring"]:offsets["ring"] + 2].copy().view("<u2")[:, 0])
+    return np.concatenate(positions), np.concatenate(rings), None
+
+
+def read_ros2_bag(path):
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    positions, gravity = [], []
+    with Reader(path) as bag:
+        for connection, time_ns, raw in bag.messages():
+            message = store.deserialize_cdr(raw, connection.msgtype)
+            assert bag.start_time <= time_ns < bag.end_time
+            if connection.msgtype == "sensor_msgs/msg/Imu":
+                acceleration = message.linear_acceleration
+                gravity.append((acceleration.x**2 + acceleration.y**2 + acceleration.z**2) ** 0.5)
+                continue
+            data = message.data.reshape(-1, message.point_step)
+            offsets = {field.name: field.offset for field in message.fields}
+            columns = [data[:, offsets[axis]:offsets[axis] + 4].copy().view("<f4")[:, 0] for axis in "xyz"]
+            positions.append(np.stack(columns, 1))
+        assert bag.message_count == len(positions) + len(gravity)
+    if gravity:
+        assert 8 < float(np.median(gravity)) < 12, "acceleration at rest is about that of gravity"
     return np.concatenate(positions), None, None
 
 
@@ -80,24 +122,28 @@ def read_csv(path):
     return positions, np.array([int(row["ring"]) for row in rows]), None
 
 
+# kind, reader, what lies behind --out (a folder with a file per frame, one file, a bag), tolerance in m
 CASES = [
-    ("ply", read_ply, True, 1e-5),
-    ("ply", read_open3d, True, 1e-5),
-    ("pcd", read_open3d, True, 1e-5),
-    ("las", read_las, False, 1e-4),
-    ("laz", read_las, False, 1e-4),
-    ("e57", read_e57, False, 1e-5),
-    ("csv", read_csv, False, 1e-6),
-    ("mcap", read_mcap_ros2, False, 1e-5),
+    ("ply", read_ply, "frames", 1e-5),
+    ("ply", read_open3d, "frames", 1e-5),
+    ("pcd", read_open3d, "frames", 1e-5),
+    ("las", read_las, "file", 1e-4),
+    ("laz", read_las, "file", 1e-4),
+    ("e57", read_e57, "file", 1e-5),
+    ("csv", read_csv, "file", 1e-6),
+    ("mcap", read_mcap_ros2, "file", 1e-5),
+    ("mcap", read_ros2_bag, "bag", 1e-5),
+    ("foxglove", read_mcap_foxglove, "file", 1e-5),
 ]
 
 
-def check(program, capture, metas, kind, read, per_frame, tolerance):
+def check(program, capture, metas, kind, read, place, tolerance):
     with tempfile.TemporaryDirectory() as folder:
-        out = pathlib.Path(folder) / (f"one.{kind}" if not per_frame else "folder")
+        extension = "mcap" if kind == "foxglove" else kind
+        out = pathlib.Path(folder) / (f"one.{extension}" if place == "file" else "folder")
         document = run(program, capture, metas, "--format", kind, "--out", str(out))
-        files = sorted(out.iterdir()) if per_frame else [out]
-        assert len(files) == (sum(len(sensor["frames"]) for sensor in document["sensors"]) if per_frame else 1)
+        files = sorted(out.iterdir()) if place == "frames" else [out]
+        assert len(files) == (sum(len(sensor["frames"]) for sensor in document["sensors"]) if place == "frames" else 1)
         parts = [read(path) for path in files]
     positions = np.concatenate([part[0] for part in parts]).astype(np.float64)
     points = sum(s["totals"]["points"] + s["totals"]["points_second"] for s in document["sensors"])
@@ -114,10 +160,10 @@ def check(program, capture, metas, kind, read, per_frame, tolerance):
 def main():
     program, capture, metas = sys.argv[1], sys.argv[2], sys.argv[3:]
     passed = failed = 0
-    for kind, read, per_frame, tolerance in CASES:
+    for kind, read, place, tolerance in CASES:
         name = f"{kind} by {read.__name__.removeprefix('read_')}"
         try:
-            what = check(program, capture, metas, kind, read, per_frame, tolerance)
+            what = check(program, capture, metas, kind, read, place, tolerance)
             passed += 1
             print(f"agrees: {name}: {what}")
         except Exception as problem:  # every kind of disagreement is a failure of that format

@@ -1,10 +1,10 @@
 //! Datagrams that outlive the capture they came from: to be dropped, swapped and damaged.
 
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use sensors::Packet;
-use sensors::capture::CaptureReader;
+use sensors::capture::{CaptureReader, PcapngWriter};
 
 /// A datagram that owns its bytes.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,4 +35,15 @@ pub fn datagrams(path: &Path) -> Vec<Datagram> {
         });
     }
     all
+}
+
+/// A pcapng file of these datagrams.
+pub fn write_capture(path: &Path, datagrams: &[Datagram]) -> PathBuf {
+    let mut writer = PcapngWriter::new(Vec::new()).unwrap();
+    let interface = writer.add_interface("again").unwrap();
+    for datagram in datagrams {
+        writer.write(interface, &datagram.packet()).unwrap();
+    }
+    std::fs::write(path, writer.close(&[]).unwrap()).unwrap();
+    path.to_owned()
 }

@@ -2,7 +2,8 @@
 
 use std::io::{self, Read};
 
-const START: usize = 1 << 16;
+/// Long enough that the cost of asking for more is lost in that of the bytes; not touched before it is filled.
+const START: usize = 1 << 20;
 
 pub(super) struct Buffer {
     read: Box<dyn Read + Send>,

@@ -2,6 +2,8 @@
 
 use std::fs::File;
 use std::io::{self, BufReader, Read};
+use std::net::SocketAddr;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,10 +40,18 @@ pub struct CaptureReader {
     position: Arc<AtomicU64>,
 }
 
-/// Where the bytes of a datagram lie while it is handed out.
-enum Found {
-    InFrame(LinkFrame),
-    Reassembled { slot: usize, time_ns: u64 },
+/// A datagram whose bytes lie still while it is handed out.
+struct Found {
+    source: SocketAddr,
+    destination: SocketAddr,
+    time_ns: u64,
+    place: Place,
+}
+
+/// Where.
+enum Place {
+    InFrame(Range<usize>),
+    Reassembled { slot: usize, payload: Range<usize> },
 }
 
 impl CaptureReader {
@@ -101,21 +111,12 @@ impl CaptureReader {
                 break found;
             }
         };
-        let (carried, host_time_ns) = match &found {
-            Found::InFrame(frame) => {
-                (dissect(frame.link_type, self.framing.buffer.at(frame.place.clone())), frame.time_ns)
-            }
-            Found::Reassembled { slot, time_ns } => {
-                let key = self.reassembly.key(*slot);
-                (udp(key.source, key.destination, self.reassembly.datagram(*slot)), *time_ns)
-            }
+        let payload = match found.place {
+            Place::InFrame(payload) => self.framing.buffer.at(payload),
+            Place::Reassembled { slot, payload } => &self.reassembly.datagram(slot)[payload],
         };
-        match carried {
-            Carried::Udp { source, destination, payload } => {
-                Ok(Some((self.interface, Packet { host_time_ns, source, destination, payload })))
-            }
-            _ => Ok(None), // `take` lets nothing else through
-        }
+        let Found { source, destination, time_ns: host_time_ns, .. } = found;
+        Ok(Some((self.interface, Packet { host_time_ns, source, destination, payload })))
     }
 
     /// What was met so far.
@@ -147,18 +148,27 @@ impl CaptureReader {
         } else {
             &mut counters.malformed
         };
+        let time_ns = frame.time_ns;
         match dissect(frame.link_type, bytes) {
-            Carried::Udp { .. } => return Some(Found::InFrame(frame)),
+            Carried::Udp { source, destination, payload } => {
+                let payload = within(bytes, payload);
+                let place =
+                    Place::InFrame(frame.place.start + payload.start..frame.place.start + payload.end);
+                return Some(Found { source, destination, time_ns, place });
+            }
             Carried::Fragment(fragment) => {
                 counters.fragments += 1;
-                let added = self.reassembly.add(&fragment, frame.time_ns);
+                let added = self.reassembly.add(&fragment, time_ns);
                 counters.fragments_incomplete = self.reassembly.incomplete();
                 match added {
                     Added::Complete(slot) => {
-                        let key = fragment.key;
                         let datagram = self.reassembly.datagram(slot);
-                        if matches!(udp(key.source, key.destination, datagram), Carried::Udp { .. }) {
-                            return Some(Found::Reassembled { slot, time_ns: frame.time_ns });
+                        if let Carried::Udp { source, destination, payload } =
+                            udp(fragment.key.source, fragment.key.destination, datagram)
+                        {
+                            let payload = within(datagram, payload);
+                            let place = Place::Reassembled { slot, payload };
+                            return Some(Found { source, destination, time_ns, place });
                         }
                         counters.malformed += 1;
                     }
@@ -175,6 +185,12 @@ impl CaptureReader {
         }
         None
     }
+}
+
+/// Where a part of a slice begins and ends in it.
+fn within(whole: &[u8], part: &[u8]) -> Range<usize> {
+    let start = part.as_ptr().addr() - whole.as_ptr().addr();
+    start..start + part.len()
 }
 
 /// Counts what goes through.

@@ -29,6 +29,29 @@ pub(super) struct Fragment<'a> {
     pub(super) payload: &'a [u8],
 }
 
+impl Key {
+    /// A number that differs where keys differ, but for rare accidents.
+    fn mark(&self) -> u64 {
+        let number = |address: IpAddr| match address {
+            IpAddr::V4(address) => u64::from(address.to_bits()),
+            IpAddr::V6(address) => (address.to_bits() >> 64) as u64 ^ address.to_bits() as u64,
+        };
+        let mixed = number(self.source).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ number(self.destination);
+        mixed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ u64::from(self.identification)
+    }
+}
+
+impl Fragment<'_> {
+    /// Its units of 8 bytes in a bitmap: words, and which bits of each.
+    fn words(&self) -> impl Iterator<Item = (usize, u64)> {
+        let (first, end) = (self.offset / 8, (self.offset + self.payload.len()).div_ceil(8));
+        (first / 64..end.div_ceil(64)).map(move |word| {
+            let (from, to) = (first.saturating_sub(word * 64), (end - word * 64).min(64));
+            (word, u64::MAX << from & u64::MAX >> (64 - to))
+        })
+    }
+}
+
 /// What a fragment did.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Added {
@@ -43,6 +66,12 @@ pub(super) enum Added {
 #[derive(Default)]
 pub(super) struct Reassembly {
     slots: Vec<Slot>,
+    /// Of each slot's key: most fragments are told apart by these alone.
+    marks: Vec<u64>,
+    /// Where the fragment before went.
+    latest: usize,
+    /// No slot is older or newer than these, so that slots are looked through for old ones only when there may be one.
+    times_ns: Option<[u64; 2]>,
     /// Ever increasing, to tell older from newer slots.
     turn: u64,
     incomplete: u64,
@@ -55,15 +84,17 @@ struct Slot {
     time_ns: u64,
     data: Vec<u8>,
     have: Box<[u64; UNITS / 64]>,
+    units: usize,
     total: Option<usize>,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
+/// In the order in which slots are used again.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum State {
     Free,
-    Waiting,
     /// Delivered; kept to recognise fragments that come twice.
     Complete,
+    Waiting,
 }
 
 impl Reassembly {
@@ -78,11 +109,6 @@ impl Reassembly {
         &slot.data[..slot.total.unwrap_or(0)]
     }
 
-    /// Whose it is.
-    pub(super) fn key(&self, slot: usize) -> Key {
-        self.slots[slot].key
-    }
-
     pub(super) fn add(&mut self, fragment: &Fragment<'_>, time_ns: u64) -> Added {
         let end = fragment.offset + fragment.payload.len();
         let uneven = fragment.more && !fragment.payload.len().is_multiple_of(8);
@@ -90,34 +116,54 @@ impl Reassembly {
             return Added::Malformed;
         }
         self.expire(time_ns);
-        let newest_match = |fits: fn(&Slot, &Fragment<'_>) -> bool| {
-            let slots = self.slots.iter().enumerate();
-            slots
-                .filter(|(_, slot)| slot.key == fragment.key && fits(slot, fragment))
-                .max_by_key(|(_, slot)| slot.begun)
-                .map(|(at, _)| at)
-        };
-        let at = match newest_match(Slot::misses) {
+        let at = match self.newest_match(fragment, Slot::misses) {
             Some(at) => at,
-            None if newest_match(Slot::repeats).is_some() => return Added::Duplicate,
+            None if self.newest_match(fragment, Slot::repeats).is_some() => return Added::Duplicate,
             None => self.begin(fragment.key),
+        };
+        self.latest = at;
+        self.times_ns = match self.times_ns {
+            Some([oldest, newest]) => Some([oldest.min(time_ns), newest.max(time_ns)]),
+            None => Some([time_ns; 2]),
         };
         let slot = &mut self.slots[at];
         slot.time_ns = time_ns;
         if slot.take(fragment) { Added::Complete(at) } else { Added::Waiting }
     }
 
+    /// The slot begun last, of those with the fragment's key that fit.
+    fn newest_match(&self, fragment: &Fragment<'_>, fits: fn(&Slot, &Fragment<'_>) -> bool) -> Option<usize> {
+        let matches = |slot: &Slot| slot.key == fragment.key && fits(slot, fragment);
+        if self.slots.get(self.latest).is_some_and(|slot| slot.begun == self.turn && matches(slot)) {
+            return Some(self.latest); // none was begun later
+        }
+        let mark = fragment.key.mark();
+        let found = self.marks.iter().enumerate().filter(|(_, other)| **other == mark);
+        found.map(|(at, _)| at).filter(|at| matches(&self.slots[*at])).max_by_key(|at| self.slots[*at].begun)
+    }
+
     /// Gives up everything under way: the capture is over.
     pub(super) fn finish(&mut self) {
         self.incomplete += self.slots.iter().filter(|slot| slot.state == State::Waiting).count() as u64;
         self.slots.clear();
+        self.marks.clear();
+        self.times_ns = None;
     }
 
     fn expire(&mut self, now_ns: u64) {
-        for slot in &mut self.slots {
+        let none_is_old =
+            |times_ns: [u64; 2]| times_ns.iter().all(|time_ns| time_ns.abs_diff(now_ns) <= LIFETIME_NS);
+        if self.times_ns.is_none_or(none_is_old) {
+            return;
+        }
+        self.times_ns = None;
+        for slot in self.slots.iter_mut().filter(|slot| slot.state != State::Free) {
             if slot.time_ns.abs_diff(now_ns) > LIFETIME_NS {
                 self.incomplete += u64::from(slot.state == State::Waiting);
                 slot.state = State::Free;
+            } else {
+                let [oldest, newest] = self.times_ns.unwrap_or([slot.time_ns; 2]);
+                self.times_ns = Some([oldest.min(slot.time_ns), newest.max(slot.time_ns)]);
             }
         }
     }
@@ -125,18 +171,10 @@ impl Reassembly {
     /// A fresh slot: a free one, a new one, the oldest complete one, or the oldest at all, which is given up.
     fn begin(&mut self, key: Key) -> usize {
         self.turn += 1;
-        let free = self.slots.iter().position(|slot| slot.state == State::Free);
-        let oldest = |state: Option<State>| {
-            let slots = self.slots.iter().enumerate();
-            slots
-                .filter(|(_, slot)| state.is_none_or(|state| slot.state == state))
-                .min_by_key(|(_, slot)| slot.begun)
-                .map(|(at, _)| at)
-        };
-        let reused = match free {
-            Some(at) => Some(at),
-            None if self.slots.len() < SLOTS => None,
-            None => oldest(Some(State::Complete)).or_else(|| oldest(None)),
+        let reused = self.slots.iter().enumerate().min_by_key(|(_, slot)| (slot.state, slot.begun));
+        let reused = match reused {
+            Some((at, slot)) if slot.state == State::Free || self.slots.len() == SLOTS => Some(at),
+            _ => None,
         };
         let at = reused.unwrap_or(self.slots.len());
         if reused.is_none() {
@@ -148,23 +186,23 @@ impl Reassembly {
                 time_ns: 0,
                 data: Vec::new(),
                 have,
+                units: 0,
                 total: None,
             });
+            self.marks.push(0);
         }
+        self.marks[at] = key.mark();
         let slot = &mut self.slots[at];
         self.incomplete += u64::from(slot.state == State::Waiting);
         (slot.key, slot.state, slot.begun, slot.total) = (key, State::Waiting, self.turn, None);
         slot.data.clear();
         slot.have.fill(0);
+        slot.units = 0;
         at
     }
 }
 
 impl Slot {
-    fn has(&self, unit: usize) -> bool {
-        self.have[unit / 64] >> (unit % 64) & 1 == 1
-    }
-
     /// Waiting, and nothing of the fragment is there yet, nor does it contradict what is.
     fn misses(&self, fragment: &Fragment<'_>) -> bool {
         let end = fragment.offset + fragment.payload.len();
@@ -174,33 +212,36 @@ impl Slot {
             (None, true) => true,
             (None, false) => self.data.len() <= end,
         };
-        let mut units = fragment.offset / 8..end.div_ceil(8);
-        self.state == State::Waiting && fits && !units.any(|unit| self.has(unit))
+        self.state == State::Waiting
+            && fits
+            && fragment.words().all(|(word, bits)| self.have[word] & bits == 0)
     }
 
     /// Every byte of the fragment is there already, the same.
     fn repeats(&self, fragment: &Fragment<'_>) -> bool {
         let end = fragment.offset + fragment.payload.len();
-        let mut units = fragment.offset / 8..end.div_ceil(8);
         self.state != State::Free
-            && units.all(|unit| self.has(unit))
+            && fragment.words().all(|(word, bits)| self.have[word] & bits == bits)
             && self.data.get(fragment.offset..end) == Some(fragment.payload)
     }
 
     /// Takes the bytes in; whether the datagram is complete now.
     fn take(&mut self, fragment: &Fragment<'_>) -> bool {
         let end = fragment.offset + fragment.payload.len();
-        if self.data.len() < end {
-            self.data.resize(end, 0);
+        if self.data.len() == fragment.offset {
+            self.data.extend_from_slice(fragment.payload);
+        } else {
+            self.data.resize(self.data.len().max(end), 0);
+            self.data[fragment.offset..end].copy_from_slice(fragment.payload);
         }
-        self.data[fragment.offset..end].copy_from_slice(fragment.payload);
-        for unit in fragment.offset / 8..end.div_ceil(8) {
-            self.have[unit / 64] |= 1 << (unit % 64);
+        for (word, bits) in fragment.words() {
+            self.have[word] |= bits;
+            self.units += bits.count_ones() as usize; // none was there before
         }
         if !fragment.more {
             self.total = Some(end);
         }
-        let complete = self.total.is_some_and(|total| (0..total.div_ceil(8)).all(|unit| self.has(unit)));
+        let complete = self.total.is_some_and(|total| self.units == total.div_ceil(8));
         if complete {
             self.state = State::Complete;
         }

@@ -3,6 +3,7 @@
 use super::kernels::Unpack;
 use super::metadata::Metadata;
 use super::profile::ReturnLayout;
+use super::stream::Line;
 use super::wire::PacketFormat;
 use crate::{Frame, Health, Layer};
 
@@ -48,23 +49,8 @@ pub(super) struct Assembly {
 
 impl Assembly {
     pub(super) fn new(metadata: &Metadata) -> Self {
-        let columns = metadata.columns_per_frame;
-        let samples = columns * metadata.pixels_per_column;
-        let layout = metadata.profile.layout();
-        let turn = std::f64::consts::TAU;
-        let frame = Frame {
-            channels: metadata.pixels_per_column,
-            column_time_ns: vec![0; columns],
-            column_azimuth_rad: (0..columns).map(|column| turn * column as f64 / columns as f64).collect(),
-            column_valid: vec![false; columns],
-            azimuth_rate_rad_per_ns: turn * metadata.frame_rate_hz * 1e-9,
-            first: layer(&layout.first, samples, layout.raw_words),
-            second: layout.is_dual().then(|| layer(&layout.second, samples, false)),
-            expected_packets: Some(metadata.packets_per_frame() as u32),
-            ..Frame::default()
-        };
         Self {
-            frame,
+            frame: Frame::default(),
             open: false,
             joined: false,
             came: vec![0; metadata.packet_slots().div_ceil(64)],
@@ -76,8 +62,9 @@ impl Assembly {
         }
     }
 
-    /// Begins a frame in the old buffers; samples of columns that do not come are cleared when it is closed.
-    pub(super) fn start(&mut self, frame_id: u32, host_time_ns: u64, joined: bool) {
+    /// Begins a frame, in old buffers where there are any; samples of columns that do not come are cleared when it is
+    /// closed.
+    pub(super) fn start(&mut self, line: &mut Line<'_>, place: &Place, joined: bool) {
         self.open = true;
         self.joined = joined;
         self.came.fill(0);
@@ -86,13 +73,14 @@ impl Assembly {
         self.rejected_since = 0;
         self.first_order = u64::MAX;
         self.last_order = 0;
+        self.frame = line.completed.spent_frame().unwrap_or_else(|| blank_frame(line.metadata));
         let frame = &mut self.frame;
-        frame.frame_id = frame_id;
+        frame.frame_id = place.frame_id;
         frame.column_time_ns.fill(0);
         frame.column_valid.fill(false);
         frame.packets = 0;
         frame.complete = false;
-        frame.host_time_ns = [host_time_ns; 2];
+        frame.host_time_ns = [place.host_time_ns; 2];
         frame.health = Health::default();
     }
 
@@ -190,6 +178,25 @@ impl Assembly {
 /// Whether a slot is set in a bitmap of slots.
 pub(super) fn has(came: &[u64], slot: usize) -> bool {
     came.get(slot / 64).is_some_and(|word| word >> (slot % 64) & 1 == 1)
+}
+
+/// A frame of the sensor's size without a sample.
+pub(super) fn blank_frame(metadata: &Metadata) -> Frame {
+    let columns = metadata.columns_per_frame;
+    let samples = columns * metadata.pixels_per_column;
+    let layout = metadata.profile.layout();
+    let turn = std::f64::consts::TAU;
+    Frame {
+        channels: metadata.pixels_per_column,
+        column_time_ns: vec![0; columns],
+        column_azimuth_rad: (0..columns).map(|column| turn * column as f64 / columns as f64).collect(),
+        column_valid: vec![false; columns],
+        azimuth_rate_rad_per_ns: turn * metadata.frame_rate_hz * 1e-9,
+        first: layer(&layout.first, samples, layout.raw_words),
+        second: layout.is_dual().then(|| layer(&layout.second, samples, false)),
+        expected_packets: Some(metadata.packets_per_frame() as u32),
+        ..Frame::default()
+    }
 }
 
 fn layer(layout: &ReturnLayout, samples: usize, raw_words: bool) -> Layer {

@@ -10,9 +10,9 @@ use super::profile::Profile;
 use super::stream::{Line, Stream};
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
-use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
+use crate::{Completed, DecodeStats, Decoder, Packet, Rejected};
 
-/// Decodes the packets of one sensor. Memory is bounded and reused: two frames and a few held packets.
+/// Decodes the packets of one sensor. Memory is bounded and reused: a few frames and a few held packets.
 pub struct OusterDecoder {
     metadata: Metadata,
     lidar_bytes: usize,
@@ -20,7 +20,7 @@ pub struct OusterDecoder {
     stream: Stream,
     stats: DecodeStats,
     source: Option<SocketAddr>,
-    zone_report: ZoneReport,
+    completed: Completed,
     nmea: Option<(u64, String)>,
 }
 
@@ -46,7 +46,7 @@ impl OusterDecoder {
             stream: Stream::new(&metadata),
             stats: DecodeStats::default(),
             source: None,
-            zone_report: ZoneReport::default(),
+            completed: Completed::default(),
             nmea: None,
             metadata,
         }
@@ -235,7 +235,7 @@ impl OusterDecoder {
 }
 
 impl Decoder for OusterDecoder {
-    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+    fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
         if self.source.is_none() && self.metadata.profile.has_packet_header() {
             let header = self.header_kind(packet.payload);
             if header != self.metadata.header {
@@ -248,17 +248,16 @@ impl Decoder for OusterDecoder {
         match kind {
             Kind::Lidar(place) => {
                 self.source.get_or_insert(packet.source);
-                let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
-                let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
-                self.stream.take(&mut line, &place, packet.payload);
+                let (stream, mut line) = self.stream_and_line();
+                stream.take(&mut line, &place, packet.payload);
             }
             Kind::LegacyImu => {
                 if let Some(bytes) = packet.payload.first_chunk() {
-                    out(Decoded::Imu(&imu::read_legacy(bytes)));
+                    self.completed.add_imu(imu::read_legacy(bytes));
                 }
             }
             Kind::Imu(header) => {
-                self.note_revolution(&header, packet, out);
+                self.note_revolution(&header, packet);
                 if let Some((time_ns, text)) = imu::read_nmea(packet.payload) {
                     let (time, line) = self.nmea.get_or_insert_default();
                     *time = time_ns;
@@ -266,23 +265,32 @@ impl Decoder for OusterDecoder {
                     line.push_str(text);
                 }
                 for sample in imu::read_accel32(packet.payload) {
-                    out(Decoded::Imu(&sample));
+                    self.completed.add_imu(sample);
                 }
             }
             Kind::Zone(header) => {
-                self.note_revolution(&header, packet, out);
+                self.note_revolution(&header, packet);
                 if let Some(bytes) = packet.payload.first_chunk() {
-                    zones::read(header.frame_id, bytes, &mut self.zone_report);
-                    out(Decoded::Zones(&self.zone_report));
+                    let mut report = ZoneReport::default();
+                    zones::read(header.frame_id, bytes, &mut report);
+                    self.completed.add_zones(report);
                 }
             }
         }
         Ok(())
     }
 
-    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
-        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
-        self.stream.finish(&mut Line { metadata: &self.metadata, stats: &mut self.stats, out: frames });
+    fn end(&mut self) {
+        let (stream, mut line) = self.stream_and_line();
+        stream.finish(&mut line);
+    }
+
+    fn completed(&self) -> &Completed {
+        &self.completed
+    }
+
+    fn completed_mut(&mut self) -> &mut Completed {
+        &mut self.completed
     }
 
     fn stats(&self) -> &DecodeStats {
@@ -291,8 +299,13 @@ impl Decoder for OusterDecoder {
 }
 
 impl OusterDecoder {
+    fn stream_and_line(&mut self) -> (&mut Stream, Line<'_>) {
+        let Self { metadata, stats, completed, stream, .. } = self;
+        (stream, Line { metadata, stats, completed })
+    }
+
     /// Without lidar packets the other packets tell which revolution it is.
-    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn note_revolution(&mut self, header: &Header, packet: &Packet<'_>) {
         if self.metadata.profile != Profile::Off {
             return;
         }
@@ -305,8 +318,7 @@ impl OusterDecoder {
             health: header.health,
         };
         self.source.get_or_insert(packet.source);
-        let frames = &mut |frame: &Frame| out(Decoded::Frame(frame));
-        let mut line = Line { metadata: &self.metadata, stats: &mut self.stats, out: frames };
-        self.stream.note_revolution(&mut line, &place);
+        let (stream, mut line) = self.stream_and_line();
+        stream.note_revolution(&mut line, &place);
     }
 }

@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_fit_their_block_and_do_not_overlap() {
+    fn fields_fit_their_block_and_a_word_and_do_not_overlap() {
         for layout in &LAYOUTS {
             let mut taken = vec![false; layout.bytes * 8];
             for half in [&layout.first, &layout.second] {
@@ -344,6 +344,8 @@ mod tests {
                 ];
                 for field in fields {
                     let first = field.at as usize;
+                    let word = first % 32 + field.width as usize;
+                    assert!(word <= 32, "{}: {field:?} lies in two words", layout.name);
                     for taken in &mut taken[first..first + field.width as usize] {
                         assert!(!*taken, "{}: {field:?}", layout.name);
                         *taken = true;

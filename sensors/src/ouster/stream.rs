@@ -10,7 +10,7 @@ use super::kernels::{Kernels, kernels};
 use super::metadata::Metadata;
 use super::strays::{Stray, Strays};
 use super::wire::PacketFormat;
-use crate::{DecodeStats, Frame};
+use crate::{Completed, DecodeStats};
 
 /// Frames a packet may be behind and still be called late: 1.6 s at 10 Hz.
 const LATE_FRAMES: i64 = 16;
@@ -53,7 +53,7 @@ struct Closed {
 pub(super) struct Line<'a> {
     pub(super) metadata: &'a Metadata,
     pub(super) stats: &'a mut DecodeStats,
-    pub(super) out: &'a mut dyn FnMut(&Frame),
+    pub(super) completed: &'a mut Completed,
 }
 
 impl Stream {
@@ -116,7 +116,7 @@ impl Stream {
             self.close_current(line, End::Followed);
         }
         if !self.current.open {
-            self.current.start(place.frame_id, place.host_time_ns, false);
+            self.current.start(line, place, false);
         }
         self.current.frame.host_time_ns[1] = place.host_time_ns;
         self.current.frame.health = place.health;
@@ -188,7 +188,7 @@ impl Stream {
             self.close_current(line, End::Followed);
             if between {
                 // a frame that was counted as lost because a later one came first
-                self.current.start(place.frame_id, place.host_time_ns, false);
+                self.current.start(line, place, false);
                 let expected = line.metadata.packets_per_frame() as u64;
                 line.stats.lost_packets = line.stats.lost_packets.saturating_sub(expected);
                 self.accept(line, place, packet);
@@ -225,7 +225,7 @@ impl Stream {
         self.newest = Some(place.frame_id);
         let rejected = if as_next { 0 } else { std::mem::take(&mut self.rejected) };
         let assembly = if as_next { &mut self.next } else { &mut self.current };
-        assembly.start(place.frame_id, place.host_time_ns, joined);
+        assembly.start(line, place, joined);
         assembly.note_rejected(rejected);
     }
 
@@ -255,7 +255,7 @@ impl Stream {
         line.stats.lost_packets += lost;
         line.stats.frames += 1;
         line.stats.complete_frames += u64::from(self.current.frame.complete);
-        (line.out)(&self.current.frame);
+        line.completed.add_frame(std::mem::take(&mut self.current.frame));
     }
 
     /// Ends both frames, the newer one in the given way.

@@ -39,7 +39,7 @@ fn random_frame(metadata: &Metadata, frame_id: u32, start_ns: u64, rng: &mut Tes
     let columns = metadata.columns_per_frame;
     let samples = columns * metadata.pixels_per_column;
     let expected = metadata.packets_per_frame() as u32;
-    let mut frame = assembly::Assembly::new(metadata).frame;
+    let mut frame = assembly::blank_frame(metadata);
     let step_ns = 1e9 / metadata.frame_rate_hz / columns as f64;
     frame.frame_id = frame_id;
     frame.column_time_ns = (0..columns).map(|column| start_ns + (column as f64 * step_ns) as u64).collect();
@@ -320,4 +320,25 @@ fn zeros(range_mm: Vec<u32>) -> Layer {
         rgb: vec![[0; 3]; samples],
         raw_words: Vec::new(),
     }
+}
+
+#[test]
+fn a_window_through_column_0_begins_where_it_was_fired_first() {
+    let wanted = Synthetic {
+        column_window: [384, 127],
+        ..Synthetic::new("os1-16", 5, Profile::Rng19Rfl8Sig16Nir16).columns(512, 16)
+    };
+    let metadata = Metadata::synthetic(&wanted).unwrap();
+    let mut frame = assembly::blank_frame(&metadata);
+    let in_window = || (384..512).chain(0..128);
+    for (order, column) in in_window().enumerate() {
+        frame.column_time_ns[column] = 1_000_000_000 + order as u64 * 195_000;
+        frame.column_valid[column] = true;
+    }
+    let mut payloads = Vec::new();
+    OusterEncoder::new(metadata.clone()).frame(&frame, &mut |packet| payloads.push(packet.to_vec()));
+    let (frames, _) = decode(&metadata, &payloads);
+    assert_eq!(frames.len(), 1);
+    assert_eq!(frames[0].valid_columns(), in_window().count());
+    assert_eq!(frames[0].time_span_ns(), Some([1_000_000_000, 1_000_000_000 + 255 * 195_000]));
 }

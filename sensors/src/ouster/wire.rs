@@ -189,6 +189,7 @@ impl PacketFormat {
     }
 
     /// The bytes of a column, header and footer included.
+    #[inline]
     pub fn column<'a>(&self, packet: &'a [u8], column: usize) -> &'a [u8] {
         let start = self.header_bytes() + column * self.column_bytes();
         &packet[start..start + self.column_bytes()]
@@ -201,6 +202,7 @@ impl PacketFormat {
     }
 
     /// The pixel blocks of a column.
+    #[inline]
     pub fn blocks<'a>(&self, column: &'a [u8]) -> &'a [u8] {
         &column[self.column_header_bytes()..][..self.blocks_bytes()]
     }
@@ -212,6 +214,7 @@ impl PacketFormat {
     }
 
     /// Reads the header of a column.
+    #[inline]
     pub fn read_column(&self, column: &[u8]) -> ColumnHeader {
         let valid = match self.profile {
             Profile::Legacy => column[column.len() - LEGACY_COLUMN_FOOTER_BYTES] & 1 == 1,
@@ -221,6 +224,7 @@ impl PacketFormat {
     }
 
     /// The frame counter that LEGACY repeats in every column.
+    #[inline]
     pub fn legacy_frame_id(&self, column: &[u8]) -> u32 {
         u32::from(u16_at(column, 10))
     }
@@ -247,19 +251,23 @@ impl PacketFormat {
         }
     }
 
+    #[inline]
     fn header_bytes(&self) -> usize {
         if self.profile.has_packet_header() { HEADER_BYTES } else { 0 }
     }
 
+    #[inline]
     fn column_bytes(&self) -> usize {
         let footer = if self.profile.has_packet_header() { 0 } else { LEGACY_COLUMN_FOOTER_BYTES };
         self.column_header_bytes() + self.blocks_bytes() + footer
     }
 
+    #[inline]
     fn column_header_bytes(&self) -> usize {
         if self.profile.has_packet_header() { COLUMN_HEADER_BYTES } else { LEGACY_COLUMN_HEADER_BYTES }
     }
 
+    #[inline]
     fn blocks_bytes(&self) -> usize {
         self.pixels_per_column * self.profile.layout().bytes
     }
@@ -291,16 +299,21 @@ pub fn write_crc(packet: &mut [u8]) {
     }
 }
 
+#[inline]
 pub(super) fn u16_at(bytes: &[u8], at: usize) -> u16 {
     u16::from_le_bytes([bytes[at], bytes[at + 1]])
 }
 
+#[inline]
 pub(super) fn u32_at(bytes: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
+    let bytes = &bytes[at..at + 4];
+    u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
 }
 
+#[inline]
 pub(super) fn u64_at(bytes: &[u8], at: usize) -> u64 {
-    u64::from(u32_at(bytes, at)) | u64::from(u32_at(bytes, at + 4)) << 32
+    let bytes = &bytes[at..at + 8];
+    u64::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5], bytes[6], bytes[7]])
 }
 
 #[cfg(test)]

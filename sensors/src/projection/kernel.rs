@@ -1,143 +1,152 @@
 //! The inner loop of projection, in single or double precision.
 
-#![allow(unsafe_code)] // calls the AVX2 build of the inner loop once the CPU was asked for it
+#![allow(unsafe_code)] // calls the AVX-512 and AVX2 builds of the inner loop once the CPU was asked for them
 
-use std::ops::{Add, Mul};
+use super::lanes::{BLOCK, Lanes, Portable, Real};
+use super::tables::{Column, Lines, NEAR_LIMIT_MM, Near, Tables};
 
-/// Channels' lines, `origin + range * direction`, component by component.
-#[derive(Default)]
-pub(super) struct Channels<T> {
-    direction: [Vec<T>; 3],
-    origin: [Vec<T>; 3],
+/// A number that the kernel is built for.
+pub(super) trait Kernel: Real {
+    /// One point per range, column by column; zeros where the range is 0.
+    fn points(tables: &Tables<Self>, range_mm: &[u32], out: &mut Vec<[Self; 3]>);
 }
 
-/// A column's rotation, row by row, and translation.
-pub(super) struct Column<T> {
-    pub(super) rows: [[T; 3]; 3],
-    pub(super) translation: [T; 3],
-}
-
-/// What the kernel needs of a number.
-pub(super) trait Real: Copy + Default + PartialEq + Add<Output = Self> + Mul<Output = Self> {
-    fn from_mm(range_mm: u32) -> Self;
-}
-
-impl Real for f64 {
-    #[inline(always)]
-    fn from_mm(range_mm: u32) -> Self {
-        f64::from(range_mm) * 1e-3
-    }
-}
-
-impl Real for f32 {
-    #[inline(always)]
-    fn from_mm(range_mm: u32) -> Self {
-        // through i32: ranges are far below 2^31, and only that conversion is one instruction everywhere
-        range_mm as i32 as f32 * 1e-3
-    }
-}
-
-impl<T: Real> Channels<T> {
-    pub(super) fn clear(&mut self) {
-        self.direction.iter_mut().chain(&mut self.origin).for_each(Vec::clear);
-    }
-
-    pub(super) fn push(&mut self, direction: [T; 3], origin: [T; 3]) {
-        for axis in 0..3 {
-            self.direction[axis].push(direction[axis]);
-            self.origin[axis].push(origin[axis]);
+macro_rules! kernel {
+    ($real:ty, $wide:ident) => {
+        impl Kernel for $real {
+            fn points(tables: &Tables<Self>, range_mm: &[u32], out: &mut Vec<[Self; 3]>) {
+                out.resize(range_mm.len(), [0.0; 3]);
+                #[cfg(target_arch = "x86_64")]
+                {
+                    use std::arch::x86_64::$wide;
+                    #[target_feature(enable = "avx512f")]
+                    fn with_avx512(tables: &Tables<$real>, range_mm: &[u32], out: &mut [[$real; 3]]) {
+                        points_in::<$wide>(tables, range_mm, out);
+                    }
+                    #[target_feature(enable = "avx2")]
+                    fn with_avx2(tables: &Tables<$real>, range_mm: &[u32], out: &mut [[$real; 3]]) {
+                        points_in::<Portable<$real>>(tables, range_mm, out);
+                    }
+                    if std::arch::is_x86_feature_detected!("avx512f") {
+                        // SAFETY: the CPU has the feature the function is compiled for.
+                        unsafe { with_avx512(tables, range_mm, out) };
+                        return;
+                    }
+                    if std::arch::is_x86_feature_detected!("avx2") {
+                        // SAFETY: the CPU has the feature the function is compiled for.
+                        unsafe { with_avx2(tables, range_mm, out) };
+                        return;
+                    }
+                }
+                points_in::<Portable<$real>>(tables, range_mm, out);
+            }
         }
-    }
-
-    fn len(&self) -> usize {
-        self.origin[0].len()
-    }
-}
-
-/// One point per range, column by column; zeros where the range is 0.
-pub(super) fn points<T: Real>(
-    channels: &Channels<T>,
-    columns: &[Column<T>],
-    range_mm: &[u32],
-    out: &mut Vec<[T; 3]>,
-) {
-    out.resize(range_mm.len(), [T::default(); 3]);
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx2")]
-        fn with_avx2<T: Real>(
-            channels: &Channels<T>,
-            columns: &[Column<T>],
-            range_mm: &[u32],
-            out: &mut [[T; 3]],
-        ) {
-            points_here(channels, columns, range_mm, out);
-        }
-        if std::arch::is_x86_feature_detected!("avx2") {
-            // SAFETY: the CPU has the feature the function is compiled for.
-            unsafe { with_avx2(channels, columns, range_mm, out) };
-            return;
-        }
-    }
-    points_here(channels, columns, range_mm, out);
-}
-
-#[inline(always)]
-fn points_here<T: Real>(channels: &Channels<T>, columns: &[Column<T>], range_mm: &[u32], out: &mut [[T; 3]]) {
-    let count = channels.len().max(1);
-    for ((column, range_mm), out) in
-        columns.iter().zip(range_mm.chunks_exact(count)).zip(out.chunks_exact_mut(count))
-    {
-        let zero = T::default();
-        let [x, y, z] = column.rows;
-        let flat = x[2] == zero && y[2] == zero && z[0] == zero && z[1] == zero;
-        if flat {
-            one_column::<T, true>(channels, column, range_mm, out);
-        } else {
-            one_column::<T, false>(channels, column, range_mm, out);
-        }
-    }
-}
-
-/// `FLAT`: the rotation is about the vertical, as in every housing that stands upright.
-#[inline(always)]
-fn one_column<T: Real, const FLAT: bool>(
-    channels: &Channels<T>,
-    column: &Column<T>,
-    range_mm: &[u32],
-    out: &mut [[T; 3]],
-) {
-    let count = range_mm.len();
-    let [dx, dy, dz] = channels.direction.each_ref().map(|part| &part[..count]);
-    let [ox, oy, oz] = channels.origin.each_ref().map(|part| &part[..count]);
-    let out = &mut out[..count];
-    for at in 0..count {
-        let direction = [dx[at], dy[at], dz[at]];
-        let origin = [ox[at], oy[at], oz[at]];
-        out[at] = point::<T, FLAT>(column, range_mm[at], direction, origin);
-    }
-}
-
-#[inline(always)]
-fn point<T: Real, const FLAT: bool>(
-    column: &Column<T>,
-    range_mm: u32,
-    direction: [T; 3],
-    origin: [T; 3],
-) -> [T; 3] {
-    let range = T::from_mm(range_mm);
-    let local = [0, 1, 2].map(|axis| range * direction[axis] + origin[axis]);
-    let [rx, ry, rz] = column.rows;
-    let [tx, ty, tz] = column.translation;
-    let [x, y, z] = local;
-    let point = if FLAT {
-        [rx[0] * x + rx[1] * y + tx, ry[0] * x + ry[1] * y + ty, rz[2] * z + tz]
-    } else {
-        [
-            rx[0] * x + rx[1] * y + rx[2] * z + tx,
-            ry[0] * x + ry[1] * y + ry[2] * z + ty,
-            rz[0] * x + rz[1] * y + rz[2] * z + tz,
-        ]
     };
-    point.map(|coordinate| if range_mm == 0 { T::default() } else { coordinate })
+}
+
+kernel!(f32, __m512);
+kernel!(f64, __m512d);
+
+/// The kernel in lanes of any kind.
+#[inline(always)]
+pub(super) fn points_in<V: Lanes>(tables: &Tables<V::Real>, range_mm: &[u32], out: &mut [[V::Real; 3]]) {
+    match (&tables.near, tables.is_flat()) {
+        (Some(_), _) => columns::<V, false, true>(tables, range_mm, out),
+        (None, true) => columns::<V, true, false>(tables, range_mm, out),
+        (None, false) => columns::<V, false, false>(tables, range_mm, out),
+    }
+}
+
+/// `FLAT`: columns turn about the vertical, as in every housing that stands upright. `NEAR`: with the near-distance
+/// correction.
+#[inline(always)]
+fn columns<V: Lanes, const FLAT: bool, const NEAR: bool>(
+    tables: &Tables<V::Real>,
+    range_mm: &[u32],
+    out: &mut [[V::Real; 3]],
+) {
+    let (channels, lines) = (tables.channels, &tables.lines[..]);
+    // what a block writes past its column's end is written over by the next column; the last one has none
+    let alone = usize::from(!channels.is_multiple_of(BLOCK));
+    let together = tables.columns.len().saturating_sub(alone);
+    for (number, column) in tables.columns[..together].iter().enumerate() {
+        let (range_mm, out) = (&range_mm[number * channels..], &mut out[number * channels..]);
+        for (block, lines) in lines.iter().enumerate() {
+            let at = block * BLOCK;
+            if let (Some(range_mm), Some(out)) = (range_mm[at..].first_chunk(), out[at..].first_chunk_mut()) {
+                one_block::<V, FLAT, NEAR>(&tables.near, column, lines, channels - at, range_mm, out);
+            }
+        }
+    }
+    for (number, column) in tables.columns.iter().enumerate().skip(together) {
+        let (range_mm, out) = (&range_mm[number * channels..], &mut out[number * channels..]);
+        let chunks = range_mm.chunks(BLOCK).zip(out.chunks_mut(BLOCK));
+        for (lines, (range_mm, out)) in lines.iter().zip(chunks) {
+            let (mut whole_mm, mut whole) = ([0; BLOCK], [[V::Real::default(); 3]; BLOCK]);
+            whole_mm[..range_mm.len()].copy_from_slice(range_mm);
+            one_block::<V, FLAT, NEAR>(&tables.near, column, lines, BLOCK, &whole_mm, &mut whole);
+            out.copy_from_slice(&whole[..out.len()]);
+        }
+    }
+}
+
+#[inline(always)]
+fn one_block<V: Lanes, const FLAT: bool, const NEAR: bool>(
+    near: &Option<Near<V::Real>>,
+    column: &Column<V::Real>,
+    lines: &Lines<V::Real>,
+    left: usize,
+    range_mm: &[u32; BLOCK],
+    out: &mut [[V::Real; 3]; BLOCK],
+) {
+    for part in 0..BLOCK / V::LANES {
+        let at = part * V::LANES;
+        if at >= left {
+            break;
+        }
+        let range = V::metres(range_mm, at);
+        let direction = lines.direction.each_ref().map(|axis| V::load(axis, at));
+        let local =
+            std::array::from_fn(|axis| range.mul(direction[axis]).add(V::load(&lines.origin[axis], at)));
+        let turned = turn::<V, FLAT>(column, local);
+        let point = match near {
+            Some(near) if NEAR => {
+                let direction = turn_about_axis(column, direction);
+                let share = |axis: usize| {
+                    let left = V::splat(near.limit_m).sub(turned[axis].abs());
+                    let more = V::load(&lines.near[axis], at).mul(left);
+                    more.where_below(range_mm, at, NEAR_LIMIT_MM)
+                };
+                let (forward, lateral) = (share(0), share(1));
+                let upward = V::splat(near.half).mul(forward.add(lateral));
+                let more = [forward, lateral, upward];
+                let corrected = std::array::from_fn(|axis| turned[axis].add(direction[axis].mul(more[axis])));
+                turn::<V, false>(&near.sensor_from_lidar, corrected)
+            }
+            _ => turned,
+        };
+        V::store(point, range_mm, at, out);
+    }
+}
+
+#[inline(always)]
+fn turn<V: Lanes, const FLAT: bool>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
+    let [rx, ry, rz] = column.rows.map(|row| row.map(V::splat));
+    let [tx, ty, tz] = column.translation.map(V::splat);
+    if FLAT {
+        return [
+            rx[0].mul(x).add(rx[1].mul(y)).add(tx),
+            ry[0].mul(x).add(ry[1].mul(y)).add(ty),
+            rz[2].mul(z).add(tz),
+        ];
+    }
+    let row = |row: [V; 3], t: V| row[0].mul(x).add(row[1].mul(y)).add(row[2].mul(z)).add(t);
+    [row(rx, tx), row(ry, ty), row(rz, tz)]
+}
+
+/// A direction in a column that turns about the vertical and nothing else.
+#[inline(always)]
+fn turn_about_axis<V: Lanes>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
+    let [rx, ry, _] = column.rows.map(|row| row.map(V::splat));
+    [rx[0].mul(x).add(rx[1].mul(y)), ry[0].mul(x).add(ry[1].mul(y)), z]
 }

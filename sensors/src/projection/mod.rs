@@ -2,14 +2,18 @@
 //!
 //! [`points_f64`] goes sample by sample through [`SensorModel::ray`] and is the reference. [`Projector`] gives the same
 //! points faster: a point is a channel's line in a frame that turns with the encoder, then one rotation per column,
-//! so a frame needs a sine per column and per channel and none per sample.
+//! so a frame needs a sine per column and per channel and none per sample. The correction of a calibrated HDL-64E for
+//! nearness, which is no straight line, follows in the lidar frame.
 
 mod kernel;
+mod lanes;
+mod tables;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-use crate::{Beam, Frame, Layer, Ray, SensorModel};
-use kernel::{Channels, Column};
+use crate::{Frame, Layer, Ray, SensorModel};
+use kernel::Kernel;
+use tables::Tables;
 
 /// Encoder azimuth at the moment a beam fires, rad, clockwise.
 pub fn sample_azimuth_rad(model: &SensorModel, frame: &Frame, column: usize, channel: usize) -> f64 {
@@ -41,130 +45,44 @@ pub fn points_f64(model: &SensorModel, frame: &Frame, layer: &Layer, out: &mut V
     }
 }
 
-fn bent_points<T>(
-    model: &SensorModel,
-    frame: &Frame,
-    layer: &Layer,
-    out: &mut Vec<T>,
-    of: impl Fn(DVec3) -> T,
-) {
-    let mut exact = Vec::new();
-    points_f64(model, frame, layer, &mut exact);
-    out.clear();
-    out.extend(exact.into_iter().map(of));
-}
-
 /// Points of one sensor's frames, fast: keeps what does not change from frame to frame.
 pub struct Projector {
-    /// The model of a unit whose corrections are no straight line (calibrated HDL-64E): it goes the exact way.
-    bent: Option<SensorModel>,
-    beams: Vec<Beam>,
-    sensor_from_lidar: DMat3,
-    translation_m: DVec3,
-    /// Encoder rate that `channels` are made for, rad/ns.
-    rate_rad_per_ns: f64,
-    channels: Channels<f64>,
-    channels_f32: Channels<f32>,
-    /// Azimuths that `columns` are made for, rad.
-    azimuths_rad: Vec<f64>,
-    columns: Vec<Column<f64>>,
-    columns_f32: Vec<Column<f32>>,
+    model: SensorModel,
+    double: Tables<f64>,
+    single: Tables<f32>,
 }
 
 impl Projector {
     /// For frames of this sensor.
     pub fn new(model: &SensorModel) -> Self {
-        let mut projector = Self {
-            bent: (!model.corrections().is_empty()).then(|| model.clone()),
-            beams: model.beams().to_vec(),
-            sensor_from_lidar: model.sensor_from_lidar().matrix3,
-            translation_m: model.sensor_from_lidar().translation,
-            rate_rad_per_ns: 0.0,
-            channels: Channels::default(),
-            channels_f32: Channels::default(),
-            azimuths_rad: Vec::new(),
-            columns: Vec::new(),
-            columns_f32: Vec::new(),
-        };
-        projector.set_channels();
-        projector
+        Self { double: Tables::new(model), single: Tables::new(model), model: model.clone() }
+    }
+
+    /// Goes on with another model, if it is another: that of a sensor that learns its calibration on the way.
+    pub fn follow(&mut self, model: &SensorModel) {
+        if self.model != *model {
+            *self = Self::new(model);
+        }
     }
 
     /// As [`points_f64`], within 1e-9 m.
     pub fn points_f64(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f64; 3]>) {
-        if let Some(model) = &self.bent {
-            return bent_points(model, frame, layer, out, |point| point.to_array());
-        }
-        self.prepare(frame);
-        kernel::points(&self.channels, &self.columns, &layer.range_mm, out);
+        self.double.prepare(&self.model, frame);
+        f64::points(&self.double, &layer.range_mm, out);
     }
 
-    /// As [`points_f64`], in single precision: within 0.1 mm at 300 m.
+    /// As [`points_f64`], in single precision: within half a millionth of the distance, and 2 um.
     pub fn points_f32(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f32; 3]>) {
-        if let Some(model) = &self.bent {
-            return bent_points(model, frame, layer, out, |point| point.as_vec3().to_array());
-        }
-        self.prepare(frame);
-        kernel::points(&self.channels_f32, &self.columns_f32, &layer.range_mm, out);
-    }
-
-    fn prepare(&mut self, frame: &Frame) {
-        assert_eq!(frame.channels, self.beams.len(), "the frame has the channels of the model");
-        if self.rate_rad_per_ns != frame.azimuth_rate_rad_per_ns {
-            self.rate_rad_per_ns = frame.azimuth_rate_rad_per_ns;
-            if self.beams.iter().any(|beam| beam.fire_offset_ns != 0.0) {
-                self.set_channels();
-            }
-        }
-        if self.azimuths_rad != frame.column_azimuth_rad {
-            self.azimuths_rad.clone_from(&frame.column_azimuth_rad);
-            self.set_columns();
-        }
-    }
-
-    /// A channel's line in the frame that turns with the encoder: the ray of [`SensorModel::ray`] at azimuth 0, turned
-    /// on by what the encoder moves until the beam fires.
-    fn set_channels(&mut self) {
-        self.channels.clear();
-        self.channels_f32.clear();
-        for beam in &self.beams {
-            let turned_rad = self.rate_rad_per_ns * beam.fire_offset_ns;
-            let (sin_bearing, cos_bearing) = (-turned_rad - beam.azimuth_offset_rad).sin_cos();
-            let (sin_elevation, cos_elevation) = beam.elevation_rad.sin_cos();
-            let direction =
-                DVec3::new(cos_bearing * cos_elevation, sin_bearing * cos_elevation, sin_elevation);
-            let (sin_turned, cos_turned) = (-turned_rad).sin_cos();
-            let radial_m = beam.origin_radial_m;
-            let origin_m = DVec3::new(radial_m * cos_turned, radial_m * sin_turned, beam.origin_z_m);
-            // the part of the range before the origin goes into the origin
-            let origin_m = origin_m - beam.range_offset_m * direction;
-            self.channels.push(direction.to_array(), origin_m.to_array());
-            self.channels_f32.push(direction.as_vec3().to_array(), origin_m.as_vec3().to_array());
-        }
-    }
-
-    fn set_columns(&mut self) {
-        self.columns.clear();
-        self.columns_f32.clear();
-        for azimuth_rad in &self.azimuths_rad {
-            let rotation = self.sensor_from_lidar * DMat3::from_rotation_z(-azimuth_rad);
-            let t = self.translation_m;
-            let rows = rotation.transpose();
-            self.columns.push(Column {
-                rows: [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.to_array()),
-                translation: t.to_array(),
-            });
-            self.columns_f32.push(Column {
-                rows: [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array()),
-                translation: t.as_vec3().to_array(),
-            });
-        }
+        self.single.prepare(&self.model, frame);
+        f32::points(&self.single, &layer.range_mm, out);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::lanes::Portable;
     use super::*;
+    use crate::BeamCorrection;
     use glam::{DAffine3, DQuat};
 
     fn frame(channels: usize, columns: usize, rate_rad_per_ns: f64) -> Frame {
@@ -181,35 +99,89 @@ mod tests {
             azimuth_rate_rad_per_ns: rate_rad_per_ns,
             ..Frame::default()
         };
-        frame.first.range_mm = (0..channels * columns).map(|_| random() % 300_000).collect();
+        // near and far: half of them are corrected for nearness
+        frame.first.range_mm =
+            (0..channels * columns).map(|at| random() % [300_000, 30_000][at % 2]).collect();
         frame.first.range_mm[7] = 0;
         frame
     }
 
-    #[test]
-    fn the_fast_way_agrees_with_the_exact_one() {
+    /// Models of every kind: any number of channels, upright and tilted housings, calibrated units.
+    fn models() -> Vec<SensorModel> {
         let tilted =
             DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.3), DVec3::new(0.1, -0.2, 0.3));
-        for name in ["os0-128", "os1-16", "vlp-16", "vls-128", "hdl-32e"] {
+        let mut models = Vec::new();
+        for name in ["os0-128", "os1-16", "vlp-16", "vls-128", "hdl-32e", "hdl-64e-s2"] {
             let model = crate::catalogue::nominal(name).unwrap();
-            let turned = SensorModel::new("turned", model.beams().to_vec(), tilted);
-            for model in [model, turned] {
-                let mut projector = Projector::new(&model);
-                for rate_rad_per_ns in [6.28e-8, 1.2e-7] {
-                    let frame = frame(model.channels(), 37, rate_rad_per_ns);
-                    let (mut exact, mut fast, mut single) = (Vec::new(), Vec::new(), vec![[9.0; 3]; 3]);
-                    points_f64(&model, &frame, &frame.first, &mut exact);
-                    projector.points_f64(&frame, &frame.first, &mut fast);
-                    projector.points_f32(&frame, &frame.first, &mut single);
-                    assert_eq!((fast.len(), single.len()), (exact.len(), exact.len()));
-                    for ((exact, fast), single) in exact.iter().zip(&fast).zip(&single) {
-                        assert!((*exact - DVec3::from(*fast)).length() < 1e-9, "{name}");
-                        let single = DVec3::from(single.map(f64::from));
-                        assert!((*exact - single).length() < 1e-4, "{name}: {exact} {single}");
-                    }
-                    assert_eq!((exact[7], fast[7], single[7]), (DVec3::ZERO, [0.0; 3], [0.0; 3]));
+            let corrections = (0..model.channels()).map(|channel| BeamCorrection {
+                origin_left_m: 0.026 - 0.05 * (channel % 2) as f64,
+                near_distance_m: (channel % 5 > 0).then_some([1.2, 1.3 + 0.01 * channel as f64]),
+                ..BeamCorrection::default()
+            });
+            let calibrated = model.clone().with_corrections(corrections.collect());
+            let few = model.beams()[..11].to_vec();
+            models.extend([
+                SensorModel::new("tilted", model.beams().to_vec(), tilted),
+                SensorModel::new("tilted and calibrated", model.beams().to_vec(), tilted)
+                    .with_corrections(calibrated.corrections().to_vec()),
+                SensorModel::new("few beams", few, model.sensor_from_lidar()),
+                model,
+                calibrated,
+            ]);
+        }
+        models
+    }
+
+    #[test]
+    fn the_fast_way_agrees_with_the_exact_one() {
+        for model in models() {
+            let name = &model.name;
+            let mut projector = Projector::new(&model);
+            for rate_rad_per_ns in [6.28e-8, 1.2e-7] {
+                let frame = frame(model.channels(), 37, rate_rad_per_ns);
+                let (mut exact, mut fast, mut single) = (Vec::new(), Vec::new(), vec![[9.0; 3]; 3]);
+                points_f64(&model, &frame, &frame.first, &mut exact);
+                projector.points_f64(&frame, &frame.first, &mut fast);
+                projector.points_f32(&frame, &frame.first, &mut single);
+                assert_eq!((fast.len(), single.len()), (exact.len(), exact.len()));
+                for ((exact, fast), single) in exact.iter().zip(&fast).zip(&single) {
+                    assert!((*exact - DVec3::from(*fast)).length() < 1e-9, "{name}: {exact} {fast:?}");
+                    let single = DVec3::from(single.map(f64::from));
+                    let bound_m = 2e-6 + 5e-7 * exact.length();
+                    assert!((*exact - single).length() < bound_m, "{name}: {exact} {single}");
                 }
+                assert_eq!((exact[7], fast[7], single[7]), (DVec3::ZERO, [0.0; 3], [0.0; 3]));
             }
+        }
+    }
+
+    #[test]
+    fn every_build_of_the_kernel_gives_the_same_bits() {
+        for model in models() {
+            let frame = frame(model.channels(), 37, 6.28e-8);
+            let ranges_mm = &frame.first.range_mm;
+            let mut projector = Projector::new(&model);
+            let (mut double, mut single) = (Vec::new(), Vec::new());
+            projector.points_f64(&frame, &frame.first, &mut double);
+            projector.points_f32(&frame, &frame.first, &mut single);
+            let mut portable = vec![[0.0; 3]; ranges_mm.len()];
+            kernel::points_in::<Portable<f64>>(&projector.double, ranges_mm, &mut portable);
+            assert!(
+                portable
+                    .iter()
+                    .flatten()
+                    .map(|x| x.to_bits())
+                    .eq(double.iter().flatten().map(|x| x.to_bits()))
+            );
+            let mut portable = vec![[0.0; 3]; ranges_mm.len()];
+            kernel::points_in::<Portable<f32>>(&projector.single, ranges_mm, &mut portable);
+            assert!(
+                portable
+                    .iter()
+                    .flatten()
+                    .map(|x| x.to_bits())
+                    .eq(single.iter().flatten().map(|x| x.to_bits()))
+            );
         }
     }
 }

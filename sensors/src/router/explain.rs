@@ -44,7 +44,7 @@ pub(super) fn unclaimed(
     }
     let ousters: Vec<(&Metadata, &str)> = sensors
         .iter()
-        .filter_map(|sensor| match &sensor.decoder {
+        .filter_map(|sensor| match &sensor.family {
             Family::Ouster(decoder) => {
                 Some((decoder.metadata(), sensor.metadata_name.as_deref().unwrap_or("metadata")))
             }
@@ -96,6 +96,21 @@ pub(super) fn unclaimed(
         }
         (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
         _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
+    }
+}
+
+/// What is wrong with a packet of a sensor that its decoder calls malformed, where a wrong setting explains it.
+pub(super) fn damaged(sensor: &Sensor, packet: &Packet<'_>, decoder_says: String) -> String {
+    let guess = Guess::of(packet.payload);
+    let length = packet.payload.len();
+    match (&sensor.family, &guess) {
+        (Family::Ouster(decoder), Guess::OusterLidar { .. })
+            if length != decoder.metadata().packet_format().packet_bytes() =>
+        {
+            let name = sensor.metadata_name.as_deref().unwrap_or("metadata");
+            other_format(&guess, length, decoder.metadata(), name)
+        }
+        _ => decoder_says,
     }
 }
 

@@ -13,9 +13,9 @@ mod tests;
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 
-use crate::ouster::{Claim, ImuSample, Metadata, OusterDecoder, ZoneReport};
-use crate::velodyne::{Calibration, Options, Position, VelodyneDecoder};
-use crate::{Decoded, Frame, Packet, Rejected};
+use crate::ouster::{Claim, Metadata, OusterDecoder};
+use crate::velodyne::{Calibration, Options, VelodyneDecoder};
+use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
 pub use sensor::{Family, Sensor};
@@ -31,7 +31,6 @@ pub struct Router {
     sensors: Vec<Sensor>,
     unclaimed: BTreeMap<(u16, usize), Unclaimed>,
     calibrations: Vec<(Option<IpAddr>, Calibration)>,
-    done: Vec<Owned>,
 }
 
 /// Packets of one length on one port that no sensor took.
@@ -62,14 +61,6 @@ pub enum Routed {
     Damaged(usize),
     /// Taken by none.
     Unclaimed,
-}
-
-/// Kept while the decoder that made it is busy.
-enum Owned {
-    Frame(Box<Frame>),
-    Imu(ImuSample),
-    Position(Position),
-    Zones(Box<ZoneReport>),
 }
 
 impl Router {
@@ -109,7 +100,7 @@ impl Router {
         }
         self.sensors
             .iter()
-            .all(|sensor| sensor.source_is_known || !matches!(sensor.decoder, Family::Ouster(_)))
+            .all(|sensor| sensor.source_is_known || !matches!(sensor.family, Family::Ouster(_)))
     }
 
     /// Hands a packet to its sensor, and what that completes to `out`.
@@ -121,8 +112,7 @@ impl Router {
                 return Routed::Unclaimed;
             }
         };
-        let done = &mut self.done;
-        let outcome = self.sensors[at].push(packet, &mut |decoded| done.push(Owned::of(decoded)));
+        let outcome = self.sensors[at].family.decoder_mut().take(packet);
         self.sensors[at].calibrate(&self.calibrations);
         self.hand_out(at, out);
         match outcome {
@@ -138,8 +128,12 @@ impl Router {
                 self.count_unclaimed(packet, Some(reason));
                 Routed::Unclaimed
             }
-            Err(Rejected::Malformed { .. } | Rejected::Checksum { .. }) => {
-                self.sensors[at].first_source.get_or_insert(packet.source);
+            Err(problem @ (Rejected::Malformed { .. } | Rejected::Checksum { .. })) => {
+                let sensor = &mut self.sensors[at];
+                sensor.first_source.get_or_insert(packet.source);
+                if let Rejected::Malformed { reason } = problem {
+                    sensor.note_damage(packet, reason);
+                }
                 Routed::Damaged(at)
             }
         }
@@ -148,16 +142,18 @@ impl Router {
     /// Ends every sensor's last frame.
     pub fn finish(&mut self, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) {
         for at in 0..self.sensors.len() {
-            let done = &mut self.done;
-            self.sensors[at].finish(&mut |decoded| done.push(Owned::of(decoded)));
+            self.sensors[at].family.decoder_mut().end();
             self.sensors[at].calibrate(&self.calibrations);
             self.hand_out(at, out);
         }
     }
 
     fn hand_out(&mut self, at: usize, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) {
-        for owned in self.done.drain(..) {
-            out(at, &self.sensors[at], owned.borrow());
+        let sensor = &mut self.sensors[at];
+        while sensor.family.decoder_mut().completed_mut().advance() {
+            if let Some(decoded) = sensor.family.decoder().completed().current() {
+                out(at, sensor, decoded);
+            }
         }
     }
 
@@ -176,7 +172,7 @@ impl Router {
                 .sensors
                 .iter()
                 .position(|sensor| {
-                    matches!(sensor.decoder, Family::Ouster(_)) && sensor.first_source == Some(packet.source)
+                    matches!(sensor.family, Family::Ouster(_)) && sensor.first_source == Some(packet.source)
                 })
                 .map(|at| (at, None))
                 .ok_or(None),
@@ -187,7 +183,7 @@ impl Router {
     fn best_claim(&self, packet: &Packet<'_>) -> (Option<(usize, Claim)>, usize) {
         let (mut best, mut count) = (None, 0);
         for (at, sensor) in self.sensors.iter().enumerate() {
-            let Family::Ouster(decoder) = &sensor.decoder else { continue };
+            let Family::Ouster(decoder) = &sensor.family else { continue };
             let mut claim = decoder.claim(packet);
             if claim > Claim::No && claim < Claim::Familiar && !packet.source.ip().is_loopback() {
                 let from_here = sensor.sources.contains(&packet.source.ip());
@@ -211,7 +207,7 @@ impl Router {
     fn velodyne(&mut self, packet: &Packet<'_>, data: bool) -> Result<usize, Option<String>> {
         let (address, port) = (packet.source.ip(), packet.destination.port());
         let same_sender = |sensor: &Sensor| {
-            matches!(sensor.decoder, Family::Velodyne(_))
+            matches!(sensor.family, Family::Velodyne(_))
                 && sensor.first_source.is_some_and(|source| source.ip() == address)
         };
         let found = self.sensors.iter().position(|sensor| {
@@ -261,24 +257,4 @@ impl Router {
 /// number does not: its length alone makes it fit.
 fn is_evidence(claim: Claim, packet: &Packet<'_>) -> bool {
     claim == Claim::Certain || (claim > Claim::No && packet.payload.len() != crate::ouster::imu::LEGACY_BYTES)
-}
-
-impl Owned {
-    fn of(decoded: Decoded<'_>) -> Self {
-        match decoded {
-            Decoded::Frame(frame) => Self::Frame(Box::new(frame.clone())),
-            Decoded::Imu(sample) => Self::Imu(sample.clone()),
-            Decoded::Position(position) => Self::Position(position.clone()),
-            Decoded::Zones(report) => Self::Zones(Box::new(report.clone())),
-        }
-    }
-
-    fn borrow(&self) -> Decoded<'_> {
-        match self {
-            Self::Frame(frame) => Decoded::Frame(frame),
-            Self::Imu(sample) => Decoded::Imu(sample),
-            Self::Position(position) => Decoded::Position(position),
-            Self::Zones(report) => Decoded::Zones(report),
-        }
-    }
 }

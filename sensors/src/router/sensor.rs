@@ -2,19 +2,21 @@
 
 use std::net::{IpAddr, SocketAddr};
 
+use super::explain;
 use crate::ouster::OusterDecoder;
 use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
-use crate::{DecodeStats, Decoded, Decoder, Packet, Rejected, SensorModel};
+use crate::{DecodeStats, Decoder, Packet, SensorModel};
 
 /// A sensor that packets are routed to.
 pub struct Sensor {
     /// Name of the metadata it came from, where it came from metadata.
     pub metadata_name: Option<String>,
-    pub(super) decoder: Family,
+    pub(super) family: Family,
     pub(super) sources: Vec<IpAddr>,
     pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
+    first_damage: Option<String>,
     calibrated: Option<Result<SensorModel, CalibrationError>>,
 }
 
@@ -26,27 +28,44 @@ pub enum Family {
     Velodyne(Box<VelodyneDecoder>),
 }
 
+impl Family {
+    pub(super) fn decoder(&self) -> &dyn Decoder {
+        match self {
+            Self::Ouster(decoder) => &**decoder,
+            Self::Velodyne(decoder) => &**decoder,
+        }
+    }
+
+    pub(super) fn decoder_mut(&mut self) -> &mut dyn Decoder {
+        match self {
+            Self::Ouster(decoder) => &mut **decoder,
+            Self::Velodyne(decoder) => &mut **decoder,
+        }
+    }
+}
+
 impl Sensor {
-    pub(super) fn new(decoder: Family, metadata_name: Option<String>) -> Self {
+    pub(super) fn new(family: Family, metadata_name: Option<String>) -> Self {
         Self {
             metadata_name,
-            decoder,
+            family,
             sources: Vec::new(),
             source_is_known: false,
             first_source: None,
             data_port: None,
+            first_damage: None,
             calibrated: None,
         }
     }
 
     /// Its decoder.
     pub fn family(&self) -> &Family {
-        &self.decoder
+        &self.family
     }
 
     /// `Ouster` or `Velodyne`.
     pub fn vendor(&self) -> &'static str {
-        match self.decoder {
+        match self.family {
             Family::Ouster(_) => "Ouster",
             Family::Velodyne(_) => "Velodyne",
         }
@@ -54,7 +73,7 @@ impl Sensor {
 
     /// Product, as metadata or packets say.
     pub fn product(&self) -> String {
-        match &self.decoder {
+        match &self.family {
             Family::Ouster(decoder) => match decoder.metadata().product_line.as_str() {
                 "" => format!("Ouster with {} channels", decoder.metadata().pixels_per_column),
                 line => line.to_owned(),
@@ -67,7 +86,7 @@ impl Sensor {
 
     /// Packet format: the profile of an Ouster, the returns of a Velodyne.
     pub fn format(&self) -> String {
-        match &self.decoder {
+        match &self.family {
             Family::Ouster(decoder) => decoder.metadata().profile.name().into(),
             Family::Velodyne(decoder) => match decoder.return_mode() {
                 Some(mode) => format!("{mode:?}").to_lowercase(),
@@ -78,7 +97,7 @@ impl Sensor {
 
     /// Serial number; empty where it is not known (data packets of a Velodyne do not carry it).
     pub fn serial(&self) -> &str {
-        match &self.decoder {
+        match &self.family {
             Family::Ouster(decoder) => &decoder.metadata().serial,
             Family::Velodyne(_) => "",
         }
@@ -99,7 +118,7 @@ impl Sensor {
         if let Some(Ok(model)) = &self.calibrated {
             return Some(model);
         }
-        match &self.decoder {
+        match &self.family {
             Family::Ouster(decoder) => Some(&decoder.metadata().model),
             Family::Velodyne(decoder) => decoder.model(),
         }
@@ -112,27 +131,17 @@ impl Sensor {
 
     /// Everything its decoder counted.
     pub fn stats(&self) -> &DecodeStats {
-        match &self.decoder {
-            Family::Ouster(decoder) => decoder.stats(),
-            Family::Velodyne(decoder) => decoder.stats(),
-        }
+        self.family.decoder().stats()
     }
 
-    pub(super) fn push(
-        &mut self,
-        packet: &Packet<'_>,
-        out: &mut dyn FnMut(Decoded<'_>),
-    ) -> Result<(), Rejected> {
-        match &mut self.decoder {
-            Family::Ouster(decoder) => decoder.push(packet, out),
-            Family::Velodyne(decoder) => decoder.push(packet, out),
-        }
+    /// What was wrong with the first of its packets that is malformed.
+    pub fn first_damage(&self) -> Option<&str> {
+        self.first_damage.as_deref()
     }
 
-    pub(super) fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
-        match &mut self.decoder {
-            Family::Ouster(decoder) => decoder.finish(out),
-            Family::Velodyne(decoder) => decoder.finish(out),
+    pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
+        if self.first_damage.is_none() {
+            self.first_damage = Some(explain::damaged(self, packet, reason));
         }
     }
 
@@ -141,7 +150,7 @@ impl Sensor {
         if self.calibrated.is_some() || calibrations.is_empty() {
             return;
         }
-        let Family::Velodyne(decoder) = &self.decoder else { return };
+        let Family::Velodyne(decoder) = &self.family else { return };
         let (Some(identity), Some(address)) = (decoder.identity(), self.first_source) else { return };
         let meant =
             calibrations.iter().find(|(source, _)| source.is_none_or(|source| source == address.ip()));

@@ -20,11 +20,16 @@ fn metadata(model: &str, serial: u64, profile: Profile) -> Metadata {
 
 /// Lidar packets of one revolution.
 fn ouster_packets(metadata: &Metadata) -> Vec<Vec<u8>> {
+    ouster_revolution(metadata, 7)
+}
+
+fn ouster_revolution(metadata: &Metadata, frame_id: u32) -> Vec<Vec<u8>> {
+    let start_ns = 5_000_000_000 + u64::from(frame_id) * 100_000_000;
     let (columns, channels) = (metadata.columns_per_frame, metadata.pixels_per_column);
     let frame = Frame {
-        frame_id: 7,
+        frame_id,
         channels,
-        column_time_ns: (0..columns as u64).map(|column| 5_000_000_000 + column * 190_000).collect(),
+        column_time_ns: (0..columns as u64).map(|column| start_ns + column * 190_000).collect(),
         column_azimuth_rad: vec![0.0; columns],
         column_valid: vec![true; columns],
         first: Layer {
@@ -39,11 +44,11 @@ fn ouster_packets(metadata: &Metadata) -> Vec<Vec<u8>> {
     packets
 }
 
-fn velodyne_packets(product: Product) -> Vec<Vec<u8>> {
+fn velodyne_packets(product: Product, columns: u64) -> Vec<Vec<u8>> {
     let mut encoder = VelodyneEncoder::new(product, ReturnMode::Strongest);
     let (ranges, levels) = (vec![500; product.lasers()], vec![9; product.lasers()]);
     let mut packets = Vec::new();
-    for column in 0..1000_u64 {
+    for column in 0..columns {
         let column = Column {
             time_ns: 1_000_000_000 + column * product.cycle_ns() as u64,
             azimuth_rad: column as f64 * 0.003,
@@ -61,7 +66,7 @@ fn ignore(_: usize, _: &Sensor, _: Decoded<'_>) {}
 #[test]
 fn velodynes_are_found_by_sender_and_port() {
     let mut router = Router::new();
-    let payloads = velodyne_packets(Product::Vlp16);
+    let payloads = velodyne_packets(Product::Vlp16, 1000);
     for payload in &payloads {
         for (sender, port) in [(1, 2368), (2, 2368), (2, 2369)] {
             router.push(&packet(sender, port, payload), &mut ignore);
@@ -132,4 +137,34 @@ fn damage_is_counted_by_the_sensor_it_comes_from() {
     }
     assert_eq!(router.sensors()[0].stats().crc_errors, 1);
     assert_eq!(router.unclaimed().count(), 0);
+}
+
+#[test]
+fn frames_are_lent_not_copied() {
+    let metadata = metadata("os1-16", 5, Profile::Legacy);
+    let mut router = Router::new();
+    router.add_ouster(metadata.clone(), "sensor.json");
+    let (mut ouster, mut velodyne) = (Vec::new(), Vec::new());
+    let mut note = |_: usize, sensor: &Sensor, decoded: Decoded<'_>| {
+        if let Decoded::Frame(frame) = decoded {
+            let seen = if sensor.vendor() == "Ouster" { &mut ouster } else { &mut velodyne };
+            seen.push((frame.frame_id, frame.first.range_mm.as_ptr(), frame.column_time_ns.as_ptr()));
+        }
+    };
+    for frame_id in 0..5 {
+        for payload in ouster_revolution(&metadata, frame_id) {
+            router.push(&packet(1, 7502, &payload), &mut note);
+        }
+    }
+    let packets: Vec<_> = velodyne_packets(Product::Vlp16, 12_000);
+    for payload in &packets {
+        router.push(&packet(2, 2368, payload), &mut note);
+    }
+    router.finish(&mut note);
+    assert_eq!(ouster.iter().map(|(frame_id, ..)| *frame_id).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    assert!(ouster.iter().all(|(_, ranges, times)| (*ranges, *times) == (ouster[0].1, ouster[0].2)));
+    // frames of a Velodyne grow to the revolution's size, and so do their buffers, until they fit
+    assert!(velodyne.len() > 4, "{velodyne:?}");
+    let settled = &velodyne[2..];
+    assert!(settled.iter().all(|(_, ranges, times)| (*ranges, *times) == (settled[0].1, settled[0].2)));
 }

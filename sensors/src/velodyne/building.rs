@@ -3,6 +3,7 @@
 use crate::frame::{Frame, Layer};
 
 use super::heads::{Head, Spin, azimuth_rad};
+use super::kernels::{self, drop_repeated};
 use super::wire::{DataPacket, Layout, Part};
 
 /// The frame that packets go into, and what is known about it so far.
@@ -13,11 +14,23 @@ pub(crate) struct Building {
     pub spin: Spin,
     /// Packets that are missing inside.
     pub lost: u64,
-    /// Columns came in another order than they were fired in.
+    /// First column of each packet and the packet's time, as they came.
+    packets: Vec<(u64, usize)>,
+    /// Packets came in another order than they were sent in.
     unsorted: bool,
 }
 
 impl Building {
+    /// The last frame took its buffers along.
+    pub fn lacks_buffers(&self) -> bool {
+        self.frame.column_time_ns.capacity() == 0
+    }
+
+    /// Takes the buffers of a frame that nobody looks at any more.
+    pub fn fill_with(&mut self, spent: Frame) {
+        self.frame = spent;
+    }
+
     /// Empties the frame for the next revolution; its buffers stay.
     pub fn restart(&mut self, frame_id: u32, channels: usize, dual: bool) {
         let frame = &mut self.frame;
@@ -37,6 +50,7 @@ impl Building {
         frame.host_time_ns = [0; 2];
         self.spin = Spin::default();
         self.lost = 0;
+        self.packets.clear();
         self.unsorted = false;
     }
 
@@ -59,7 +73,7 @@ impl Building {
         frame.packets += 1;
     }
 
-    /// Appends sequences `from..to` of a packet.
+    /// Appends sequences of a packet; `heads` are those of all its sequences.
     pub fn append(
         &mut self,
         packet: DataPacket<'_>,
@@ -69,31 +83,39 @@ impl Building {
         unit_mm: u32,
     ) {
         let frame = &mut self.frame;
-        for (head, sequence) in heads[range.clone()].iter().zip(&layout.sequences[range]) {
-            self.unsorted |= frame.column_time_ns.last().is_some_and(|last| *last > head.time_ns);
-            frame.column_time_ns.push(head.time_ns);
-            frame.column_azimuth_rad.push(azimuth_rad(head.azimuth_counts));
-            frame.column_valid.push(true);
-            let place = frame.first.range_mm.len();
-            let end = place + frame.channels;
-            frame.first.range_mm.resize(end, 0);
-            frame.first.reflectivity.resize(end, 0);
+        let time_ns = heads[range.start].time_ns;
+        self.unsorted |= self.packets.last().is_some_and(|(last_ns, _)| *last_ns > time_ns);
+        self.packets.push((time_ns, frame.column_time_ns.len()));
+        frame.column_time_ns.extend(heads[range.clone()].iter().map(|head| head.time_ns));
+        let azimuths_rad = heads[range.clone()].iter().map(|head| azimuth_rad(head.azimuth_counts));
+        frame.column_azimuth_rad.extend(azimuths_rad);
+        frame.column_valid.resize(frame.column_time_ns.len(), true);
+
+        let place = frame.first.range_mm.len();
+        let (channels, sequences) = (frame.channels, &layout.sequences[range]);
+        let places = (place..).step_by(channels);
+        let (ranges_mm, levels) = grow(&mut frame.first, place + sequences.len() * channels);
+        for (sequence, at) in sequences.iter().zip(places.clone()) {
             for part in sequence.first() {
-                unpack(packet, *part, unit_mm, &mut frame.first, place);
+                unpack(packet, *part, unit_mm, &mut ranges_mm[at..], &mut levels[at..]);
             }
-            if let Some(second) = &mut frame.second {
-                second.range_mm.resize(end, 0);
-                second.reflectivity.resize(end, 0);
+        }
+        if let Some(second) = &mut frame.second {
+            let (second_mm, second_levels) = grow(second, place + sequences.len() * channels);
+            for (sequence, at) in sequences.iter().zip(places) {
                 for part in sequence.second() {
-                    unpack(packet, *part, unit_mm, second, place);
+                    unpack(packet, *part, unit_mm, &mut second_mm[at..], &mut second_levels[at..]);
                 }
-                drop_repeated(&frame.first, second, place);
             }
+            drop_repeated(
+                (&ranges_mm[place..], &levels[place..]),
+                (&mut second_mm[place..], &mut second_levels[place..]),
+            );
         }
     }
 
-    /// Closes the frame and lends it out.
-    pub fn close(&mut self, complete: bool) -> &Frame {
+    /// Closes the frame and gives it away.
+    pub fn close(&mut self, complete: bool) -> Frame {
         if self.unsorted {
             self.sort();
         }
@@ -101,16 +123,20 @@ impl Building {
         frame.complete = complete && self.lost == 0;
         let rate = self.spin.rate().unwrap_or(0.0);
         frame.azimuth_rate_rad_per_ns = rate * std::f64::consts::TAU / f64::from(super::wire::AZIMUTH_COUNTS);
-        &self.frame
+        std::mem::take(&mut self.frame)
     }
 
+    /// Puts packets in order of their time. The columns of one stay together: where stamps lie closer than a packet's
+    /// firings take, those of neighbours overlap, in time but not in the world.
     fn sort(&mut self) {
         let frame = &mut self.frame;
-        let mut order: Vec<usize> = (0..frame.column_time_ns.len()).collect();
-        order.sort_by_key(|column| frame.column_time_ns[*column]);
-        frame.column_time_ns = order.iter().map(|column| frame.column_time_ns[*column]).collect();
-        frame.column_azimuth_rad = order.iter().map(|column| frame.column_azimuth_rad[*column]).collect();
-        frame.column_valid = order.iter().map(|column| frame.column_valid[*column]).collect();
+        let ends = self.packets.iter().skip(1).map(|(_, first)| *first).chain([frame.column_time_ns.len()]);
+        let mut runs: Vec<_> =
+            self.packets.iter().zip(ends).map(|((time_ns, first), end)| (*time_ns, *first..end)).collect();
+        runs.sort_by_key(|(time_ns, _)| *time_ns);
+        let order: Vec<usize> = runs.into_iter().flat_map(|(_, columns)| columns).collect();
+        frame.column_time_ns = by_column(&frame.column_time_ns, &order, 1);
+        frame.column_azimuth_rad = by_column(&frame.column_azimuth_rad, &order, 1);
         let channels = frame.channels;
         for layer in [Some(&mut frame.first), frame.second.as_mut()].into_iter().flatten() {
             layer.range_mm = by_column(&layer.range_mm, &order, channels);
@@ -123,31 +149,22 @@ fn by_column<T: Copy>(samples: &[T], order: &[usize], channels: usize) -> Vec<T>
     order.iter().flat_map(|column| &samples[column * channels..(column + 1) * channels]).copied().collect()
 }
 
+/// Makes room for samples up to `end`, without a return.
+fn grow(layer: &mut Layer, end: usize) -> (&mut [u32], &mut [u8]) {
+    layer.range_mm.resize(end, 0);
+    layer.reflectivity.resize(end, 0);
+    (&mut layer.range_mm, &mut layer.reflectivity)
+}
+
 fn clear(layer: &mut Layer) {
     layer.range_mm.clear();
     layer.reflectivity.clear();
 }
 
-fn unpack(packet: DataPacket<'_>, part: Part, unit_mm: u32, layer: &mut Layer, place: usize) {
-    let (slot, lasers) = (usize::from(part.slot), usize::from(part.lasers));
-    let from = place + usize::from(part.channel);
-    let bytes = &packet.measurements(usize::from(part.block))[3 * slot..3 * (slot + lasers)];
-    let ranges = &mut layer.range_mm[from..from + lasers];
-    let reflectivities = &mut layer.reflectivity[from..from + lasers];
-    for ((measurement, range), reflectivity) in bytes.chunks_exact(3).zip(ranges).zip(reflectivities) {
-        *range = u32::from(u16::from_le_bytes([measurement[0], measurement[1]])) * unit_mm;
-        *reflectivity = measurement[2];
-    }
-}
-
-/// A firing with one echo is sent twice, or with an empty second return: the second layer keeps none of it.
-fn drop_repeated(first: &Layer, second: &mut Layer, place: usize) {
-    let ranges = first.range_mm[place..].iter().zip(&mut second.range_mm[place..]);
-    let reflectivities = first.reflectivity[place..].iter().zip(&mut second.reflectivity[place..]);
-    for ((first_range, second_range), (first_level, second_level)) in ranges.zip(reflectivities) {
-        if *second_range == 0 || first_range == second_range && first_level == second_level {
-            *second_range = 0;
-            *second_level = 0;
-        }
-    }
+/// `range_mm` and `reflectivity` begin with the sequence's first channel.
+fn unpack(packet: DataPacket<'_>, part: Part, unit_mm: u32, range_mm: &mut [u32], reflectivity: &mut [u8]) {
+    let (bytes, at) = packet.measurements(usize::from(part.block), usize::from(part.slot));
+    let from = usize::from(part.channel);
+    let to = from + usize::from(part.lasers);
+    kernels::unpack(bytes, at, unit_mm, &mut range_mm[from..to], &mut reflectivity[from..to]);
 }

@@ -2,10 +2,11 @@
 
 use std::net::IpAddr;
 
-use crate::decoder::{DecodeStats, Decoded, Decoder, Rejected};
+use crate::catalogue;
+use crate::completed::Completed;
+use crate::decoder::{DecodeStats, Decoder, Rejected};
 use crate::model::SensorModel;
 use crate::packet::Packet;
-use crate::{Frame, catalogue};
 
 use super::calibration::{StatusReader, UnitStatus};
 use super::checks::{check, check_unknown, refuse_length};
@@ -58,7 +59,7 @@ pub struct VelodyneDecoder {
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
     recent: std::collections::VecDeque<Start>,
-    position: Position,
+    completed: Completed,
     status_reader: StatusReader,
     status: Option<UnitStatus>,
 }
@@ -87,7 +88,7 @@ impl VelodyneDecoder {
             clock: HourClock::default(),
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
-            position: Position::default(),
+            completed: Completed::default(),
             status_reader: StatusReader::default(),
             status: None,
         };
@@ -125,20 +126,19 @@ impl VelodyneDecoder {
         self.stream = Some(Stream::new(identity, self.options.cut));
     }
 
-    fn push_any(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
+    fn take_any(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
         if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
             self.check_source(packet)?;
             match self.stream {
-                Some(_) => self.accept(payload, packet.host_time_ns, out)?,
-                None => self.keep_undecided(payload, packet.host_time_ns, out)?,
+                Some(_) => self.accept(payload, packet.host_time_ns)?,
+                None => self.keep_undecided(payload, packet.host_time_ns)?,
             }
             self.remember_source(packet);
             Ok(())
         } else if let Ok(payload) = <&[u8; POSITION_PACKET_BYTES]>::try_from(packet.payload) {
             self.check_source(packet)?;
             self.remember_source(packet);
-            self.position = Position::parse(payload, packet.host_time_ns);
-            out(Decoded::Position(&self.position));
+            self.completed.add_position(Position::parse(payload, packet.host_time_ns));
             Ok(())
         } else {
             self.check_source(packet)?;
@@ -146,19 +146,14 @@ impl VelodyneDecoder {
         }
     }
 
-    fn keep_undecided(
-        &mut self,
-        payload: &[u8; DATA_PACKET_BYTES],
-        host_ns: u64,
-        out: &mut dyn FnMut(Decoded<'_>),
-    ) -> Result<(), Rejected> {
+    fn keep_undecided(&mut self, payload: &[u8; DATA_PACKET_BYTES], host_ns: u64) -> Result<(), Rejected> {
         check_unknown(DataPacket::of(payload))?;
         self.undecided.push(Undecided { host_ns, payload: Box::new(*payload) });
-        self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS, out);
+        self.try_to_decide(self.undecided.len() >= ENOUGH_PACKETS);
         Ok(())
     }
 
-    fn try_to_decide(&mut self, all: bool, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn try_to_decide(&mut self, all: bool) {
         let packets = self.undecided.iter().map(|undecided| DataPacket::of(&undecided.payload));
         let Some(mut identity) = detect::identify(packets, all) else { return };
         if let Some(product) = self.options.product {
@@ -167,7 +162,7 @@ impl VelodyneDecoder {
         self.decide(identity);
         for undecided in std::mem::take(&mut self.undecided) {
             // nobody waits for the answer any more
-            match self.accept(&undecided.payload, undecided.host_ns, out) {
+            match self.accept(&undecided.payload, undecided.host_ns) {
                 Ok(()) => {}
                 Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
                 Err(_) => self.stats.malformed += 1,
@@ -175,12 +170,7 @@ impl VelodyneDecoder {
         }
     }
 
-    fn accept(
-        &mut self,
-        payload: &[u8; DATA_PACKET_BYTES],
-        host_ns: u64,
-        out: &mut dyn FnMut(Decoded<'_>),
-    ) -> Result<(), Rejected> {
+    fn accept(&mut self, payload: &[u8; DATA_PACKET_BYTES], host_ns: u64) -> Result<(), Rejected> {
         let Some(stream) = &mut self.stream else { return Ok(()) };
         let data = DataPacket::of(payload);
         check(data, stream, self.model_byte)?;
@@ -197,8 +187,8 @@ impl VelodyneDecoder {
             (resolved.time_ns, resolved.restarted)
         };
         if restarted {
-            self.flush(out);
-            self.close_frame(out);
+            self.flush();
+            self.close_frame();
             self.recent.clear();
         }
         if let Some(Start { time_ns: last_ns, .. }) = self.recent.back()
@@ -218,7 +208,7 @@ impl VelodyneDecoder {
         self.stats.packets += 1;
         let held = self.options.held_packets.unwrap_or(DEFAULT_HELD_PACKETS).max(1);
         while self.window.len() > held {
-            self.take_next(out);
+            self.take_next();
         }
         Ok(())
     }
@@ -234,7 +224,7 @@ impl VelodyneDecoder {
         }
     }
 
-    fn take_next(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn take_next(&mut self) {
         let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
@@ -249,8 +239,7 @@ impl VelodyneDecoder {
                 self.status = Some(status);
             }
         }
-        let mut give = |frame: &Frame| out(Decoded::Frame(frame));
-        stream.take(&held, self.window.front(), &mut self.stats, &mut give);
+        stream.take(&held, self.window.front(), &mut self.stats, &mut self.completed);
         self.window.recycle(held);
     }
 
@@ -276,23 +265,23 @@ impl VelodyneDecoder {
         self.recent.insert(at, itself);
     }
 
-    fn flush(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn flush(&mut self) {
         while self.window.len() > 0 {
-            self.take_next(out);
+            self.take_next();
         }
     }
 
-    fn close_frame(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn close_frame(&mut self) {
         if let Some(stream) = &mut self.stream {
-            stream.close(false, &mut self.stats, &mut |frame| out(Decoded::Frame(frame)));
+            stream.close(false, &mut self.stats, &mut self.completed);
             stream.forget_previous();
         }
     }
 }
 
 impl Decoder for VelodyneDecoder {
-    fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {
-        let result = self.push_any(packet, out);
+    fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
+        let result = self.take_any(packet);
         match &result {
             Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
             Err(_) => self.stats.malformed += 1,
@@ -301,12 +290,20 @@ impl Decoder for VelodyneDecoder {
         result
     }
 
-    fn finish(&mut self, out: &mut dyn FnMut(Decoded<'_>)) {
+    fn end(&mut self) {
         if self.stream.is_none() {
-            self.try_to_decide(true, out);
+            self.try_to_decide(true);
         }
-        self.flush(out);
-        self.close_frame(out);
+        self.flush();
+        self.close_frame();
+    }
+
+    fn completed(&self) -> &Completed {
+        &self.completed
+    }
+
+    fn completed_mut(&mut self) -> &mut Completed {
+        &mut self.completed
     }
 
     fn stats(&self) -> &DecodeStats {

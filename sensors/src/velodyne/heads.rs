@@ -50,6 +50,7 @@ pub(crate) struct Heads {
     /// Time of the sequence that follows the packet's last without a gap, ns.
     pub end_ns: u64,
     steps: Vec<f64>,
+    sorted_steps: Vec<f64>,
     azimuths: Vec<u16>,
 }
 
@@ -107,7 +108,10 @@ impl Heads {
         let usual = match (known, self.steps.len()) {
             (Some(step), 0..=3) => step,
             (_, 0) => 0.0,
-            _ => usual_step(&mut self.steps.clone()),
+            _ => {
+                self.sorted_steps.clone_from(&self.steps);
+                usual_step(&mut self.sorted_steps)
+            }
         };
         self.spin = Spin::default();
         self.travelled_counts = 0.0;
@@ -139,14 +143,14 @@ impl Heads {
             let azimuth = f64::from(self.azimuths[block - 1]) + rate * after_ns;
             let cycles_ns = f64::from(sequence.cycles) * cycle_ns;
             self.heads.push(Head {
-                time_ns: time_ns + (cycles_ns + gap_ns).round() as u64,
-                azimuth_counts: azimuth.rem_euclid(f64::from(AZIMUTH_COUNTS)),
+                time_ns: time_ns + nearest(cycles_ns + gap_ns),
+                azimuth_counts: in_turn(azimuth),
             });
         }
         self.first_counts = self.azimuths.first().copied().unwrap_or(0);
         self.last_counts = self.azimuths.last().copied().unwrap_or(0);
         let length_ns = sequences.last().map_or(0.0, |s| f64::from(s.cycles) + 1.0) * cycle_ns;
-        self.end_ns = time_ns + (length_ns + gap_ns).round() as u64;
+        self.end_ns = time_ns + nearest(length_ns + gap_ns);
         if let (Some(places), Some(following)) = (gap_places, following) {
             let contiguous = !is_gap(step_counts(self.last_counts, following.azimuth_counts), usual);
             let turn_ns = f64::from(AZIMUTH_COUNTS) / rate_for_gaps.max(f64::MIN_POSITIVE);
@@ -189,10 +193,27 @@ impl Heads {
     }
 }
 
+/// The nearest whole number of a time that is not negative; halves up.
+fn nearest(time_ns: f64) -> u64 {
+    (time_ns + 0.5) as u64
+}
+
+/// An azimuth in [0, 36000); most lie there, or one turn above.
+fn in_turn(azimuth_counts: f64) -> f64 {
+    let turn = f64::from(AZIMUTH_COUNTS);
+    if (0.0..turn).contains(&azimuth_counts) {
+        azimuth_counts
+    } else if (turn..2.0 * turn).contains(&azimuth_counts) {
+        azimuth_counts - turn
+    } else {
+        azimuth_counts.rem_euclid(turn)
+    }
+}
+
 /// The (lower) median of the steps: a gap among them does not move it.
 fn usual_step(steps: &mut [f64]) -> f64 {
-    steps.sort_by(f64::total_cmp);
-    steps[(steps.len() - 1) / 2]
+    let middle = (steps.len() - 1) / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// Encoder azimuth in rad, in [0, 2 pi).

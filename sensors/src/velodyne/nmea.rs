@@ -1,5 +1,7 @@
 //! The two GPS sentences that a Velodyne passes on: RMC and GGA. Source: NMEA 0183; VLP-16 manual 63-9243 ch. 8.
 
+const DAY_NS: u64 = 86_400_000_000_000;
+
 /// What a sentence says.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Fix {
@@ -63,8 +65,23 @@ impl Fix {
     pub fn utc_ns(&self) -> Option<u64> {
         let (year, month, day) = self.date?;
         let days = days_since_1970(i64::from(year), i64::from(month), i64::from(day));
-        Some(u64::try_from(days).ok()? * 86_400_000_000_000 + self.time_of_day_ns)
+        Some(u64::try_from(days).ok()? * DAY_NS + self.time_of_day_ns)
     }
+}
+
+/// An RMC sentence of a receiver that stands at latitude and longitude 0, without its line end.
+pub fn rmc_sentence(utc_ns: u64) -> String {
+    let (days, of_day_ns) = (utc_ns / DAY_NS, utc_ns % DAY_NS);
+    let (year, month, day) = date_of_day(days as i64);
+    let seconds = of_day_ns / 1_000_000_000;
+    let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+    let hundredths = of_day_ns / 10_000_000 % 100;
+    let body = format!(
+        "GPRMC,{hours:02}{minutes:02}{seconds:02}.{hundredths:02},A,0000.0000,N,00000.0000,E,0.0,0.0,{day:02}{month:02}{:02},,,A",
+        year % 100
+    );
+    let checksum = body.bytes().fold(0, |sum, byte| sum ^ byte);
+    format!("${body}*{checksum:02X}")
 }
 
 fn error(reason: impl Into<String>) -> NmeaError {
@@ -128,6 +145,16 @@ fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     era * 146_097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719_468
 }
 
+/// Year, month and day: the inverse of [`days_since_1970`].
+fn date_of_day(days: i64) -> (i64, i64, i64) {
+    let mut year = 1970 + days / 366;
+    while days_since_1970(year + 1, 1, 1) <= days {
+        year += 1;
+    }
+    let month = (1..=12).rev().find(|month| days_since_1970(year, *month, 1) <= days).unwrap_or(1);
+    (year, month, days - days_since_1970(year, month, 1) + 1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -149,6 +176,15 @@ mod tests {
         );
         let fix = fix.unwrap();
         assert_eq!((fix.altitude_m, fix.utc_ns(), fix.valid), (Some(18.893), None, true));
+    }
+
+    #[test]
+    fn a_written_sentence_is_read_back() {
+        // the last second of a leap day, the last of a century's year, and a plain one
+        for utc_ns in [1_709_251_199_000_000_000, 978_307_199_000_000_000, 1_700_000_000_250_000_000] {
+            let fix = Fix::parse(&rmc_sentence(utc_ns)).unwrap();
+            assert_eq!((fix.utc_ns(), fix.valid, fix.latitude_deg), (Some(utc_ns), true, Some(0.0)));
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! From ordered packets of one sensor to frames: what is lost in between, and where a revolution ends.
 
+use crate::completed::Completed;
 use crate::decoder::DecodeStats;
-use crate::frame::Frame;
 
 use super::building::Building;
 use super::detect::{Identity, is_dual};
@@ -126,17 +126,17 @@ impl Stream {
         held: &Held,
         next: Option<&Held>,
         stats: &mut DecodeStats,
-        out: &mut dyn FnMut(&Frame),
+        completed: &mut Completed,
     ) {
         let packet = DataPacket::of(&held.payload);
         let dual = is_dual(packet, self.product());
         if dual != self.is_dual && !self.building.is_empty() {
-            self.close(false, stats, out);
+            self.close(false, stats, completed);
             self.previous = None;
         }
         self.is_dual = dual;
         if self.building.is_empty() {
-            self.building.restart(self.frames, self.product().lasers(), dual);
+            self.restart(completed);
         }
         self.read_heads(held, next.map(Held::start));
         for gap in &self.heads.gaps {
@@ -146,8 +146,8 @@ impl Stream {
         stats.lost_packets += between.lost;
         self.building.lost += between.lost;
         match self.cut {
-            Cut::Packets => self.take_whole(held, between, stats, out),
-            Cut::Azimuth(cut_rad) => self.take_by_azimuth(held, between, cut_rad, stats, out),
+            Cut::Packets => self.take_whole(held, between, stats, completed),
+            Cut::Azimuth(cut_rad) => self.take_by_azimuth(held, between, cut_rad, stats, completed),
         }
     }
 
@@ -161,7 +161,7 @@ impl Stream {
     }
 
     /// Ends the open frame where it is.
-    pub fn close(&mut self, complete: bool, stats: &mut DecodeStats, out: &mut dyn FnMut(&Frame)) {
+    pub fn close(&mut self, complete: bool, stats: &mut DecodeStats, completed: &mut Completed) {
         if self.building.is_empty() {
             return;
         }
@@ -169,11 +169,18 @@ impl Stream {
         let frame = self.building.close(complete);
         stats.frames += 1;
         stats.complete_frames += u64::from(frame.complete);
-        out(frame);
+        completed.add_frame(frame);
         self.frames = self.frames.wrapping_add(1);
         self.spin_before = self.building.spin;
-        self.building.restart(self.frames, self.identity.product.lasers(), self.is_dual);
+        self.restart(completed);
         self.begun_whole = self.cut == Cut::Packets;
+    }
+
+    fn restart(&mut self, completed: &mut Completed) {
+        if self.building.lacks_buffers() {
+            self.building.fill_with(completed.spent_frame().unwrap_or_default());
+        }
+        self.building.restart(self.frames, self.identity.product.lasers(), self.is_dual);
     }
 
     /// Forgets the packet before: time or sensor started anew.
@@ -246,14 +253,14 @@ impl Stream {
         held: &Held,
         between: Between,
         stats: &mut DecodeStats,
-        out: &mut dyn FnMut(&Frame),
+        completed: &mut Completed,
     ) {
         let mut travelled = match self.previous {
             None => 0.0,
             Some(previous) => {
                 let at_start = previous.travelled_counts + between.step_counts;
                 if at_start >= TURN && between.lost > 0 {
-                    self.close(true, stats, out);
+                    self.close(true, stats, completed);
                     self.building.lost = between.lost;
                     self.heads.travelled_counts
                 } else {
@@ -264,7 +271,7 @@ impl Stream {
         self.append(held, 0..self.heads.heads.len());
         self.building.spin.add(self.heads.spin);
         if travelled >= TURN {
-            self.close(true, stats, out);
+            self.close(true, stats, completed);
             travelled = 0.0;
         }
         self.remember(travelled);
@@ -276,7 +283,7 @@ impl Stream {
         between: Between,
         cut_rad: f64,
         stats: &mut DecodeStats,
-        out: &mut dyn FnMut(&Frame),
+        completed: &mut Completed,
     ) {
         let cut = (cut_rad.to_degrees() * 100.0).rem_euclid(TURN);
         let first = f64::from(self.heads.first_counts);
@@ -295,7 +302,7 @@ impl Stream {
                 turn = turns(position);
                 self.append(held, from..column);
                 from = column;
-                self.close(true, stats, out);
+                self.close(true, stats, completed);
                 self.begun_whole = true;
                 self.building.lost = if column == 0 { between.lost } else { 0 };
             }

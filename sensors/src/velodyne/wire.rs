@@ -40,9 +40,10 @@ impl<'a> DataPacket<'a> {
         self.word(block * BLOCK_BYTES + 2)
     }
 
-    /// Measurements of a block: 32 times distance (2 bytes) and reflectivity.
-    pub fn measurements(self, block: usize) -> &'a [u8] {
-        &self.0[block * BLOCK_BYTES + 4..(block + 1) * BLOCK_BYTES]
+    /// The whole packet, and where the measurement of a slot lies in it: distance (2 bytes) and reflectivity, 32 times
+    /// in a block.
+    pub fn measurements(self, block: usize, slot: usize) -> (&'a [u8; DATA_PACKET_BYTES], usize) {
+        (self.0, block * BLOCK_BYTES + 4 + 3 * slot)
     }
 
     pub fn stamp_us(self) -> u32 {

@@ -186,11 +186,12 @@ impl Document {
     }
 
     /// No sensor gave anything, or nothing but what fits any sensor (an IMU packet without a serial number) while
-    /// lidar packets were left over.
+    /// lidar packets were left over or could not be read.
     pub fn is_empty(&self) -> bool {
         let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
         let nothing = |sensor: &SensorReport| {
-            sensor.counters.packets == 0 || (left_over && sensor.counters.frames == 0)
+            let unread = left_over || sensor.counters.malformed > 0;
+            sensor.counters.packets == 0 || (unread && sensor.counters.frames == 0)
         };
         self.sensors.iter().all(nothing)
     }

@@ -4,6 +4,7 @@ mod document;
 mod frames;
 mod output;
 
+use std::cell::Cell;
 use std::path::PathBuf;
 
 use anyhow::bail;
@@ -34,10 +35,10 @@ pub struct Args {
     /// Write points in this format; taken from the extension of --out where that says it.
     #[arg(long)]
     format: Option<Format>,
-    /// File for all points, or folder for one file per sensor and frame.
+    /// File for all points, or folder: one file per sensor and frame, a ROS 2 bag of mcap.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// Frames of each sensor, counted from 0, end not included: 2..5, 2.., ..5 or 2.
+    /// Frames of each sensor, counted from 0, end not included: 2..5, 2.., ..5 or 2. Without inertial samples.
     #[arg(long, value_name = "A..B")]
     frames: Option<FrameRange>,
     /// Overwrite files that exist.
@@ -53,6 +54,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let frames = args.frames.unwrap_or_default();
     let mut document = Document::default();
     let mut problem = None;
+    let host_time_ns = Cell::new(0);
     let mut take = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         if let Decoded::Frame(frame) = decoded
             && let Some(model) = sensor.model()
@@ -66,9 +68,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 problem = output.add(at, number, sensor, model, frame).err();
             }
         }
+        if let Decoded::Imu(sample) = decoded
+            && args.frames.is_none()
+            && let Some(output) = &mut output
+            && problem.is_none()
+        {
+            problem = output.add_imu(at, sensor, sample, host_time_ns.get()).err().map(Into::into);
+        }
         document.count_other(at, &decoded);
     };
     let ending = recording.each_packet(&mut |packet| {
+        host_time_ns.set(packet.host_time_ns);
         router.push(packet, &mut take);
         Ok(())
     })?;

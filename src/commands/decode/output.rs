@@ -1,9 +1,11 @@
-//! Where `decode` writes points: one file, or a folder with a file per sensor and frame.
+//! Where `decode` writes points: one file, a folder with a file per sensor and frame, or a ROS 2 bag.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::bail;
+use sensors::ouster::ImuSample;
 use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
 
@@ -11,20 +13,27 @@ use super::Args;
 use super::document::WrittenFile;
 use crate::commands::recording::Recording;
 use crate::commands::sensor_ids;
-use crate::export::{Cloud, Export, ExportError, Format, Source};
+use crate::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
 
 /// Point files under way.
 pub struct Output {
     format: Format,
     place: Place,
     force: bool,
+    sources: HashMap<usize, Arc<Source>>,
     clouds: HashMap<usize, Cloud>,
     ids: Vec<String>,
     files: Vec<WrittenFile>,
 }
 
 enum Place {
-    File { path: PathBuf, export: Option<Export>, sensor: Option<usize> },
+    /// One file; a bag is one, too, with its metadata beside it in its folder.
+    File {
+        path: PathBuf,
+        export: Option<Export>,
+        sensor: Option<usize>,
+        bag: bool,
+    },
     Folder(PathBuf),
 }
 
@@ -52,7 +61,8 @@ impl Output {
         let by_extension = args.out.as_deref().and_then(Format::of_path);
         let format = match (args.format, by_extension) {
             (Some(asked), Some(said))
-                if asked != said && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
+                if asked.extension() != said.extension()
+                    && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
             {
                 bail!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))
             }
@@ -67,15 +77,26 @@ impl Output {
             None => default_place(recording, format),
         };
         let is_file = Format::of_path(&out).is_some() && !out.is_dir();
-        if is_file && out.exists() && !args.force {
-            return Err(ExportError::Exists { path: out }.into()); // before the work, not after
-        }
-        let place = match is_file {
-            true => Place::File { path: out, export: None, sensor: None },
+        let bag = !is_file && format == Format::Mcap;
+        let place = match is_file || bag {
+            true => {
+                let path = if bag { out.join(bag_file_name(&out)) } else { out };
+                if path.exists() && !args.force {
+                    return Err(ExportError::Exists { path }.into()); // before the work, not after
+                }
+                Place::File { path, export: None, sensor: None, bag }
+            }
             false => Place::Folder(out),
         };
-        let force = args.force;
-        Ok(Some(Self { format, place, force, clouds: HashMap::new(), ids: Vec::new(), files: Vec::new() }))
+        Ok(Some(Self {
+            format,
+            place,
+            force: args.force,
+            sources: HashMap::new(),
+            clouds: HashMap::new(),
+            ids: Vec::new(),
+            files: Vec::new(),
+        }))
     }
 
     /// Writes the points of a frame, the sensor's `number`th.
@@ -87,21 +108,11 @@ impl Output {
         model: &SensorModel,
         frame: &Frame,
     ) -> Result<(), OutputError> {
-        if !self.clouds.contains_key(&at) {
-            let id = sensor_ids::next_id(sensor, &mut self.ids);
-            let source = Source {
-                id,
-                number: at as u16, // the router keeps to a few sensors
-                vendor: sensor.vendor().into(),
-                model: sensor.product(),
-                serial: sensor.serial().into(),
-            };
-            self.clouds.insert(at, Cloud::new(source, model));
-        }
-        let Some(cloud) = self.clouds.get_mut(&at) else { return Ok(()) };
+        let source = self.source(at, sensor);
+        let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
         match &mut self.place {
-            Place::File { path, export, sensor } => {
+            Place::File { path, export, sensor, .. } => {
                 let first = *sensor.get_or_insert(at);
                 if first != at && !self.format.holds_several_sensors() {
                     let name =
@@ -124,21 +135,63 @@ impl Output {
                 let path = folder.join(name);
                 let mut export = Export::create(&path, self.format, self.force)?;
                 export.add(cloud)?;
-                let points = export.finish()?;
+                let points = export.finish()?.points;
                 self.files.push(WrittenFile { path: path.display().to_string(), points });
             }
         }
         Ok(())
     }
 
+    /// Writes an inertial sample where the format has a place for one: in MCAP with ROS 2 messages.
+    pub fn add_imu(
+        &mut self,
+        at: usize,
+        sensor: &Sensor,
+        sample: &ImuSample,
+        host_time_ns: u64,
+    ) -> Result<(), ExportError> {
+        if self.format != Format::Mcap {
+            return Ok(());
+        }
+        let source = self.source(at, sensor);
+        if let Place::File { path, export, .. } = &mut self.place {
+            let file = match export {
+                Some(file) => file,
+                None => export.insert(Export::create(path, self.format, self.force)?),
+            };
+            file.add_imu(&source, sample, host_time_ns)?;
+        }
+        Ok(())
+    }
+
+    fn source(&mut self, at: usize, sensor: &Sensor) -> Arc<Source> {
+        let mut describe = || Source {
+            id: sensor_ids::next_id(sensor, &mut self.ids),
+            number: at as u16, // the router keeps to a few sensors
+            vendor: sensor.vendor().into(),
+            model: sensor.product(),
+            serial: sensor.serial().into(),
+        };
+        Arc::clone(self.sources.entry(at).or_insert_with(|| Arc::new(describe())))
+    }
+
     /// Ends the last file; lists all of them.
     pub fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
-        if let Place::File { path, export: Some(export), .. } = self.place {
-            let points = export.finish()?;
-            self.files.push(WrittenFile { path: path.display().to_string(), points });
+        if let Place::File { path, export: Some(export), bag, .. } = self.place {
+            let written = export.finish()?;
+            self.files.push(WrittenFile { path: path.display().to_string(), points: written.points });
+            if let (true, Some(folder), Some(name)) = (bag, path.parent(), path.file_name()) {
+                write_bag_metadata(folder, &name.to_string_lossy(), &written)?;
+            }
         }
         Ok(self.files)
     }
+}
+
+/// `FOLDER/FOLDER_0.mcap`, as ROS 2 names the files of a bag.
+fn bag_file_name(folder: &Path) -> String {
+    let name = folder.file_name().map_or("bag".into(), |name| name.to_string_lossy());
+    format!("{name}_0.mcap")
 }
 
 /// Beside nothing: in the current folder, named after the recording.

@@ -1,14 +1,11 @@
 //! The demo's report page.
 
-use crate::chart::{CellClass, LineChart, Series, cell_map_svg, number};
+use crate::chart::{CellClass, LineChart, Series, number};
 use crate::compare::{CellKinds, RayClasses, Verdict, cell_kinds};
 use crate::coverage::Coverage;
 use crate::report::{Report, unfold_box};
 
 use super::document::Document;
-
-/// Faces beside each other in one row of a picture.
-const FACES_PER_ROW: usize = 2;
 
 fn who_saw(document: &Document) -> [CellClass; 4] {
     let name = |sensor: usize| document.rig.get(sensor).map_or("-", |axis| axis.sensor.as_str());
@@ -41,8 +38,8 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
         Verdict::Differs => "The recording does not cover what was promised",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
-    let mut report =
-        Report::new("Outrigger demo", &format!("{verdict} ({iou} of recorded and as-driven cells)."));
+    let summary = format!("{verdict} ({iou} of recorded and as-driven cells).");
+    let mut report = Report::new("Outrigger demo", &summary, &document.command);
     for problem in &document.problems {
         report.paragraph(problem);
     }
@@ -52,8 +49,6 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
     search_section(&mut report, document);
     rig_section(&mut report, document);
     recording_section(&mut report, document);
-    report.heading("Again");
-    report.command(&document.command);
     report
 }
 
@@ -124,10 +119,11 @@ fn pictures(report: &mut Report, document: &Document, as_driven: &Coverage, reco
             (false, false) => 3,
         })
     });
-    report.figure(
-        &cell_map_svg("Recorded cells of each wall, by sensor", &seen, &who_saw, FACES_PER_ROW),
-        "The hall unfolded: floor and ceiling seen from above with the way ahead up the page, walls from inside.",
+    report.maps(
+        "Recorded cells, by sensor",
+        &seen,
         &who_saw,
+        "The hall unfolded: floor and ceiling seen from above with the way ahead up the page, walls from inside.",
     );
     report.heading("Where they differ");
     let kinds = cell_kinds(as_driven, recorded);
@@ -139,10 +135,11 @@ fn pictures(report: &mut Report, document: &Document, as_driven: &Coverage, reco
             CellKinds::Neither => 3,
         })
     });
-    report.figure(
-        &cell_map_svg("Cells predicted against cells recorded", &different, &where_different, FACES_PER_ROW),
-        "As driven against recorded.",
+    report.maps(
+        "Cells predicted against cells recorded",
+        &different,
         &where_different,
+        "As driven against recorded.",
     );
 }
 
@@ -164,7 +161,7 @@ fn search_section(report: &mut Report, document: &Document) {
         number(search.wall_s, 2),
         search.preset,
     );
-    report.figure(&chart.svg(), &caption, &[]);
+    report.figure(&chart.svg(), &caption);
 }
 
 fn rig_section(report: &mut Report, document: &Document) {

@@ -203,8 +203,10 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
         }
     }
     for sensor in router.sensors() {
-        if sensor.stats().packets == 0 {
-            let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
+        let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
+        if let Some(damage) = sensor.first_damage() {
+            advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
+        } else if sensor.stats().packets == 0 {
             advice.push(format!("{name}: no packet of this sensor is in the recording"));
         }
     }

@@ -3,7 +3,6 @@
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -12,13 +11,14 @@ use glam::DVec3;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
 use sensors::velodyne::{Product, ReturnMode};
 
-use crate::commands::{Context, Outcome};
+use crate::commands::ground::{MeshArgs, Numbers};
+use crate::commands::{Context, Outcome, output};
 use crate::geometry::Pose;
-use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, MockSensor, Surroundings};
+use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::receive::now_ns;
 use crate::rig::{Mount, MountFile};
-use crate::scene::{BoxScene, Scene, load_mesh};
+use crate::scene::{BoxScene, Scene};
 use crate::trajectory::Trajectory;
 
 /// Arguments of `mock sensor`.
@@ -34,12 +34,21 @@ pub struct Args {
     /// Where packets go.
     #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
     to: SocketAddr,
+    /// Where IMU packets (Ouster) or position packets (Velodyne) go; not sent without it.
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
+    aside_to: Option<SocketAddr>,
     /// Where they come from; any free port by default.
     #[arg(long, value_name = "ADDRESS:PORT")]
     from: Option<SocketAddr>,
     /// Lidar profile of an Ouster.
     #[arg(long, value_name = "NAME", default_value = "RNG19_RFL8_SIG16_NIR16", value_parser = parse_profile)]
     profile: Profile,
+    /// IMU packets of an Ouster: LEGACY or ACCEL32_GYRO32_NMEA.
+    #[arg(long, value_name = "NAME", default_value = "LEGACY", value_parser = parse_imu_profile)]
+    imu_profile: ImuProfile,
+    /// Returns of a Velodyne; a second return of the mock's walls is the first again, as with real ones.
+    #[arg(long, value_name = "MODE", default_value = "strongest", value_parser = parse_returns)]
+    returns: ReturnMode,
     /// Columns in a revolution of an Ouster.
     #[arg(long, value_name = "N", default_value_t = 1024)]
     columns: usize,
@@ -55,6 +64,8 @@ pub struct Args {
     /// Mesh around the sensor (OBJ, PLY, STL, glTF).
     #[arg(long, value_name = "FILE", conflicts_with = "hall")]
     scene: Option<PathBuf>,
+    #[command(flatten)]
+    mesh: MeshArgs,
     /// Box around the sensor: least and greatest corner, m.
     #[arg(
         long = "box",
@@ -144,9 +155,21 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         format!("cannot send from {}", args.from.map_or("any port".into(), |from| from.to_string()))
     })?;
     announce(args, &sensor, &transmitter, [start_ns, end_ns], context)?;
-    let mut sending = Sending { args, transmitter, injector: injector(args), start_ns, packets: 0, bytes: 0 };
+    let mut sending = Sending {
+        args,
+        transmitter,
+        injector: injector(args),
+        start_ns,
+        packets: 0,
+        bytes: 0,
+        aside_packets: 0,
+    };
     let begun = Instant::now();
-    let outcome = sensor.run(&surroundings, |time_ns, payload| sending.take(time_ns, payload));
+    let outcome = sensor.run_both(&surroundings, |time_ns, line, payload| match (line, args.aside_to) {
+        (Line::Lidar, _) => sending.take(time_ns, payload),
+        (Line::Aside, Some(to)) => sending.aside(time_ns, payload, to),
+        (Line::Aside, None) => Ok(()),
+    });
     match outcome {
         Err(Ended::Died) => return Ok(Outcome::Done),
         Err(Ended::Io(error)) => return Err(error).with_context(|| format!("cannot send to {}", args.to)),
@@ -156,7 +179,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let seconds = begun.elapsed().as_secs_f64();
     let (packets, bytes) = (sending.packets, sending.bytes);
     let document = serde_json::json!({
-        "sent_packets": packets, "sent_bytes": bytes, "wall_s": seconds, "faults": faults
+        "sent_packets": packets, "sent_bytes": bytes, "sent_aside": sending.aside_packets, "wall_s": seconds, "faults": faults
     });
     say(context, &document, || format!("sent {packets} packets, {bytes} bytes, in {seconds:.1} s"))?;
     Ok(Outcome::Done)
@@ -175,6 +198,7 @@ struct Sending<'a> {
     start_ns: u64,
     packets: u64,
     bytes: u64,
+    aside_packets: u64,
 }
 
 impl Sending<'_> {
@@ -190,6 +214,17 @@ impl Sending<'_> {
             *bytes += packet.len() as u64;
             Ok(())
         })
+    }
+
+    /// A packet beside: no fault strikes it, but it falls silent with the sensor.
+    fn aside(&mut self, time_ns: u64, payload: &[u8], to: SocketAddr) -> Result<(), Ended> {
+        let time_s = time_ns.saturating_sub(self.start_ns) as f64 * 1e-9;
+        if self.args.silent_after.is_some_and(|silent_s| time_s >= silent_s) {
+            return Ok(());
+        }
+        self.transmitter.send(time_ns, payload, to).map_err(Ended::Io)?;
+        self.aside_packets += 1;
+        Ok(())
     }
 
     fn finish(&mut self, end_ns: u64) -> anyhow::Result<FaultCounts> {
@@ -249,25 +284,25 @@ fn say(context: Context, document: &serde_json::Value, text: impl FnOnce() -> St
 
 fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
     if let Some(product) = Product::from_name(&args.model) {
-        return Ok(MockSensor::velodyne(product, ReturnMode::Strongest, args.rotation_hz)?);
+        let sensor = MockSensor::velodyne(product, args.returns, args.rotation_hz)?;
+        return Ok(if args.aside_to.is_some() { sensor.with_aside() } else { sensor });
     }
     let port = args.to.port();
     let serial = args.serial.unwrap_or(992_200_000_000 + u64::from(port));
     let mut wanted = Synthetic::new(&args.model, serial, args.profile).columns(args.columns, 16);
     wanted.frame_rate_hz = args.rotation_hz;
     wanted.lidar_port = port;
-    wanted.imu_profile = ImuProfile::Off;
+    wanted.imu_profile = if args.aside_to.is_some() { args.imu_profile } else { ImuProfile::Off };
+    wanted.imu_port = args.aside_to.map_or(0, |to| to.port());
     wanted.timestamp_mode = TimestampMode::SyncPulseIn;
-    Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?))
+    Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_aside())
 }
 
 fn build_scene(args: &Args) -> anyhow::Result<Scene> {
     if let Some(path) = &args.scene {
-        let loaded = load_mesh(path, None, None)?;
-        for warning in &loaded.warnings {
-            let _ = writeln!(std::io::stderr(), "outrigger: warning: {}: {warning}", path.display());
-        }
-        return Ok(Scene::Mesh(Arc::new(loaded.mesh)));
+        let read = args.mesh.read(path)?;
+        read.warnings.iter().for_each(|warning| output::say_notice(warning));
+        return Ok(Scene::Mesh(Arc::new(read.mesh)));
     }
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
     let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
@@ -316,28 +351,6 @@ fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
     Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
 }
 
-/// So many finite numbers, separated by commas.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Numbers<const N: usize>([f64; N]);
-
-impl<const N: usize> FromStr for Numbers<N> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .map(|word| word.trim().parse().map_err(|_| format!("{word:?} is no number")))
-            .collect::<Result<_, _>>()?;
-        let found = numbers.len();
-        let array = <[f64; N]>::try_from(numbers).map_err(|_| format!("{found} numbers, expected {N}"))?;
-        if array.iter().all(|number| number.is_finite()) {
-            Ok(Self(array))
-        } else {
-            Err("give finite numbers".into())
-        }
-    }
-}
-
 fn parse_address(text: &str) -> Result<SocketAddr, String> {
     use std::net::ToSocketAddrs as _;
     let mut found =
@@ -348,6 +361,21 @@ fn parse_address(text: &str) -> Result<SocketAddr, String> {
 fn parse_profile(text: &str) -> Result<Profile, String> {
     let names = || Profile::all().map(Profile::name).collect::<Vec<_>>().join(", ");
     Profile::from_name(&text.to_uppercase()).ok_or_else(|| format!("{text:?}; known are {}", names()))
+}
+
+fn parse_imu_profile(text: &str) -> Result<ImuProfile, String> {
+    ImuProfile::from_name(&text.to_uppercase())
+        .filter(|profile| *profile != ImuProfile::Off)
+        .ok_or_else(|| format!("{text:?}; known are LEGACY, ACCEL32_GYRO32_NMEA"))
+}
+
+fn parse_returns(text: &str) -> Result<ReturnMode, String> {
+    match text {
+        "strongest" => Ok(ReturnMode::Strongest),
+        "last" => Ok(ReturnMode::Last),
+        "dual" => Ok(ReturnMode::Dual),
+        _ => Err(format!("{text:?}; known are strongest, last, dual")),
+    }
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

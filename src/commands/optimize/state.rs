@@ -27,7 +27,7 @@ struct Read {
 }
 
 /// All that decides the score of a point: a search goes on only where this is the same.
-pub fn question(problem: &MountProblem, masters_max: u32, keep_apart: KeepApart) -> anyhow::Result<Value> {
+pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result<Value> {
     let objective = problem.objective();
     let experiment = objective.simulator().experiment();
     let text = json!({
@@ -40,9 +40,12 @@ pub fn question(problem: &MountProblem, masters_max: u32, keep_apart: KeepApart)
         "mirror": experiment.mirror,
         "roll": match experiment.roll { Roll::Fixed(roll_deg) => json!(roll_deg), Roll::Free => json!("free") },
         "lambda": objective.weights().sensor_cost,
+        "registration_weight": objective.weights().registration,
+        "least_conditioning": objective.weights().least_conditioning,
         "least_distance_m": objective.needed_distance_m(),
         "clearance": keep_apart,
-        "masters_max": masters_max,
+        "search": problem.search(),
+        "robust": problem.robustness(),
     })
     .to_string();
     // once through text, so that it compares equal to what was read

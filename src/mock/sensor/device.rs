@@ -6,6 +6,7 @@ use sensors::ouster::{Metadata, OusterEncoder};
 use sensors::velodyne::{Product, ReturnMode, VelodyneEncoder};
 use sensors::{Frame, SensorModel, catalogue};
 
+use super::aside::Aside;
 use super::{Scan, Spin};
 use crate::geometry::Pose;
 use crate::scene::Scene;
@@ -20,6 +21,16 @@ pub struct MockSensor {
     spin: Spin,
     range_step_mm: u32,
     speech: Speech,
+    aside: Option<Aside>,
+}
+
+/// Which of a sensor's two streams a packet belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Line {
+    /// What it measures.
+    Lidar,
+    /// IMU packets of an Ouster, position packets of a Velodyne.
+    Aside,
 }
 
 enum Speech {
@@ -52,6 +63,7 @@ impl MockSensor {
             spin,
             range_step_mm,
             speech: Speech::Ouster(Box::new(OusterEncoder::new(metadata))),
+            aside: None,
         }
     }
 
@@ -61,7 +73,18 @@ impl MockSensor {
         let encoder = VelodyneEncoder::new(product, mode);
         let spin = Spin::Clock { cycle_ns: encoder.cycle_ns(), rate_hz };
         let range_step_mm = product.distance_unit_mm();
-        Ok(Self { model, spin, range_step_mm, speech: Speech::Velodyne(Box::new(encoder)) })
+        let speech = Speech::Velodyne(Box::new(encoder));
+        Ok(Self { model, spin, range_step_mm, speech, aside: None })
+    }
+
+    /// The same sensor, sending also what real ones send beside lidar packets: IMU packets in the profile of the
+    /// metadata, position packets with the clock locked to GPS.
+    pub fn with_aside(mut self) -> Self {
+        self.aside = match &self.speech {
+            Speech::Ouster(encoder) => Aside::ouster(encoder.metadata()),
+            Speech::Velodyne(_) => Some(Aside::velodyne()),
+        };
+        self
     }
 
     /// Its beams.
@@ -87,18 +110,36 @@ impl MockSensor {
         }
     }
 
-    /// Measures along the whole trajectory, from azimuth 0 at its start, and hands each packet with its device time to
-    /// `out`: that of the first firing for a Velodyne, of the last column for an Ouster. The next revolutions are
+    /// Measures along the whole trajectory, from azimuth 0 at its start, and hands each lidar packet with its device time
+    /// to `out`: that of the first firing for a Velodyne, of the last column for an Ouster. The next revolutions are
     /// measured meanwhile.
     pub fn run<E>(
         &mut self,
         surroundings: &Surroundings<'_>,
         mut out: impl FnMut(u64, &[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
+        self.run_both(surroundings, |time_ns, line, packet| match line {
+            Line::Lidar => out(time_ns, packet),
+            Line::Aside => Ok(()),
+        })
+    }
+
+    /// [`MockSensor::run`] with the packets beside, each before the lidar packet that it precedes.
+    pub fn run_both<E>(
+        &mut self,
+        surroundings: &Surroundings<'_>,
+        mut out: impl FnMut(u64, Line, &[u8]) -> Result<(), E>,
+    ) -> Result<(), E> {
         let Surroundings { scene, trajectory, body_from_sensor, noise_m, seed } = *surroundings;
         let (spin, range_step_mm, model) = (self.spin, self.range_step_mm, &self.model);
         let scan = Scan { scene, trajectory, model, body_from_sensor, noise_m, seed, range_step_mm };
-        let speech = &mut self.speech;
+        let (speech, aside) = (&mut self.speech, &mut self.aside);
+        let mut out = |time_ns: u64, packet: &[u8]| {
+            if let Some(aside) = aside {
+                aside.due(time_ns, surroundings, &mut |time_ns, packet| out(time_ns, Line::Aside, packet))?;
+            }
+            out(time_ns, Line::Lidar, packet)
+        };
         let [start_ns, end_ns] = trajectory.time_span_ns();
         let revolutions = ((end_ns - start_ns) as f64 * 1e-9 * spin.rate_hz()).ceil() as u32;
         std::thread::scope(|scope| {
@@ -156,5 +197,89 @@ impl Speech {
             });
         }
         outcome
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use glam::DVec3;
+    use sensors::ouster::{ImuProfile, OusterDecoder, Profile, Synthetic};
+    use sensors::velodyne::{Options, VelodyneDecoder};
+    use sensors::{Decoded, Decoder, Packet};
+
+    use super::*;
+    use crate::scene::BoxScene;
+
+    const START_NS: u64 = 1_700_000_000_000_000_000;
+
+    /// Runs a sensor for a second at a standstill and decodes what it sends; counts by kind.
+    fn decoded(mut sensor: MockSensor, decoder: &mut dyn Decoder, ports: [u16; 2]) -> [usize; 3] {
+        let still =
+            Trajectory::new(vec![(START_NS, Pose::IDENTITY), (START_NS + 1_000_000_000, Pose::IDENTITY)]);
+        let trajectory = still.unwrap();
+        let scene = Scene::Box(BoxScene::closed(DVec3::splat(-5.0), DVec3::splat(5.0)));
+        let surroundings = Surroundings {
+            scene: &scene,
+            trajectory: &trajectory,
+            body_from_sensor: &|_| Pose::IDENTITY,
+            noise_m: 0.0,
+            seed: 0,
+        };
+        let [mut second_returns, mut inertial, mut positions] = [0; 3];
+        let mut last_ns = [0; 2];
+        let outcome = sensor.run_both(&surroundings, |time_ns, line, payload| {
+            assert!(time_ns >= last_ns[line as usize], "packets leave in the order of their times");
+            last_ns[line as usize] = time_ns;
+            let destination = ([127, 0, 0, 1], ports[line as usize]).into();
+            let source = ([127, 0, 0, 1], 50_000).into();
+            let packet = Packet { host_time_ns: time_ns, source, destination, payload };
+            let taken = decoder.push(&packet, &mut |decoded| match decoded {
+                Decoded::Imu(sample) => {
+                    assert_eq!(sample.angular_rate_rad_s, [0.0; 3]);
+                    assert!((sample.acceleration_m_s2[2] - 9.806_65).abs() < 1e-6);
+                    inertial += 1;
+                }
+                Decoded::Position(position) => positions += usize::from(position.utc_ns() == Some(time_ns)),
+                Decoded::Frame(frame) => {
+                    second_returns += frame
+                        .second
+                        .iter()
+                        .flat_map(|layer| &layer.range_mm)
+                        .filter(|range_mm| **range_mm > 0)
+                        .count();
+                }
+                Decoded::Zones(_) => {}
+            });
+            taken.unwrap();
+            Ok::<(), Infallible>(())
+        });
+        outcome.unwrap();
+        [second_returns, inertial, positions]
+    }
+
+    #[test]
+    fn an_ouster_sends_its_inertial_packets() {
+        for (profile, samples) in [(ImuProfile::Legacy, 99), (ImuProfile::Accel32Gyro32Nmea, 79 * 8)] {
+            let mut wanted = Synthetic::new("os1-32", 1, Profile::Rng15Rfl8Nir8).columns(512, 16);
+            wanted.imu_profile = profile;
+            let metadata = Metadata::synthetic(&wanted).unwrap();
+            let ports = [metadata.lidar_port.unwrap(), metadata.imu_port.unwrap()];
+            let mut decoder = OusterDecoder::new(metadata.clone());
+            let sensor = MockSensor::ouster(metadata).with_aside();
+            let [_, inertial, _] = decoded(sensor, &mut decoder, ports);
+            assert_eq!(inertial, samples, "{profile:?}");
+        }
+    }
+
+    #[test]
+    fn a_velodyne_sends_position_packets_in_dual_mode_too() {
+        let sensor = MockSensor::velodyne(Product::Vlp16, ReturnMode::Dual, 10.0).unwrap().with_aside();
+        let mut decoder = VelodyneDecoder::new(Options::default());
+        let [second_returns, _, positions] = decoded(sensor, &mut decoder, [2368, 8308]);
+        // a wall answers once: the second return repeats the first and is left out
+        assert_eq!((second_returns, positions), (0, 99));
+        assert_eq!(decoder.return_mode(), Some(ReturnMode::Dual));
     }
 }

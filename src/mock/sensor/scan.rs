@@ -6,7 +6,7 @@ use sensors::{Frame, Layer, SensorModel};
 use crate::geometry::Pose;
 use crate::rng::Rng;
 use crate::scene::Scene;
-use crate::simulate::scan::cast_column;
+use crate::simulate::column::cast_column;
 use crate::trajectory::Trajectory;
 
 /// A sensor on its way through a scene.

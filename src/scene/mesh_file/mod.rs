@@ -115,7 +115,7 @@ fn finish(
     }
     if up.is_none() && native_up == UpAxis::Z && extent.y < 0.8 * extent.x.min(extent.z) {
         warnings.push(format!(
-            "{}: the mesh is {:.2} x {:.2} x {:.2} m, flattest along y: if y points up in this file, say so",
+            "{}: the mesh is {:.2} x {:.2} x {:.2} m, flattest along y: if y points up in this file, pass --up y",
             path.display(),
             extent.x,
             extent.y,
@@ -206,7 +206,7 @@ pub enum MeshFileError {
     },
     /// Its size fits no scene in metres.
     #[error(
-        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene in metres; state the unit of the file (m, cm or mm)",
+        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene in metres; nobody stated the unit of the file",
         path.display(), extent_units[0], extent_units[1], extent_units[2]
     )]
     UnitUnclear {

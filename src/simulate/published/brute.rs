@@ -1,20 +1,18 @@
 //! The definition, ray by ray: what every faster way is compared with.
 
-use super::{Phase, Placement, Simulator};
+use super::{BoxPose, Simulator};
 
-/// Bitmap of one sensor and the number of rays that the quirk lost.
-pub(super) fn see(simulator: &Simulator, sensor: &Placement) -> (Vec<u64>, u64) {
+/// Bitmap of what a sensor sees from poses, and the number of rays that the quirk lost.
+pub(super) fn see(simulator: &Simulator, poses: &[BoxPose]) -> (Vec<u64>, u64) {
     let words = simulator.cells.iter().product::<usize>().div_ceil(64);
     let mut bitmap = vec![0u64; words];
     let mut lost = 0;
-    let azimuths = simulator.experiment.azimuths;
-    for (pose, station_m) in simulator.stations_m.iter().enumerate() {
-        let origin_m = origin_m(simulator, sensor, *station_m);
-        for azimuth in 0..azimuths {
-            let azimuth_rad = azimuth_rad(simulator, pose, azimuth);
+    for pose in poses {
+        for azimuth in 0..simulator.experiment.azimuths {
+            let sin_cos = azimuth_rad(simulator, pose.turn, azimuth).sin_cos();
             for beam in 0..simulator.elevations.len() {
-                let direction = direction(simulator, sensor, azimuth_rad, beam);
-                match voxel(simulator, origin_m, direction) {
+                let direction = direction_at(simulator, pose, sin_cos, beam);
+                match voxel(simulator, pose.origin_m, direction) {
                     Some(index) => bitmap[index / 64] |= 1 << (index % 64),
                     None => lost += 1,
                 }
@@ -24,52 +22,37 @@ pub(super) fn see(simulator: &Simulator, sensor: &Placement) -> (Vec<u64>, u64) 
     (bitmap, lost)
 }
 
-/// Number of rays that the quirk loses along the whole walk.
-pub(super) fn lost_rays(simulator: &Simulator, sensor: &Placement) -> u64 {
-    let experiment = &simulator.experiment;
-    if !experiment.preset.loses_axis_parallel_rays || experiment.phase != Phase::Locked {
+/// Number of rays that the quirk loses at a pose.
+pub(super) fn lost_rays(simulator: &Simulator, pose: &BoxPose) -> u64 {
+    if !simulator.loses() {
         return 0;
     }
     let mut lost = 0;
-    for azimuth in 0..experiment.azimuths {
-        let azimuth_rad = azimuth_rad(simulator, 0, azimuth);
+    for azimuth in 0..simulator.experiment.azimuths {
+        let sin_cos = azimuth_rad(simulator, pose.turn, azimuth).sin_cos();
         for beam in 0..simulator.elevations.len() {
-            lost += u64::from(direction(simulator, sensor, azimuth_rad, beam).contains(&0.0));
+            lost += u64::from(direction_at(simulator, pose, sin_cos, beam).contains(&0.0));
         }
     }
-    lost * simulator.stations_m.len() as u64
+    lost
 }
 
-/// Where the sensor is at a place of the walk, m.
-pub(super) fn origin_m(simulator: &Simulator, sensor: &Placement, station_m: f64) -> [f64; 3] {
-    let mut pose_m = [0.0, 0.0, simulator.experiment.preset.platform_height_m];
-    pose_m[simulator.experiment.path.axis()] = station_m;
-    [pose_m[0] + sensor.x_m, pose_m[1] + sensor.y_m, pose_m[2] + sensor.z_m]
-}
-
-/// Azimuth of a column at a pose, rad.
-pub(super) fn azimuth_rad(simulator: &Simulator, pose: usize, azimuth: usize) -> f64 {
-    /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    let shift = match simulator.experiment.phase {
-        Phase::Locked => 0.0,
-        Phase::Free => ((pose + 1) as f64 * GOLDEN).fract(),
-    };
+/// Azimuth of a column of a pattern that has turned by so many steps, rad.
+pub(super) fn azimuth_rad(simulator: &Simulator, turn: f64, azimuth: usize) -> f64 {
     let azimuths = simulator.experiment.azimuths as f64;
-    ((azimuth as f64 + shift) * 360.0 / azimuths).to_radians()
+    ((azimuth as f64 + turn) * 360.0 / azimuths).to_radians()
 }
 
 /// World direction of a beam.
-pub(super) fn direction(
-    simulator: &Simulator,
-    sensor: &Placement,
-    azimuth_rad: f64,
-    beam: usize,
-) -> [f64; 3] {
+pub(super) fn direction(simulator: &Simulator, pose: &BoxPose, azimuth: usize, beam: usize) -> [f64; 3] {
+    direction_at(simulator, pose, azimuth_rad(simulator, pose.turn, azimuth).sin_cos(), beam)
+}
+
+fn direction_at(simulator: &Simulator, pose: &BoxPose, azimuth: (f64, f64), beam: usize) -> [f64; 3] {
     let [sin_elevation, cos_elevation] = simulator.elevations[beam];
-    let (sin_azimuth, cos_azimuth) = azimuth_rad.sin_cos();
+    let (sin_azimuth, cos_azimuth) = azimuth;
     let local = [cos_elevation * cos_azimuth, cos_elevation * sin_azimuth, sin_elevation];
-    sensor.rotation_rows().map(|row| row[0] * local[0] + row[1] * local[1] + row[2] * local[2])
+    pose.rows.map(|row| row[0] * local[0] + row[1] * local[1] + row[2] * local[2])
 }
 
 /// Linear index of the voxel that a ray hits; none where the quirk loses the ray.
@@ -79,7 +62,7 @@ pub(super) fn voxel(simulator: &Simulator, origin_m: [f64; 3], direction: [f64; 
     let mut exit_m = f64::INFINITY;
     for axis in 0..3 {
         if direction[axis] == 0.0 {
-            if preset.loses_axis_parallel_rays && simulator.experiment.phase == Phase::Locked {
+            if simulator.loses() {
                 return None;
             }
             continue;

@@ -1,6 +1,11 @@
 //! Voxels along the faces of the box, each in exactly one place: rows along the walk on floor, ceiling and both sides,
 //! and the two end walls. A few hundred words where the whole grid has thousands.
 
+#![allow(unsafe_code)] // a function compiled for one more instruction is called after the processor was asked for it
+
+use crate::coverage::Counts;
+use crate::instructions::{Instructions, Level};
+
 /// Sizes of a shell; u runs along the walk, w across it, z up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ShellSize {
@@ -207,10 +212,23 @@ impl Shell {
             .enumerate()
             .flat_map(move |(at, word)| ones(*word).map(move |bit| size.voxel(at, bit)))
     }
+}
 
-    pub fn words(&self) -> &[u64] {
-        &self.words
+/// How many voxels settled shells of one size have marked.
+pub(super) fn counts(shells: &[Shell], instructions: Instructions) -> Counts {
+    let bitmaps: Vec<_> = shells.iter().map(|shell| shell.words.as_slice()).collect();
+    match instructions.level() {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: these levels exist only where the processor has this instruction
+        Level::Avx2 | Level::Avx512 => unsafe { counts_popcnt(&bitmaps) },
+        _ => Counts::of_bitmaps(&bitmaps),
     }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "popcnt")]
+fn counts_popcnt(bitmaps: &[&[u64]]) -> Counts {
+    Counts::of_bitmaps(bitmaps)
 }
 
 fn ones(mut word: u64) -> impl Iterator<Item = usize> {

@@ -150,3 +150,25 @@ fn the_azimuth_cut_divides_where_it_says() {
     let complete: Vec<_> = outcome.frames.iter().map(|frame| frame.complete).collect();
     assert_eq!(complete, [false, true, true, false]);
 }
+
+/// An HDL-64E whose stamps lie closer than the firings of a packet take: its columns stay as they were sent.
+#[test]
+fn packets_that_overlap_in_time_do_not_interleave() {
+    let mut sent = random_firings(Product::Hdl64eS2, false, 600, 77, 17, 5);
+    for (number, firing) in sent.iter_mut().enumerate() {
+        firing.time_ns = START_NS + number as u64 * 27_500;
+    }
+    let packets = encode(Product::Hdl64eS2, ReturnMode::Strongest, &sent);
+    let options = Options { product: Some(Product::Hdl64eS2), ..Options::default() };
+    let outcome = decode(packets.iter().map(|(time_ns, payload)| (*time_ns, &payload[..])), options);
+    let came = firings(&outcome.frames);
+    assert_eq!(came.len(), sent.len());
+    for (number, (came, sent)) in came.iter().zip(&sent).enumerate() {
+        assert_eq!(came.first, sent.first, "firing {number}");
+        assert!((came.azimuth_counts - sent.azimuth_counts).abs() < 0.01, "firing {number}");
+    }
+    for frame in &outcome.frames {
+        let [first_ns, last_ns] = frame.time_span_ns().unwrap();
+        assert!(frame.column_time_ns.iter().all(|time_ns| (first_ns..=last_ns).contains(time_ns)));
+    }
+}

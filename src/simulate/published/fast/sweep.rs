@@ -1,25 +1,21 @@
 //! The inner loops: plain arithmetic over blocks of lanes, compiled once for each instruction set.
 
+#![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 #![allow(clippy::needless_range_loop)] // lanes of several arrays side by side become vector instructions
 
 use std::ops::Range;
 
+use super::hits::Hits;
 use super::{Plan, axes};
-use crate::coverage::Counts;
-use crate::simulate::published::shell::{Shell, joined};
-use crate::simulate::published::{Phase, Placement, Simulator, brute};
-
-/// Beams that are worked on side by side.
-pub(super) const LANES: usize = 16;
+use crate::instructions::{Instructions, Level};
+use crate::simulate::published::lanes::{
+    Directions, LANES, TINY, TO_WHOLE, exact_directions, fused, greater, smaller,
+};
+use crate::simulate::published::shell::Shell;
+use crate::simulate::published::{Placement, Simulator};
 
 /// How near to a voxel's face, in voxels, the definition decides.
 const GUARD: f64 = 1e-9;
-
-/// How small a component of a direction the definition decides on, where rounding may turn it into zero or back.
-const TINY: f64 = 1e-12;
-
-/// Adding this leaves the nearest whole number in the low bits of an f64 (1.5 * 2^52).
-const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
 
 /// One sensor seen from the voxel grid: lengths in voxels from the box's least corner, at the first pose of a class.
 pub(super) struct View {
@@ -33,8 +29,6 @@ pub(super) struct View {
     is_mirrored: bool,
     /// Class of poses.
     pub class: usize,
-    /// Sine and cosine of what is added to every azimuth.
-    turn: [f64; 2],
     /// Whether rays with a zero component are simply lost.
     loses: bool,
 }
@@ -50,7 +44,7 @@ impl View {
     ) -> Self {
         let preset = &simulator.experiment.preset;
         let (u, w) = axes(simulator.experiment.path);
-        let origin_m = brute::origin_m(simulator, sensor, simulator.stations_m[class]);
+        let origin_m = simulator.pose(sensor, class).origin_m;
         let in_voxels =
             |axis: usize| (origin_m[axis] - preset.box_min_m[axis]) / simulator.experiment.voxel_m;
         let rotation = sensor.rotation_rows();
@@ -63,10 +57,7 @@ impl View {
             poses,
             is_mirrored,
             class,
-            turn: plan.turns[class],
-            loses: preset.loses_axis_parallel_rays
-                && simulator.experiment.phase == Phase::Locked
-                && !is_mirrored,
+            loses: simulator.loses() && !is_mirrored,
         }
     }
 }
@@ -81,128 +72,24 @@ pub(super) struct Undecided {
     pub pose: Option<usize>,
 }
 
-/// What a sweep has hit.
-struct Hits {
-    /// For each row along the walk the voxels hit from the first pose, where the walk's length lies before the first
-    /// voxel; one more row takes what hits none. The first word of every row comes before the second word of any.
-    combs: Vec<u64>,
-    /// Rows and the one more.
-    stride: usize,
-    /// A byte for each voxel of the end walls: end and z before w, each in `whole_bits` bits.
-    ends: Vec<u8>,
-    undecided: Vec<Undecided>,
-}
-
-impl Hits {
-    fn new(plan: &Plan, poses: usize) -> Self {
-        let comb_words = (plan.size.cells_u + plan.comb_step * (poses - 1)).div_ceil(64);
-        let stride = plan.size.rows() + 1;
-        Self {
-            combs: vec![0; stride * comb_words],
-            stride,
-            ends: vec![0; 1 << (2 * plan.whole_bits)],
-            undecided: Vec::new(),
-        }
-    }
-
-    /// Marks all of it on a shell.
-    #[inline(always)]
-    fn mark(&mut self, plan: &Plan, poses: usize, shell: &mut Shell) {
-        let size = &plan.size;
-        spread(&mut self.combs, self.stride, plan.comb_step, poses);
-        let walk = plan.comb_step * (poses - 1);
-        let (skip, shift) = (walk / 64, (walk % 64) as u32);
-        let words = size.cells_u.div_ceil(64);
-        let none = vec![0; self.stride];
-        for word in 0..words {
-            let mask = if word + 1 == words { u64::MAX >> (words * 64 - size.cells_u) } else { u64::MAX };
-            let mut rows = self.combs.chunks_exact(self.stride).skip(skip + word);
-            let low = rows.next().unwrap_or(&none);
-            let high = rows.next().unwrap_or(&none);
-            for ((seen, low), high) in shell.row_words_mut(word).iter_mut().zip(low).zip(high) {
-                *seen |= joined(*low, *high, shift) & mask;
-            }
-        }
-        for end in 0..2 {
-            for z in 0..size.cells_z {
-                let at = (end << (plan.whole_bits - 1) | z) << plan.whole_bits;
-                let bytes = &self.ends[at..][..size.cells_w.next_multiple_of(8)];
-                for (eight, bytes) in bytes.as_chunks::<8>().0.iter().enumerate() {
-                    // gathers the lowest bits of eight bytes in the uppermost byte
-                    let bits = u64::from_le_bytes(*bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-                    shell.end_row_mut(end, z)[eight / 8] |= bits << (eight % 8 * 8);
-                }
-            }
-        }
-    }
-}
-
-/// Repeats every bit of every row `times` times, `step` bits apart. The words of a row are `stride` apart.
-#[inline(always)]
-fn spread(words: &mut [u64], stride: usize, step: usize, times: usize) {
-    let mut done = 1;
-    while done < times {
-        let more = done.min(times - done);
-        let (skip, shift) = (more * step / 64, (more * step % 64) as u32);
-        for word in (skip..words.len() / stride).rev() {
-            let (below, rows) = words.split_at_mut(word * stride);
-            if skip == 0 {
-                let carried = below.chunks_exact(stride).next_back();
-                match carried {
-                    Some(carried) => {
-                        for (row, carried) in rows[..stride].iter_mut().zip(carried) {
-                            *row |= joined(*carried, *row, 64 - shift);
-                        }
-                    }
-                    None => rows[..stride].iter_mut().for_each(|row| *row |= *row << shift),
-                }
-                continue;
-            }
-            let from = &below[(word - skip) * stride..][..stride];
-            if word == skip {
-                for (row, from) in rows[..stride].iter_mut().zip(from) {
-                    *row |= from << shift;
-                }
-            } else {
-                let carried = &below[(word - skip - 1) * stride..][..stride];
-                for ((row, from), carried) in rows[..stride].iter_mut().zip(from).zip(carried) {
-                    *row |= if shift == 0 { *from } else { joined(*carried, *from, 64 - shift) };
-                }
-            }
-        }
-        done += more;
-    }
-}
-
-/// Sweeps ranges of azimuths with the widest instructions that this processor has, and marks what is decided. All
+/// Sweeps ranges of azimuths and marks what is decided. All
 /// views have equally many poses.
 pub(super) fn run(
     plan: &Plan,
     views: &[View],
     columns: &[Range<usize>],
     shell: &mut Shell,
+    instructions: Instructions,
 ) -> Vec<Undecided> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f")
-            && is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("avx512bw")
-            && is_x86_feature_detected!("fma")
-            && is_x86_feature_detected!("popcnt")
-        {
-            // SAFETY: the processor has these instructions
-            return unsafe { run_avx512(plan, views, columns, shell) };
-        }
-        if is_x86_feature_detected!("avx2")
-            && is_x86_feature_detected!("fma")
-            && is_x86_feature_detected!("popcnt")
-        {
-            // SAFETY: the processor has these instructions
-            return unsafe { run_avx2(plan, views, columns, shell) };
-        }
+    match instructions.level() {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the level exists only where the processor has these instructions
+        Level::Avx512 => unsafe { run_avx512(plan, views, columns, shell) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the level exists only where the processor has these instructions
+        Level::Avx2 => unsafe { run_avx2(plan, views, columns, shell) },
+        _ => run_anywhere::<false>(plan, views, columns, shell),
     }
-    run_anywhere::<false>(plan, views, columns, shell)
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -240,17 +127,15 @@ fn run_anywhere<const FUSED: bool>(
 #[inline(always)]
 fn sweep_column<const FUSED: bool>(plan: &Plan, view: &View, azimuth: usize, hits: &mut Hits) {
     let stride = hits.stride;
-    let ([sin, cos], [sin_turn, cos_turn]) = (plan.azimuths[azimuth], view.turn);
-    let turned = [sin * cos_turn + cos * sin_turn, cos * cos_turn - sin * sin_turn];
     // at 0 and 180 degrees whole columns have a component that is zero or nearly so
     let is_exact = view.loses && !view.is_mirrored && (azimuth == 0 || 2 * azimuth == plan.azimuths.len());
     let (sines, cosines) = (&plan.elevations[0], &plan.elevations[1]);
     let blocks = sines.as_chunks::<LANES>().0.iter().zip(cosines.as_chunks::<LANES>().0);
     for (block, (sines, cosines)) in blocks.enumerate() {
         let directions = if is_exact {
-            exact_directions(view, plan.azimuths[azimuth], sines, cosines)
+            exact_directions(&view.rows, plan.azimuths[azimuth], sines, cosines)
         } else {
-            directions::<FUSED>(view, turned, sines, cosines)
+            directions::<FUSED>(view, plan.azimuths[azimuth], sines, cosines)
         };
         let tiny = if is_exact { 0.0 } else { TINY };
         let rays = aim::<FUSED>(plan, view, &directions, tiny);
@@ -263,26 +148,6 @@ fn sweep_column<const FUSED: bool>(plan: &Plan, view: &View, azimuth: usize, hit
         }
         walk_ends(plan, view, &rays, azimuth, block, hits);
     }
-}
-
-/// World directions of a block of beams: u, w, z.
-type Directions = [[f64; LANES]; 3];
-
-/// In the order of operations of the definition, so that what is zero there is zero here.
-#[inline(never)]
-fn exact_directions(
-    view: &View,
-    azimuth: [f64; 2],
-    sines: &[f64; LANES],
-    cosines: &[f64; LANES],
-) -> Directions {
-    let [sin_azimuth, cos_azimuth] = azimuth;
-    view.rows.map(|row| {
-        std::array::from_fn(|lane| {
-            let local = [cosines[lane] * cos_azimuth, cosines[lane] * sin_azimuth, sines[lane]];
-            row[0] * local[0] + row[1] * local[1] + row[2] * local[2]
-        })
-    })
 }
 
 #[inline(always)]
@@ -301,23 +166,6 @@ fn directions<const FUSED: bool>(
         }
     }
     directions
-}
-
-/// `a * b + c`, in one instruction where there is one.
-#[inline(always)]
-fn fused<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
-    if FUSED { a.mul_add(b, c) } else { a * b + c }
-}
-
-/// The smaller of two numbers, neither of them NaN: one instruction, where `f64::min` asks for NaN first.
-#[inline(always)]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-#[inline(always)]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
 }
 
 /// A block of rays of one column.
@@ -491,21 +339,4 @@ fn walk_ends(plan: &Plan, view: &View, rays: &Rays, azimuth: usize, block: usize
             z[lane] = z[lane].wrapping_add(z_step[lane]);
         }
     }
-}
-
-/// How many voxels settled shells of one size have marked.
-pub(in crate::simulate::published) fn counts(shells: &[Shell]) -> Counts {
-    let bitmaps: Vec<_> = shells.iter().map(Shell::words).collect();
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("popcnt") {
-        // SAFETY: the processor has this instruction
-        return unsafe { counts_popcnt(&bitmaps) };
-    }
-    Counts::of_bitmaps(&bitmaps)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "popcnt")]
-fn counts_popcnt(bitmaps: &[&[u64]]) -> Counts {
-    Counts::of_bitmaps(bitmaps)
 }

@@ -1,7 +1,10 @@
 //! Pixel blocks to arrays and back: one pair of functions per profile, made by the compiler from the profile's
 //! table, so that every shift and mask is a constant in the inner loop.
 
-#![allow(unsafe_code)] // calls the AVX2 build of the inner loops once the CPU was asked for it
+#![allow(unsafe_code)] // calls the AVX-512 and AVX2 builds of the inner loops once the CPU was asked for them
+
+#[cfg(target_arch = "x86_64")]
+mod avx512;
 
 use super::profile::{Bits, LAYOUTS, Layout, Profile, ReturnLayout};
 use crate::Layer;
@@ -71,6 +74,11 @@ fn unpack<const P: usize, const BYTES: usize>(
             second: Option<&mut Layer>,
         ) {
             unpack_here::<P, BYTES>(blocks, at, first, second);
+        }
+        if std::arch::is_x86_feature_detected!("avx512f") {
+            // SAFETY: the CPU has the feature the function is compiled for.
+            unsafe { avx512::unpack::<P, BYTES>(blocks, at, first, second) };
+            return;
         }
         if std::arch::is_x86_feature_detected!("avx2") {
             // SAFETY: the CPU has the feature the function is compiled for.
@@ -223,33 +231,39 @@ fn put<const BYTES: usize>(block: &mut [u8; BYTES], field: Bits, value: Option<i
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ouster::{Metadata, Synthetic, assembly::Assembly};
+    use crate::ouster::{Metadata, Synthetic, assembly::blank_frame};
 
     #[test]
-    fn both_builds_of_the_inner_loops_agree() {
+    fn every_build_of_the_inner_loops_agrees() {
         fn check<const P: usize, const BYTES: usize>(profile: Profile) {
             let metadata = Metadata::synthetic(&Synthetic::new("os1-64", 1, profile)).unwrap();
-            let blocks: Vec<u8> =
-                (0..64 * BYTES as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
-            let [plain, detected] =
-                [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
-                    let mut frame = Assembly::new(&metadata).frame;
-                    unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
-                    frame
-                });
-            assert!(plain == detected, "{profile:?}");
-            assert!(plain.first.range_mm[128..192].iter().any(|range| *range > 0));
-            assert!(
-                plain.first.range_mm[..128]
-                    .iter()
-                    .chain(&plain.first.range_mm[192..])
-                    .all(|range| *range == 0)
-            );
+            for pixels in [64, 8, 37] {
+                let blocks: Vec<u8> =
+                    (0..(pixels * BYTES) as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
+                let [plain, detected] =
+                    [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
+                        let mut frame = blank_frame(&metadata);
+                        unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
+                        frame
+                    });
+                assert!(plain == detected, "{profile:?}, {pixels} pixels");
+                let ranges_mm = &plain.first.range_mm;
+                assert!(ranges_mm[128..128 + pixels].iter().any(|range| *range > 0));
+                assert!(ranges_mm[..128].iter().chain(&ranges_mm[128 + pixels..]).all(|range| *range == 0));
+            }
         }
         check::<0, 12>(Profile::Legacy);
+        check::<1, 12>(Profile::Rng19Rfl8Sig16Nir16);
         check::<2, 16>(Profile::Rng19Rfl8Sig16Nir16Dual);
         check::<3, 4>(Profile::Rng15Rfl8Nir8);
+        check::<4, 8>(Profile::Rng15Rfl8Nir8Dual);
         check::<5, 8>(Profile::FusaRng15Rfl8Nir8Dual);
+        check::<6, 8>(Profile::Rng15Rfl8Nir8Zone16);
+        check::<7, 12>(Profile::Rng19Rfl8Sig16Nir16Zone16);
+        check::<8, 16>(Profile::Rng19Rfl8Sig16Zone16Dual);
+        check::<9, 4>(Profile::Rng15Rfl8Win8);
+        check::<10, 16>(Profile::Rng19Rfl8Sig16Nir16Rgb16);
+        check::<11, 20>(Profile::Rng19Rfl8Sig16Nir16Rgb16Dual);
         check::<12, 20>(Profile::FiveWordPixel);
     }
 }

@@ -19,6 +19,11 @@ impl Cdr {
         self.bytes.extend_from_slice(&value.to_le_bytes());
     }
 
+    pub(super) fn f64(&mut self, value: f64) {
+        self.align(8);
+        self.bytes.extend_from_slice(&value.to_le_bytes());
+    }
+
     pub(super) fn string(&mut self, value: &str) {
         self.u32(value.len() as u32 + 1); // names of fields and frames
         self.bytes.extend_from_slice(value.as_bytes());

@@ -1,0 +1,115 @@
+//! What `--config rig.toml` says becomes the defaults of the command line: a flag or an environment variable wins.
+
+use std::any::TypeId;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Arg, ArgAction, Command};
+
+use crate::config::{Config, ConfigError, Section, Setting};
+
+/// The file that the command line or the environment names.
+pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {
+    // a command line that asks for help or is wrong is dealt with later, with the whole command
+    let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
+    let mut level = Some(&matches);
+    let mut named = None;
+    while let Some(matches) = level {
+        named = matches.get_one::<PathBuf>("config").cloned().or(named);
+        level = matches.subcommand().map(|(_, within)| within);
+    }
+    named
+}
+
+/// The command with the file's settings as defaults.
+pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigError> {
+    for section in &config.sections {
+        let mut verb = &mut command;
+        for name in &section.verb {
+            let known = names(verb.get_subcommands().map(Command::get_name));
+            verb = verb.find_subcommand_mut(name).ok_or_else(|| {
+                let reason = format!("no verb is called `{}`; known are {known}", section.verb.join(" "));
+                wrong(config, section.line, reason)
+            })?;
+        }
+        for setting in &section.settings {
+            let id = find(verb, section, setting, config)?;
+            let taken = std::mem::take(verb);
+            let folder = crate::files::folder_of(&config.path);
+            *verb = taken.mut_arg(id, |arg| with_default(arg, setting, folder));
+        }
+    }
+    Ok(command)
+}
+
+/// Adds to an error about a value that the value stands in the file.
+pub fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
+    let text = |kind: ContextKind| match error.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.clone()),
+        _ => None,
+    };
+    if !matches!(error.kind(), ErrorKind::InvalidValue | ErrorKind::ValueValidation) {
+        return error;
+    }
+    let (Some(arg), Some(value)) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue)) else {
+        return error;
+    };
+    let flag = |setting: &Setting| format!("--{}", long_name(&setting.key));
+    let origin = config
+        .sections
+        .iter()
+        .flat_map(|section| &section.settings)
+        .find(|setting| setting.values.contains(&value) && arg.split(' ').next() == Some(&flag(setting)));
+    if let Some(setting) = origin {
+        let place = format!("{value}' of {}:{}, '{}", config.path.display(), setting.line, setting.key);
+        error.insert(ContextKind::InvalidValue, ContextValue::String(place));
+    }
+    error
+}
+
+fn find(
+    verb: &Command,
+    section: &Section,
+    setting: &Setting,
+    config: &Config,
+) -> Result<clap::Id, ConfigError> {
+    let long = long_name(&setting.key);
+    let settable = || verb.get_arguments().filter(|arg| arg.get_long().is_some() && arg.get_id() != "config");
+    let Some(arg) = settable().find(|arg| arg.get_long() == Some(&long)) else {
+        let known = names(settable().filter_map(Arg::get_long)).replace('-', "_");
+        let reason = format!("[{}] has no key `{}`; known are {known}", section.verb.join("."), setting.key);
+        return Err(wrong(config, setting.line, reason));
+    };
+    let flag = matches!(arg.get_action(), ArgAction::SetTrue);
+    if flag && !matches!(&setting.values[..], [value] if value == "true" || value == "false") {
+        return Err(wrong(config, setting.line, format!("`{}` is true or false", setting.key)));
+    }
+    if setting.values.len() != 1 && !matches!(arg.get_action(), ArgAction::Append) {
+        return Err(wrong(config, setting.line, format!("`{}` is one value, not an array", setting.key)));
+    }
+    Ok(arg.get_id().clone())
+}
+
+fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
+    let is_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
+    let value = |text: &String| match is_path {
+        true => folder.join(text).into_os_string(),
+        false => OsString::from(text),
+    };
+    arg.required(false).default_values(setting.values.iter().map(value))
+}
+
+fn long_name(key: &str) -> String {
+    key.replace('_', "-")
+}
+
+fn names<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut names: Vec<_> = names.collect();
+    names.sort_unstable();
+    names.join(", ")
+}
+
+fn wrong(config: &Config, line: usize, reason: String) -> ConfigError {
+    ConfigError::Wrong { path: config.path.clone(), line, reason }
+}

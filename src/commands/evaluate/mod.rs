@@ -1,0 +1,247 @@
+//! `outrigger evaluate`
+
+mod beside;
+mod experiment;
+mod page;
+
+pub use experiment::{ExperimentArgs, Masters};
+
+use std::path::{Path as FilePath, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use serde::Serialize;
+
+use self::beside::{Alone, Rescored};
+use super::baselines::Baselines;
+use super::{Context, Outcome, output};
+use crate::objective::{Evaluation, Objective};
+use crate::registration::{POSE_STEP_M, RegistrationQuality, along_published, least_along};
+use crate::report::{BlindSpot, blind_spots};
+use crate::rig::{MountFile, Touching};
+use crate::simulate::published::{Experiment, Path, Phase, Placement, Roll};
+
+/// Blind spots listed, the largest first.
+const MOST_BLIND_SPOTS: usize = 10;
+
+/// Arguments of `evaluate`.
+#[derive(clap::Args, Debug)]
+#[command(
+    group = clap::ArgGroup::new("mounts").required(true),
+    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\",\n\
+                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective,\n\
+                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...]. Its sensors are scored as they are, mirrored\n\
+                  ones being listed; its preset holds where --preset is not given. calibrations: {name: file} names the\n\
+                  calibration of a unit, for predict and validate.\n\n\
+                  Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where\n\
+                  the middle of the mounts is."
+)]
+pub struct Args {
+    #[command(flatten)]
+    experiment: ExperimentArgs,
+    /// Sensors from a mount file.
+    #[arg(long, group = "mounts", value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
+    #[arg(long, group = "mounts", allow_hyphen_values = true, value_name = "LIST")]
+    masters: Option<Masters>,
+    /// Leave out the single sensors beside which the mounts are judged.
+    #[arg(long)]
+    no_baselines: bool,
+    /// Score again so many times with every ray off its direction by the published divergence.
+    #[arg(long, value_name = "RUNS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    rescore: u32,
+    /// Divergence of the re-score: standard deviation of each component of a ray's direction.
+    #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG)]
+    divergence: f64,
+    /// Seed of the re-score.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Write a page with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// The document that `evaluate` prints.
+#[derive(Serialize)]
+struct Document<'a> {
+    #[serde(flatten)]
+    evaluation: &'a Evaluation,
+    /// Null where they were left out.
+    baselines: Option<Baselines<Alone>>,
+    /// Null unless asked for.
+    rescored: Option<Rescored>,
+    /// `[place on the walk m, translation, rotation m^2]`: least eigenvalues per hit.
+    registration_path: Vec<[f64; 3]>,
+    /// Neighbouring voxels that can be hit and are not, the largest groups first.
+    blind_spots: Vec<BlindSpot>,
+    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
+    touching: Vec<Touching>,
+    coverage_sha256: String,
+    preset: &'static str,
+    path: Path,
+    voxel_m: f64,
+    azimuths: usize,
+    sub_poses: usize,
+    phase: Phase,
+    /// Rays that the published slab test loses, by sensor.
+    lost_rays: Vec<u64>,
+    /// Every physical sensor: x_m, y_m, z_m, pitch_deg, roll_deg.
+    mounts: Vec<[f64; 5]>,
+    wall_s: f64,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let (objective, sensors) = match (&args.mount, &args.masters) {
+        (Some(path), _) => from_file(args, path)?,
+        (None, Some(Masters(masters))) => from_masters(args, masters)?,
+        (None, None) => bail!("give --mount or --masters"),
+    };
+    let simulator = objective.simulator();
+    let start = Instant::now();
+    let seen = simulator.see(&sensors)?;
+    let mut evaluation = objective.score_counts(&sensors, &seen.coverage.counts());
+    let wall_s = start.elapsed().as_secs_f64();
+    let scans = along_published(simulator, &sensors);
+    evaluation.registration = RegistrationQuality::of_scans(&scans);
+    let experiment = simulator.experiment();
+    let first_m = -0.5 * experiment.preset.path_length_m;
+    let along = |(scan, [translation, rotation_m2]): (usize, [f64; 2])| {
+        [first_m + (scan * POSE_STEP_M) as f64, translation, rotation_m2]
+    };
+    let grid = simulator.grid();
+    let union = seen.coverage.union();
+    let unseen = simulator.reachable_cells().filter(|cell| union[cell / 64] >> (cell % 64) & 1 == 0);
+    let document = Document {
+        baselines: if args.no_baselines { None } else { Some(beside::baselines(&objective, &sensors)?) },
+        rescored: beside::rescored(&objective, &sensors, args)?,
+        registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
+        blind_spots: blind_spots(&grid, unseen, MOST_BLIND_SPOTS),
+        touching: objective.rig(&sensors).touching(),
+        evaluation: &evaluation,
+        coverage_sha256: seen.coverage.union_sha256(),
+        preset: experiment.preset.name,
+        path: experiment.path,
+        voxel_m: experiment.voxel_m,
+        azimuths: experiment.azimuths,
+        sub_poses: experiment.sub_poses,
+        phase: experiment.phase,
+        lost_rays: seen.lost_rays,
+        mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
+        wall_s,
+    };
+    if let Some(path) = &args.report {
+        let page = page::page(&document, &seen.coverage);
+        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
+    }
+    if context.json {
+        output::print_json(&document)?;
+    } else {
+        output::print_text(&summary(&document))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn from_masters(args: &Args, masters: &[Placement]) -> anyhow::Result<(Objective, Vec<Placement>)> {
+    let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
+    let experiment = objective.simulator().experiment();
+    if experiment.replaces_a_roll(masters) {
+        output::say_notice(
+            "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",
+        );
+    }
+    let sensors = experiment.sensors(masters);
+    Ok((objective, sensors))
+}
+
+fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<(Objective, Vec<Placement>)> {
+    let file = MountFile::read(path)?;
+    let objective = args.experiment.objective(file.preset.as_deref(), Roll::Free)?;
+    let experiment = objective.simulator().experiment();
+    let wanted = experiment.preset.model;
+    if let Some(other) = file.sensors.iter().find(|sensor| !sensor.model.eq_ignore_ascii_case(wanted)) {
+        bail!(
+            "mount file {}: sensor {:?} is a {}, but preset {} simulates {wanted}: give the preset of that sensor",
+            path.display(),
+            other.name,
+            other.model,
+            experiment.preset.name
+        );
+    }
+    if file.calibrations.is_some() {
+        output::say_notice(
+            "the published experiment has beams of its own: calibrations of the mount file are not used",
+        );
+    }
+    let listed: Vec<_> = file
+        .sensors
+        .iter()
+        .map(|s| Placement::from([s.x_m, s.y_m, s.z_m, s.pitch_deg, s.roll_deg]))
+        .collect();
+    if experiment.replaces_a_roll(&listed) {
+        output::say_notice("the roll in the mount file is replaced, as --roll says");
+    }
+    let as_listed = Experiment { mirror: false, ..*experiment };
+    let sensors = as_listed.sensors(&listed);
+    Ok((objective, sensors))
+}
+
+fn summary(document: &Document) -> String {
+    let evaluation = document.evaluation;
+    let terms = &evaluation.terms;
+    let angle = evaluation.min_angle_deg.map_or("one sensor".into(), |angle| format!("{angle:.2} degrees"));
+    let registration = match terms.registration {
+        0.0 => String::new(),
+        term => format!(" {term:+.2} registration"),
+    };
+    let mut text = format!(
+        "{}, path {:?}\n\
+         J              {:.2} = coverage {:.0} {:+.2} overlap {:+.2} angular {:+.0} cost{registration}\n\
+         voxels seen    {} of {} that can be hit ({:.2} %)\n\
+         overlap        {:.2} %\n\
+         least angle    {angle}\n",
+        document.preset,
+        document.path,
+        evaluation.objective,
+        terms.coverage,
+        terms.overlap,
+        terms.angular,
+        terms.cost,
+        evaluation.unique_voxels,
+        evaluation.reachable_voxels,
+        100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
+        100.0 * evaluation.overlap_ratio,
+    );
+    text += "sensor       x m      y m      z m    pitch     roll   voxels    alone\n";
+    for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in document.mounts.iter().enumerate() {
+        text += &format!(
+            "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}\n",
+            index + 1,
+            evaluation.per_sensor_voxels[index],
+            evaluation.unique_per_sensor[index]
+        );
+    }
+    for (name, single) in document.baselines.iter().flat_map(Baselines::named) {
+        text += &format!(
+            "{name:15}pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
+            single.pitch_deg, single.seen.objective, single.seen.unique_voxels, single.seen.gain_voxels
+        );
+    }
+    if let Some(quality) = &evaluation.registration {
+        text += &quality.line();
+    }
+    if let Some(rescored) = &document.rescored {
+        text += &rescored.line();
+    }
+    if evaluation.feasible {
+        text += "allowed        yes: every pair of sensors keeps its distance\n";
+    }
+    for violation in &evaluation.violations {
+        text += &format!("allowed        no: {violation}\n");
+    }
+    for pair in &document.touching {
+        text += &format!("can be built   no: {pair}\n");
+    }
+    text + &format!("{} rays in {:.4} s\n", evaluation.rays, document.wall_s)
+}

@@ -1,0 +1,211 @@
+//! What the verbs about places share: the mesh with its unit and axis, the way through it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use glam::DVec3;
+use serde::Serialize;
+
+use crate::rig::Mount;
+use crate::scene::{LoadedMesh, Mesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
+use crate::trajectory::Trajectory;
+
+/// Way between the points of the path from which lines of sight are drawn, m.
+const STATION_STEP_M: f64 = 0.5;
+/// A mesh higher than this, m, whose unit nobody stated may be in centimetres.
+const HIGH_M: f64 = 100.0;
+
+/// What a mesh file does not say itself.
+#[derive(clap::Args, Debug, Clone, Copy, Default)]
+pub struct MeshArgs {
+    /// Unit of the mesh file [default: m, refused where the size makes that absurd].
+    #[arg(long, value_name = "UNIT")]
+    mesh_unit: Option<UnitArg>,
+    /// Axis of the mesh file that points up [default: z; y for glTF].
+    #[arg(long, value_name = "AXIS")]
+    up: Option<UpArg>,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum UnitArg {
+    M,
+    Cm,
+    Mm,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum UpArg {
+    Z,
+    Y,
+}
+
+/// How a mesh file was taken.
+#[derive(Clone, Debug, Serialize)]
+pub struct MeshTaken {
+    unit: &'static str,
+    up: &'static str,
+    /// Whether the user or the format said the unit.
+    is_unit_stated: bool,
+    /// Whether the user or the format said the axis.
+    is_up_stated: bool,
+    extent_m: [f64; 3],
+}
+
+/// A mesh as read.
+pub struct ReadMesh {
+    pub mesh: Mesh,
+    pub taken: MeshTaken,
+    pub warnings: Vec<String>,
+}
+
+impl MeshArgs {
+    /// Whether anything was stated.
+    pub fn is_stated(&self) -> bool {
+        self.mesh_unit.is_some() || self.up.is_some()
+    }
+
+    /// Reads a mesh; what nobody stated and the format does not say is taken as metres, z up.
+    pub fn read(&self, path: &Path) -> anyhow::Result<ReadMesh> {
+        let unit = self.mesh_unit.map(|unit| match unit {
+            UnitArg::M => MeshUnit::Metre,
+            UnitArg::Cm => MeshUnit::Centimetre,
+            UnitArg::Mm => MeshUnit::Millimetre,
+        });
+        let up = self.up.map(|up| match up {
+            UpArg::Z => UpAxis::Z,
+            UpArg::Y => UpAxis::Y,
+        });
+        let LoadedMesh { mesh, mut warnings } = match load_mesh(path, unit, up) {
+            Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
+                bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
+            }
+            loaded => loaded?,
+        };
+        let says = path
+            .extension()
+            .is_some_and(|ending| ["gltf", "glb"].iter().any(|e| ending.eq_ignore_ascii_case(e)));
+        let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
+        if unit.is_none() && !says && extent.z > HIGH_M {
+            warnings.push(format!(
+                "{}: the mesh is {:.0} m high: if the file is in centimetres, pass --mesh-unit cm",
+                path.display(),
+                extent.z
+            ));
+        }
+        let taken = MeshTaken {
+            unit: match unit {
+                None | Some(MeshUnit::Metre) => "m",
+                Some(MeshUnit::Centimetre) => "cm",
+                Some(MeshUnit::Millimetre) => "mm",
+            },
+            up: match up {
+                None if says => "y",
+                None | Some(UpAxis::Z) => "z",
+                Some(UpAxis::Y) => "y",
+            },
+            is_unit_stated: says || unit.is_some(),
+            is_up_stated: says || up.is_some(),
+            extent_m: extent.to_array(),
+        };
+        Ok(ReadMesh { mesh, taken, warnings })
+    }
+}
+
+/// The unit in which an extent looks like a building.
+fn guess(extent_units: [f64; 3]) -> String {
+    let largest = extent_units.into_iter().fold(0.0, f64::max);
+    for (name, per_m) in [("mm", 1e3), ("cm", 1e2)] {
+        if (2.0..=500.0).contains(&(largest / per_m)) {
+            let [x, y, z] = extent_units.map(|units| units / per_m);
+            return format!(" (in {name} it would be {x:.2} x {y:.2} x {z:.2} m)");
+        }
+    }
+    String::new()
+}
+
+impl MeshTaken {
+    /// One line of a summary.
+    pub fn line(&self) -> String {
+        let [x, y, z] = self.extent_m;
+        let guessed = match (self.is_unit_stated, self.is_up_stated) {
+            (true, true) => "",
+            (false, true) => "; nobody stated the unit (--mesh-unit)",
+            (true, false) => "; nobody stated the axis (--up)",
+            (false, false) => "; nobody stated either (--mesh-unit, --up)",
+        };
+        format!("mesh           {x:.2} x {y:.2} x {z:.2} m, read in {}, {} up{guessed}\n", self.unit, self.up)
+    }
+}
+
+/// Way of the body.
+#[derive(clap::Args, Debug, Clone)]
+pub struct TrajectoryArgs {
+    /// Way of the body: TUM format, or KITTI poses with --rate.
+    #[arg(long, value_name = "FILE")]
+    trajectory: PathBuf,
+    /// Poses per second of a trajectory in KITTI format.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+}
+
+impl TrajectoryArgs {
+    /// The file's name.
+    pub fn name(&self) -> String {
+        self.trajectory.display().to_string()
+    }
+
+    /// Reads the file.
+    pub fn read(&self) -> anyhow::Result<Trajectory> {
+        let text = std::fs::read_to_string(&self.trajectory).with_context(|| self.name())?;
+        let parsed = match self.rate {
+            Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz),
+            None => Trajectory::from_tum(&text),
+        };
+        parsed.with_context(|| self.name())
+    }
+
+    /// What is odd about the trajectory, alone and within a scene of these bounds.
+    pub fn doubts(&self, bounds_m: [DVec3; 2], trajectory: &Trajectory) -> Vec<String> {
+        let name = self.name();
+        let mut doubts = Vec::new();
+        let suspicions = trajectory.suspicions(&Default::default());
+        for suspicion in suspicions.iter().take(3) {
+            doubts.push(format!("{name}: {suspicion}"));
+        }
+        if suspicions.len() > 3 {
+            doubts.push(format!("{name}: {} more gaps, jumps or spins", suspicions.len() - 3));
+        }
+        let [low, high] = bounds_m;
+        let stations_m = trajectory.stations_m(STATION_STEP_M);
+        let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
+        if outside > 0 {
+            doubts.push(format!(
+                "{name}: {outside} of {} points of the path lie outside the mesh; do both use the same frame, unit and up axis?",
+                stations_m.len()
+            ));
+        }
+        doubts
+    }
+}
+
+/// Points of the path at the sensors' mean height.
+pub fn stations(trajectory: &Trajectory, mounts: &[Mount]) -> Vec<DVec3> {
+    let height_m = mounts.iter().map(|mount| mount.z_m).sum::<f64>() / mounts.len() as f64;
+    trajectory.stations_m(STATION_STEP_M).into_iter().map(|at| at + height_m * DVec3::Z).collect()
+}
+
+/// So many finite numbers, separated by commas.
+#[derive(Clone, Copy, Debug)]
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> std::str::FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> =
+            text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+        let numbers = numbers.ok_or("every part must be a finite number")?;
+        let found = numbers.len();
+        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected {N}"))
+    }
+}

@@ -1,0 +1,184 @@
+//! `outrigger predict`
+
+mod document;
+mod page;
+mod scan;
+mod sensing;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use glam::DVec3;
+
+use self::document::Document;
+use super::ground::{MeshArgs, MeshTaken, Numbers, TrajectoryArgs, stations};
+use super::surface::{SampleArgs, Surface};
+use super::{Context, Outcome, output};
+use crate::coverage::{Coverage, VoxelGrid};
+use crate::files::folder_of;
+use crate::rig::{MountFile, Rig, Unit, UnitChoice};
+use crate::scene::{BoxScene, Mesh, Scene};
+use crate::trajectory::Trajectory;
+
+/// Arguments of `predict`.
+#[derive(clap::Args, Debug)]
+#[command(
+    group = clap::ArgGroup::new("place").required(true),
+    after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \n\
+                  flat walls of the scene's bounds. The coverage file is a PLY cloud of voxel centres, in metres, with one \n\
+                  bit per sensor; its header says the grid.\n\n\
+                  Each sensor is of the model that the mount file names, as calibrated where calibrations or --sensor name \n\
+                  a file. Beside the rig stand one level sensor and the best single one (pitch in steps of 5 degrees, \n\
+                  searched on about 24 revolutions), of the rig's model with the most channels."
+)]
+pub struct Args {
+    /// Sensors of the rig.
+    #[arg(long, value_name = "FILE")]
+    mount: PathBuf,
+    /// Another model or the calibration of a sensor (of every one without NAME=): a name of the catalogue, Ouster
+    /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
+    #[arg(long, value_name = "[NAME=]MODEL")]
+    sensor: Vec<UnitChoice>,
+    /// Surface: .ply, .obj, .stl, .gltf or .glb.
+    #[arg(long, group = "place", value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
+    #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
+    room: Option<Numbers<6>>,
+    #[command(flatten)]
+    mesh: MeshArgs,
+    #[command(flatten)]
+    trajectory: TrajectoryArgs,
+    /// Edge of a voxel.
+    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    voxel: f64,
+    #[command(flatten)]
+    sensing: sensing::SensingArgs,
+    #[command(flatten)]
+    samples: SampleArgs,
+    /// Of noise and drop-out, and of the drawn samples.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Leave out the single sensors beside which the rig is judged.
+    #[arg(long)]
+    no_baselines: bool,
+    /// Coverage file.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Write a page with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// Where the rig walks.
+struct Place {
+    scene: Scene,
+    /// Of the scene, where it is one.
+    mesh: Option<(Arc<Mesh>, MeshTaken)>,
+    trajectory: Trajectory,
+    grid: VoxelGrid,
+    warnings: Vec<String>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let (units, rig) = units(args)?;
+    let place = place(args)?;
+    for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&place.warnings) {
+        output::say_notice(notice);
+    }
+    let scanner = args.sensing.scanner(&place.scene, &place.trajectory, &rig, &units, args.seed)?;
+    let start = Instant::now();
+    let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
+    let surface = match &place.mesh {
+        Some((mesh, _)) => {
+            let samples = args.samples.take(mesh, args.seed)?;
+            Some(Surface::new(mesh, samples, &stations(&place.trajectory, &mounts)))
+        }
+        None => None,
+    };
+    let scanned = scan::scan(&scanner, &place.grid, surface.as_ref());
+    let wall_s = start.elapsed().as_secs_f64();
+    let baselines =
+        (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
+    let reachable = reachable(&place, surface.as_ref(), &scanned.coverage);
+    if let Some(path) = &args.out {
+        let bytes = document::ply(&scanned.coverage, &rig);
+        crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
+    }
+    let document = Document::new(&scanner, &place, &scanned, surface.as_ref(), &reachable, baselines, wall_s);
+    if let Some(path) = &args.report {
+        let page = page::page(&document, &place, &scanned.coverage, &reachable);
+        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
+    }
+    if context.json {
+        output::print_json(&document)?;
+    } else {
+        output::print_text(&document.summary())?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
+    let file = MountFile::read(&args.mount)?;
+    let units = file.units(folder_of(&args.mount), &args.sensor)?;
+    let rig = file.rig_of(&units);
+    if args.out.is_some() && rig.sensors.len() > 32 {
+        bail!("{} sensors: a coverage file has bits for 32", rig.sensors.len());
+    }
+    Ok((units, rig))
+}
+
+fn place(args: &Args) -> anyhow::Result<Place> {
+    let (scene, mesh, mut warnings) = match (&args.scene, &args.room) {
+        (Some(path), _) => {
+            let read = args.mesh.read(path)?;
+            let mesh = Arc::new(read.mesh);
+            (Scene::Mesh(mesh.clone()), Some((mesh, read.taken)), read.warnings)
+        }
+        (None, Some(Numbers([x0, y0, z0, x1, y1, z1]))) => {
+            let (low, high) = (DVec3::new(*x0, *y0, *z0), DVec3::new(*x1, *y1, *z1));
+            if !low.cmplt(high).all() {
+                bail!("--room: the first corner must lie below the second in x, y and z");
+            }
+            if args.mesh.is_stated() || args.samples.is_file() {
+                bail!("--mesh-unit, --up and --samples are about a mesh: give --scene, or leave them out");
+            }
+            (Scene::Box(BoxScene::closed(low, high)), None, Vec::new())
+        }
+        (None, None) => bail!("give --scene or --room"),
+    };
+    let trajectory = args.trajectory.read()?;
+    warnings.extend(args.trajectory.doubts(scene.bounds_m(), &trajectory));
+    let grid = grid(args.voxel, &scene)?;
+    Ok(Place { scene, mesh, trajectory, grid, warnings })
+}
+
+fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
+    if !(voxel_m.is_finite() && voxel_m > 0.0) {
+        bail!("--voxel {voxel_m}, expected above 0");
+    }
+    let bounds_m = scene.bounds_m();
+    let cells = (bounds_m[1] - bounds_m[0]) / voxel_m + 2.0;
+    // bricks are numbered in 21 bits along each axis
+    if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(60) {
+        bail!("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered");
+    }
+    Ok(VoxelGrid::centred_on(bounds_m, voxel_m))
+}
+
+/// The cells that could be seen from the path, ascending: the walls of a room, or where a mesh has an observable sample
+/// or was seen.
+fn reachable(place: &Place, surface: Option<&Surface>, coverage: &Coverage) -> Vec<usize> {
+    let Some(surface) = surface else {
+        return place.grid.outer_cells().collect();
+    };
+    let points = surface.samples.points_m().iter().zip(&surface.visible);
+    let observable = points.filter(|(_, visible)| **visible).filter_map(|(at, _)| place.grid.index(*at));
+    let mut cells: Vec<usize> = observable.chain(coverage.union_cells()).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    cells
+}

@@ -1,0 +1,132 @@
+//! The page of `predict`.
+
+use super::Place;
+use super::document::Document;
+use crate::chart::number;
+use crate::commands::{figures, output};
+use crate::coverage::Coverage;
+use crate::report::{FromAbove, Report, unfold_box};
+
+/// What the rig will see, and what it will not.
+pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: &[usize]) -> Report {
+    let count = |count: u64| number(count as f64, 0);
+    let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
+    let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
+        format!(
+            ", {} more than the best single sensor",
+            number(baselines.best_single.seen.gain_voxels as f64, 0)
+        )
+    });
+    let summary = format!(
+        "{} sensors will see {} of {} voxels of {} m that can be seen from the way ({share:.1} %){gain}.",
+        document.sensors.len(),
+        count(document.unique_voxels),
+        count(document.reachable_voxels),
+        coverage.grid().voxel_m,
+    );
+    let mut report = Report::new("Predicted coverage", &summary, &output::again());
+    for pair in &document.violations {
+        report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
+    }
+    for pair in &document.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
+    sensors(&mut report, document);
+    surface(&mut report, document);
+    beside(&mut report, document);
+    pictures(&mut report, document, place, coverage, reachable);
+    figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
+    let tied = &document.tied;
+    figures::registration_section(
+        &mut report,
+        tied.registration.as_ref(),
+        "way, m",
+        tied.least_translation(),
+    );
+    report
+}
+
+fn sensors(report: &mut Report, document: &Document) {
+    report.heading("The sensors");
+    let count = |count: u64| number(count as f64, 0);
+    let row = |sensor: &super::document::SensorDocument| {
+        vec![
+            sensor.name.clone(),
+            sensor.model.clone(),
+            sensor.columns.to_string(),
+            count(sensor.rays),
+            count(sensor.returns),
+            count(sensor.voxels),
+            count(sensor.unique_voxels),
+        ]
+    };
+    let rows: Vec<_> = document.sensors.iter().map(row).collect();
+    report.table(&["sensor", "model", "columns", "rays", "returns", "voxels", "alone"], &rows);
+    report.paragraph(&format!(
+        "{:.2} % of the voxels seen are seen by two sensors or more.",
+        100.0 * document.overlap_ratio
+    ));
+}
+
+fn surface(report: &mut Report, document: &Document) {
+    let Some(surface) = &document.surface else { return };
+    report.heading("Completeness of the surface");
+    let mut row = vec!["the rig".to_owned()];
+    row.extend(surface.covered.percent());
+    let mut rows = vec![row];
+    for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
+        let covered = single.seen.covered.iter().flat_map(|covered| covered.percent());
+        rows.push(std::iter::once(name.to_owned()).chain(covered).collect());
+    }
+    report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
+    report.paragraph(&format!(
+        "{:.2} % of the surface can be seen from the way at all.",
+        100.0 * surface.observable_share
+    ));
+}
+
+fn beside(report: &mut Report, document: &Document) {
+    let Some(baselines) = &document.baselines else { return };
+    let rig =
+        ["the rig".into(), "-".into(), "-".into(), number(document.unique_voxels as f64, 0), "-".into()];
+    let single = baselines.named().map(|(name, single)| {
+        vec![
+            name.into(),
+            single.model.clone(),
+            number(single.pitch_deg, 0),
+            number(single.seen.unique_voxels as f64, 0),
+            number(single.seen.gain_voxels as f64, 0),
+        ]
+    });
+    let rows: Vec<_> = std::iter::once(rig.to_vec()).chain(single).collect();
+    let header = ["", "model", "pitch, deg", "voxels seen", "the rig sees more"];
+    let y_label = "voxels seen on some revolutions";
+    figures::baselines_section(report, baselines, &header, &rows, y_label, None);
+}
+
+fn pictures(
+    report: &mut Report,
+    document: &Document,
+    place: &Place,
+    coverage: &Coverage,
+    reachable: &[usize],
+) {
+    let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let classes = figures::who_classes(&names, "can be seen, but nobody did");
+    report.heading("Who saw what");
+    if place.mesh.is_none() {
+        report.maps(
+            "Voxels by who saw them",
+            &unfold_box(coverage.grid(), &|cell| Some(figures::who_covers(coverage, cell))),
+            &classes,
+            "The room unfolded: floor and ceiling seen from above with world x up the page, walls from inside.",
+        );
+        report.heading("Blind spots");
+        return;
+    }
+    let mut above = FromAbove::new(place.scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    for cell in reachable {
+        above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
+    }
+    figures::from_above(report, &above, &classes, "surface");
+}

@@ -1,0 +1,127 @@
+//! How the sensors of a prediction spin, and what is less than perfect about them.
+
+use anyhow::bail;
+use glam::DVec3;
+
+use crate::commands::ground::Numbers;
+use crate::rig::{Rig, Unit};
+use crate::scene::Scene;
+use crate::simulate::detection::Detection;
+use crate::simulate::occluder::Occluder;
+use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::trajectory::Trajectory;
+
+/// Options of the sensors.
+#[derive(clap::Args, Debug)]
+pub struct SensingArgs {
+    /// Columns per revolution [default: as the calibration says; else 1024 for Ouster models, 1800 for others].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    azimuths: Option<u32>,
+    /// Revolutions per second [default: as the calibration says; else 10].
+    #[arg(long, value_name = "HZ")]
+    spin_rate: Option<f64>,
+    /// Encoder azimuth of every sensor when the trajectory begins.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    spin_phase: f64,
+    /// Least range that is reported [default: the model's].
+    #[arg(long, value_name = "M")]
+    min_range: Option<f64>,
+    /// Greatest range that is reported [default: the model's].
+    #[arg(long, value_name = "M")]
+    max_range: Option<f64>,
+    /// Standard deviation of a range.
+    #[arg(long, value_name = "M", default_value_t = 0.0)]
+    range_noise: f64,
+    /// Surfaces seen more obliquely return nothing.
+    #[arg(long, value_name = "DEG")]
+    max_incidence: Option<f64>,
+    /// Reflectivity of all surfaces, matt, above 0 and at most 1: dark, far and grazing ones then lose returns
+    /// [default: every return is detected].
+    #[arg(long, value_name = "SHARE")]
+    reflectivity: Option<f64>,
+    /// Share of returns lost at random.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    drop_out: f64,
+    /// Rays spread over each beam's divergence; the median range counts.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=64))]
+    sub_rays: u32,
+    /// Who carries the rig: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left), m.
+    #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE")]
+    wearer: Option<Numbers<7>>,
+    /// Let beams pass through the other sensors.
+    #[arg(long)]
+    no_housings: bool,
+}
+
+impl SensingArgs {
+    /// The rig, made ready to scan.
+    pub fn scanner<'a>(
+        &self,
+        scene: &'a Scene,
+        trajectory: &'a Trajectory,
+        rig: &'a Rig,
+        units: &[Unit],
+        seed: u64,
+    ) -> anyhow::Result<Scanner<'a>> {
+        self.check()?;
+        let mut scanner = Scanner::new(scene, trajectory, rig, Spin::default());
+        for (spin, unit) in scanner.spins.iter_mut().zip(units) {
+            *spin = Spin {
+                rate_hz: self.spin_rate.unwrap_or(unit.rate_hz),
+                columns: self.azimuths.unwrap_or(unit.columns),
+                phase_rad: self.spin_phase.to_radians(),
+                clockwise: true,
+            };
+        }
+        if self.no_housings {
+            scanner.occluders.iter_mut().for_each(Vec::clear);
+        }
+        if let Some(Numbers([x0, y0, z0, x1, y1, z1, radius_m])) = self.wearer {
+            if radius_m <= 0.0 {
+                bail!("--wearer: the radius is {radius_m}, expected above 0");
+            }
+            let (from_m, to_m) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
+            let wearer = Occluder::Capsule { from_m, to_m, radius_m };
+            scanner.occluders.iter_mut().for_each(|solids| solids.push(wearer));
+        }
+        scanner.flaws = Flaws {
+            min_range_m: self.min_range,
+            max_range_m: self.max_range,
+            range_noise_m: self.range_noise,
+            max_incidence_rad: self.max_incidence.map(f64::to_radians),
+            drop_out: self.drop_out,
+            detection: self.reflectivity.map(|reflectivity| Detection { reflectivity }),
+            sub_rays: self.sub_rays,
+        };
+        scanner.seed = seed;
+        Ok(scanner)
+    }
+
+    fn check(&self) -> anyhow::Result<()> {
+        for (name, value) in [
+            ("--spin-rate", self.spin_rate.unwrap_or(10.0)),
+            ("--max-incidence", self.max_incidence.unwrap_or(90.0)),
+            ("--max-range", self.max_range.unwrap_or(1.0)),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                bail!("{name} {value}, expected above 0");
+            }
+        }
+        for (name, value) in
+            [("--range-noise", self.range_noise), ("--min-range", self.min_range.unwrap_or(0.0))]
+        {
+            if !(value.is_finite() && value >= 0.0) {
+                bail!("{name} {value}, expected 0 or more");
+            }
+        }
+        if let Some(reflectivity) = self.reflectivity
+            && !(reflectivity > 0.0 && reflectivity <= 1.0)
+        {
+            bail!("--reflectivity {reflectivity}, expected above 0 and at most 1");
+        }
+        if !(self.spin_phase.is_finite() && (0.0..1.0).contains(&self.drop_out)) {
+            bail!("--spin-phase takes an angle, --drop-out a share of at least 0 and below 1");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,157 @@
+//! `outrigger study`
+
+use std::io::IsTerminal as _;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::{Context, Outcome, output, signals};
+use crate::study::shard::{Plan, Shard};
+use crate::study::{Findings, STUDIES, Size, named};
+
+/// Arguments of `study`.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "`study NAME` plans, runs and merges; what is done already is not done again. On several machines: `study plan \
+                  NAME --out DIR`, then `study run NAME --out DIR --shard i/N` for every i (each writes one file), then `study \
+                  merge NAME --out DIR`."
+)]
+pub struct Args {
+    /// plan, run or merge and a study, or a study alone for all three: published, methods, sensor-count, pareto, joint.
+    #[arg(value_name = "ACTION|NAME", num_args = 1..=2, required = true)]
+    what: Vec<String>,
+    /// Seeds of each search.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: u64,
+    /// Few evaluations: shows that it runs, not what it finds.
+    #[arg(long)]
+    quick: bool,
+    /// Mesh, for studies in a scene.
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Which part to run, as i/N.
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Folder of plan, shards and results [default: study-NAME].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Action {
+    Plan,
+    Run,
+    Merge,
+    All,
+}
+
+/// Without --shard a study is cut so that an interruption loses little.
+const SHARDS: usize = 32;
+
+/// The document that `study` prints.
+#[derive(Serialize)]
+struct Document<'a> {
+    study: &'a str,
+    folder: String,
+    tasks: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    findings: Option<&'a Findings>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let (action, name) = match args.what.as_slice() {
+        [name] => (Action::All, name),
+        [action, name] => match action.as_str() {
+            "plan" => (Action::Plan, name),
+            "run" => (Action::Run, name),
+            "merge" => (Action::Merge, name),
+            other => anyhow::bail!("{other:?}: give plan, run or merge, and then a study"),
+        },
+        _ => {
+            anyhow::bail!("give a study: {}", STUDIES.iter().map(|s| s.name()).collect::<Vec<_>>().join(", "))
+        }
+    };
+    let study = named(name)?;
+    let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
+    let plan = match action {
+        Action::Plan | Action::All => {
+            let size = Size { seeds: args.seeds, quick: args.quick, scene: args.scene.clone() };
+            let plan = Plan::new(study, size)?;
+            plan.write(&folder)?;
+            plan
+        }
+        Action::Run | Action::Merge => Plan::read(&folder)?,
+    };
+    if plan.study != study.name() {
+        anyhow::bail!("{} holds a plan of the study {}, not of {name}", folder.display(), plan.study);
+    }
+    if matches!(action, Action::Run | Action::All) && !run_shards(args, &plan, &folder)? {
+        anyhow::bail!("interrupted: whole shards are kept, the same command goes on from there");
+    }
+    let findings = match action {
+        Action::Merge | Action::All => Some(plan.merge(&folder)?),
+        Action::Plan | Action::Run => None,
+    };
+    let document = Document {
+        study: study.name(),
+        folder: folder.display().to_string(),
+        tasks: plan.tasks.len(),
+        findings: findings.as_ref(),
+    };
+    if context.json {
+        output::print_json(&document)?;
+    } else {
+        output::print_text(&summary(&document))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn run_shards(args: &Args, plan: &Plan, folder: &std::path::Path) -> anyhow::Result<bool> {
+    let stop = signals::stop_flag()?;
+    let shards = match args.shard {
+        Some(shard) => vec![shard],
+        None => {
+            let count = SHARDS.min(plan.tasks.len()).max(1);
+            (1..=count).map(|index| Shard { index, count }).collect()
+        }
+    };
+    let bar = if std::io::stderr().is_terminal() {
+        indicatif::ProgressBar::new(shards.len() as u64)
+    } else {
+        indicatif::ProgressBar::hidden()
+    };
+    for shard in shards {
+        if !plan.run_shard(folder, shard, |done| bar.set_message(format!("{done} tasks")), &stop)? {
+            return Ok(false);
+        }
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(true)
+}
+
+fn summary(document: &Document) -> String {
+    let Some(findings) = document.findings else {
+        return format!("{}: {} tasks in {}\n", document.study, document.tasks, document.folder);
+    };
+    let mut text = format!("{}: {}\n", document.study, findings.summary);
+    for claim in &findings.claims {
+        text += &format!("{:15} {}: {}\n", claim.verdict.words(), claim.claim, claim.because);
+    }
+    for table in &findings.tables {
+        text += &format!("\n{}\n", table.title);
+        let widths: Vec<usize> = (0..table.columns.len())
+            .map(|at| {
+                let cells = std::iter::once(&table.columns).chain(&table.rows);
+                cells.filter_map(|cells| cells.get(at)).map(|cell| cell.chars().count()).max().unwrap_or(0)
+            })
+            .collect();
+        for cells in std::iter::once(&table.columns).chain(&table.rows) {
+            let padded: Vec<String> =
+                cells.iter().zip(&widths).map(|(cell, width)| format!("{cell:width$}")).collect();
+            text += &format!("{}\n", padded.join("  ").trim_end());
+        }
+    }
+    text + &format!("\n{}/report.html\n", document.folder)
+}

@@ -1,0 +1,140 @@
+//! MCAP: points and inertial samples as ROS 2 or Foxglove messages, one topic each per sensor.
+//!
+//! Source: MCAP specification, version 0.
+
+mod bag;
+mod cdr;
+mod foxglove;
+mod ros2;
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+
+use mcap::records::MessageHeader;
+use mcap::{WriteOptions, Writer};
+use sensors::ouster::ImuSample;
+
+use super::{Cause, Cloud, CloudWriter, Source};
+
+pub use bag::write_metadata;
+
+/// One kind of message in an MCAP file.
+struct Kind {
+    /// Last part of the topic's name.
+    topic: &'static str,
+    schema: &'static str,
+    schema_encoding: &'static str,
+    schema_data: fn() -> Cow<'static, [u8]>,
+    encoding: &'static str,
+}
+
+/// Which messages a file holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Dialect {
+    Ros2,
+    Foxglove,
+}
+
+/// What a topic has taken so far.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// With its leading slash.
+    pub name: String,
+    /// Type of its messages.
+    pub kind: &'static str,
+    /// Number of messages.
+    pub messages: u32,
+    /// Earliest and latest time of record, ns since 1970.
+    pub log_time_ns: [u64; 2],
+}
+
+pub(super) struct McapWriter {
+    writer: Writer<BufWriter<File>>,
+    dialect: Dialect,
+    schemas: BTreeMap<&'static str, u16>,
+    topics: BTreeMap<String, (u16, Topic)>,
+}
+
+impl McapWriter {
+    pub(super) fn new(file: File, dialect: Dialect) -> Result<Self, Cause> {
+        let options = WriteOptions::new()
+            .profile(if dialect == Dialect::Ros2 { "ros2" } else { "" })
+            .library(concat!("outrigger ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(mcap::Compression::Zstd));
+        let writer = options.create(BufWriter::new(file))?;
+        Ok(Self { writer, dialect, schemas: BTreeMap::new(), topics: BTreeMap::new() })
+    }
+
+    fn write(
+        &mut self,
+        source: &Source,
+        kind: &Kind,
+        times_ns: [u64; 2],
+        message: &[u8],
+    ) -> Result<(), Cause> {
+        let [log_time, publish_time] = times_ns;
+        let name = topic(&source.id, kind.topic);
+        if !self.topics.contains_key(&name) {
+            let schema = match self.schemas.get(kind.schema) {
+                Some(schema) => *schema,
+                None => self.writer.add_schema(kind.schema, kind.schema_encoding, &(kind.schema_data)())?,
+            };
+            self.schemas.insert(kind.schema, schema);
+            let metadata = match self.dialect {
+                Dialect::Ros2 => BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]),
+                Dialect::Foxglove => BTreeMap::new(),
+            };
+            let channel = self.writer.add_channel(schema, &name, kind.encoding, &metadata)?;
+            let topic =
+                Topic { name: name.clone(), kind: kind.schema, messages: 0, log_time_ns: [log_time; 2] };
+            self.topics.insert(name.clone(), (channel, topic));
+        }
+        if let Some((channel_id, topic)) = self.topics.get_mut(&name) {
+            let [first, last] = topic.log_time_ns;
+            topic.log_time_ns = [first.min(log_time), last.max(log_time)];
+            let sequence = topic.messages;
+            topic.messages = topic.messages.wrapping_add(1);
+            let header = MessageHeader { channel_id: *channel_id, sequence, log_time, publish_time };
+            self.writer.write_to_known_channel(&header, message)?;
+        }
+        Ok(())
+    }
+}
+
+impl CloudWriter for McapWriter {
+    fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
+        let stamp_ns = cloud.stamp_ns();
+        let log_time_ns = if cloud.host_time_ns > 0 { cloud.host_time_ns } else { stamp_ns };
+        let (kind, message) = match self.dialect {
+            Dialect::Ros2 => (&ros2::POINTS, ros2::points(cloud)?),
+            Dialect::Foxglove => (&foxglove::POINTS, foxglove::points(cloud)?),
+        };
+        self.write(&cloud.source, kind, [log_time_ns, stamp_ns], &message)
+    }
+
+    fn add_imu(&mut self, source: &Source, sample: &ImuSample, host_time_ns: u64) -> Result<(), Cause> {
+        if self.dialect == Dialect::Foxglove {
+            return Ok(()); // Foxglove has no schema of its own for inertial samples
+        }
+        let stamp_ns = super::cloud::stamp_ns(sample.time_ns, host_time_ns);
+        self.write(source, &ros2::IMU, [host_time_ns, stamp_ns], &ros2::imu(source, sample, stamp_ns))
+    }
+
+    fn topics(&self) -> Vec<Topic> {
+        self.topics.values().map(|(_, topic)| topic.clone()).collect()
+    }
+
+    fn close(mut self: Box<Self>) -> Result<(), Cause> {
+        self.writer.finish()?;
+        Ok(())
+    }
+}
+
+/// `/NAME/KIND`, with what a ROS name may not hold turned into underscores.
+fn topic(id: &str, kind: &str) -> String {
+    let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let digit_first = name.starts_with(|c: char| c.is_ascii_digit());
+    format!("/{}{name}/{kind}", if digit_first { "_" } else { "" })
+}

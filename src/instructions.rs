@@ -1,0 +1,67 @@
+//! Instruction sets that kernels are compiled for. The best one that the processor has is chosen at run time; every
+//! kernel gives the same bits with each.
+
+/// Vector instructions that this processor has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instructions(Level);
+
+/// What a kernel is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Level {
+    /// What every processor of the target has: SSE2 on x86-64.
+    Baseline,
+    /// 256-bit vectors: AVX2, FMA, POPCNT.
+    Avx2,
+    /// 512-bit vectors: AVX-512 F, DQ, VL and BW, and what `Avx2` has.
+    Avx512,
+}
+
+impl Instructions {
+    /// The best that there are.
+    #[inline]
+    pub fn best() -> Self {
+        if has_avx512() {
+            Self(Level::Avx512)
+        } else if has_avx2() {
+            Self(Level::Avx2)
+        } else {
+            Self(Level::Baseline)
+        }
+    }
+
+    /// All that there are, plain ones first.
+    pub fn available() -> Vec<Self> {
+        let has = [(true, Level::Baseline), (has_avx2(), Level::Avx2), (has_avx512(), Level::Avx512)];
+        has.into_iter().filter(|(has, _)| *has).map(|(_, level)| Self(level)).collect()
+    }
+
+    /// What to run. Whoever gets a level may run what is compiled for it: there is no other way to get one.
+    #[inline]
+    pub(crate) fn level(self) -> Level {
+        self.0
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx2() -> bool {
+    is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") && is_x86_feature_detected!("popcnt")
+}
+
+#[cfg(target_arch = "x86_64")]
+fn has_avx512() -> bool {
+    has_avx2()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx512bw")
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_avx2() -> bool {
+    false
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn has_avx512() -> bool {
+    false
+}

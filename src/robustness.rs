@@ -1,0 +1,174 @@
+//! What a score is worth when the rig is not built and spun exactly as planned: J over draws of mount errors and spin phases.
+//!
+//! Draws are fixed by a seed and the same for every mount that is judged (common random numbers), so that differences
+//! between mounts are differences of the mounts.
+
+use serde::{Deserialize, Serialize};
+
+use crate::objective::Objective;
+use crate::rng::Rng;
+use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+
+/// How far a built rig may be from the planned one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tolerance {
+    /// Each coordinate of each sensor, uniform within plus and minus this, m.
+    pub position_m: f64,
+    /// Pitch and roll of each sensor, uniform within plus and minus this, degrees.
+    pub angle_deg: f64,
+    /// Whether the azimuth at which revolutions start is left to chance as well.
+    pub free_phase: bool,
+}
+
+/// Which number of the draws counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Criterion {
+    /// Their mean.
+    Expected,
+    /// The least.
+    Worst,
+}
+
+/// J over draws.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation over the draws.
+    pub deviation: f64,
+    /// The least.
+    pub worst: f64,
+    /// Draws.
+    pub draws: usize,
+}
+
+/// An objective and the draws it is judged by.
+#[derive(Clone, Debug, Serialize)]
+pub struct Robustness {
+    tolerance: Tolerance,
+    seed: u64,
+    #[serde(skip)]
+    /// One objective per draw; a single one where the phase is fixed.
+    objectives: Vec<Objective>,
+    draws: usize,
+}
+
+impl Robustness {
+    /// Judges by so many draws (at least one) with the objective's own experiment, its phase freed where asked for.
+    ///
+    /// # Errors
+    /// Tolerances below 0 or not finite, no draws, or an experiment that cannot be made.
+    pub fn new(
+        objective: &Objective,
+        tolerance: Tolerance,
+        draws: usize,
+        seed: u64,
+    ) -> Result<Self, RobustnessError> {
+        let Tolerance { position_m, angle_deg, free_phase } = tolerance;
+        let is_length = |value: f64| value.is_finite() && value >= 0.0;
+        if !is_length(position_m) || !is_length(angle_deg) || draws == 0 {
+            return Err(RobustnessError::Tolerance { position_m, angle_deg, draws });
+        }
+        let mut objectives = vec![objective.clone()];
+        if free_phase {
+            let experiment = *objective.simulator().experiment();
+            objectives = (0..draws)
+                .map(|draw| {
+                    // the same stratified phases for every seed: evenly spread over a step of the azimuth
+                    let phase_shift = (draw as f64 + 0.5) / draws as f64;
+                    let freed = Experiment { phase: Phase::Free, phase_shift, ..experiment };
+                    Ok(objective.with_simulator(Simulator::new(&freed)?))
+                })
+                .collect::<Result<_, ExperimentError>>()?;
+        }
+        Ok(Self { tolerance, seed, objectives, draws })
+    }
+
+    /// How many draws.
+    pub fn draws(&self) -> usize {
+        self.draws
+    }
+
+    /// The sensors as they might be built, one draw.
+    fn built(&self, sensors: &[Placement], draw: usize) -> Vec<Placement> {
+        let Tolerance { position_m, angle_deg, .. } = self.tolerance;
+        sensors
+            .iter()
+            .enumerate()
+            .map(|(index, sensor)| {
+                let mut rng = Rng::new(self.seed, ((draw as u64) << 16) | index as u64);
+                let mut off = |most: f64| rng.between(-most, most);
+                Placement {
+                    x_m: sensor.x_m + off(position_m),
+                    y_m: sensor.y_m + off(position_m),
+                    z_m: sensor.z_m + off(position_m),
+                    pitch_deg: sensor.pitch_deg + off(angle_deg),
+                    roll_deg: sensor.roll_deg + off(angle_deg),
+                }
+            })
+            .collect()
+    }
+
+    /// J of each draw for these physical sensors.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn scores(&self, sensors: &[Placement]) -> Result<Vec<f64>, ExperimentError> {
+        (0..self.draws)
+            .map(|draw| {
+                let objective = &self.objectives[draw % self.objectives.len()];
+                objective.score_sensors(&self.built(sensors, draw))
+            })
+            .collect()
+    }
+
+    /// The number that counts.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn judge(&self, sensors: &[Placement], criterion: Criterion) -> Result<f64, ExperimentError> {
+        let spread = self.spread(sensors)?;
+        Ok(match criterion {
+            Criterion::Expected => spread.mean,
+            Criterion::Worst => spread.worst,
+        })
+    }
+
+    /// Mean, deviation and least of the draws.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn spread(&self, sensors: &[Placement]) -> Result<Spread, ExperimentError> {
+        let scores = self.scores(sensors)?;
+        let count = scores.len() as f64;
+        let mean = scores.iter().sum::<f64>() / count;
+        let squares = scores.iter().map(|score| (score - mean).powi(2)).sum::<f64>();
+        Ok(Spread {
+            mean,
+            deviation: (squares / (count - 1.0).max(1.0)).sqrt(),
+            worst: scores.iter().copied().fold(f64::INFINITY, f64::min),
+            draws: scores.len(),
+        })
+    }
+}
+
+/// Why mounts cannot be judged.
+#[derive(Debug, thiserror::Error)]
+pub enum RobustnessError {
+    /// A tolerance or a number of draws that makes no sense.
+    #[error(
+        "tolerance {position_m} m, {angle_deg} degrees, {draws} draws: give finite numbers of 0 or more, draws from 1"
+    )]
+    Tolerance {
+        /// As given.
+        position_m: f64,
+        /// As given.
+        angle_deg: f64,
+        /// As given.
+        draws: usize,
+    },
+    /// The experiment cannot be made.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+}

@@ -1,0 +1,202 @@
+//! A tree of boxes over triangles, eight children to a node, walked by packets of rays.
+//!
+//! Rays of a spinning sensor come in bundles that see the same few triangles, so a packet of neighbours walks the tree
+//! together: one test of eight boxes against the bundle's hull, and each box or triangle that is left is loaded once
+//! for all of them. Positions are f32 about the mesh's centre; the distance of the triangle that won is computed again
+//! in f64. A single ray is a packet of one: one kernel, one answer.
+
+mod build;
+mod packet;
+mod walk;
+
+use glam::DVec3;
+
+use build::{Corner, Node};
+use packet::Packet;
+
+use crate::instructions::Instructions;
+
+/// Rays that walk the tree together.
+pub(super) const PACKET: usize = 16;
+const NONE: u32 = u32::MAX;
+
+/// What one ray met.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TreeHit {
+    /// Distance, m.
+    pub distance_m: f64,
+    /// Normal of the triangle, not of unit length, not turned to the ray.
+    pub normal: DVec3,
+}
+
+/// The last triangles that hid something: what hides a point likely hides its neighbour.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OccluderMemory {
+    places: [u32; 4],
+    next: usize,
+}
+
+/// Triangles in tree order and the boxes above them.
+#[derive(Clone, Debug)]
+pub(super) struct TriangleTree {
+    centre_m: DVec3,
+    /// Greatest coordinate of any box, about the centre, m.
+    reach_m: f32,
+    nodes: Vec<Node>,
+    corners: Vec<Corner>,
+}
+
+impl TriangleTree {
+    /// Builds the tree. `triangles` must not be empty and hold finite corners only.
+    pub fn new(corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>, centre_m: DVec3) -> Self {
+        let built = build::build(&build::without_copies(corners_m, centre_m));
+        Self { centre_m, reach_m: built.reach_m, nodes: built.nodes, corners: built.corners }
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        std::mem::size_of_val(&self.nodes[..]) + std::mem::size_of_val(&self.corners[..])
+    }
+
+    /// First triangle along one ray.
+    pub fn cast(&self, origin_m: DVec3, direction: DVec3, limit_m: f64) -> Option<TreeHit> {
+        let mut packet = Packet::<1>::new();
+        packet.set(0, origin_m - self.centre_m, direction, limit_m);
+        self.walk::<1, false>(&mut packet, Instructions::best());
+        self.exact(packet.won[0], origin_m, direction)
+    }
+
+    /// First triangle along up to [`PACKET`] rays; `report` gets the index of each ray and what it met.
+    pub fn cast_packet(
+        &self,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
+        instructions: Instructions,
+        mut report: impl FnMut(usize, Option<TreeHit>),
+    ) {
+        let count = origins_m.len().min(directions.len()).min(PACKET);
+        let mut packet = Packet::<PACKET>::new();
+        for lane in 0..count {
+            packet.set(lane, origins_m[lane] - self.centre_m, directions[lane], f64::INFINITY);
+        }
+        packet.repeat_first(count);
+        self.walk::<PACKET, false>(&mut packet, instructions);
+        for lane in 0..count {
+            report(lane, self.exact(packet.won[lane], origins_m[lane], directions[lane]));
+        }
+    }
+
+    /// Whether anything lies between an origin and each of up to [`PACKET`] points, nearer than `tolerance_m` before
+    /// the point; `report` gets the index of each point and the answer.
+    pub fn occluded_packet(
+        &self,
+        origin_m: DVec3,
+        points_m: &[DVec3],
+        tolerance_m: f64,
+        memory: &mut OccluderMemory,
+        mut report: impl FnMut(usize, bool),
+    ) {
+        let count = points_m.len().min(PACKET);
+        let mut packet = Packet::<PACKET>::new();
+        for (lane, point) in points_m[..count].iter().enumerate() {
+            let way = *point - origin_m;
+            let length_m = way.length();
+            let direction = if length_m > 0.0 { way / length_m } else { DVec3::X };
+            packet.set(lane, origin_m - self.centre_m, direction, length_m - tolerance_m);
+        }
+        packet.repeat_first(count);
+        for &place in &memory.places {
+            packet.meet_triangle(&self.corners[place as usize], place);
+        }
+        if !packet.all_won() {
+            self.walk::<PACKET, true>(&mut packet, Instructions::best());
+        }
+        for lane in 0..count {
+            let won = packet.won[lane];
+            if won != NONE && !memory.places.contains(&won) {
+                memory.places[memory.next] = won;
+                memory.next = (memory.next + 1) % memory.places.len();
+            }
+            report(lane, won != NONE);
+        }
+    }
+
+    fn walk<const N: usize, const ANY: bool>(&self, packet: &mut Packet<N>, instructions: Instructions) {
+        walk::walk::<N, ANY>(&self.nodes, &self.corners, self.reach_m, packet, instructions);
+    }
+
+    fn exact(&self, won: u32, origin_m: DVec3, direction: DVec3) -> Option<TreeHit> {
+        if won == NONE {
+            return None;
+        }
+        let corner = &self.corners[won as usize];
+        let [at, edge1, edge2] =
+            [corner.at, corner.edge1, corner.edge2].map(|v| DVec3::from(v.map(f64::from)));
+        let normal = edge1.cross(edge2);
+        let distance_m = normal.dot(at - (origin_m - self.centre_m)) / normal.dot(direction);
+        // a ray along the triangle's plane has no better answer than the nearest point of its corner
+        let distance_m = if distance_m.is_finite() { distance_m.max(0.0) } else { 0.0 };
+        Some(TreeHit { distance_m, normal })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3A;
+    use obvhs::triangle::Triangle;
+
+    use super::*;
+    use crate::rng::Rng;
+
+    fn of(built: build::Built) -> TriangleTree {
+        TriangleTree {
+            centre_m: DVec3::ZERO,
+            reach_m: built.reach_m,
+            nodes: built.nodes,
+            corners: built.corners,
+        }
+    }
+
+    #[test]
+    fn the_balanced_tree_answers_as_the_built_one() {
+        let mut rng = Rng::new(2, 0);
+        let mut point = |spread: f64| spread * DVec3::new(rng.normal(), rng.normal(), rng.normal());
+        let corners: Vec<[DVec3; 3]> = (0..700)
+            .map(|_| {
+                let at = point(2.0);
+                [at, at + point(0.4), at + point(0.4)]
+            })
+            .collect();
+        let built = TriangleTree::new(corners.iter().copied(), DVec3::ZERO);
+        let triangles: Vec<Triangle> = corners
+            .iter()
+            .map(|corner| {
+                let [v0, v1, v2] = corner.map(|p| Vec3A::from(p.as_vec3()));
+                Triangle { v0, v1, v2 }
+            })
+            .collect();
+        let balanced = of(build::build_balanced(&triangles).unwrap());
+        let mut hits = 0;
+        for _ in 0..2000 {
+            let (origin, direction) = (point(3.0), point(1.0).normalize());
+            let distance = |tree: &TriangleTree| tree.cast(origin, direction, 1e9).map(|hit| hit.distance_m);
+            // every triangle asked, without a tree
+            let brute = (0..built.corners.len())
+                .filter_map(|place| {
+                    let mut packet = Packet::<1>::new();
+                    packet.set(0, origin, direction, 1e9);
+                    packet.meet_triangle(&built.corners[place], place as u32);
+                    built.exact(packet.won[0], origin, direction).map(|hit| hit.distance_m)
+                })
+                .reduce(f64::min);
+            let (a, b) = (distance(&built), distance(&balanced));
+            assert_eq!(a.is_some(), b.is_some());
+            assert_eq!(a.is_some(), brute.is_some());
+            if let (Some(a), Some(b), Some(brute)) = (a, b, brute) {
+                assert!((a - b).abs() < 1e-5 && (a - brute).abs() < 1e-5, "{a} {b} {brute}");
+                hits += 1;
+            }
+        }
+        assert!(hits > 200, "{hits}");
+    }
+}

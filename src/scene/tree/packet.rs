@@ -1,0 +1,281 @@
+//! Rays side by side, and their tests against boxes and triangles.
+//!
+//! Every operation is one IEEE operation in a fixed order, nothing fused: the same bits with any instruction set.
+
+use glam::DVec3;
+
+use super::NONE;
+use super::build::{Corner, Node, WIDTH};
+
+/// What rounding may add to the distance of a plane: a few roundings of the largest number in it.
+const SLACK: f32 = 4e-7;
+/// Edge slack against leaks between neighbours, as a share of edge length times distance: a few f32 roundings.
+const EDGE_SLACK: f32 = 4e-7;
+
+/// Rays side by side.
+#[repr(C, align(64))]
+pub(super) struct Packet<const N: usize> {
+    origin: [[f32; N]; 3],
+    direction: [[f32; N]; 3],
+    inverse: [[f32; N]; 3],
+    /// What is taken from `plane * inverse` to get the distance of a near plane, and of a far one: the origin's own
+    /// product, moved by what rounding may add.
+    near_offset: [[f32; N]; 3],
+    far_offset: [[f32; N]; 3],
+    /// Distance of the best hit so far.
+    nearest: [f32; N],
+    /// Triangle of the best hit so far, in tree order.
+    pub won: [u32; N],
+    /// Greatest of `nearest`.
+    pub farthest: f32,
+    hull: Hull,
+}
+
+/// What holds for all rays of a packet.
+#[derive(Clone, Copy)]
+struct Hull {
+    /// Where a box's near planes stand among its six, by axis, and its far ones.
+    near_plane: [usize; 3],
+    far_plane: [usize; 3],
+    /// Some axis has rays to both sides.
+    is_mixed: bool,
+    /// Origin of one of the rays.
+    origin: [f32; 3],
+    /// Least and greatest inverse; both zero for an axis that says nothing about the packet.
+    inverse: [[f32; 2]; 3],
+    /// Least that is added to a near distance from that origin, and greatest that is added to a far one.
+    near_add: [f32; 3],
+    far_add: [f32; 3],
+}
+
+impl<const N: usize> Packet<N> {
+    pub fn new() -> Self {
+        Self {
+            origin: [[0.0; N]; 3],
+            direction: [[0.0; N]; 3],
+            inverse: [[0.0; N]; 3],
+            near_offset: [[0.0; N]; 3],
+            far_offset: [[0.0; N]; 3],
+            nearest: [0.0; N],
+            won: [NONE; N],
+            farthest: f32::INFINITY,
+            hull: Hull {
+                near_plane: [0; 3],
+                far_plane: [0; 3],
+                is_mixed: false,
+                origin: [0.0; 3],
+                inverse: [[0.0; 2]; 3],
+                near_add: [0.0; 3],
+                far_add: [0.0; 3],
+            },
+        }
+    }
+
+    pub fn set(&mut self, lane: usize, origin: DVec3, direction: DVec3, limit_m: f64) {
+        for axis in 0..3 {
+            self.origin[axis][lane] = origin[axis] as f32;
+            self.direction[axis][lane] = direction[axis] as f32;
+        }
+        self.nearest[lane] = limit_m as f32;
+    }
+
+    /// Fills the lanes from `count` on with the first ray, limited to nothing.
+    pub fn repeat_first(&mut self, count: usize) {
+        for lane in count..N {
+            for axis in 0..3 {
+                self.origin[axis][lane] = self.origin[axis][0];
+                self.direction[axis][lane] = self.direction[axis][0];
+            }
+            self.nearest[lane] = -1.0;
+        }
+    }
+
+    /// Makes ready for boxes. `reach_m` is the greatest coordinate of any box.
+    #[inline(always)]
+    pub fn prepare(&mut self, reach_m: f32) {
+        for axis in 0..3 {
+            let mut negative = 0;
+            for lane in 0..N {
+                let slope = self.direction[axis][lane];
+                // a zero slope would make 0 * infinity on a slab's own plane
+                let slope = if slope.abs() < 1e-18 { 1e-18_f32.copysign(slope) } else { slope };
+                let inverse = 1.0 / slope;
+                let offset = self.origin[axis][lane] * inverse;
+                let slack = SLACK * (self.origin[axis][lane].abs() + reach_m) * inverse.abs();
+                negative += u32::from(slope < 0.0);
+                self.inverse[axis][lane] = inverse;
+                self.near_offset[axis][lane] = offset + slack;
+                self.far_offset[axis][lane] = offset - slack;
+            }
+            self.prepare_hull(axis, negative);
+        }
+        self.shorten();
+    }
+
+    #[inline(always)]
+    fn prepare_hull(&mut self, axis: usize, negative: u32) {
+        let hull = &mut self.hull;
+        let start = self.origin[axis][0];
+        hull.origin[axis] = start;
+        let is_forward = negative == 0;
+        (hull.near_plane[axis], hull.far_plane[axis]) =
+            if is_forward { (axis, axis + 3) } else { (axis + 3, axis) };
+        if !is_forward && negative != N as u32 {
+            hull.is_mixed = true;
+            hull.inverse[axis] = [0.0; 2];
+            hull.near_add[axis] = f32::NEG_INFINITY;
+            hull.far_add[axis] = f32::INFINITY;
+            return;
+        }
+        let inverse = &self.inverse[axis];
+        let mut near_adds = [0.0; N];
+        let mut far_adds = [0.0; N];
+        for lane in 0..N {
+            near_adds[lane] = start * inverse[lane] - self.near_offset[axis][lane];
+            far_adds[lane] = start * inverse[lane] - self.far_offset[axis][lane];
+        }
+        hull.inverse[axis] = [reduced(*inverse, least), reduced(*inverse, greatest)];
+        // ray 0 stands at the hull's origin, so that its slack is in both; the hull's own products round once more
+        hull.near_add[axis] = 2.0 * reduced(near_adds, least);
+        hull.far_add[axis] = 2.0 * reduced(far_adds, greatest);
+    }
+
+    /// Distances at which the packet may enter the boxes of a node's children; infinite where it cannot.
+    #[inline(always)]
+    pub fn enters(&self, node: &Node) -> ([f32; WIDTH], u32) {
+        let hull = &self.hull;
+        let mut near = [0.0_f32; WIDTH];
+        let mut far = [self.farthest; WIDTH];
+        for axis in 0..3 {
+            let nears = &node.planes[hull.near_plane[axis]];
+            let fars = &node.planes[hull.far_plane[axis]];
+            let [low, high] = hull.inverse[axis];
+            for side in 0..WIDTH {
+                let near_way = nears[side] - hull.origin[axis];
+                let far_way = fars[side] - hull.origin[axis];
+                let enter = least(near_way * low, near_way * high) + hull.near_add[axis];
+                let leave = greatest(far_way * low, far_way * high) + hull.far_add[axis];
+                near[side] = greatest(enter, near[side]);
+                far[side] = least(leave, far[side]);
+            }
+        }
+        let mut met = 0;
+        for side in 0..WIDTH {
+            // a missing child's planes are NaN
+            let is_met = (near[side] <= far[side]) & (node.planes[0][side] <= node.planes[3][side]);
+            met |= u32::from(is_met) << side;
+        }
+        (near, met)
+    }
+
+    /// Whether any ray meets the box of a child before its nearest triangle.
+    #[inline(always)]
+    pub fn meets_box(&self, node: &Node, side: usize) -> bool {
+        if self.hull.is_mixed {
+            self.meets_mixed::<true>(node, side)
+        } else {
+            self.meets_mixed::<false>(node, side)
+        }
+    }
+
+    #[inline(always)]
+    fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> bool {
+        let nears = self.hull.near_plane.map(|plane| node.planes[plane][side]);
+        let fars = self.hull.far_plane.map(|plane| node.planes[plane][side]);
+        let mut any = 0_u32;
+        for lane in 0..N {
+            let mut near = 0.0_f32;
+            let mut far = self.nearest[lane];
+            for axis in 0..3 {
+                let inverse = self.inverse[axis][lane];
+                let (mut enter, mut leave) = (nears[axis] * inverse, fars[axis] * inverse);
+                if MIXED {
+                    (enter, leave) = (least(enter, leave), greatest(enter, leave));
+                }
+                near = greatest(near, enter - self.near_offset[axis][lane]);
+                far = least(far, leave - self.far_offset[axis][lane]);
+            }
+            any |= u32::from(near <= far);
+        }
+        any != 0
+    }
+
+    /// Möller and Trumbore, doi:10.1080/10867651.1997.10487468, two-sided, with edges a few roundings wider.
+    #[inline(always)]
+    pub fn meet_triangle(&mut self, corner: &Corner, place: u32) {
+        let (e1, e2) = (corner.edge1, corner.edge2);
+        let normal = cross(e1, e2);
+        for lane in 0..N {
+            let d = [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]];
+            let c = [
+                corner.at[0] - self.origin[0][lane],
+                corner.at[1] - self.origin[1][lane],
+                corner.at[2] - self.origin[2][lane],
+            ];
+            let r = cross(c, d);
+            let slope = dot(normal, d);
+            let sign = 1.0_f32.copysign(slope);
+            let u = dot(r, e2) * sign;
+            let v = -dot(r, e1) * sign;
+            let size = slope * sign;
+            let slack = -EDGE_SLACK * corner.reach_m * (c[0].abs() + c[1].abs() + c[2].abs());
+            let t = dot(normal, c) / slope;
+            let inside = (u >= slack) & (v >= slack) & (size - u - v >= slack) & (size > 0.0);
+            let better = inside & (t >= 0.0) & (t < self.nearest[lane]);
+            self.nearest[lane] = if better { t } else { self.nearest[lane] };
+            self.won[lane] = if better { place } else { self.won[lane] };
+        }
+    }
+
+    /// After triangles were met.
+    #[inline(always)]
+    pub fn shorten(&mut self) {
+        self.farthest = reduced(self.nearest, greatest);
+    }
+
+    /// Every lane found a triangle or looks for none; found lanes are limited to nothing.
+    #[inline(always)]
+    pub fn all_won(&mut self) -> bool {
+        let mut open = 0_u32;
+        for lane in 0..N {
+            let found = self.won[lane] != NONE;
+            self.nearest[lane] = if found { -1.0 } else { self.nearest[lane] };
+            open |= u32::from(self.nearest[lane] >= 0.0);
+        }
+        open == 0
+    }
+}
+
+/// One value for all lanes, by halves: few steps that wait for one another.
+#[inline(always)]
+fn reduced<const N: usize>(mut values: [f32; N], choose: impl Fn(f32, f32) -> f32) -> f32 {
+    let mut width = N / 2;
+    while width > 0 {
+        for lane in 0..width {
+            values[lane] = choose(values[lane], values[lane + width]);
+        }
+        width /= 2;
+    }
+    values[0]
+}
+
+#[inline(always)]
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// One machine instruction, unlike `f32::min`, which also orders NaN.
+#[inline(always)]
+fn least(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+#[inline(always)]
+fn greatest(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}

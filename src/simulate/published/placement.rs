@@ -1,0 +1,94 @@
+//! Where a sensor sits, in the published decision vector's terms.
+
+use crate::rig::Mount;
+
+/// One sensor of the published decision vector; angles in degrees, because the published rotations are exact at
+/// multiples of 90 degrees.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Placement {
+    /// Right of the platform's origin, m.
+    pub x_m: f64,
+    /// Ahead of it, m.
+    pub y_m: f64,
+    /// Above it, m.
+    pub z_m: f64,
+    /// About the forward axis, degrees.
+    pub pitch_deg: f64,
+    /// About the lateral axis, degrees.
+    pub roll_deg: f64,
+}
+
+impl Placement {
+    /// The mirror image across the platform's plane of symmetry (YZ).
+    pub fn mirrored(&self) -> Self {
+        Self { x_m: -self.x_m, pitch_deg: -self.pitch_deg, ..*self }
+    }
+
+    /// The same in radians.
+    pub fn mount(&self) -> Mount {
+        Mount {
+            x_m: self.x_m,
+            y_m: self.y_m,
+            z_m: self.z_m,
+            pitch_rad: self.pitch_deg.to_radians(),
+            roll_rad: self.roll_deg.to_radians(),
+        }
+    }
+
+    /// `Rx(roll) * Ry(pitch)`, row by row, in the published order of operations.
+    pub(crate) fn rotation_rows(&self) -> [[f64; 3]; 3] {
+        let (sp, cp) = sin_cos_deg(self.pitch_deg);
+        let (sr, cr) = sin_cos_deg(self.roll_deg);
+        [[cp, 0.0, sp], [sr * sp, cr, -sr * cp], [-cr * sp, sr, cr * cp]]
+    }
+
+    /// The spin axis (+z of the sensor) in the mount frame.
+    pub fn spin_axis(&self) -> [f64; 3] {
+        self.rotation_rows().map(|row| row[2])
+    }
+}
+
+impl From<[f64; 5]> for Placement {
+    /// From `[x_m, y_m, z_m, pitch_deg, roll_deg]`.
+    fn from([x_m, y_m, z_m, pitch_deg, roll_deg]: [f64; 5]) -> Self {
+        Self { x_m, y_m, z_m, pitch_deg, roll_deg }
+    }
+}
+
+impl From<Placement> for [f64; 5] {
+    fn from(placement: Placement) -> Self {
+        [placement.x_m, placement.y_m, placement.z_m, placement.pitch_deg, placement.roll_deg]
+    }
+}
+
+/// Sine and cosine of an angle in degrees, exact at multiples of 90.
+fn sin_cos_deg(angle_deg: f64) -> (f64, f64) {
+    if angle_deg % 90.0 == 0.0 {
+        match (angle_deg / 90.0).rem_euclid(4.0) as u8 {
+            0 => (0.0, 1.0),
+            1 => (1.0, 0.0),
+            2 => (0.0, -1.0),
+            _ => (-1.0, 0.0),
+        }
+    } else {
+        angle_deg.to_radians().sin_cos()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quarter_turns_are_exact() {
+        for (angle_deg, expected) in [
+            (0.0, (0.0, 1.0)),
+            (90.0, (1.0, 0.0)),
+            (180.0, (0.0, -1.0)),
+            (-90.0, (-1.0, 0.0)),
+            (450.0, (1.0, 0.0)),
+        ] {
+            assert_eq!(sin_cos_deg(angle_deg), expected, "{angle_deg}");
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! Studies: many runs whose rows together answer a question.
+//!
+//! A study is a list of tasks and, for each, a function from the task to plain rows; findings are made from all rows. Tasks
+//! know nothing of each other, so they may run in any order, on any number of machines ([`shard`]): the merged rows are the
+//! same to the byte. Measured times are the exception; fields that hold one begin with `wall_` and are kept apart.
+
+mod joint;
+mod methods;
+mod page;
+mod pareto;
+mod published;
+mod rows;
+mod searches;
+mod sensor_count;
+pub mod shard;
+mod spread;
+
+pub use page::{csv, findings_page};
+pub use rows::{Row, number, text};
+pub use spread::Spread;
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::chart::LineChart;
+
+/// What a study is asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Size {
+    /// Seeds of each search.
+    pub seeds: u64,
+    /// A tenth of the evaluations and fewer settings: whether it runs, not what it finds.
+    pub quick: bool,
+    /// Mesh for studies in a scene.
+    pub scene: Option<PathBuf>,
+}
+
+/// A question answered by many runs.
+pub trait Study: Sync {
+    /// Name on the command line.
+    fn name(&self) -> &'static str;
+
+    /// What it asks, in one sentence.
+    fn about(&self) -> &'static str;
+
+    /// The tasks, each a JSON object that says all about it.
+    ///
+    /// # Errors
+    /// What is missing for this study.
+    fn tasks(&self, size: &Size) -> Result<Vec<Value>, StudyError>;
+
+    /// Rows of one task.
+    ///
+    /// # Errors
+    /// What failed.
+    fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError>;
+
+    /// What the rows of all tasks say.
+    fn findings(&self, rows: &[Row]) -> Findings;
+}
+
+/// Every study.
+pub const STUDIES: &[&dyn Study] =
+    &[&published::Published, &methods::Methods, &sensor_count::SensorCount, &pareto::Pareto, &joint::Joint];
+
+/// The study of a name.
+///
+/// # Errors
+/// There is none; the message lists those there are.
+pub fn named(name: &str) -> Result<&'static dyn Study, StudyError> {
+    STUDIES.iter().copied().find(|study| study.name() == name).ok_or_else(|| {
+        let known: Vec<_> = STUDIES.iter().map(|study| study.name()).collect();
+        StudyError(format!("no study is named {name:?}: there are {}", known.join(", ")))
+    })
+}
+
+/// Why a study cannot go on.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct StudyError(pub String);
+
+impl StudyError {
+    fn of(error: impl std::fmt::Display) -> Self {
+        Self(error.to_string())
+    }
+}
+
+/// What a study found.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Findings {
+    /// The sentence a reader takes away.
+    pub summary: String,
+    /// Claims that were examined.
+    pub claims: Vec<Claim>,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Charts with their captions.
+    #[serde(skip)]
+    pub charts: Vec<(LineChart, String)>,
+}
+
+/// A published claim and what came of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Claim {
+    /// What is claimed, and where.
+    pub claim: String,
+    /// Whether it stands.
+    pub verdict: Verdict,
+    /// The numbers that decide.
+    pub because: String,
+}
+
+/// What came of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Our numbers agree.
+    Stands,
+    /// They do not.
+    DoesNotStand,
+    /// They cannot tell.
+    CannotTell,
+}
+
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Stands => "stands",
+            Self::DoesNotStand => "does not stand",
+            Self::CannotTell => "cannot tell",
+        }
+    }
+}
+
+/// A table of findings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Table {
+    /// Name of its CSV file.
+    pub name: String,
+    /// What it shows.
+    pub title: String,
+    /// How to read it.
+    pub note: String,
+    /// Header.
+    pub columns: Vec<String>,
+    /// Cells as they are shown.
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    fn new(name: &str, title: &str, note: &str, columns: &[&str]) -> Self {
+        let columns = columns.iter().map(|column| (*column).to_owned()).collect();
+        Self { name: name.into(), title: title.into(), note: note.into(), columns, rows: Vec::new() }
+    }
+}

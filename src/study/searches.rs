@@ -1,0 +1,165 @@
+//! One search in a published experiment, as rows of several studies need it.
+
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use super::rows::{Row, row_of};
+use super::{StudyError, rows};
+use crate::objective::{Objective, Weights};
+use crate::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
+use crate::simulate::published::{Experiment, Path, Placement, Preset, Roll, Simulator};
+
+/// Price of an angle of 0 where a least one is asked for: above all voxels there are.
+const DEAR: f64 = 1e6;
+
+/// A search as data: what a task says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SearchTask {
+    /// Part of the study it belongs to.
+    pub part: String,
+    /// Preset.
+    pub preset: String,
+    /// `lateral` or `forward`.
+    pub path: String,
+    /// Roll of every master, degrees; free when none.
+    pub roll_deg: Option<f64>,
+    /// Price of a sensor.
+    pub lambda: f64,
+    /// Least and greatest number of masters.
+    pub masters: [u32; 2],
+    /// Whether each has a mirror image.
+    pub mirror: bool,
+    /// Least angle between spin axes that counts, so dear that coverage cannot pay for less; as published when none.
+    pub least_angle_deg: Option<f64>,
+    /// Method.
+    pub method: Kind,
+    /// Evaluations.
+    pub evaluations: usize,
+    /// Stop as published.
+    pub as_published: bool,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// What a search found.
+pub struct Found {
+    /// Its objective.
+    pub objective: Objective,
+    /// The masters it ended with.
+    pub masters: Vec<Placement>,
+    /// The row: the task's fields, the evaluation's, history and times.
+    pub row: Row,
+}
+
+impl SearchTask {
+    /// The published setting: path lateral, roll 0, lambda 2000, 1 to 5 masters.
+    pub fn published(part: &str, preset: &str, method: Kind, seed: u64) -> Self {
+        Self {
+            part: part.into(),
+            preset: preset.into(),
+            path: "lateral".into(),
+            roll_deg: Some(0.0),
+            lambda: Weights::default().sensor_cost,
+            masters: [1, 5],
+            mirror: true,
+            least_angle_deg: None,
+            method,
+            evaluations: method.published_budget(),
+            as_published: true,
+            seed,
+        }
+    }
+
+    /// The experiment.
+    pub fn experiment(&self) -> Result<Experiment, StudyError> {
+        let preset = Preset::named(&self.preset).map_err(StudyError::of)?;
+        let path = match self.path.as_str() {
+            "lateral" => Path::Lateral,
+            "forward" => Path::Forward,
+            other => return Err(StudyError(format!("path {other:?}: lateral or forward was expected"))),
+        };
+        let roll = self.roll_deg.map_or(Roll::Free, Roll::Fixed);
+        Ok(Experiment { path, roll, mirror: self.mirror, ..Experiment::published(preset) })
+    }
+
+    /// The objective in this or another experiment.
+    pub fn objective(&self, experiment: &Experiment) -> Result<Objective, StudyError> {
+        let mut weights = Weights { sensor_cost: self.lambda, ..Weights::default() };
+        if let Some(angle_deg) = self.least_angle_deg {
+            // an angle of nothing is always kept
+            (weights.angle_min_deg, weights.angle_penalty) = (angle_deg, DEAR);
+        }
+        let simulator = Simulator::new(experiment).map_err(StudyError::of)?;
+        Objective::new(simulator, weights, 0.0).map_err(StudyError::of)
+    }
+
+    /// Searches.
+    pub fn run(&self) -> Result<Found, StudyError> {
+        let experiment = self.experiment()?;
+        let objective = self.objective(&experiment)?;
+        let [masters_min, masters_max] = self.masters;
+        let search = MountSearch { masters_min, ..MountSearch::of(&experiment, masters_max) };
+        let problem = MountProblem::with_search(objective.clone(), search, KeepApart::None);
+        let settings = Settings { seed: self.seed, budget: self.evaluations, early_stop: self.as_published };
+        let mut search = Search::new(problem.space().map_err(StudyError::of)?, self.method, settings);
+        let objective_ns = AtomicU64::new(0);
+        let start = Instant::now();
+        let measure = |values: &[f64]| {
+            let start = Instant::now();
+            let measured = problem.measure(values);
+            objective_ns.fetch_add(start.elapsed().as_nanos() as u64, Ordering::Relaxed);
+            measured
+        };
+        // the rows of a study are many: one thread each
+        search.run(self.evaluations, measure, |_| (), &AtomicBool::new(false)).map_err(StudyError::of)?;
+        let wall_s = start.elapsed().as_secs_f64();
+        let best = search.best().ok_or_else(|| StudyError("a search without an evaluation".into()))?;
+        let masters = problem.masters(&best.candidate.values);
+        let evaluation = objective.evaluate(&masters).map_err(StudyError::of)?;
+        let mut row = rows::row_of(self);
+        row.insert("used_evaluations".into(), json!(search.evaluations()));
+        row.insert("best_at".into(), json!(search.best_at()));
+        row.insert("j".into(), json!(evaluation.objective));
+        row.insert("unique_voxels".into(), json!(evaluation.unique_voxels));
+        row.insert("overlap_ratio".into(), json!(evaluation.overlap_ratio));
+        row.insert("min_angle_deg".into(), json!(evaluation.min_angle_deg));
+        row.insert("sensors".into(), json!(evaluation.sensors));
+        row.insert("mounts".into(), json!(masters.iter().map(|m| <[f64; 5]>::from(*m)).collect::<Vec<_>>()));
+        row.insert("history".into(), json!(improvements(&search)));
+        row.insert("wall_s".into(), json!(wall_s));
+        row.insert("wall_objective_s".into(), json!(objective_ns.into_inner() as f64 * 1e-9));
+        Ok(Found { objective, masters, row })
+    }
+}
+
+/// The evaluations that found something better, with what they found.
+fn improvements(search: &Search) -> Vec<(usize, f64)> {
+    let last = Cell::new(f64::NEG_INFINITY);
+    search
+        .history()
+        .filter_map(|(evaluation, best)| best.map(|best| (evaluation, best)))
+        .filter(|(_, best)| *best > last.replace(last.get().max(*best)))
+        .collect()
+}
+
+/// The best J after so many evaluations of a row's history.
+pub fn best_after(row: &Row, evaluations: f64) -> Option<f64> {
+    let history = row.get("history")?.as_array()?;
+    let steps = history.iter().filter_map(|step| Some((step.get(0)?.as_f64()?, step.get(1)?.as_f64()?)));
+    steps.take_while(|(evaluation, _)| *evaluation <= evaluations).last().map(|(_, best)| best)
+}
+
+/// Tasks as plain data.
+pub fn values(tasks: &[SearchTask]) -> Vec<serde_json::Value> {
+    tasks.iter().map(|task| serde_json::Value::Object(row_of(task))).collect()
+}
+
+/// A task of a search from plain data.
+pub fn task(value: &serde_json::Value) -> Result<SearchTask, StudyError> {
+    serde_json::from_value(value.clone())
+        .map_err(|error| StudyError(format!("the task is no search: {error}")))
+}

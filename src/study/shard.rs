@@ -1,0 +1,256 @@
+//! A study on disk: `plan.json`, one file per shard that appears whole or not at all, and what comes of them all.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+use super::page::line;
+use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
+use crate::files;
+
+const PLAN_FORMAT: &str = "outrigger-study-plan/1";
+const SHARD_FORMAT: &str = "outrigger-study-shard/1";
+
+/// What is to be done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    format: String,
+    /// Name of the study.
+    pub study: String,
+    /// What it was asked for.
+    pub size: Size,
+    /// Its tasks.
+    pub tasks: Vec<Value>,
+}
+
+/// Part `index` of `count`, from 1: every `count`-th task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shard {
+    /// Which, from 1.
+    pub index: usize,
+    /// Of how many.
+    pub count: usize,
+}
+
+impl std::str::FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(i, n)| Some((i.parse().ok()?, n.parse().ok()?)));
+        match parts {
+            Some((index, count)) if 1 <= index && index <= count => Ok(Self { index, count }),
+            _ => Err("give which shard of how many, such as 3/16".into()),
+        }
+    }
+}
+
+/// Tasks by number, each with its rows.
+type Done = Vec<(usize, Vec<Row>)>;
+
+#[derive(Serialize, Deserialize)]
+struct ShardFile {
+    format: String,
+    /// Of the plan, so that rows of another plan are not mixed in.
+    plan_sha256: String,
+    shard: Shard,
+    done: Done,
+}
+
+impl Plan {
+    /// Plans a study.
+    pub fn new(study: &dyn Study, size: Size) -> Result<Self, StudyError> {
+        let tasks = study.tasks(&size)?;
+        Ok(Self { format: PLAN_FORMAT.into(), study: study.name().into(), size, tasks })
+    }
+
+    /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be the same.
+    pub fn write(&self, folder: &Path) -> Result<(), StudyError> {
+        std::fs::create_dir_all(folder).map_err(|error| at(folder, error))?;
+        let path = folder.join("plan.json");
+        if path.exists() {
+            return match Self::read(folder)? == *self {
+                true => Ok(()),
+                false => {
+                    Err(StudyError(format!("{} holds another plan: give another folder", path.display())))
+                }
+            };
+        }
+        files::write_json(&path, self).map_err(|error| at(&path, error))
+    }
+
+    /// Reads `plan.json`.
+    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+        let path = folder.join("plan.json");
+        let text = std::fs::read_to_string(&path).map_err(|error| {
+            StudyError(format!("{}: {error}; `outrigger study plan` makes it", path.display()))
+        })?;
+        let plan: Self = serde_json::from_str(&text).map_err(|error| at(&path, error))?;
+        if plan.format != PLAN_FORMAT {
+            return Err(StudyError(format!(
+                "{}: format is {:?}, this program reads {PLAN_FORMAT:?}",
+                path.display(),
+                plan.format
+            )));
+        }
+        Ok(plan)
+    }
+
+    fn sha256(&self) -> String {
+        let text = serde_json::to_string(self).unwrap_or_default();
+        Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+    }
+
+    /// Runs one shard's tasks and writes its file; one that lies there whole is left as it is. `progress` is told how many
+    /// tasks are done. False: stopped before the end, nothing was written.
+    pub fn run_shard(
+        &self,
+        folder: &Path,
+        shard: Shard,
+        progress: impl Fn(usize) + Sync,
+        stop: &AtomicBool,
+    ) -> Result<bool, StudyError> {
+        let path = shard_path(folder, shard);
+        if path.exists() {
+            self.read_shard(&path)?;
+            return Ok(true);
+        }
+        let study = named(&self.study)?;
+        let mine: Vec<usize> = (shard.index - 1..self.tasks.len()).step_by(shard.count).collect();
+        let done = on_all_cores(&mine, progress, stop, |task| {
+            let rows = study.run(&self.tasks[task]);
+            rows.map_err(|error| StudyError(format!("task {task} ({}): {error}", self.tasks[task])))
+        })?;
+        let Some(done) = done else { return Ok(false) };
+        let file = ShardFile { format: SHARD_FORMAT.into(), plan_sha256: self.sha256(), shard, done };
+        files::write_json(&path, &file).map_err(|error| at(&path, error))?;
+        Ok(true)
+    }
+
+    fn read_shard(&self, path: &Path) -> Result<ShardFile, StudyError> {
+        let text = std::fs::read_to_string(path).map_err(|error| at(path, error))?;
+        let file: ShardFile = serde_json::from_str(&text).map_err(|error| at(path, error))?;
+        if file.format != SHARD_FORMAT || file.plan_sha256 != self.sha256() {
+            return Err(StudyError(format!("{} belongs to another plan: remove it", path.display())));
+        }
+        Ok(file)
+    }
+
+    /// The rows of all shards that lie in the folder, in the order of the tasks.
+    pub fn rows(&self, folder: &Path) -> Result<Vec<Row>, StudyError> {
+        let mut by_task: Vec<Option<Vec<Row>>> = vec![None; self.tasks.len()];
+        let entries = std::fs::read_dir(folder).map_err(|error| at(folder, error))?;
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        paths.retain(|path| {
+            let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+            name.starts_with("shard-") && name.ends_with(".json")
+        });
+        paths.sort();
+        for path in &paths {
+            for (task, rows) in self.read_shard(path)?.done {
+                // shards cut in different ways may overlap: the same task has the same rows
+                if let Some(place) = by_task.get_mut(task) {
+                    place.get_or_insert(rows);
+                }
+            }
+        }
+        let missing = by_task.iter().filter(|rows| rows.is_none()).count();
+        if missing > 0 {
+            return Err(StudyError(format!(
+                "{missing} of {} tasks have no rows in {} ({} shard files): run the missing shards",
+                self.tasks.len(),
+                folder.display(),
+                paths.len()
+            )));
+        }
+        Ok(by_task.into_iter().flatten().flatten().collect())
+    }
+
+    /// Writes `rows.csv` (without times: the same bytes however the study was cut), `times.csv`, a CSV per table,
+    /// `findings.json` and `report.html`.
+    pub fn merge(&self, folder: &Path) -> Result<Findings, StudyError> {
+        let study = named(&self.study)?;
+        let rows = self.rows(folder)?;
+        let findings = study.findings(&rows);
+        let write = |name: &str, content: &str| {
+            let path = folder.join(name);
+            files::write_whole(&path, content.as_bytes()).map_err(|error| at(&path, error))
+        };
+        let keep = |wanted: bool| -> Vec<Row> {
+            let of_row =
+                |row: &Row| row.clone().into_iter().filter(|(name, _)| name.starts_with("wall_") == wanted);
+            rows.iter().map(|row| of_row(row).collect()).collect()
+        };
+        write("rows.csv", &csv(&keep(false)))?;
+        write("times.csv", &csv(&keep(true)))?;
+        for table in &findings.tables {
+            let lines = std::iter::once(&table.columns).chain(&table.rows);
+            let text: String = lines.map(|cells| line(cells.iter().cloned())).collect();
+            write(&format!("{}.csv", table.name), &text)?;
+        }
+        let document = json!({ "study": self.study, "size": self.size, "tasks": self.tasks.len(), "findings": findings });
+        let path = folder.join("findings.json");
+        files::write_json(&path, &document).map_err(|error| at(&path, error))?;
+        write("report.html", &findings_page(study, &findings, &self.command()).html())?;
+        Ok(findings)
+    }
+
+    /// The command that does it all again.
+    fn command(&self) -> String {
+        let mut command = format!("outrigger study {} --seeds {}", self.study, self.size.seeds);
+        if self.size.quick {
+            command += " --quick";
+        }
+        if let Some(scene) = &self.size.scene {
+            command += &format!(" --scene {}", scene.display());
+        }
+        command
+    }
+}
+
+/// The rows of each task, in their order; none when stopped. A task has one thread to itself, so that its measured times are
+/// its own.
+fn on_all_cores(
+    tasks: &[usize],
+    progress: impl Fn(usize) + Sync,
+    stop: &AtomicBool,
+    run: impl Fn(usize) -> Result<Vec<Row>, StudyError> + Sync,
+) -> Result<Option<Done>, StudyError> {
+    let (next, finished) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let done = Mutex::new(Vec::new());
+    let work = || {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(StudyError::of)?;
+        while let Some(&task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) {
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
+            let rows = pool.install(|| run(task))?;
+            done.lock().unwrap_or_else(PoisonError::into_inner).push((task, rows));
+            progress(finished.fetch_add(1, Ordering::Relaxed) + 1);
+        }
+        Ok(())
+    };
+    let threads = rayon::current_num_threads().min(tasks.len());
+    let outcomes: Vec<Result<(), StudyError>> = std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads).map(|_| scope.spawn(work)).collect();
+        let join = |worker: std::thread::ScopedJoinHandle<'_, _>| {
+            worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        };
+        workers.into_iter().map(join).collect()
+    });
+    outcomes.into_iter().collect::<Result<(), _>>()?;
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(task, _)| *task);
+    Ok((done.len() == tasks.len()).then_some(done))
+}
+
+fn shard_path(folder: &Path, shard: Shard) -> PathBuf {
+    folder.join(format!("shard-{:05}-of-{:05}.json", shard.index, shard.count))
+}
+
+fn at(path: &Path, error: impl std::fmt::Display) -> StudyError {
+    StudyError(format!("{}: {error}", path.display()))
+}

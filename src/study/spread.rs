@@ -1,0 +1,86 @@
+//! Medians over seeds and how sure they are.
+
+use crate::chart;
+use crate::rng::Rng;
+
+const RESAMPLES: usize = 2000;
+
+/// Median, quartiles and extremes of a sample, and a 95 % interval of the median.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// How many values.
+    pub count: usize,
+    /// Least.
+    pub least: f64,
+    /// First quartile.
+    pub low: f64,
+    /// Median.
+    pub median: f64,
+    /// Third quartile.
+    pub high: f64,
+    /// Greatest.
+    pub greatest: f64,
+    /// 95 % of the medians of resampled values lie in here (Efron 1979, doi:10.1214/aos/1176344552).
+    pub interval: [f64; 2],
+}
+
+impl Spread {
+    /// Of these values; none without any.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        let (&least, &greatest) = (sorted.first()?, sorted.last()?);
+        let mut rng = Rng::new(sorted.len() as u64, 0);
+        let mut medians: Vec<f64> = (0..RESAMPLES)
+            .map(|_| {
+                let mut drawn: Vec<f64> =
+                    sorted.iter().map(|_| sorted[rng.below(sorted.len() as u64) as usize]).collect();
+                drawn.sort_by(f64::total_cmp);
+                at(&drawn, 0.5)
+            })
+            .collect();
+        medians.sort_by(f64::total_cmp);
+        Some(Self {
+            count: sorted.len(),
+            least,
+            low: at(&sorted, 0.25),
+            median: at(&sorted, 0.5),
+            high: at(&sorted, 0.75),
+            greatest,
+            interval: [at(&medians, 0.025), at(&medians, 0.975)],
+        })
+    }
+
+    /// Median, then the range from least to greatest.
+    pub fn words(&self, decimals: usize) -> String {
+        let [least, median, greatest] =
+            [self.least, self.median, self.greatest].map(|value| chart::number(value, decimals));
+        if self.count == 1 { median } else { format!("{median} ({least} to {greatest})") }
+    }
+}
+
+/// Quantile of sorted values, by straight lines between them.
+fn at(sorted: &[f64], share: f64) -> f64 {
+    let place = share * (sorted.len() - 1) as f64;
+    let below = place.floor() as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (place - place.floor()) * (sorted[above] - sorted[below])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles_and_an_interval_that_holds_the_median() {
+        let values: Vec<f64> = (0..=20).rev().map(f64::from).collect();
+        let spread = Spread::of(&values).unwrap();
+        assert_eq!(
+            [spread.least, spread.low, spread.median, spread.high, spread.greatest],
+            [0.0, 5.0, 10.0, 15.0, 20.0]
+        );
+        assert!(spread.interval[0] < 10.0 && spread.interval[1] > 10.0, "{spread:?}");
+        assert_eq!(Spread::of(&[3.0]).unwrap().interval, [3.0, 3.0]);
+        assert_eq!(Spread::of(&[]), None);
+    }
+}

@@ -1,0 +1,131 @@
+//! What a prediction costs: time with rays and with triangles, memory with the surface.
+//!
+//! `cargo bench --bench cost` prints tables and writes the same as pictures to `target/cost.html`.
+
+mod hall;
+mod support;
+
+use glam::DVec3;
+use outrigger::chart::{LineChart, Series};
+use outrigger::coverage::{Coverage, VoxelGrid};
+use outrigger::scene::Mesh;
+use support::median_cpu_s;
+
+const VOXEL_M: f64 = 0.1;
+const STYLE: &str = "body{font:14px sans-serif;max-width:760px;margin:2em auto}text{font-size:12px;fill:#333}\
+    .grid{stroke:#ccc;fill:none}.line{stroke:#1667a8;fill:none;stroke-width:2}.chart path{fill:none}\
+    .s0{stroke:#1667a8;fill:none;stroke-width:2}.s1{stroke:#b5481d;fill:none;stroke-width:2}";
+
+fn main() {
+    let charts = [rays(), triangles(), memory()];
+    let pictures: String =
+        charts.iter().map(|chart| format!("<h2>{}</h2>{}", chart.title, chart.svg())).collect();
+    let page =
+        format!("<!doctype html><meta charset=utf-8><title>Cost</title><style>{STYLE}</style>{pictures}");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/target/cost.html");
+    std::fs::write(path, page).expect("target/ is there while its own bench runs");
+    println!("pictures: target/cost.html");
+}
+
+fn mesh(triangles: usize) -> Mesh {
+    let (vertices, faces) = hall::hall(triangles);
+    Mesh::new(vertices, faces).expect("a well-formed hall")
+}
+
+/// Processor time of so many rays over the sphere, in tiles of neighbours.
+fn cast(mesh: &Mesh, rays: usize) -> f64 {
+    let at_m = DVec3::new(30.0, 20.5, 1.6);
+    let direction = |n: usize| {
+        // tiles of 4 by 4 neighbours of a grid over azimuth and elevation
+        let side = (rays as f64).sqrt() as usize / 4 * 4;
+        let (tile, inside) = (n / 16, n % 16);
+        let (row, column) = (tile / (side / 4) * 4 + inside / 4, tile % (side / 4) * 4 + inside % 4);
+        let azimuth = std::f64::consts::TAU * column as f64 / side as f64;
+        let elevation = 0.7 * ((row as f64 + 0.5) / side as f64 - 0.5);
+        DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
+    };
+    let side = (rays as f64).sqrt() as usize / 4 * 4;
+    let directions: Vec<DVec3> = (0..side * side).map(direction).collect();
+    let origins = vec![at_m; directions.len()];
+    let seconds = median_cpu_s(7, || {
+        let mut hits = 0;
+        mesh.cast_many(&origins, &directions, |_, hit| hits += usize::from(hit.is_some()));
+        std::hint::black_box(hits);
+    });
+    seconds / directions.len() as f64 * rays as f64
+}
+
+fn rays() -> LineChart {
+    let mesh = mesh(1_000_000);
+    println!("rays through a hall of {} triangles", mesh.triangles());
+    let mut points = Vec::new();
+    for millions in [0.0625, 0.25, 0.5, 1.0, 2.0, 4.0] {
+        let seconds = cast(&mesh, (millions * 1e6) as usize);
+        println!(
+            "  {millions:7.4} M rays: {:8.1} ms, {:6.1} ns/ray",
+            1e3 * seconds,
+            1e3 * seconds / millions
+        );
+        points.push([millions, 1e3 * seconds]);
+    }
+    chart("Time grows with rays", "rays, million", "processor time, ms", points)
+}
+
+fn triangles() -> LineChart {
+    println!("a quarter of a million rays through halls");
+    let mut points = Vec::new();
+    for power in 12..=22 {
+        let mesh = mesh(1 << power);
+        let ns = cast(&mesh, 250_000) / 250_000.0 * 1e9;
+        println!(
+            "  {:8} triangles: {ns:6.1} ns/ray, {:6.1} bytes/triangle",
+            mesh.triangles(),
+            mesh.bytes() as f64 / mesh.triangles() as f64
+        );
+        points.push([(mesh.triangles() as f64).log2(), ns]);
+    }
+    chart("Time grows with the logarithm of the triangles", "log2 of triangles", "ns per ray", points)
+}
+
+/// A yard with a wall around it: every brick of its surface is touched.
+fn memory() -> LineChart {
+    println!("coverage of a walled yard in voxels of {VOXEL_M} m");
+    let mut points = Vec::new();
+    for side_m in [50.0, 100.0, 200.0, 400.0, 700.0, 1000.0] {
+        let bounds_m = [DVec3::ZERO, DVec3::new(side_m, side_m, 30.0)];
+        let mut coverage = Coverage::new(VoxelGrid::centred_on(bounds_m, VOXEL_M), 1);
+        // twice as dense as bricks of eight cells
+        let step_m = 4.0 * VOXEL_M;
+        let (along, up) = ((side_m / step_m) as u32, (30.0 / step_m) as u32);
+        for i in 0..=along {
+            let u = f64::from(i) * step_m;
+            (0..=along).for_each(|j| coverage.add(0, DVec3::new(u, f64::from(j) * step_m, 0.0)));
+            for z in (0..=up).map(|k| f64::from(k) * step_m) {
+                for point in [[u, 0.0, z], [u, side_m, z], [0.0, u, z], [side_m, u, z]] {
+                    coverage.add(0, point.into());
+                }
+            }
+        }
+        let surface_m2 = side_m * side_m + 4.0 * 30.0 * side_m;
+        let (mib, whole_mib) = (
+            coverage.bytes() as f64 / f64::from(1 << 20),
+            coverage.grid().len() as f64 / 8.0 / f64::from(1 << 20),
+        );
+        println!(
+            "  {side_m:5.0} m: {mib:8.1} MiB, {:5.1} bytes/m2 of surface (a whole bitmap: {whole_mib:9.1} MiB)",
+            coverage.bytes() as f64 / surface_m2
+        );
+        points.push([surface_m2 / 1e4, mib]);
+    }
+    chart("Memory grows with the surface", "surface, hectares", "MiB", points)
+}
+
+fn chart(title: &str, x_label: &str, y_label: &str, points: Vec<[f64; 2]>) -> LineChart {
+    LineChart {
+        title: title.into(),
+        x_label: x_label.into(),
+        y_label: y_label.into(),
+        series: vec![Series { name: String::new(), points }],
+        steps: false,
+    }
+}
