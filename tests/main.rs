@@ -11,11 +11,13 @@ mod config;
 mod decode;
 mod demo;
 mod export;
+mod firmware;
 mod fuzz;
 mod inspect;
 mod optimize;
 mod ouster;
 mod rig;
+mod rig_damage;
 mod rig_verbs;
 mod scene_reports;
 mod scenes;
@@ -33,11 +35,13 @@ fn main() -> std::process::ExitCode {
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
+        ("firmware", firmware::CASES),
         ("fuzz", fuzz::CASES),
         ("inspect", inspect::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
+        ("rig_damage", rig_damage::CASES),
         ("rig_verbs", rig_verbs::CASES),
         ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),

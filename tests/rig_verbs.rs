@@ -1,7 +1,8 @@
 //! The verbs `rig` and `mock rig` as a user meets them.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -14,6 +15,14 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("a_mount_file_is_applied_and_read_back", a_mount_file_is_applied_and_read_back),
     case("nothing_moves_without_being_armed", nothing_moves_without_being_armed),
+    case(
+        "ctrl_c_holds_and_ctrl_c_again_is_an_emergency_stop",
+        ctrl_c_holds_and_ctrl_c_again_is_an_emergency_stop,
+    ),
+    case(
+        "watching_goes_on_when_the_rig_comes_back_elsewhere",
+        watching_goes_on_when_the_rig_comes_back_elsewhere,
+    ),
     case("the_mock_runs_until_it_is_interrupted", the_mock_runs_until_it_is_interrupted),
 ];
 
@@ -123,6 +132,62 @@ fn nothing_moves_without_being_armed() {
     assert!(said.contains("rig cable: cannot open /dev/no-such-rig"), "{said}");
     let said = refusal(&outrigger(&["rig", "status"]));
     assert!(said.contains("--port"), "{said}");
+}
+
+fn ctrl_c_holds_and_ctrl_c_again_is_an_emergency_stop() {
+    let (mock, port) = mock(23);
+    document(&outrigger(&["rig", "home", "--port", &port, "--arm", "--json"]));
+    let mut mover = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    mover.args(["rig", "set", "58", "-58", "--port", &port, "--arm"]).stderr(Stdio::piped());
+    let mut mover = Running(mover.spawn().unwrap());
+    let started = Instant::now();
+    while mock.true_positions_rad().unwrap()[0] < 0.4 {
+        assert!(started.elapsed() < Duration::from_secs(20), "it never moved");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let pid = Pid::from_raw(mover.0.id() as i32);
+    kill(pid, Signal::SIGINT).unwrap();
+    kill(pid, Signal::SIGINT).ok(); // two of the same may be delivered as one
+    std::thread::sleep(Duration::from_millis(100));
+    let _ = kill(pid, Signal::SIGINT); // it may have ended by the first
+    assert_eq!(mover.0.wait().unwrap().code(), Some(1));
+    let mut said = String::new();
+    mover.0.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(said.contains("holding; Ctrl-C again for e-stop") && said.contains("rig: interrupted"), "{said}");
+    let at = mock.true_positions_rad().unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    let later = mock.true_positions_rad().unwrap();
+    assert!(at[0] < 0.95 && (later[0] - at[0]).abs() < 0.15, "{at:?} {later:?}");
+    let status = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
+    assert_eq!(status["armed"], false, "{status:#}");
+}
+
+/// The line breaks and the rig comes back under another name, as a USB adapter does; the address is a link that follows.
+fn watching_goes_on_when_the_rig_comes_back_elsewhere() {
+    let (first, port) = mock(24);
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("rig");
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    let mut watcher = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    watcher.args(["rig", "watch", "--reconnect", "--json", "--for", "60", "--port"]).arg(&link);
+    let mut watcher = Running(watcher.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap());
+    let mut lines = BufReader::new(watcher.0.stdout.take().unwrap()).lines();
+    lines.next().unwrap().unwrap();
+    first.close();
+    std::fs::remove_file(&link).unwrap();
+    let (second, port) = mock(25);
+    let at = second.true_positions_rad().unwrap()[0];
+    std::os::unix::fs::symlink(&port, &link).unwrap();
+    let back = lines.any(|line| {
+        let report: outrigger::servo::ServoReport = serde_json::from_str(&line.unwrap()).unwrap();
+        report.axis == 0 && (f64::from(report.position_urad) * 1e-6 - at).abs() < 2e-3
+    });
+    assert!(back, "nothing came from the rig's new name");
+    kill(Pid::from_raw(watcher.0.id() as i32), Signal::SIGINT).unwrap();
+    assert_eq!(watcher.0.wait().unwrap().code(), Some(0));
+    let mut said = String::new();
+    watcher.0.stderr.take().unwrap().read_to_string(&mut said).unwrap();
+    assert!(said.contains("hung up") && said.contains("the rig is back; home it before it moves"), "{said}");
 }
 
 /// Ends a program that a failed case would leave behind.

@@ -1,6 +1,6 @@
 //! What a rig may do, in numbers.
 
-use crate::keep_out::KeepOut;
+use crate::keep_out::{HalfPlane, KeepOut};
 use crate::report::coded;
 
 coded! {
@@ -23,6 +23,22 @@ coded! {
         /// Half the width in which the true angle lies around the reported one, µrad; cannot be set.
         Uncertainty = 7 "uncertainty",
     }
+}
+
+/// How a position comes to be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Home {
+    /// The encoder is absolute: quiet readings will do.
+    Absolute,
+    /// The encoder counts from where it was switched on: the axis seeks a switch.
+    Switch {
+        /// Angle at which the switch closes, µrad.
+        at_urad: i32,
+        /// How fast it is approached, and by its sign from which side, µrad/s.
+        speed_urad_s: i32,
+        /// Longest way to the switch, µrad.
+        longest_urad: i32,
+    },
 }
 
 /// Limits and rules of one axis.
@@ -56,8 +72,12 @@ pub struct AxisConfig {
     pub tolerance_urad: i32,
     /// Half the width in which the true angle lies around the reported one, µrad.
     pub uncertainty_urad: i32,
+    /// An encoder that does not answer for this long is at fault, µs.
+    pub missing_us: u32,
     /// Whether the servo holds its angle while disarmed.
     pub holds_when_idle: bool,
+    /// How its position comes to be trusted.
+    pub home: Home,
 }
 
 impl Default for AxisConfig {
@@ -78,7 +98,9 @@ impl Default for AxisConfig {
             jump_urad: 20_000,
             tolerance_urad: 5236,
             uncertainty_urad: 1745,
+            missing_us: 100_000,
             holds_when_idle: true,
+            home: Home::Absolute,
         }
     }
 }
@@ -92,6 +114,8 @@ pub struct Config<const N: usize> {
     pub keep_out: KeepOut,
     /// How far the planned way stays from that region on each axis, µrad.
     pub keep_out_margin_urad: i32,
+    /// Time between two positions of an axis, µs.
+    pub position_every_us: u32,
     /// The device's unique number.
     pub uid: u64,
     /// Version: major << 16 | minor << 8 | patch.
@@ -106,9 +130,19 @@ impl<const N: usize> Default for Config<N> {
             axes: [AxisConfig::default(); N],
             keep_out: KeepOut::NONE,
             keep_out_margin_urad: 26_180,
+            position_every_us: 20_000,
             uid: 0,
             firmware: 0x00_01_00,
             revision: 0,
         }
+    }
+}
+
+impl Config<2> {
+    /// A mirrored pair that tilts ± 60 degrees each and must not tip both sensors inwards by more than 80 degrees
+    /// together.
+    pub fn mirrored_pair(uid: u64) -> Self {
+        let inwards = HalfPlane { a: -1, b: 1, c: 1_396_263 };
+        Self { keep_out: KeepOut::inside(&[inwards]).unwrap_or_default(), uid, ..Self::default() }
     }
 }

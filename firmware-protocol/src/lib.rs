@@ -19,6 +19,7 @@ pub mod config;
 pub mod controller;
 pub mod crc;
 pub mod fault;
+pub mod inject;
 pub mod keep_out;
 pub mod link;
 pub mod payload;

@@ -44,6 +44,7 @@ impl Servo for PulseServo {
             current_ma: 0,
             supply_mv: 5000,
             temperature_c: 25,
+            home_switch: None,
         }
     }
 

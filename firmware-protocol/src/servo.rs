@@ -26,6 +26,8 @@ pub struct Sense {
     pub supply_mv: u16,
     /// Temperature, °C.
     pub temperature_c: i8,
+    /// Whether the home switch is closed; `None` for an actuator without one.
+    pub home_switch: Option<bool>,
 }
 
 /// What an actuator is told.

@@ -49,6 +49,8 @@ pub struct SimulatedAxis {
     pub noise_urad: i32,
     /// Distance from the set point within which the servo rests, µrad.
     pub dead_band_urad: i32,
+    /// True angle at and below which a switch is closed, µrad; `None` for an axis without a switch.
+    pub home_switch_urad: Option<i32>,
     random: u64,
     motor_nrad: i64,
     output_nrad: i64,
@@ -79,6 +81,7 @@ impl SimulatedAxis {
             encoder_step_urad: 383, // 14 bits per turn
             noise_urad: 150,
             dead_band_urad: 900,
+            home_switch_urad: None,
             random: seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1,
             motor_nrad: i64::from(position_urad) * NANO,
             output_nrad: i64::from(position_urad) * NANO,
@@ -97,6 +100,14 @@ impl SimulatedAxis {
             heating_mc_s: 0,
             supply_mv: 12_000,
         }
+    }
+
+    /// The same with an encoder that counts from where it was switched on, and a switch that closes at and below an angle.
+    pub fn counting_from_start(mut self, home_switch_urad: i32) -> Self {
+        self.encoder_offset_urad = -self.true_position_urad();
+        self.reading_urad = 0;
+        self.home_switch_urad = Some(home_switch_urad);
+        self
     }
 
     /// Where the output really is, µrad: what no encoder tells.
@@ -205,6 +216,7 @@ impl Servo for SimulatedAxis {
             current_ma: self.current_ma,
             supply_mv: self.supply_mv,
             temperature_c: (self.temperature_mc / 1000) as i8,
+            home_switch: self.home_switch_urad.map(|at_urad| self.true_position_urad() <= at_urad),
         }
     }
 

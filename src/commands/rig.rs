@@ -1,5 +1,6 @@
 //! `outrigger rig`: read and set the servo rig.
 
+use std::cell::Cell;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -9,17 +10,24 @@ use serde_json::json;
 
 use super::{Context, Outcome, output, signals};
 use crate::rig::MountFile;
-use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
+use crate::servo::{Applied, Options, Rig, RigError, RigStatus, ServoReport};
 
 /// Arguments of `rig`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// The rig's serial device, can:INTERFACE, slcan:PATH, or dynamixel:PATH@BAUD:ID,ID.
+    /// The rig's serial device, usb:SERIAL (of a USB device's serial number), can:INTERFACE, slcan:PATH, dynamixel:PATH@BAUD:ID,ID, feetech:PATH@BAUD:ID,ID,
+    /// cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@NODE,NODE.
     #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH", global = true)]
     port: Option<PathBuf>,
     /// Allow motion; without it nothing moves.
     #[arg(long, global = true)]
     arm: bool,
+    /// Home before the move: servos on a bus are homed by the program that moves them, so `home` alone does not last.
+    #[arg(long, global = true)]
+    home: bool,
+    /// Go this far below a pitch first, degrees, so that it is always approached from the same side of the gears' play.
+    #[arg(long, default_value_t = 1.0, global = true)]
+    approach_deg: f64,
     /// Check everything and print what would move, without moving.
     #[arg(long, global = true)]
     dry_run: bool,
@@ -32,6 +40,12 @@ pub struct Args {
     /// Longest time for homing or one move, seconds.
     #[arg(long, default_value_t = 20.0, global = true)]
     timeout_s: f64,
+    /// When the line breaks while watching, wait for the rig and go on; with usb:SERIAL under whatever name it comes back.
+    #[arg(long, global = true)]
+    reconnect: bool,
+    /// The rig's node number.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=126), global = true)]
+    node: u8,
     #[command(subcommand)]
     action: Action,
 }
@@ -114,10 +128,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             obey_interrupts(&rig)?;
             rig.check(&pitches_rad)?;
             rig.arm()?;
+            if args.home {
+                rig.home()?;
+            }
             let applied = rig.apply(&pitches_rad).map_err(explain)?;
             show(&rig.status()?, Some(&applied), context)?;
         }
-        Action::Watch { r#for } => watch(&rig, *r#for, context)?,
+        Action::Watch { r#for } => watch(args, rig, *r#for, context)?,
         Action::Stop { emergency } => {
             if *emergency { rig.e_stop() } else { rig.stop() }?;
             show(&rig.status()?, None, context)?;
@@ -138,6 +155,10 @@ fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     if !(args.tolerance_deg > 0.0 && args.tolerance_deg < 90.0) {
         bail!("--tolerance-deg {}: expected an angle above zero", args.tolerance_deg);
     }
+    if !(0.0..90.0).contains(&args.approach_deg) {
+        bail!("--approach-deg {}: expected an angle, or 0 to go straight there", args.approach_deg);
+    }
+    let approach_rad = args.approach_deg.to_radians();
     let mut limits_rad: Vec<_> =
         args.limits_deg.iter().map(|(low, high)| (low.to_radians(), high.to_radians())).collect();
     if let [all] = limits_rad[..] {
@@ -146,7 +167,14 @@ fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
         bail!("--limits-deg is given {} times for {axes} pitches", limits_rad.len());
     }
     let tolerance_rad = args.tolerance_deg.to_radians();
-    Ok(Options { settle_within, tolerance_rad, limits_rad, ..Options::new_session() })
+    Ok(Options {
+        settle_within,
+        tolerance_rad,
+        limits_rad,
+        approach_rad,
+        node: args.node,
+        ..Options::new_session()
+    })
 }
 
 /// The pitches of a mount file, in the order of axes.
@@ -182,7 +210,7 @@ fn obey_interrupts(rig: &Rig) -> anyhow::Result<()> {
 fn explain(error: RigError) -> anyhow::Error {
     match error {
         RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => anyhow::Error::new(error)
-            .context("positions are not trusted yet: run `outrigger rig home --arm` first"),
+            .context("positions are not trusted yet: run `outrigger rig home --arm` first, or say --home"),
         error => error.into(),
     }
 }
@@ -233,6 +261,7 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
                         "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
                         "uncertainty_deg": axis.uncertainty_rad.to_degrees(),
                         "source": axis.source,
+                        "approach": axis.approach,
                         "age_ms": axis.age_s * 1e3,
                     })
                 })
@@ -261,41 +290,70 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
         if !axis.faults.is_empty() {
             text += &format!(", FAULT {}", axis.faults.join(", "));
         }
+        if !axis.device_errors.is_empty() {
+            text += &format!(", the device says: {}", axis.device_errors.join(", "));
+        }
         text.push('\n');
     }
     output::print_text(&text)
 }
 
-fn watch(rig: &Rig, seconds: Option<f64>, context: Context) -> anyhow::Result<()> {
+fn watch(args: &Args, first: Rig, seconds: Option<f64>, context: Context) -> anyhow::Result<()> {
     let signals = signals::interrupts()?;
-    let reports = rig.reports();
     let end = seconds
         .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
         .map(|time| Instant::now() + time);
-    while signals.try_recv().is_err() && end.is_none_or(|end| Instant::now() < end) {
-        let report = match reports.recv_timeout(Duration::from_millis(100)) {
-            Ok(report) => report,
-            Err(std::sync::mpsc::RecvTimeoutError::Timeout) => continue,
-            // the conversation ended; status says why
-            Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => {
-                return rig.status().map(drop).map_err(Into::into);
+    let stopped = Cell::new(false);
+    let goes_on = || {
+        stopped.set(stopped.get() || signals.try_recv().is_ok());
+        !stopped.get() && end.is_none_or(|end| Instant::now() < end)
+    };
+    let mut rig = Some(first);
+    while goes_on() {
+        let Some(connected) = &rig else {
+            std::thread::sleep(Duration::from_millis(250));
+            rig = args.port.as_ref().and_then(|port| Rig::connect_with(port, options(args, 0).ok()?).ok());
+            if rig.is_some() {
+                output::say_notice("the rig is back; home it before it moves");
             }
+            continue;
         };
-        let line = if context.json {
-            serde_json::to_string(&report)?
+        let reports = connected.reports();
+        while goes_on() {
+            match reports.recv_timeout(Duration::from_millis(100)) {
+                Ok(report) => print_report(&report, context)?,
+                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
+                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        // the conversation ended, and status says why; a dead device file is closed at once, or it comes back under
+        // another name
+        if let Err(error) = connected.status()
+            && args.reconnect
+        {
+            output::say_notice(&format!("{error}; waiting for it"));
+            rig = None;
         } else {
-            format!(
-                "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",
-                report.time_ns,
-                report.axis,
-                (f64::from(report.position_urad) * 1e-6).to_degrees(),
-                (f64::from(report.target_urad) * 1e-6).to_degrees(),
-                report.source,
-                report.state,
-                report.faults.join(", ")
-            )
-        };
-        output::print_text(&(line + "\n"))?;
+            connected.status()?;
+        }
     }
     Ok(())
+}
+
+fn print_report(report: &ServoReport, context: Context) -> anyhow::Result<()> {
+    let line = if context.json {
+        serde_json::to_string(report)?
+    } else {
+        format!(
+            "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",
+            report.time_ns,
+            report.axis,
+            (f64::from(report.position_urad) * 1e-6).to_degrees(),
+            (f64::from(report.target_urad) * 1e-6).to_degrees(),
+            report.source,
+            report.state,
+            report.faults.join(", ")
+        )
+    };
+    output::print_text(&(line + "\n"))
 }

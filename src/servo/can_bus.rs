@@ -23,6 +23,8 @@ pub struct CanLink {
     socket: CanSocket,
     counters: LinkCounters,
     clock: Clock,
+    /// What the CAN controller last said of itself.
+    trouble: Option<String>,
 }
 
 impl CanLink {
@@ -38,7 +40,8 @@ impl CanLink {
         let mask = 0b11111 << 21 | 1 << 7;
         let extended = 1 << 31;
         socket.set_filters(&[CanFilter::new(reports & mask | extended, mask | extended)]).map_err(failed)?;
-        Ok(Self { name, socket, counters: LinkCounters::default(), clock: Clock::start() })
+        socket.set_error_filter_accept_all().map_err(failed)?;
+        Ok(Self { name, socket, counters: LinkCounters::default(), clock: Clock::start(), trouble: None })
     }
 }
 
@@ -76,6 +79,14 @@ impl Link for CanLink {
                     }
                     self.counters.other_version = self.counters.other_version.wrapping_add(1);
                 }
+                Ok(CanFrame::Error(frame)) => {
+                    let error = frame.into_error();
+                    self.trouble = Some(error.to_string());
+                    if error.is_bus_off() {
+                        let reason = "the CAN controller went off the bus".to_owned();
+                        return Err(LinkError::HungUp { path: self.name.clone(), reason });
+                    }
+                }
                 Ok(_) => self.counters.malformed = self.counters.malformed.wrapping_add(1),
                 Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {
                     return Ok(None);
@@ -99,6 +110,14 @@ impl Link for CanLink {
 
     fn counters(&self) -> LinkCounters {
         self.counters
+    }
+
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        self.trouble.iter().map(|trouble| format!("CAN controller: {trouble}")).collect()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
     }
 
     fn name(&self) -> &str {

@@ -129,6 +129,17 @@ pub enum RigError {
         /// Why it started.
         cause: ResetCause,
     },
+    /// Another program opened a session with the rig.
+    #[error("rig: another program took it over; it is disarmed until one of them is alone")]
+    TakenOver,
+    /// Two rigs answer with one node number.
+    #[error("rig: two rigs answer as node {node} ({}): give one of them another number", uids.map(|uid| format!("{uid:016x}")).join(" and "))]
+    SameNode {
+        /// The node number.
+        node: u8,
+        /// The rigs' unique numbers.
+        uids: [u64; 2],
+    },
     /// The overall time ran out; it was told to hold.
     #[error("rig: {what} did not end within {within:?}; told it to hold")]
     Late {

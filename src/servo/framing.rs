@@ -25,7 +25,7 @@ impl Framing {
     pub(crate) fn push(&mut self, byte: u8) -> Option<Frame> {
         match self {
             Self::Stuffed(receiver) => receiver.push(byte),
-            Self::Slcan(receiver) => receiver.push(byte),
+            Self::Slcan(receiver) => receiver.push_frame(byte),
         }
     }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use firmware_protocol::{Frame, LinkCounters};
 
 use super::can_bus::CanLink;
-use super::{DynamixelLink, LinkError, SerialLink};
+use super::{LinkError, SerialLink, cia402, dynamixel, feetech, usb};
 
 /// A frame and when it came.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +49,12 @@ pub trait Link: Send {
     /// What the receiver counted.
     fn counters(&self) -> LinkCounters;
 
+    /// What a device behind this line says of its own errors, in words. Empty for a rig, whose faults say it.
+    fn device_errors(&self, axis: usize) -> Vec<String>;
+
+    /// Whether devices behind this line are being set up, and silence means nothing.
+    fn is_busy(&self) -> bool;
+
     /// The line's name in errors and on the screen.
     fn name(&self) -> &str;
 }
@@ -70,33 +76,72 @@ impl<L: Link + ?Sized> Link for Box<L> {
         (**self).counters()
     }
 
+    fn device_errors(&self, axis: usize) -> Vec<String> {
+        (**self).device_errors(axis)
+    }
+
+    fn is_busy(&self) -> bool {
+        (**self).is_busy()
+    }
+
     fn name(&self) -> &str {
         (**self).name()
     }
 }
 
-/// Opens a line by its address: `can:can0` is a CAN interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port,
-/// `dynamixel:/dev/ttyUSB0@57600:1,2` a bus with two servos (baud rate and ids of axes 0 and 1; these are the defaults),
-/// and anything else a serial port.
+/// Addresses that [`open`] knows, with what stands between the parts.
+const FORMS: [&str; 7] = [
+    "usb:SERIAL",
+    "can:INTERFACE",
+    "slcan:PATH",
+    "dynamixel:PATH@BAUD:ID,ID",
+    "feetech:PATH@BAUD:ID,ID",
+    "cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@NODE,NODE",
+    "a serial port",
+];
+
+/// Opens a line by its address: `usb:A10K3` is the serial port of the USB device with that serial number, `can:can0` a CAN
+/// interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port, `dynamixel:/dev/ttyUSB0@57600:1,2` and
+/// `feetech:/dev/ttyUSB0@1000000:1,2` buses with two servos (baud rate and ids of axes 0 and 1; these are the defaults),
+/// `cia402:can0@1,2` and `cia402:slcan:/dev/ttyACM0@1,2` CANopen drives, and anything else a serial port.
 pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
+    let wrong = || LinkError::Open {
+        path: address.to_owned(),
+        reason: format!("expected one of {}", FORMS.join(", ")),
+    };
+    let bus = |text, usual_baud| bus_address(text, usual_baud).ok_or_else(wrong);
     Ok(match address.split_once(':') {
+        Some(("usb", serial)) => Box::new(SerialLink::open(&usb::find(serial)?)?),
         Some(("can", interface)) => Box::new(CanLink::open(interface)?),
         Some(("slcan", path)) => Box::new(SerialLink::open_slcan(Path::new(path))?),
-        Some(("dynamixel", bus)) => {
-            let (path, baud, ids) = dynamixel_address(bus).ok_or_else(|| LinkError::Open {
-                path: address.to_owned(),
-                reason: "expected dynamixel:PATH, dynamixel:PATH@BAUD or dynamixel:PATH@BAUD:ID,ID".into(),
-            })?;
-            Box::new(DynamixelLink::open(Path::new(path), baud, ids)?)
+        Some(("dynamixel", text)) => {
+            let (path, baud, ids) = bus(text, 57_600)?;
+            Box::new(dynamixel::open(Path::new(path), baud, ids)?)
+        }
+        Some(("feetech", text)) => {
+            let (path, baud, ids) = bus(text, 1_000_000)?;
+            Box::new(feetech::open(Path::new(path), baud, ids)?)
+        }
+        Some(("cia402", text)) => {
+            let (bus, nodes) = text.split_once('@').unwrap_or((text, "1,2"));
+            let nodes = pair(nodes).filter(|nodes| nodes.iter().all(|node| (1..=126).contains(node)));
+            Box::new(cia402::open(bus, nodes.ok_or_else(wrong)?)?)
         }
         _ => Box::new(SerialLink::open(Path::new(address))?),
     })
 }
 
-fn dynamixel_address(bus: &str) -> Option<(&str, u32, [u8; 2])> {
-    let Some((path, rest)) = bus.split_once('@') else { return Some((bus, 57_600, [1, 2])) };
+/// Path, baud rate and ids of `PATH[@BAUD[:ID,ID]]`.
+fn bus_address(text: &str, usual_baud: u32) -> Option<(&str, u32, [u8; 2])> {
+    let Some((path, rest)) = text.split_once('@') else { return Some((text, usual_baud, [1, 2])) };
     let (baud, ids) = rest.split_once(':').unwrap_or((rest, "1,2"));
-    let (a, b) = ids.split_once(',')?;
-    let ids = [a.parse().ok()?, b.parse().ok()?];
-    (ids[0] != ids[1] && ids.iter().all(|id| *id <= 252)).then_some((path, baud.parse().ok()?, ids))
+    let ids = pair(ids).filter(|ids| ids.iter().all(|id| *id <= 252))?;
+    Some((path, baud.parse().ok()?, ids))
+}
+
+/// Two different numbers.
+fn pair(text: &str) -> Option<[u8; 2]> {
+    let (a, b) = text.split_once(',')?;
+    let pair = [a.parse().ok()?, b.parse().ok()?];
+    (pair[0] != pair[1]).then_some(pair)
 }

@@ -4,22 +4,27 @@
 //! `.reports()`. Its thread keeps the watchdog fed, so the rig holds while the program records. [`RigController`] is the
 //! same conversation without a thread or a clock: a [`Link`] says what time it is.
 
+mod bus_port;
 mod can_bus;
+mod cia402;
 mod controller;
 pub(crate) mod dynamixel;
 mod error;
+mod feetech;
 pub(crate) mod framing;
+mod hosted;
 mod link;
 mod report;
 mod rig;
 mod serial;
 pub(crate) mod slcan;
+mod usb;
 mod view;
 
 pub use can_bus::CanLink;
 pub use controller::{Applied, AppliedAxis, Interrupt, Options, Progress, ReportSink, RigController};
-pub use dynamixel::DynamixelLink;
 pub use error::{LinkError, RigError};
+pub use hosted::HostedLink;
 pub use link::{Link, Received, open};
 pub use report::{AxisStatus, RigStatus, ServoReport};
 pub use rig::Rig;

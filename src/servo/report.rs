@@ -50,6 +50,8 @@ pub struct AxisStatus {
     pub temperature_c: Option<i8>,
     /// Names of latched faults.
     pub faults: Vec<String>,
+    /// What the device at the end of a bus says of its own errors, in words; empty for a rig with its own firmware.
+    pub device_errors: Vec<String>,
 }
 
 /// A rig, as `rig status` shows it.

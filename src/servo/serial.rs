@@ -39,7 +39,9 @@ pub struct SerialLink {
 impl SerialLink {
     /// Opens a device file, for this program alone.
     pub fn open(path: &Path) -> Result<Self, LinkError> {
-        Self::open_framed(path, Framing::Stuffed(FrameReceiver::default()))
+        let mut link = Self::open_framed(path, Framing::Stuffed(FrameReceiver::default()))?;
+        link.write(&[0])?; // ends what another program left half said
+        Ok(link)
     }
 
     /// Opens a CAN adapter that speaks the LAWICEL text protocol, and its channel.
@@ -130,6 +132,14 @@ impl Link for SerialLink {
 
     fn counters(&self) -> LinkCounters {
         *self.counters.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
     }
 
     fn name(&self) -> &str {

@@ -12,17 +12,37 @@ pub const CLOSE: &[u8] = b"C\r";
 /// Longest line the protocol has: identifier, length, 8 bytes, time stamp.
 const LONGEST_LINE: usize = 1 + 8 + 1 + 16 + 4;
 
+/// One message on the bus.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Message {
+    /// 11 or 29 bits.
+    pub identifier: u32,
+    /// Whether the identifier has 29 bits.
+    pub extended: bool,
+    /// At most 8 bytes.
+    pub data: Vec<u8>,
+}
+
 /// The line that sends a frame.
 pub fn encode(frame: &Frame) -> Vec<u8> {
-    let mut line = format!("T{:08X}{}", frame.id.encode(), frame.data().len());
-    for byte in frame.data() {
+    line(format!("T{:08X}", frame.id.encode()), frame.data())
+}
+
+/// The line that sends a message with an 11-bit identifier.
+pub fn encode_standard(identifier: u16, data: &[u8]) -> Vec<u8> {
+    line(format!("t{identifier:03X}"), data)
+}
+
+fn line(mut line: String, data: &[u8]) -> Vec<u8> {
+    line += &data.len().to_string();
+    for byte in data {
         line += &format!("{byte:02X}");
     }
     line.push('\r');
     line.into_bytes()
 }
 
-/// Bytes of an adapter to frames.
+/// Bytes of an adapter to messages.
 #[derive(Clone, Debug, Default)]
 pub struct SlcanReceiver {
     line: Vec<u8>,
@@ -36,8 +56,16 @@ impl SlcanReceiver {
         self.counters
     }
 
-    /// Takes one byte; a frame when it closed the line of one.
-    pub fn push(&mut self, byte: u8) -> Option<Frame> {
+    /// The same for a rig's frames; messages of others are passed over.
+    pub fn push_frame(&mut self, byte: u8) -> Option<Frame> {
+        let message = self.push(byte).filter(|message| message.extended)?;
+        let frame = Frame::from_can(message.identifier, &message.data)?;
+        self.counters.frames += 1;
+        Some(frame)
+    }
+
+    /// Takes one byte; a message when it closed the line of one.
+    pub fn push(&mut self, byte: u8) -> Option<Message> {
         match byte {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);
@@ -45,7 +73,7 @@ impl SlcanReceiver {
                     self.counters.overlong += 1;
                     return None;
                 }
-                self.line_to_frame(&line)
+                self.line_to_message(&line)
             }
             0x07 => {
                 // the adapter said no: a full buffer, a closed channel, nobody else on the bus; the order is repeated
@@ -63,32 +91,29 @@ impl SlcanReceiver {
         }
     }
 
-    fn line_to_frame(&mut self, line: &[u8]) -> Option<Frame> {
-        // answers, and frames with 11 bits or without data, are others' business
-        if !matches!(line.first(), Some(b'T')) {
-            let known =
-                matches!(line.first(), None | Some(b'z' | b'Z' | b't' | b'r' | b'R' | b'F' | b'V' | b'N'));
+    fn line_to_message(&mut self, line: &[u8]) -> Option<Message> {
+        // answers, and requests without data, are others' business
+        if !matches!(line.first(), Some(b'T' | b't')) {
+            let known = matches!(line.first(), None | Some(b'z' | b'Z' | b'r' | b'R' | b'F' | b'V' | b'N'));
             self.counters.malformed += u32::from(!known);
             return None;
         }
-        let Some((identifier, data)) = parse(line) else {
-            self.counters.malformed += 1;
-            return None;
-        };
-        let frame = Frame::from_can(identifier, &data)?;
-        self.counters.frames += 1;
-        Some(frame)
+        let message = parse(line);
+        self.counters.malformed += u32::from(message.is_none());
+        message
     }
 }
 
-fn parse(line: &[u8]) -> Option<(u32, Vec<u8>)> {
+fn parse(line: &[u8]) -> Option<Message> {
     let text = std::str::from_utf8(line).ok()?;
     if !text.bytes().skip(1).all(|byte| byte.is_ascii_hexdigit()) {
         return None;
     }
-    let identifier = u32::from_str_radix(text.get(1..9)?, 16).ok()?;
-    let length = text.get(9..10)?.parse::<usize>().ok().filter(|length| *length <= 8)?;
-    let rest = text.get(10..)?;
+    let extended = text.starts_with('T');
+    let at = if extended { 9 } else { 4 };
+    let identifier = u32::from_str_radix(text.get(1..at)?, 16).ok()?;
+    let length = text.get(at..at + 1)?.parse::<usize>().ok().filter(|length| *length <= 8)?;
+    let rest = text.get(at + 1..)?;
     // with time stamps switched on, four digits follow
     if rest.len() != 2 * length && rest.len() != 2 * length + 4 {
         return None;
@@ -96,7 +121,7 @@ fn parse(line: &[u8]) -> Option<(u32, Vec<u8>)> {
     let data = (0..length)
         .map(|at| u8::from_str_radix(&rest[2 * at..2 * at + 2], 16).ok())
         .collect::<Option<_>>()?;
-    Some((identifier, data))
+    Some(Message { identifier, extended, data })
 }
 
 #[cfg(test)]
@@ -107,7 +132,7 @@ mod tests {
     use super::*;
 
     fn hear(receiver: &mut SlcanReceiver, bytes: &[u8]) -> Vec<Frame> {
-        bytes.iter().filter_map(|byte| receiver.push(*byte)).collect()
+        bytes.iter().filter_map(|byte| receiver.push_frame(*byte)).collect()
     }
 
     #[test]
@@ -125,6 +150,15 @@ mod tests {
         assert_eq!(hear(&mut receiver, b"T0AC112059\rT0AC1120G0\rT12\r?\r"), []);
         assert_eq!(receiver.counters().malformed, 4);
         assert_eq!(hear(&mut receiver, &[b"T".repeat(100), b"\r".to_vec(), line].concat()), [frame]);
+    }
+
+    #[test]
+    fn short_identifiers_come_back_too() {
+        let line = encode_standard(0x581, &[0x43, 0, 0x10]);
+        assert_eq!(line, b"t5813430010\r");
+        let mut receiver = SlcanReceiver::default();
+        let heard: Vec<_> = line.iter().filter_map(|byte| receiver.push(*byte)).collect();
+        assert_eq!(heard, [Message { identifier: 0x581, extended: false, data: vec![0x43, 0, 0x10] }]);
     }
 
     proptest! {

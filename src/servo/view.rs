@@ -53,10 +53,14 @@ pub(super) struct HeartbeatView {
 pub(super) struct View {
     pub info: Option<InfoView>,
     pub uid: Option<u64>,
+    /// Another number than `uid` came from the same node.
+    pub second_uid: Option<u64>,
     pub firmware: Option<u32>,
     pub heartbeat: Option<HeartbeatView>,
     /// Heartbeats of another session since the last one of ours; a few may be late ones from before.
     pub strangers: u32,
+    /// The session of the last of them, 0 for none.
+    pub stranger: u32,
     /// When the rig was last heard.
     pub heard_ns: u64,
     pub axes: Vec<AxisView>,
@@ -94,6 +98,9 @@ impl View {
             Report::Info { protocol, axes, reset, session, .. } => {
                 self.info = Some(InfoView { protocol, axes, reset, session });
             }
+            Report::Identity { uid } if self.uid.is_some_and(|first| first != uid) => {
+                self.second_uid = Some(uid);
+            }
             Report::Identity { uid } => self.uid = Some(uid),
             Report::Build { firmware, .. } => self.firmware = Some(firmware),
             Report::Heartbeat { armed, faults, session: theirs, .. } => {
@@ -103,8 +110,10 @@ impl View {
                     for fault in Fault::ALL.into_iter().filter(|fault| !faults.contains(*fault)) {
                         self.fault_axis[usize::from(fault.code())] = None;
                     }
-                } else {
+                } else if self.heartbeat.is_some() {
+                    // before ours came, they are what the rig said to nobody: a line may hold seconds of it
                     self.strangers += 1;
+                    self.stranger = theirs;
                 }
             }
             Report::TimeSync { sequence, device_us } => self.compare_clocks(sequence, device_us, now_ns),

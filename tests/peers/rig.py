@@ -1,15 +1,19 @@
 """Other people's programs talk to outrigger's mock rigs.
 
-    python tests/peers/rig.py OUTRIGGER
+    python tests/peers/rig.py OUTRIGGER [CHECK...]
 
 `dynamixel-sdk` (the vendor's client) drives the mock servos, `python-can` speaks the LAWICEL text protocol to the mock CAN
-adapter. Ends with `N passed, N failed`; exit status 1 when a check failed.
+adapter; outrigger drives the simulated servos of `feetech-cli` (with and without echo) and drives made with `canopen`. Ends with `N passed, N failed`; exit status 1 when a check failed.
 """
 
 import contextlib
+import json
+import os
 import subprocess
 import sys
+import threading
 import time
+import tty
 
 
 @contextlib.contextmanager
@@ -77,14 +81,134 @@ def slcan(program):
             raise AssertionError("no answer to hello")
 
 
+def rig(program, port, *arguments, code=0):
+    """The program's document, or what it said when it was to fail."""
+    done = subprocess.run([program, "rig", "--port", port, "--json", *arguments], capture_output=True, text=True, timeout=60)
+    if done.returncode != code:
+        raise AssertionError(f"rig {' '.join(arguments)}: exit {done.returncode}: {done.stderr}{done.stdout}")
+    return json.loads(done.stdout) if code == 0 else done.stderr
+
+
+def expect_at(status, wanted_deg, tolerance_deg=0.3):
+    for axis, wanted in zip(status["axes"], wanted_deg, strict=True):
+        if abs(axis["position_deg"] - wanted) > tolerance_deg or axis["source"] != "measured":
+            raise AssertionError(f"wanted {wanted} deg measured, found {axis}")
+
+
+def expect_said(what, said, *words):
+    for word in words:
+        if word not in said:
+            raise AssertionError(f"{what}: `{word}` is not in `{said}`")
+
+
+class FeetechBus:
+    """`feetech-cli`'s simulated servos behind a pseudo terminal, as a half-duplex adapter shows them."""
+
+    def __init__(self, echo):
+        import feetech_cli.simulator as simulator
+
+        self.servos = [simulator.SimulatedServo(1), simulator.SimulatedServo(2)]
+        self.bus = simulator.SimulatedBus(self.servos, echo=echo)
+        self.master, slave = os.openpty()
+        tty.setraw(self.master), tty.setraw(slave)
+        self.slave, self.path = slave, os.ttyname(slave)
+        self.silent = False
+        threading.Thread(target=self.run, daemon=True).start()
+
+    def run(self):
+        waiting = b""
+        while True:
+            waiting += os.read(self.master, 4096)
+            while len(waiting) >= 4 and len(waiting) >= 4 + waiting[3]:
+                packet, waiting = waiting[:4 + waiting[3]], waiting[4 + waiting[3]:]
+                self.bus.write(packet)
+                answer = self.bus.read(4096)
+                if answer and not self.silent:
+                    os.write(self.master, answer)
+
+
+def feetech(program):
+    for echo in (False, True):
+        servos = FeetechBus(echo)
+        port = f"feetech:{servos.path}@1000000:1,2"
+        status = rig(program, port, "status")
+        expect_at(status, [0.0, 0.0])
+        expect("not homed", [axis["homed"] for axis in status["axes"]], [False, False])
+        expect("supply", status["axes"][0]["supply_mv"], 12100)
+        expect("torque before arming", [servo.get("torque_enable") for servo in servos.servos], [0, 0])
+        expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "rig home --arm")
+        expect("still where they were", [servo.get("present_position") for servo in servos.servos], [2048, 2048])
+        expect_moves(program, port, servos)
+        servos.servos[1].error = 0x20
+        status = rig(program, port, "status")
+        expect("error status", status["axes"][1]["device_errors"], ["overload"])
+        servos.servos[1].error = 0x02
+        status = rig(program, port, "status")
+        expect("error status", (status["axes"][1]["device_errors"], status["axes"][1]["state"]), (["angle sensor"], "boot"))
+        servos.servos[1].error = 0
+        servos.silent = True
+        expect_said("silence", rig(program, port, "status", code=1), "servo 1", "no answer")
+        expect_said("absent id", rig(program, f"feetech:{servos.path}@1000000:1,9", "status", code=1), "no answer")
+
+
+def expect_moves(program, port, servos):
+    status = rig(program, port, "set", "20", "-20", "--home", "--arm")
+    expect_at(status, [20.0, -20.0])
+    goals = [servo.get("goal_position") for servo in servos.servos]
+    expect("goals in counts", goals, [2048 + 228, 2048 - 228])
+    expect_said("limits", rig(program, port, "set", "80", "0", "--home", "--arm", code=1), "axis 0", "limits")
+
+
+def cia402(program):
+    import drives
+
+    hub = drives.Hub("rig")
+    _, made = drives.connect("virtual", "rig", [1, 2])
+    expect_said("absent node", rig(program, f"cia402:slcan:{hub.path}@1,5", "status", code=1), "node 5", "no answer")
+    expect_said("no such number", rig(program, f"cia402:slcan:{hub.path}@1,500", "status", code=1), "cia402:INTERFACE@NODE,NODE")
+    check_drives(program, f"cia402:slcan:{hub.path}@1,2", lambda node, what: drives.serve(made, [f"{what} {node}"]))
+
+
+def check_drives(program, port, tell):
+    """Homes, moves, faults, recovers."""
+    status = rig(program, port, "status")
+    expect_at(status, [5.0, 5.0])
+    expect("supply and current", (status["axes"][0]["supply_mv"], status["axes"][0]["current_ma"]), (24000, 100))
+    expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "rig home --arm")
+    expect_at(rig(program, port, "status"), [5.0, 5.0])
+    expect_at(rig(program, port, "set", "20", "-20", "--home", "--arm"), [20.0, -20.0])
+    tell(2, "fault")
+    time.sleep(0.3)
+    status = rig(program, port, "status")
+    expect("emergency message", status["axes"][1]["device_errors"], ["error 0x8611 (following error)"])
+    expect_said("fault", rig(program, port, "set", "0", "0", "--home", "--arm", code=1), "torque_lost", "axis 1")
+    expect_at(rig(program, port, "clear"), [20.0, -20.0])
+    expect_at(rig(program, port, "set", "10", "-10", "--home", "--arm"), [10.0, -10.0])
+    expect_said("limits", rig(program, port, "set", "72", "0", "--home", "--arm", code=1), "axis 0", "the firmware's limits")
+    mover = subprocess.Popen([program, "rig", "--port", port, "set", "-50", "50", "--home", "--arm"], stderr=subprocess.PIPE, text=True)
+    time.sleep(2.5)
+    tell(1, "restart")
+    said = mover.communicate(timeout=60)[1]
+    expect_said("restart on the way", said, "encoder_invalid", "axis 0")
+    expect("exit status", mover.returncode, 1)
+    expect_said("nothing is homed", rig(program, port, "set", "0", "0", "--arm", code=1), "rig home --arm")
+    expect_at(rig(program, port, "set", "0", "0", "--home", "--arm"), [0.0, 0.0])
+    tell(1, "silence")
+    expect_said("silence", rig(program, port, "status", code=1), "node 1", "no answer")
+
+
+CHECKS = (dynamixel, slcan, feetech, cia402)
+
 if __name__ == "__main__":
     failed = 0
-    for check in (dynamixel, slcan):
+    for check in CHECKS:
+        if sys.argv[2:] and check.__name__ not in sys.argv[2:]:
+            continue
         try:
             check(sys.argv[1])
             print(f"{check.__name__}: ok")
         except AssertionError as error:
             failed += 1
             print(f"{check.__name__}: {error}")
-    print(f"{2 - failed} passed, {failed} failed")
+    print(f"{len(CHECKS) - failed} passed, {failed} failed")
     sys.exit(failed > 0)

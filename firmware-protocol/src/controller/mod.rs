@@ -11,14 +11,11 @@ use crate::profile::Path;
 use crate::report::{AckCode, Report, ResetCause, Source, State};
 use crate::servo::{Reading, Sense, Servo, Setpoint};
 
+mod homing;
 mod orders;
 mod telling;
 mod watch;
 
-/// Time of valid, quiet readings after which a position is trusted, µs.
-const HOMING_US: u64 = 300_000;
-/// Time after which homing that never got quiet readings is a fault, µs.
-const HOMING_LONGEST_US: u64 = 3_000_000;
 /// Time a move may take to settle after its path ended, µs.
 const SETTLE_US: u64 = 1_000_000;
 
@@ -36,6 +33,9 @@ struct Axis {
     speed_urad_s: i32,
     acceleration_urad_s2: i32,
     homed: bool,
+    seeking: Option<homing::Seeking>,
+    /// What is added to readings: where an encoder that counts from its start was found to stand.
+    offset_urad: i32,
     /// Since when the angle is near `quiet_urad`.
     quiet_us: u64,
     quiet_urad: i32,
@@ -46,6 +46,22 @@ struct Axis {
     jumped_us: Option<u64>,
     torque_wanted_since: Option<u64>,
     told_urad: i32,
+}
+
+impl Axis {
+    /// Gives every angle another zero; nothing moves by it.
+    fn shift(&mut self, by_urad: i32) {
+        self.offset_urad = self.offset_urad.saturating_add(by_urad);
+        for angle in [
+            &mut self.measured_urad,
+            &mut self.setpoint_urad,
+            &mut self.target_urad,
+            &mut self.quiet_urad,
+            &mut self.told_urad,
+        ] {
+            *angle = angle.saturating_add(by_urad);
+        }
+    }
 }
 
 /// An order that was answered already.
@@ -104,6 +120,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 current_ma: 0,
                 supply_mv: u16::MAX,
                 temperature_c: 0,
+                home_switch: None,
             },
             measured_urad: 0,
             measured_us: now_us,
@@ -112,6 +129,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             speed_urad_s: config.axes[axis].top_speed_urad_s,
             acceleration_urad_s2: config.axes[axis].top_acceleration_urad_s2,
             homed: false,
+            seeking: None,
+            offset_urad: 0,
             quiet_us: now_us,
             quiet_urad: 0,
             following_since: None,
@@ -229,6 +248,15 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         match self.state {
             State::Moving if self.path.is_none() => self.settle(tell),
             State::Homing => self.home(tell),
+            // a shaft without torque goes where it will; when the torque comes back it must not jump to where it was
+            State::Fault | State::EStop if self.path.is_none() => {
+                for axis in &mut self.axes {
+                    if !axis.sense.torque && matches!(axis.sense.reading, Reading::Measured(_)) {
+                        axis.setpoint_urad = axis.measured_urad;
+                        axis.target_urad = axis.measured_urad;
+                    }
+                }
+            }
             State::Idle => {
                 for (axis, config) in self.axes.iter_mut().zip(&self.config.axes) {
                     if !config.holds_when_idle && axis.sense.reading != Reading::Unmeasured {
@@ -280,24 +308,6 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    fn home(&mut self, tell: &mut impl FnMut(Report)) {
-        let since = self.homing_since_us;
-        for (axis, homing) in self.axes.iter_mut().zip(&mut self.homing) {
-            let quiet_since = axis.quiet_us.max(since);
-            if *homing && self.now_us.saturating_sub(quiet_since) >= HOMING_US {
-                axis.homed = true;
-                *homing = false;
-            }
-        }
-        if self.homing.iter().all(|homing| !homing) {
-            self.state = State::Holding;
-            tell(Report::Done { id: self.moved_by, axis: ALL_AXES, error_urad: 0 });
-        } else if self.now_us.saturating_sub(since) > HOMING_LONGEST_US {
-            let axis = self.homing.iter().position(|homing| *homing).unwrap_or(0);
-            self.raise(Fault::EncoderInvalid, axis as u8, 0, tell);
-        }
-    }
-
     fn drive(&mut self) {
         for (number, (servo, axis)) in self.servos.iter_mut().zip(&mut self.axes).enumerate() {
             let config = &self.config.axes[number];
@@ -321,7 +331,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 self.now_us,
                 Setpoint {
                     torque,
-                    position_urad: axis.setpoint_urad,
+                    position_urad: axis.setpoint_urad.saturating_sub(axis.offset_urad),
                     velocity_urad_s: self.path.map_or(0, |path| path.velocity_urad_s(number)),
                     current_limit_ma: if faulted { config.fault_current_ma } else { config.current_limit_ma },
                 },
@@ -329,14 +339,22 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    fn source(&self, axis: &Axis) -> Source {
+    fn source(&self, number: usize) -> Source {
+        let axis = &self.axes[number];
+        let missing_us = u64::from(self.config.axes[number].missing_us);
         match axis.sense.reading {
             Reading::Measured(_) => Source::Measured,
             Reading::Unmeasured => Source::Commanded,
+            // one answer that is late is no lie: the position says when it was read
+            Reading::Missing if self.now_us.saturating_sub(axis.measured_us) <= missing_us => {
+                Source::Measured
+            }
             Reading::Missing | Reading::Invalid => Source::Stale,
         }
     }
 }
 
+#[cfg(test)]
+mod model_tests;
 #[cfg(test)]
 mod tests;

@@ -126,7 +126,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 
     /// Brakes on the path and holds; a rig that homes stops homing.
     fn halt(&mut self, deceleration_urad_s2: Option<i32>) {
-        self.homing = [false; N];
+        self.end_homing();
         match &mut self.path {
             Some(path) => path.brake(deceleration_urad_s2),
             None => self.rest_where_told(),
@@ -203,7 +203,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 return Err((AckCode::Limit, number));
             }
             let (low, high) = self.servos[number as usize].range_urad();
-            if !(low..=high).contains(target) {
+            if !(low..=high).contains(&target.saturating_sub(axis.offset_urad)) {
                 return Err((AckCode::ServoLimit, number));
             }
         }

@@ -5,7 +5,6 @@ use crate::fault::Fault;
 use crate::report::Report;
 use crate::servo::Servo;
 
-const POSITION_US: u64 = 20_000;
 const TARGET_US: u64 = 50_000;
 const HEARTBEAT_US: u64 = 100_000;
 const SLOW_US: u64 = 200_000;
@@ -47,11 +46,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         if !core::mem::replace(&mut self.schedule.introduced, true) {
             self.introduce(tell);
         }
-        if due(now, &mut self.schedule.position_us, POSITION_US) {
+        if due(now, &mut self.schedule.position_us, self.config.position_every_us.into()) {
             for (number, axis) in self.axes.iter().enumerate() {
                 tell(Report::Position {
                     axis: number as u8,
-                    source: self.source(axis),
+                    source: self.source(number),
                     time_ms: (axis.measured_us / 1000) as u16,
                     position_urad: axis.measured_urad,
                 });
@@ -89,6 +88,10 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                     supply_mv: axis.sense.supply_mv,
                     speed_mrad_s: speed.clamp(i16::MIN.into(), i16::MAX.into()) as i16,
                 });
+            }
+            // a host that opens the line later, or lost the first one, still learns why the rig started
+            if self.session.is_none() {
+                self.introduce(tell);
             }
             for fault in self.faults.iter() {
                 self.tell_fault(fault, tell);

@@ -3,34 +3,33 @@
 use std::vec;
 use std::vec::Vec;
 
-use proptest::prelude::*;
-
 use super::Controller;
 use crate::command::CLEAR_KEY;
+use crate::config::Home;
 use crate::simulated::{AxisFault, SimulatedAxis};
 use crate::{
     ALL_AXES, AckCode, Command, Config, Fault, HalfPlane, KeepOut, Limit, Order, Report, ResetCause, State,
 };
 
-const SESSION: u32 = 77;
+pub(super) const SESSION: u32 = 77;
 /// B - A may not exceed this, µrad.
-const APART_URAD: i64 = 1_200_000;
+pub(super) const APART_URAD: i64 = 1_200_000;
 
 fn config() -> Config<2> {
     let keep_out = KeepOut::inside(&[HalfPlane { a: -1, b: 1, c: APART_URAD }]).unwrap();
     Config { keep_out, ..Config::default() }
 }
 
-struct Bench {
-    controller: Controller<SimulatedAxis, 2>,
-    now_us: u64,
+pub(super) struct Bench {
+    pub(super) controller: Controller<SimulatedAxis, 2>,
+    pub(super) now_us: u64,
     reports: Vec<Report>,
-    id: u16,
-    feeds: bool,
+    pub(super) id: u16,
+    pub(super) feeds: bool,
 }
 
 impl Bench {
-    fn new(seed: u64) -> Self {
+    pub(super) fn new(seed: u64) -> Self {
         let axes = [SimulatedAxis::new(seed, 30_000, 0), SimulatedAxis::new(seed + 1, -20_000, 0)];
         let controller = Controller::new(config(), axes, ResetCause::PowerOn, 0);
         Self { controller, now_us: 0, reports: vec![], id: 0, feeds: true }
@@ -48,7 +47,7 @@ impl Bench {
         bench
     }
 
-    fn hello(&mut self) {
+    pub(super) fn hello(&mut self) {
         self.tell(Command::Hello {
             protocol_min: 1,
             protocol_max: 3,
@@ -57,12 +56,12 @@ impl Bench {
         });
     }
 
-    fn tell(&mut self, command: Command) {
+    pub(super) fn tell(&mut self, command: Command) {
         let Self { controller, now_us, reports, .. } = self;
         controller.handle(*now_us, &command, &mut |report| reports.push(report));
     }
 
-    fn order(&mut self, order: Order) -> AckCode {
+    pub(super) fn order(&mut self, order: Order) -> AckCode {
         self.id += 1;
         self.order_as(self.id, order)
     }
@@ -75,7 +74,7 @@ impl Bench {
         }
     }
 
-    fn step(&mut self, elapsed_us: u64) {
+    pub(super) fn step(&mut self, elapsed_us: u64) {
         self.now_us += elapsed_us;
         if self.feeds {
             self.tell(Command::Heartbeat { session: SESSION, time_ms: 0 });
@@ -88,11 +87,11 @@ impl Bench {
         (0..ms).for_each(|_| self.step(1000));
     }
 
-    fn inject(&mut self, axis: usize, fault: AxisFault) {
+    pub(super) fn inject(&mut self, axis: usize, fault: AxisFault) {
         self.controller.servo_mut(axis).unwrap().inject(fault);
     }
 
-    fn at(&mut self) -> [i32; 2] {
+    pub(super) fn at(&mut self) -> [i32; 2] {
         [0, 1].map(|axis| self.controller.servo_mut(axis).unwrap().true_position_urad())
     }
 
@@ -313,186 +312,65 @@ fn another_host_finds_a_disarmed_rig() {
     assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Idle, false));
 }
 
-/// One thing that may happen.
-#[derive(Clone, Debug)]
-enum Event {
-    Run { ms: u64, step_us: u64 },
-    Order(Order),
-    Old(u16, Order),
-    Inject(usize, AxisFault),
-    Repair(usize),
-    Feed(bool),
-    Switch(bool),
-    Hello(u32),
-    ClearAll,
-    MakeReady,
-}
-
-fn order() -> impl Strategy<Value = Order> {
-    let angle = -1_300_000i32..1_300_000;
-    prop_oneof![
-        6 => (angle.clone(), angle.clone()).prop_map(|(a_urad, b_urad)| Order::MovePair { a_urad, b_urad }),
-        3 => (0u8..3, angle).prop_map(|(axis, position_urad)| Order::MoveTo { axis, position_urad }),
-        1 => any::<bool>().prop_map(|armed| Order::Arm { armed }),
-        1 => prop_oneof![Just(0), Just(1), Just(ALL_AXES)].prop_map(|axis| Order::Home { axis }),
-        1 => Just(Order::Hold),
-        1 => any::<u16>().prop_map(|deceleration_mrad_s2| Order::Stop { deceleration_mrad_s2 }),
-        1 => Just(Order::EStop),
-        1 => (0u8..2, 0u16..600, 0u16..3000).prop_map(|(axis, speed_mrad_s, acceleration_mrad_s2)| {
-            Order::Profile { axis, speed_mrad_s, acceleration_mrad_s2 }
-        }),
-    ]
-}
-
-fn event() -> impl Strategy<Value = Event> {
-    let fault = prop_oneof![
-        Just(AxisFault::Stuck),
-        (5u8..90).prop_map(AxisFault::Slow),
-        (0i32..60_000).prop_map(AxisFault::Backlash),
-        Just(AxisFault::EncoderFreeze),
-        Just(AxisFault::EncoderInvalid),
-        Just(AxisFault::Overheat(100)),
-        Just(AxisFault::UnderVoltage(9000)),
-    ];
-    prop_oneof![
-        8 => (1u64..1500, 200u64..4000).prop_map(|(ms, step_us)| Event::Run { ms, step_us }),
-        8 => order().prop_map(Event::Order),
-        1 => (0u16..40, order()).prop_map(|(back, order)| Event::Old(back, order)),
-        1 => (0usize..2, fault).prop_map(|(axis, fault)| Event::Inject(axis, fault)),
-        2 => (0usize..2).prop_map(Event::Repair),
-        1 => any::<bool>().prop_map(Event::Feed),
-        1 => any::<bool>().prop_map(Event::Switch),
-        1 => (0u32..3).prop_map(Event::Hello),
-        2 => Just(Event::ClearAll),
-        4 => Just(Event::MakeReady),
-    ]
-}
-
-/// What must hold whatever comes. A frozen encoder lets the shaft run on until the stall is found, by no more than
-/// `BLIND_URAD`; everything else stays within a reading's honesty.
-const BLIND_URAD: i32 = 150_000;
-const SLACK_URAD: i32 = 12_000;
-
-struct Invariants {
-    slack_urad: [i32; 2],
-    disarmed_since_us: Option<u64>,
-    disarmed_at: [i32; 2],
-    moved: bool,
-}
-
-impl Invariants {
-    fn check(&mut self, bench: &mut Bench) -> Result<(), TestCaseError> {
-        let at = bench.at();
-        for (angle, slack) in at.iter().zip(self.slack_urad) {
-            prop_assert!(angle.abs() <= 1_047_198 + slack, "an axis at {} urad", angle);
-        }
-        let apart = i64::from(at[1]) - i64::from(at[0]);
-        let slack = i64::from(self.slack_urad.iter().sum::<i32>() - 2 * SLACK_URAD);
-        prop_assert!(apart < APART_URAD + slack, "in the keep-out region: {at:?}");
-        self.moved |= at[0].abs() > 300_000;
-        if bench.controller.armed() {
-            self.disarmed_since_us = None;
-            return Ok(());
-        }
-        let since = *self.disarmed_since_us.get_or_insert(bench.now_us);
-        // from full speed the gentlest profile stops within a second or, if slower, within what it was set to
-        if bench.now_us - since < 1_500_000 || bench.controller.path.is_some() {
-            self.disarmed_at = at;
-        } else {
-            for (axis, (now, before)) in at.iter().zip(self.disarmed_at).enumerate() {
-                let crept = (now - before).abs();
-                prop_assert!(
-                    crept < 3000 + bench.controller.servo_mut(axis).unwrap().backlash_urad,
-                    "moves disarmed"
-                );
-            }
-        }
-        Ok(())
+/// A pair whose encoders count from where they were switched on, with switches at -30 degrees.
+fn switched(start_urad: [i32; 2]) -> Bench {
+    const AT_URAD: i32 = -523_599;
+    let mut config = config();
+    for axis in &mut config.axes {
+        axis.home = Home::Switch { at_urad: AT_URAD, speed_urad_s: -100_000, longest_urad: 1_600_000 };
     }
+    let axes = [0, 1]
+        .map(|axis| SimulatedAxis::new(axis as u64 + 1, start_urad[axis], 0).counting_from_start(AT_URAD));
+    let mut bench = Bench::new(1);
+    bench.controller = Controller::new(config, axes, ResetCause::BrownOut, 0);
+    bench.run(50);
+    bench.hello();
+    assert_eq!(bench.order(Order::Arm { armed: true }), AckCode::Accepted);
+    bench
 }
 
-fn live(seed: u64, events: &[Event]) -> Result<bool, TestCaseError> {
-    let mut bench = Bench::new(seed);
-    let mut invariants = Invariants {
-        slack_urad: [SLACK_URAD; 2],
-        disarmed_since_us: None,
-        disarmed_at: [0; 2],
-        moved: false,
-    };
-    for event in events {
-        match event {
-            Event::Run { ms, step_us } => {
-                for _ in 0..ms * 1000 / step_us {
-                    bench.step(*step_us);
-                    invariants.check(&mut bench)?;
-                }
-            }
-            Event::Order(order) => drop(bench.order(*order)),
-            Event::Old(back, order) => {
-                bench.tell(Command::Order { id: bench.id.wrapping_sub(*back), order: *order });
-            }
-            Event::Inject(axis, fault) => {
-                if *fault == AxisFault::EncoderFreeze {
-                    invariants.slack_urad[*axis] = BLIND_URAD;
-                }
-                bench.inject(*axis, *fault);
-            }
-            Event::Repair(axis) => {
-                let axis = bench.controller.servo_mut(*axis).unwrap();
-                axis.repair(1500);
-                axis.inject(AxisFault::Overheat(-100));
-                // new gears may take up the old play at once
-                invariants.disarmed_since_us = None;
-            }
-            Event::Feed(feeds) => bench.feeds = *feeds,
-            Event::Switch(closed) => bench.controller.set_local_switch(*closed),
-            Event::Hello(nonce) => {
-                bench.tell(Command::Hello {
-                    protocol_min: 1,
-                    protocol_max: 1,
-                    heartbeat_timeout_ms: 300,
-                    nonce: SESSION - nonce,
-                });
-            }
-            Event::ClearAll => {
-                for fault in Fault::ALL {
-                    bench.order(Order::ClearFault { fault, key: CLEAR_KEY });
-                }
-            }
-            Event::MakeReady => {
-                bench.controller.set_local_switch(true);
-                bench.feeds = true;
-                bench.hello();
-                bench.step(1000);
-                for fault in Fault::ALL {
-                    bench.order(Order::ClearFault { fault, key: CLEAR_KEY });
-                }
-                bench.order(Order::Arm { armed: true });
-                bench.order(Order::Home { axis: ALL_AXES });
-                for _ in 0..400 {
-                    bench.step(1000);
-                    invariants.check(&mut bench)?;
-                }
-            }
-        }
-    }
-    Ok(invariants.moved)
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
-
-    #[test]
-    fn stays_inside_its_limits_whatever_comes(seed: u32, events in proptest::collection::vec(event(), 1..60)) {
-        live(seed.into(), &events)?;
-    }
-}
-
-/// The property above must not hold for want of motion.
 #[test]
-fn the_property_sees_motion() {
-    let pair = |a_urad, b_urad| Event::Order(Order::MovePair { a_urad, b_urad });
-    let run = || Event::Run { ms: 2000, step_us: 1000 };
-    let events = [run(), Event::MakeReady, pair(900_000, 0), run()];
-    assert!(live(1, &events).unwrap());
+fn an_axis_without_an_absolute_encoder_homes_on_its_switch() {
+    // the second one stands behind its switch already, and first goes away from it
+    let mut bench = switched([200_000, -600_000]);
+    assert_eq!(bench.pair(0, 0), AckCode::NotHomed);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    bench.run(3000);
+    assert_eq!(bench.controller.state(), State::Homing);
+    assert!((bench.at()[1] + 600_000).abs() < 3000, "the second axis waits for the first");
+    bench.run(9000);
+    assert_eq!(bench.controller.state(), State::Holding, "{:?}", bench.controller.faults());
+    assert_eq!(bench.pair(300_000, -300_000), AckCode::Accepted);
+    bench.run(3000);
+    // the switch is read once a millisecond while the shaft goes 0.1 mrad in it, and the gears have play
+    let [a, b] = bench.at();
+    assert!((a - 300_000).abs() < 6000 && (b + 300_000).abs() < 6000, "{a} {b}");
+    assert_eq!(bench.pair(1_040_000, 0), AckCode::Accepted, "limits are those of the homed angle");
+}
+
+#[test]
+fn a_switch_that_never_closes_is_a_fault() {
+    let mut bench = switched([200_000, 0]);
+    bench.controller.servo_mut(0).unwrap().home_switch_urad = Some(-3_000_000);
+    assert_eq!(bench.order(Order::Home { axis: 0 }), AckCode::Accepted);
+    bench.run(20_000);
+    assert!(!bench.controller.faults().is_empty());
+    assert_eq!(bench.controller.state(), State::Fault);
+    let before = bench.at()[0];
+    bench.run(1000);
+    assert!((bench.at()[0] - before).abs() < 3000, "it stands");
+    assert!(!bench.controller.armed());
+}
+
+#[test]
+fn homing_on_a_switch_stops_when_told() {
+    let mut bench = switched([200_000, 0]);
+    assert_eq!(bench.order(Order::Home { axis: 0 }), AckCode::Accepted);
+    bench.run(1000);
+    assert_eq!(bench.order(Order::Hold), AckCode::Accepted);
+    bench.run(500);
+    let before = bench.at()[0];
+    bench.run(1000);
+    assert!((bench.at()[0] - before).abs() < 3000);
+    assert_eq!(bench.pair(0, 0), AckCode::NotHomed);
 }

@@ -10,8 +10,6 @@ const FOLLOWING_US: u64 = 100_000;
 const STALL_US: u64 = 150_000;
 const CURRENT_US: u64 = 100_000;
 const SUPPLY_US: u64 = 20_000;
-/// An encoder that does not answer for this long is at fault.
-const MISSING_US: u64 = 100_000;
 /// After a jump, readings must behave for this long before it may be cleared.
 const JUMP_QUIET_US: u64 = 500_000;
 /// A servo has this long to switch its torque on.
@@ -25,7 +23,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         for (number, (axis, servo)) in self.axes.iter_mut().zip(&mut self.servos).enumerate() {
             axis.sense = servo.sense(self.now_us);
             let now = match axis.sense.reading {
-                Reading::Measured(angle) => angle,
+                Reading::Measured(angle) => angle.saturating_add(axis.offset_urad),
                 Reading::Unmeasured => axis.setpoint_urad,
                 Reading::Missing | Reading::Invalid => {
                     axis.quiet_us = self.now_us;
@@ -95,7 +93,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         } else if over(supply_us, SUPPLY_US) {
             Some((Fault::UnderVoltage, sense.supply_mv.into()))
         } else if sense.reading == Reading::Invalid
-            || (sense.reading == Reading::Missing && now.saturating_sub(axis.measured_us) > MISSING_US)
+            || (sense.reading == Reading::Missing
+                && now.saturating_sub(axis.measured_us) > config.missing_us.into())
         {
             Some((Fault::EncoderInvalid, 0))
         } else if axis.jumped_us == Some(now) {
@@ -133,7 +132,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         self.latched[usize::from(fault.code())] = super::Latched { axis, time_us: self.now_us, detail };
         self.armed = false;
         self.disarm_when_stopped = false;
-        self.homing = [false; N];
+        self.end_homing();
         self.state = if self.faults.contains(Fault::EStop) { State::EStop } else { State::Fault };
         match fault {
             Fault::Stall

@@ -1,15 +1,15 @@
-//! `outrigger mock rig`: a servo rig behind a pty, with faults on a schedule.
+//! `outrigger mock rig`: a servo rig behind a pty or on a CAN interface, with faults on a schedule.
 
 use std::path::Path;
 use std::str::FromStr;
-use std::sync::mpsc::RecvTimeoutError;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 
 use crate::commands::{Context, Outcome, output, signals};
 use crate::mock::dynamixel::MockDynamixel;
-use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig};
+use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, run_on_can};
 
 /// Arguments of `mock rig`.
 #[derive(clap::Args, Debug)]
@@ -30,6 +30,15 @@ pub struct Args {
     /// faults of single axes can be scheduled.
     #[arg(long, conflicts_with_all = ["pulse", "slcan"])]
     dynamixel: bool,
+    /// A rig on a CAN interface in place of one behind a pty: connect with can:INTERFACE.
+    #[arg(long, value_name = "INTERFACE", conflicts_with_all = ["slcan", "dynamixel"])]
+    can: Option<String>,
+    /// Positions of each axis in a second.
+    #[arg(long, value_name = "HZ", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=500))]
+    position_hz: u32,
+    /// The rig's node number.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=126))]
+    node: u8,
 }
 
 /// What runs behind the pty.
@@ -92,32 +101,73 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         bail!("--fault {}: bought servos have no such fault", fault.text);
     }
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
+    let mut config =
+        MockConfig { kind, slcan: args.slcan, node: args.node, ..MockConfig::default().of_number(args.seed) };
+    config.firmware.position_every_us = 1_000_000 / args.position_hz;
+    if let Some(interface) = &args.can {
+        return on_can(interface, config, args, context, &interrupts);
+    }
     let started = if args.dynamixel {
         MockDynamixel::start(args.seed).map(Device::Servos)
     } else {
-        let config = MockConfig { kind, slcan: args.slcan, ..MockConfig::default() };
         MockRig::start(config, args.seed).map(Device::Rig)
     };
     let rig = started.context("no pseudo terminal for the mock rig")?;
-    let started = Instant::now();
+    say_port(&rig.path().display().to_string(), context)?;
+    wait(args, &interrupts, || rig.is_running(), |fault| rig.inject(fault));
+    Ok(Outcome::Done)
+}
+
+fn say_port(port: &str, context: Context) -> anyhow::Result<()> {
     if context.json {
-        output::print_json(&serde_json::json!({ "port": rig.path() }))?;
+        output::print_json(&serde_json::json!({ "port": port }))
     } else {
-        output::print_text(&format!("{}\n", rig.path().display()))?;
+        output::print_text(&format!("{port}\n"))
     }
+}
+
+fn on_can(
+    interface: &str,
+    config: MockConfig,
+    args: &Args,
+    context: Context,
+    interrupts: &Receiver<()>,
+) -> anyhow::Result<Outcome> {
+    let (faults, inbox) = channel();
+    let (name, seed) = (interface.to_owned(), args.seed);
+    let rig = std::thread::spawn(move || run_on_can(&name, config, seed, &inbox));
+    say_port(&format!("can:{interface}"), context)?;
+    wait(
+        args,
+        interrupts,
+        || !rig.is_finished(),
+        |fault| {
+            let _ = faults.send(fault); // a rig that is gone has nothing left to break
+        },
+    );
+    drop(faults);
+    match rig.join() {
+        Ok(ended) => ended.with_context(|| format!("the mock rig on {interface}"))?,
+        Err(_) => bail!("the mock rig on {interface} panicked"),
+    }
+    Ok(Outcome::Done)
+}
+
+/// Breaks what is due until Ctrl-C or until the rig ends.
+fn wait(args: &Args, interrupts: &Receiver<()>, runs: impl Fn() -> bool, inject: impl Fn(MockFault)) {
+    let started = Instant::now();
     let mut faults = args.faults.clone();
     faults.sort_by_key(|fault| std::cmp::Reverse(fault.after));
-    while rig.is_running() {
+    while runs() {
         while faults.last().is_some_and(|fault| fault.after <= started.elapsed()) {
             if let Some(due) = faults.pop() {
                 output::say_notice(&format!("fault {} after {:.1} s", due.text, due.after.as_secs_f64()));
-                rig.inject(due.fault);
+                inject(due.fault);
             }
         }
         match interrupts.recv_timeout(Duration::from_millis(50)) {
-            Ok(()) | Err(RecvTimeoutError::Disconnected) => break,
+            Ok(()) | Err(RecvTimeoutError::Disconnected) => return,
             Err(RecvTimeoutError::Timeout) => {}
         }
     }
-    Ok(Outcome::Done)
 }

@@ -104,7 +104,10 @@ pub struct Args {
     /// Seed of noise and faults.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Probability that a packet is lost.
+    /// Number of this sensor in its rig: sensors of one seed and different numbers have different faults.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    index: u64,
+    /// Probability that a packet is lost. The first and the last one never are.
     #[arg(long, value_name = "P", default_value_t = 0.0, value_parser = parse_probability)]
     drop: f64,
     /// Probability that it is sent twice.
@@ -246,7 +249,7 @@ fn injector(args: &Args) -> FaultInjector {
         corrupt: args.corrupt,
         silent_after_s: args.silent_after,
     };
-    FaultInjector::new(faults, u64::from(args.to.port()))
+    FaultInjector::new(faults, args.index)
 }
 
 fn announce(

@@ -5,8 +5,7 @@ use std::collections::VecDeque;
 use firmware_protocol::pulse::PulseServo;
 use firmware_protocol::simulated::{AxisFault, SimulatedAxis};
 use firmware_protocol::{
-    Command, Config, Controller, Direction, Frame, HalfPlane, KeepOut, Receiver, Report, ResetCause, Sense,
-    Servo, Setpoint,
+    Command, Config, Controller, Direction, Frame, Receiver, Report, ResetCause, Sense, Servo, Setpoint,
 };
 
 use super::MockFault;
@@ -43,13 +42,18 @@ pub struct MockConfig {
 }
 
 impl Default for MockConfig {
-    /// A mirrored pair that tilts ± 60 degrees each and must not tip both sensors inwards by more than 80 degrees
-    /// together.
+    /// A mirrored pair.
     fn default() -> Self {
-        let inwards = HalfPlane { a: -1, b: 1, c: 1_396_263 };
-        let keep_out = KeepOut::inside(&[inwards]).unwrap_or_default();
-        let firmware = Config { keep_out, uid: 0x4F55_5452_4947_0001, ..Config::default() };
+        let firmware = Config::mirrored_pair(0x4F55_5452_4947_0001);
         Self { firmware, node: 1, kind: AxisKind::Measured, slcan: false, start_urad: None }
+    }
+}
+
+impl MockConfig {
+    /// The same make, another rig: the low 16 bits of its unique number.
+    pub fn of_number(mut self, number: u64) -> Self {
+        self.firmware.uid = self.firmware.uid & !0xFFFF | number & 0xFFFF;
+        self
     }
 }
 
@@ -164,6 +168,11 @@ impl MockDevice {
             self.with_axis(axis, |plant| *position = Some(plant.true_position_urad()));
         }
         positions
+    }
+
+    /// Whether the rig may move.
+    pub fn armed(&self) -> bool {
+        self.controller.as_ref().is_some_and(|controller| controller.armed())
     }
 
     fn with_axis(&mut self, axis: usize, mut change: impl FnMut(&mut SimulatedAxis)) {

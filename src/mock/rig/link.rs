@@ -10,8 +10,18 @@ use crate::servo::{Link, LinkError, Received};
 
 const STEP_US: u64 = 1000;
 
-/// Is shown the time, µs, and where the axes really are, µrad.
-type Watch = Box<dyn FnMut(u64, [i32; 2]) + Send>;
+/// What no line tells.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth {
+    /// Since the start, µs.
+    pub time_us: u64,
+    /// Where the axes really are, µrad.
+    pub position_urad: [i32; 2],
+    /// Whether the rig may move.
+    pub armed: bool,
+}
+
+type Watch = Box<dyn FnMut(Truth) + Send>;
 
 /// A mock rig and a line to it.
 pub struct SimulatedLink {
@@ -22,6 +32,7 @@ pub struct SimulatedLink {
     frames: VecDeque<Received>,
     now_us: u64,
     faults: VecDeque<(u64, MockFault)>,
+    others: VecDeque<(u64, Frame)>,
     cut: bool,
     watch: Option<Watch>,
 }
@@ -37,6 +48,7 @@ impl SimulatedLink {
             frames: VecDeque::new(),
             now_us: 0,
             faults: VecDeque::new(),
+            others: VecDeque::new(),
             cut: false,
             watch: None,
         }
@@ -47,8 +59,13 @@ impl SimulatedLink {
         self.faults.push_back((time_us, fault));
     }
 
-    /// Shows every millisecond where the axes really are, µrad.
-    pub fn watch(&mut self, watch: impl FnMut(u64, [i32; 2]) + Send + 'static) {
+    /// Lets another host say something on the same bus at a time, µs since the start. Later calls are for later times.
+    pub fn another_says_at(&mut self, time_us: u64, frame: Frame) {
+        self.others.push_back((time_us, frame));
+    }
+
+    /// Shows the truth every millisecond.
+    pub fn watch(&mut self, watch: impl FnMut(Truth) + Send + 'static) {
         self.watch = Some(Box::new(watch));
     }
 
@@ -59,6 +76,11 @@ impl SimulatedLink {
                 Some((_, MockFault::HangUp)) => self.cut = true,
                 Some((_, fault)) => self.device.inject(self.now_us, fault),
                 None => {}
+            }
+        }
+        while self.others.front().is_some_and(|(time_us, _)| *time_us <= self.now_us) {
+            if let Some((_, frame)) = self.others.pop_front() {
+                self.device.take(self.now_us, frame.encode().bytes());
             }
         }
         let bytes = self.to_device.receive(self.now_us);
@@ -73,7 +95,7 @@ impl SimulatedLink {
             self.frames.extend(self.receiver.push(byte).map(|frame| Received { time_ns, frame }));
         }
         if let ([Some(a), Some(b)], Some(watch)) = (self.device.true_positions_urad(), &mut self.watch) {
-            watch(self.now_us, [a, b]);
+            watch(Truth { time_us: self.now_us, position_urad: [a, b], armed: self.device.armed() });
         }
     }
 
@@ -108,6 +130,14 @@ impl Link for SimulatedLink {
 
     fn counters(&self) -> LinkCounters {
         self.receiver.counters()
+    }
+
+    fn device_errors(&self, _axis: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn is_busy(&self) -> bool {
+        false
     }
 
     fn name(&self) -> &str {

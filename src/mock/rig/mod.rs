@@ -11,14 +11,16 @@ use std::time::Instant;
 
 use super::pty::Pty;
 
+mod can;
 mod device;
 mod fault;
 mod link;
 mod proxy;
 
+pub use can::run as run_on_can;
 pub use device::{AxisKind, MockAxis, MockConfig, MockDevice};
 pub use fault::MockFault;
-pub use link::SimulatedLink;
+pub use link::{SimulatedLink, Truth};
 pub use proxy::{Damage, Proxy};
 
 enum Message {

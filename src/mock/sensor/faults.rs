@@ -7,7 +7,8 @@ use crate::rng::Rng;
 pub struct Faults {
     /// Seed of every choice.
     pub seed: u64,
-    /// Probability that a packet is never sent.
+    /// Probability that a packet is never sent. The first and the last of a stream always are: nobody could count what was
+    /// dropped before or after them.
     pub drop: f64,
     /// Probability that it is sent twice.
     pub duplicate: f64,
@@ -40,13 +41,24 @@ pub struct FaultInjector {
     faults: Faults,
     rng: Rng,
     held: Option<Vec<u8>>,
+    /// A packet was given before.
+    begun: bool,
+    /// The packet dropped last, when none came after it.
+    dropped_last: Option<Vec<u8>>,
     counts: FaultCounts,
 }
 
 impl FaultInjector {
     /// For one stream; two streams of one seed need different numbers.
     pub fn new(faults: Faults, stream: u64) -> Self {
-        Self { faults, rng: Rng::new(faults.seed, stream), held: None, counts: FaultCounts::default() }
+        Self {
+            faults,
+            rng: Rng::new(faults.seed, stream),
+            held: None,
+            begun: false,
+            dropped_last: None,
+            counts: FaultCounts::default(),
+        }
     }
 
     /// Takes the packet of a time of the stream (s since its start) and hands what is to be sent, in order, to `send`.
@@ -58,6 +70,7 @@ impl FaultInjector {
     ) -> Result<(), E> {
         if self.faults.silent_after_s.is_some_and(|silent_s| time_s >= silent_s) {
             self.counts.silent += 1;
+            self.dropped_last = None; // not a word more
             return Ok(());
         }
         // every packet draws the same numbers, so that one fault's rate does not move where another strikes
@@ -65,10 +78,13 @@ impl FaultInjector {
             [self.faults.drop, self.faults.duplicate, self.faults.reorder, self.faults.corrupt]
                 .map(|probability| self.rng.uniform() < probability);
         let bit = self.rng.below(8 * packet.len().max(1) as u64) as usize;
-        if dropped {
+        if dropped && std::mem::replace(&mut self.begun, true) {
             self.counts.dropped += 1;
+            self.dropped_last = Some(packet.to_vec());
             return Ok(());
         }
+        self.begun = true;
+        self.dropped_last = None;
         let mut damaged = Vec::new();
         let packet = if corrupted && !packet.is_empty() {
             self.counts.corrupted += 1;
@@ -94,6 +110,10 @@ impl FaultInjector {
     /// Sends what is still held back, and says what was done.
     pub fn finish<E>(&mut self, send: &mut dyn FnMut(&[u8]) -> Result<(), E>) -> Result<FaultCounts, E> {
         self.release(send)?;
+        if let Some(last) = self.dropped_last.take() {
+            self.counts.dropped -= 1;
+            send(&last)?;
+        }
         Ok(self.counts)
     }
 
@@ -134,6 +154,16 @@ mod tests {
         let backward = sent.windows(2).filter(|pair| pair[1] < pair[0]).count() as u64;
         assert_eq!(backward, counts.reordered, "one held at the very end would only come last");
         assert_eq!(through(faults).0, sent, "same seed, same stream");
+    }
+
+    /// Whatever the seed, the ends are there, and what is missing between them is what was counted.
+    #[test]
+    fn drops_lie_between_packets_that_came() {
+        for seed in 0..50 {
+            let (sent, counts) = through(Faults { seed, drop: 0.7, ..Faults::default() });
+            assert_eq!((sent.first(), sent.last()), (Some(&0), Some(&199)));
+            assert_eq!(sent.len() as u64 + counts.dropped, 200);
+        }
     }
 
     #[test]

@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use firmware_protocol::command::CLEAR_KEY;
-use firmware_protocol::{ALL_AXES, Command, Limit, Order, PROTOCOL_VERSION, ResetCause, State};
+use firmware_protocol::{
+    ALL_AXES, AckCode, Command, Fault, Limit, Order, PROTOCOL_VERSION, ResetCause, State,
+};
 
 use super::view::{TargetView, View};
 use super::{AxisStatus, Link, RigError, RigStatus, ServoReport};
@@ -156,6 +158,10 @@ impl<L: Link> RigController<L> {
         for fault in faults.iter() {
             self.order("clear fault", Order::ClearFault { fault, key: CLEAR_KEY })?;
         }
+        if faults.is_empty() {
+            // what a servo on a bus latched before this program came is no fault here, and goes with any clearing
+            self.order("clear fault", Order::ClearFault { fault: Fault::TorqueLost, key: 0 })?;
+        }
         self.ask("a heartbeat without faults", &[], |view| {
             view.heartbeat.is_some_and(|heartbeat| heartbeat.faults.is_empty())
         })
@@ -223,22 +229,57 @@ impl<L: Link> RigController<L> {
     ) -> Result<Applied, RigError> {
         let targets = self.check(pitches_rad)?;
         self.refuse_when_interrupted()?;
-        if let [a_urad, b_urad] = targets[..] {
-            let id = self.order("move", Order::MovePair { a_urad, b_urad })?;
-            self.wait_for("the move", id, &mut progress)?;
-        } else {
-            for (axis, position_urad) in targets.iter().enumerate() {
-                self.refuse_when_interrupted()?;
-                let order = Order::MoveTo { axis: axis as u8, position_urad: *position_urad };
-                let id = self.order("move", order)?;
-                self.wait_for("the move", id, &mut progress)?;
-            }
+        let approach = self.go_below(pitches_rad, &mut progress)?;
+        self.go(&targets, &mut progress)?;
+        self.read_back(&targets, approach)
+    }
+
+    /// Moves below the pitches where an axis would come from above; the side from which it then comes.
+    fn go_below(
+        &mut self,
+        pitches_rad: &[f64],
+        progress: &mut impl FnMut(&Progress),
+    ) -> Result<&'static str, RigError> {
+        let below: Vec<f64> =
+            pitches_rad.iter().map(|pitch_rad| pitch_rad - self.options.approach_rad).collect();
+        let at = |axis: usize| self.view.axes[axis].position.map_or(f64::INFINITY, |(urad, ..)| rad(urad));
+        let tolerance_rad = self.options.tolerance_rad;
+        if self.options.approach_rad == 0.0 {
+            return Ok("either");
         }
-        self.read_back(&targets)
+        if below.iter().enumerate().all(|(axis, below_rad)| at(axis) <= below_rad + tolerance_rad) {
+            return Ok("from_below");
+        }
+        let moved = self.check(&below).and_then(|targets| self.go(&targets, progress));
+        match moved {
+            Ok(()) => Ok("from_below"),
+            // no room below: straight there
+            Err(
+                RigError::OutsideLimits { .. }
+                | RigError::KeepOut { .. }
+                | RigError::Refused { code: AckCode::KeepOut | AckCode::Limit | AckCode::ServoLimit, .. },
+            ) => Ok("either"),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Moves to angles, a pair together, and waits until all stand.
+    fn go(&mut self, targets: &[i32], progress: &mut impl FnMut(&Progress)) -> Result<(), RigError> {
+        if let [a_urad, b_urad] = *targets {
+            let id = self.order("move", Order::MovePair { a_urad, b_urad })?;
+            return self.wait_for("the move", id, progress);
+        }
+        for (axis, position_urad) in targets.iter().enumerate() {
+            self.refuse_when_interrupted()?;
+            let order = Order::MoveTo { axis: axis as u8, position_urad: *position_urad };
+            let id = self.order("move", order)?;
+            self.wait_for("the move", id, progress)?;
+        }
+        Ok(())
     }
 
     /// Angles read after the move ended, compared with the targets.
-    fn read_back(&mut self, targets: &[i32]) -> Result<Applied, RigError> {
+    fn read_back(&mut self, targets: &[i32], approach: &'static str) -> Result<Applied, RigError> {
         let settled_ns = self.link.now_ns();
         self.ask("a position after the move", &[], |view| {
             view.axes.iter().all(|axis| axis.position.is_some_and(|(.., read_ns)| read_ns >= settled_ns))
@@ -254,6 +295,7 @@ impl<L: Link> RigController<L> {
                 target_rad: rad(*target),
                 measured_rad: rad(urad),
                 source: source.name(),
+                approach,
                 age_s: now_ns.saturating_sub(read_ns) as f64 * 1e-9,
                 uncertainty_rad: rad(self.view.limit(axis, Limit::Uncertainty).unwrap_or(0)),
             });
@@ -294,6 +336,7 @@ impl<L: Link> RigController<L> {
                 supply_mv: view.effort.map(|(_, supply, _)| supply),
                 temperature_c: view.effort.map(|(.., temperature)| temperature),
                 faults: self.view.faults_of(axis),
+                device_errors: self.link.device_errors(axis),
             });
         }
         let counters = self.link.counters();

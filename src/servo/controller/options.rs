@@ -15,6 +15,8 @@ pub struct Options {
     pub node: u8,
     /// How long the rig may miss the host before it stops and holds.
     pub heartbeat_timeout: Duration,
+    /// How long a connected rig, which says something every 20 ms, may say nothing at all.
+    pub silence: Duration,
     /// Time between repeats of an order that is not acknowledged.
     pub retry: Duration,
     /// How long an answer may take, repeats included.
@@ -23,6 +25,9 @@ pub struct Options {
     pub settle_within: Duration,
     /// Distance from the target that counts as there, rad.
     pub tolerance_rad: f64,
+    /// How far below its target an axis goes first, when it does not come from there anyway: play then lies on the same
+    /// side each time. 0 goes straight there.
+    pub approach_rad: f64,
     /// The configured limits of each axis, rad; an axis without one has only those of firmware and servo.
     pub limits_rad: Vec<(f64, f64)>,
     /// The configured keep-out region of the pair; the firmware has its own.
@@ -37,10 +42,12 @@ impl Default for Options {
             session: 1,
             node: 1,
             heartbeat_timeout: Duration::from_secs(1),
+            silence: Duration::from_secs(1),
             retry: Duration::from_millis(120),
             answer_within: Duration::from_millis(1500),
             settle_within: Duration::from_secs(20),
             tolerance_rad: 0.3f64.to_radians(),
+            approach_rad: 1f64.to_radians(),
             limits_rad: Vec::new(),
             keep_out: KeepOut::NONE,
             report_every: Duration::from_millis(50),
@@ -96,6 +103,8 @@ pub struct AppliedAxis {
     pub measured_rad: f64,
     /// How that is known: `measured` or `commanded`.
     pub source: &'static str,
+    /// The side it came from: `from_below`, or `either` where limits left no room for that.
+    pub approach: &'static str,
     /// How old the reading is, s.
     pub age_s: f64,
     /// Half the width in which the true angle lies around the reading, rad.

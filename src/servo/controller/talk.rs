@@ -12,8 +12,6 @@ const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
 const STRANGERS: u32 = 5;
-/// A rig says something every 20 ms; this much silence is a rig without power behind a living adapter.
-const SILENCE: Duration = Duration::from_secs(1);
 
 impl<L: Link> RigController<L> {
     /// Sends an order until it is acknowledged; the order's number.
@@ -60,11 +58,11 @@ impl<L: Link> RigController<L> {
                 }
                 repeat_ns = now_ns + self.options.retry.as_nanos() as u64;
             }
-            self.pump(repeat_ns.min(end_ns))?;
+            self.pump(if end_ns > now_ns { repeat_ns.min(end_ns) } else { repeat_ns })?;
             if heard(&self.view) {
                 return Ok(());
             }
-            if self.link.now_ns() >= end_ns {
+            if self.link.now_ns() >= end_ns && !self.link.is_busy() {
                 let counters = self.link.counters();
                 let heard = format!(
                     "heard {} frames, {} of them for others; {} damaged since the start",
@@ -186,13 +184,21 @@ impl<L: Link> RigController<L> {
             }
             wait = Duration::ZERO;
         }
+        if let (Some(first), Some(second)) = (self.view.uid, self.view.second_uid) {
+            return Err(RigError::SameNode { node: self.options.node, uids: [first, second] });
+        }
+        if self.connected && self.view.strangers >= STRANGERS && self.view.stranger != 0 {
+            return Err(RigError::TakenOver);
+        }
         if self.connected && self.view.strangers >= STRANGERS {
             return Err(RigError::Restarted { cause: self.reset_cause() });
         }
         let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
-        if self.connected && silence_ns > SILENCE.as_nanos() as u64 {
+        let within = self.options.silence;
+        // a rig without power behind a living adapter
+        if self.connected && silence_ns > within.as_nanos() as u64 && !self.link.is_busy() {
             let heard = "it says nothing at all: no power, or another program's hands on it".to_owned();
-            return Err(RigError::NoAnswer { what: "heartbeats", within: SILENCE, heard });
+            return Err(RigError::NoAnswer { what: "heartbeats", within, heard });
         }
         Ok(())
     }

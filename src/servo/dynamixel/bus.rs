@@ -1,24 +1,20 @@
 //! Questions and answers on a Dynamixel bus, each with a time limit.
 
 use std::collections::VecDeque;
-use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
-
-use serialport::{SerialPort, TTYPort};
 
 use super::packet::{BROADCAST, Packet, PacketReceiver, instruction};
 use super::table::Register;
 use crate::servo::LinkError;
+use crate::servo::bus_port::BusPort;
 
 /// How long a servo may take to answer: return delay, 60 bytes at 57600 baud, a slow USB adapter.
 const ANSWER_WITHIN: Duration = Duration::from_millis(40);
-const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// A bus.
 pub struct Bus {
-    path: String,
-    port: TTYPort,
+    port: BusPort,
     receiver: PacketReceiver,
     waiting: VecDeque<Packet>,
     /// Answers heard.
@@ -28,19 +24,13 @@ pub struct Bus {
 impl Bus {
     /// Opens a serial adapter, for this program alone.
     pub fn open(path: &Path, baud: u32) -> Result<Self, LinkError> {
-        let path = path.display().to_string();
-        let failed = |error: serialport::Error| match error.description.contains("exclusive lock") {
-            true => LinkError::InUse { path: path.clone() },
-            false => LinkError::Open { path: path.clone(), reason: error.to_string() },
-        };
-        let port = serialport::new(&path, baud).timeout(ANSWER_WITHIN).open_native().map_err(failed)?;
-        port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
-        Ok(Self { path, port, receiver: PacketReceiver::default(), waiting: VecDeque::new(), answers: 0 })
+        let port = BusPort::open(path, baud)?;
+        Ok(Self { port, receiver: PacketReceiver::default(), waiting: VecDeque::new(), answers: 0 })
     }
 
     /// The adapter's path.
     pub fn path(&self) -> &str {
-        &self.path
+        self.port.path()
     }
 
     /// Damaged packets heard.
@@ -50,18 +40,11 @@ impl Bus {
 
     fn send(&mut self, packet: &Packet) -> Result<(), LinkError> {
         self.waiting.clear();
-        let _ = self.port.set_timeout(WRITE_TIMEOUT); // cannot fail: it is kept in memory
-        self.port.write_all(&packet.encode()).map_err(|error| match error.kind() {
-            ErrorKind::TimedOut => LinkError::WriteTimeout { path: self.path.clone(), after: WRITE_TIMEOUT },
-            _ => self.hung_up(&error),
-        })
+        self.port.send(&packet.encode())
     }
 
-    fn hung_up(&self, error: &std::io::Error) -> LinkError {
-        LinkError::HungUp { path: self.path.clone(), reason: error.to_string() }
-    }
-
-    /// The next answer of this servo. What others say, late answers and the echo of a half-duplex adapter are skipped.
+    /// The next answer of this servo. What others say, late answers and the echo of a half-duplex adapter (which is no
+    /// answer) are skipped.
     fn hear(&mut self, id: u8) -> Result<Option<Packet>, LinkError> {
         let end = Instant::now() + ANSWER_WITHIN;
         loop {
@@ -71,19 +54,9 @@ impl Bus {
                     return Ok(Some(packet));
                 }
             }
-            let left = end.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return Ok(None);
-            }
-            let _ = self.port.set_timeout(left); // cannot fail: it is kept in memory
-            let mut bytes = [0; 256];
-            match self.port.read(&mut bytes) {
-                Ok(0) => {
-                    return Err(LinkError::HungUp { path: self.path.clone(), reason: "end of file".into() });
-                }
-                Ok(count) => self.waiting.extend(self.receiver.push(&bytes[..count])),
-                Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
-                Err(error) => return Err(self.hung_up(&error)),
+            match self.port.read(end)? {
+                Some(bytes) => self.waiting.extend(self.receiver.push(&bytes)),
+                None => return Ok(None),
             }
         }
     }
@@ -98,6 +71,12 @@ impl Bus {
         }))
     }
 
+    /// Starts a servo anew: the only way out of its shutdown. It does not hear for a while afterwards.
+    pub fn reboot(&mut self, id: u8) -> Result<(), LinkError> {
+        self.send(&Packet::new(id, instruction::REBOOT, &[]))?;
+        self.hear(id).map(drop)
+    }
+
     /// Values of a register; `None` when nobody answers or the servo refuses.
     pub fn read(&mut self, id: u8, (address, length): Register) -> Result<Option<Vec<u8>>, LinkError> {
         self.send(&Packet::read(id, address, length))?;
@@ -105,12 +84,12 @@ impl Bus {
         Ok(values(answer.as_ref(), length))
     }
 
-    /// Sets a register; `false` when nobody answers or the servo refuses.
-    pub fn write(&mut self, id: u8, (address, _): Register, values: &[u8]) -> Result<bool, LinkError> {
+    /// Sets a register; the error that the servo answers, 0 for none, `None` when nobody answers.
+    pub fn write(&mut self, id: u8, (address, _): Register, values: &[u8]) -> Result<Option<u8>, LinkError> {
         self.send(&Packet::write(id, address, values))?;
         let answer = self.hear(id)?;
         // bit 7 is an alert about the hardware, not about this write
-        Ok(answer.as_ref().and_then(Packet::answer).is_some_and(|(error, _)| error & 0x7F == 0))
+        Ok(answer.as_ref().and_then(Packet::answer).map(|(error, _)| error & 0x7F))
     }
 
     /// Values of the same register of several servos, in their order.

@@ -38,7 +38,26 @@ pub mod hardware_error {
     pub const OVERHEAT: u8 = 1 << 2;
     /// No valid position.
     pub const ENCODER: u8 = 1 << 3;
+    /// Every bit with its name.
+    pub const NAMES: [(u8, &str); 5] = [
+        (VOLTAGE, "input voltage"),
+        (OVERHEAT, "overheating"),
+        (ENCODER, "motor encoder"),
+        (1 << 4, "electrical shock"),
+        (1 << 5, "overload"),
+    ];
 }
+
+/// Names of what a servo answers to an instruction (e-Manual, Protocol 2.0, "Error"), from 1.
+pub const ANSWER_ERRORS: [&str; 7] = [
+    "cannot process it",
+    "unknown instruction",
+    "damaged packet",
+    "data out of range",
+    "data of the wrong length",
+    "data outside its limits",
+    "register cannot be accessed now",
+];
 
 /// Models with this control table and a current sensor: XM430-W350, XM430-W210, XM540-W270, XM540-W150.
 pub const MODELS: [u16; 4] = [1020, 1030, 1120, 1130];

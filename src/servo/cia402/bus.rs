@@ -1,0 +1,133 @@
+//! Messages with 11-bit identifiers on a CAN bus: through SocketCAN, or through a serial adapter with the LAWICEL text
+//! protocol.
+
+use std::io::ErrorKind;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use socketcan::{
+    CanDataFrame, CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket, SocketOptions, StandardId,
+};
+
+use crate::servo::LinkError;
+use crate::servo::bus_port::BusPort;
+use crate::servo::slcan::{self, Message, SlcanReceiver};
+
+const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
+/// Bits per second of a serial adapter that is none of USB.
+const ADAPTER_BAUD: u32 = 1_000_000;
+
+enum Port {
+    Socket(CanSocket),
+    Adapter(BusPort, SlcanReceiver, Vec<Message>),
+}
+
+/// A bus.
+pub struct CanBus {
+    name: String,
+    port: Port,
+    /// Messages heard.
+    pub heard: u32,
+    /// What the CAN controller last said of itself.
+    pub trouble: Option<String>,
+}
+
+impl CanBus {
+    /// Opens `INTERFACE`, or `slcan:PATH`.
+    pub fn open(address: &str) -> Result<Self, LinkError> {
+        let name = format!("cia402:{address}");
+        let failed =
+            |error: std::io::Error| LinkError::Open { path: name.clone(), reason: error.to_string() };
+        let port = match address.strip_prefix("slcan:") {
+            Some(path) => {
+                let mut port = BusPort::open(Path::new(path), ADAPTER_BAUD)?;
+                port.send(slcan::OPEN)?;
+                Port::Adapter(port, SlcanReceiver::default(), Vec::new())
+            }
+            None => {
+                let socket = CanSocket::open(address).map_err(failed)?;
+                socket.set_write_timeout(WRITE_TIMEOUT).map_err(failed)?;
+                socket.set_error_filter_accept_all().map_err(failed)?;
+                Port::Socket(socket)
+            }
+        };
+        Ok(Self { name, port, heard: 0, trouble: None })
+    }
+
+    /// Its name in errors.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Sends one message.
+    pub fn send(&mut self, identifier: u16, data: &[u8]) -> Result<(), LinkError> {
+        let hung_up = |reason: String| LinkError::HungUp { path: self.name.clone(), reason };
+        match &mut self.port {
+            Port::Adapter(port, ..) => port.send(&slcan::encode_standard(identifier, data)),
+            Port::Socket(socket) => {
+                let frame = StandardId::new(identifier).and_then(|id| CanDataFrame::new(id, data));
+                let frame = frame.ok_or_else(|| hung_up("a message over 8 bytes".into()))?;
+                match socket.write_frame(&frame) {
+                    Ok(()) => Ok(()),
+                    Err(error)
+                        if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
+                            || error.raw_os_error() == Some(nix::libc::ENOBUFS) =>
+                    {
+                        Err(LinkError::WriteTimeout { path: self.name.clone(), after: WRITE_TIMEOUT })
+                    }
+                    Err(error) => Err(hung_up(error.to_string())),
+                }
+            }
+        }
+    }
+
+    /// Waits for one message; `None` when none came before `end`.
+    pub fn receive(&mut self, end: Instant) -> Result<Option<(u16, Vec<u8>)>, LinkError> {
+        loop {
+            let message = match &mut self.port {
+                Port::Adapter(port, receiver, waiting) => {
+                    if waiting.is_empty() {
+                        let Some(bytes) = port.read(end)? else { return Ok(None) };
+                        waiting.extend(bytes.into_iter().filter_map(|byte| receiver.push(byte)));
+                        waiting.reverse(); // the oldest is taken from the end
+                    }
+                    waiting.pop().filter(|message| !message.extended)
+                }
+                Port::Socket(socket) => {
+                    let left = end.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        return Ok(None);
+                    }
+                    match socket.read_frame_timeout(left) {
+                        Ok(CanFrame::Data(frame)) if !frame.is_extended() => Some(Message {
+                            identifier: frame.raw_id(),
+                            extended: false,
+                            data: frame.data().to_vec(),
+                        }),
+                        Ok(CanFrame::Error(frame)) => {
+                            self.trouble = Some(frame.into_error().to_string());
+                            None
+                        }
+                        Ok(_) => None,
+                        Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock) => {
+                            return Ok(None);
+                        }
+                        Err(error) if error.kind() == ErrorKind::Interrupted => None,
+                        // the interface is down: the next write says so
+                        Err(error) if error.raw_os_error() == Some(nix::libc::ENETDOWN) => None,
+                        Err(error) => {
+                            return Err(LinkError::HungUp {
+                                path: self.name.clone(),
+                                reason: error.to_string(),
+                            });
+                        }
+                    }
+                }
+            };
+            if let Some(message) = message {
+                self.heard = self.heard.wrapping_add(1);
+                return Ok(Some((message.identifier as u16, message.data)));
+            }
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! One drive: what it said last, and its power state machine (CiA 402-2, "Statusword", "Controlword").
+
+use std::time::{Duration, Instant};
+
+use firmware_protocol::{Reading, Sense};
+
+use super::object::error_name;
+use crate::servo::hosted::UNREAD;
+
+/// How long switching on may take.
+const SWITCHING_WITHIN: Duration = Duration::from_secs(2);
+
+/// Where a drive is in its power state machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Power {
+    /// Not ready, or nothing heard yet.
+    Unknown,
+    /// Switch on disabled.
+    Disabled,
+    /// Ready to switch on.
+    Ready,
+    /// Switched on.
+    On,
+    /// Operation enabled: it follows its target.
+    Enabled,
+    /// Quick stop active.
+    QuickStop,
+    /// Fault, or on the way there.
+    Fault,
+}
+
+impl Power {
+    /// The state that a status word says.
+    pub fn of(status: u16) -> Self {
+        match (status & 0x4F, status & 0x6F) {
+            (0x08 | 0x0F, _) => Self::Fault,
+            (0x40, _) => Self::Disabled,
+            (_, 0x21) => Self::Ready,
+            (_, 0x23) => Self::On,
+            (_, 0x27) => Self::Enabled,
+            (_, 0x07) => Self::QuickStop,
+            _ => Self::Unknown,
+        }
+    }
+
+    /// The control word that leads one step towards [`Power::Enabled`].
+    pub fn next_control(self) -> u16 {
+        match self {
+            Self::Ready => 0x07,
+            Self::On | Self::Enabled => 0x0F,
+            Self::QuickStop => 0x00,
+            Self::Unknown | Self::Disabled | Self::Fault => 0x06,
+        }
+    }
+}
+
+/// One drive, as last heard.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    /// Its node number.
+    pub node: u8,
+    /// Counts of a turn of the shaft.
+    pub counts_per_turn: f64,
+    /// State, as last heard.
+    pub power: Power,
+    /// Position, counts.
+    pub position: Option<i32>,
+    /// Position and state came since the last look.
+    pub fresh: bool,
+    /// It started anew: what it counts from is not known, and its configuration is gone.
+    pub restarted: bool,
+    /// Error code of the last emergency message or fault; 0 for none.
+    pub error: u16,
+    /// What it refused, in words.
+    pub refused: Option<String>,
+    /// Torque was switched on since it was last to be off: should it vanish, it was the drive that dropped it.
+    pub switched_on: bool,
+    /// Since when it is led towards [`Power::Enabled`].
+    pub switching_since: Option<Instant>,
+    /// Its slow readings: current, supply.
+    pub slow: (i16, u16),
+}
+
+impl Drive {
+    /// A drive that was not heard yet.
+    pub fn new(node: u8) -> Self {
+        Self {
+            node,
+            counts_per_turn: 1.0,
+            power: Power::Unknown,
+            position: None,
+            fresh: false,
+            restarted: false,
+            error: 0,
+            refused: None,
+            switched_on: false,
+            switching_since: None,
+            slow: (UNREAD.current_ma, UNREAD.supply_mv),
+        }
+    }
+
+    /// Takes a message of this node.
+    pub fn hear(&mut self, identifier: u16, data: &[u8]) {
+        let node = u16::from(self.node);
+        match (identifier.checked_sub(node), data) {
+            (Some(0x180), [low, high, a, b, c, d]) => {
+                self.power = Power::of(u16::from_le_bytes([*low, *high]));
+                self.position = Some(i32::from_le_bytes([*a, *b, *c, *d]));
+                self.fresh = true;
+            }
+            (Some(0x080), [low, high, ..]) => self.error = u16::from_le_bytes([*low, *high]),
+            (Some(0x700), [0]) => self.restarted = true,
+            _ => {}
+        }
+    }
+
+    /// Whether it is on its way to [`Power::Enabled`], and still has time for that.
+    fn is_switching(&self) -> bool {
+        self.power != Power::Fault
+            && self.switching_since.is_some_and(|since| since.elapsed() < SWITCHING_WITHIN)
+    }
+
+    /// Takes note of its state; the control word that it is to be sent when it shall drive its shaft, `None` when it
+    /// dropped its torque and the operator is to know.
+    pub fn lead(&mut self) -> Option<u16> {
+        if self.power == Power::Enabled {
+            (self.switched_on, self.switching_since) = (true, None);
+        } else if self.switched_on || self.power == Power::Fault || self.restarted {
+            self.switching_since = None;
+            return None;
+        } else {
+            self.switching_since.get_or_insert_with(Instant::now);
+        }
+        Some(self.power.next_control())
+    }
+
+    /// Its shaft is not to be driven by this program.
+    pub fn rest(&mut self) {
+        (self.switched_on, self.switching_since) = (false, None);
+    }
+
+    /// Counts to an angle, µrad.
+    pub fn urad(&self, counts: i32) -> i32 {
+        (f64::from(counts) * std::f64::consts::TAU * 1e6 / self.counts_per_turn).round() as i32
+    }
+
+    /// An angle to the nearest count.
+    pub fn counts(&self, urad: i32) -> i32 {
+        (f64::from(urad) * self.counts_per_turn / (std::f64::consts::TAU * 1e6)).round() as i32
+    }
+
+    /// What the state machine is told. A fault shows as torque that is gone, and by its code as what caused it.
+    pub fn sense(&mut self) -> Sense {
+        let fresh = std::mem::take(&mut self.fresh);
+        let (current_ma, supply_mv) = self.slow;
+        let mut sense = Sense {
+            reading: match self.position {
+                _ if self.restarted => Reading::Invalid,
+                Some(counts) if fresh => Reading::Measured(self.urad(counts)),
+                _ => Reading::Missing,
+            },
+            torque: self.power == Power::Enabled || self.is_switching(),
+            current_ma,
+            supply_mv,
+            ..UNREAD
+        };
+        match self.error {
+            0x2000..=0x2FFF => sense.current_ma = i16::MAX,
+            0x3220 => sense.supply_mv = 0,
+            0x4000..=0x4FFF => sense.temperature_c = i8::MAX,
+            0x7300..=0x73FF => sense.reading = Reading::Invalid,
+            _ => {}
+        }
+        sense
+    }
+
+    /// Its errors in words.
+    pub fn errors(&self) -> Vec<String> {
+        let error =
+            (self.error != 0).then(|| format!("error 0x{:04x} ({})", self.error, error_name(self.error)));
+        let fault =
+            (self.power == Power::Fault && self.error == 0).then(|| "fault without a code".to_owned());
+        let restarted = self.restarted.then(|| "it restarted".to_owned());
+        error.into_iter().chain(fault).chain(restarted).chain(self.refused.clone()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn status_words_lead_to_enabled() {
+        let words = [
+            (0x0250, Power::Disabled, 0x06),
+            (0x0631, Power::Ready, 0x07),
+            (0x0633, Power::On, 0x0F),
+            (0x0637, Power::Enabled, 0x0F),
+            (0x0617, Power::QuickStop, 0x00),
+            (0x0638, Power::Fault, 0x06),
+            (0x001F, Power::Fault, 0x06),
+            (0x0000, Power::Unknown, 0x06),
+        ];
+        for (status, power, control) in words {
+            assert_eq!((Power::of(status), power.next_control()), (power, control), "{status:04x}");
+        }
+    }
+
+    #[test]
+    fn torque_that_is_dropped_is_not_switched_on_again() {
+        let mut drive = Drive::new(1);
+        let mut hear = |drive: &mut Drive, status: u8| drive.hear(0x181, &[status, 0x06, 0, 0, 0, 0]);
+        for (status, control) in [(0x50, 0x06), (0x31, 0x07), (0x33, 0x0F), (0x37, 0x0F)] {
+            hear(&mut drive, status);
+            assert_eq!(drive.lead(), Some(control));
+            assert!(drive.sense().torque, "on its way, or there");
+        }
+        hear(&mut drive, 0x50);
+        assert_eq!((drive.lead(), drive.sense().torque), (None, false));
+        drive.rest();
+        assert_eq!(drive.lead(), Some(0x06));
+        hear(&mut drive, 0x38);
+        assert_eq!((drive.lead(), drive.sense().torque), (None, false));
+    }
+
+    #[test]
+    fn messages_of_the_node_are_taken_and_no_others() {
+        let mut drive = Drive { counts_per_turn: 36_000.0, ..Drive::new(5) };
+        drive.hear(0x186, &[0x37, 0x06, 1, 0, 0, 0]);
+        assert_eq!(drive.sense().reading, Reading::Missing);
+        drive.hear(0x185, &[0x37, 0x06, 0x28, 0x23, 0, 0]);
+        assert_eq!(drive.sense(), Sense { reading: Reading::Measured(1_570_796), torque: true, ..UNREAD });
+        assert_eq!(drive.counts(1_570_796), 9000);
+        assert_eq!(drive.sense().reading, Reading::Missing, "a reading counts once");
+        drive.hear(0x085, &[0x11, 0x86, 0, 0, 0, 0, 0, 0]);
+        drive.hear(0x185, &[0x38, 0x06, 0x28, 0x23, 0, 0]);
+        assert!(!drive.sense().torque);
+        assert_eq!(drive.errors(), ["error 0x8611 (following error)"]);
+        drive.hear(0x705, &[0]);
+        assert_eq!(drive.sense().reading, Reading::Invalid);
+    }
+}

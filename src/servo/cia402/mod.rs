@@ -1,0 +1,318 @@
+//! CANopen drives (CiA 301, CiA 402) as a rig: set points in cyclic synchronous position mode, one with every SYNC.
+//!
+//! Each side watches the other's heartbeat. A drive that restarts has lost its configuration and perhaps its zero, which
+//! is an invalid encoder here; clearing the fault configures it again, and then it is to be homed.
+
+use std::time::{Duration, Instant};
+
+use firmware_protocol::{LinkCounters, Sense, Setpoint};
+
+use super::LinkError;
+use super::hosted::{Actuators, HostedLink, Make};
+
+mod bus;
+mod drive;
+mod object;
+
+use bus::CanBus;
+use drive::{Drive, Power};
+use object::{Answer, Object};
+
+/// How long a drive may take to answer a question.
+const ANSWER_WITHIN: Duration = Duration::from_millis(300);
+/// How long the drives' readings are waited for after a SYNC.
+const READINGS_WITHIN: Duration = Duration::from_millis(15);
+/// How long leaving a fault may take.
+const RESET_WITHIN: Duration = Duration::from_secs(2);
+/// Rounds between two looks at current and supply.
+const SLOW_ROUNDS: u32 = 40;
+/// Node number under which the host sends its heartbeat, and how long the drives wait for it, ms.
+const HOST: (u8, u32) = (127, 1000);
+const HEARTBEAT_EVERY: Duration = Duration::from_millis(100);
+/// Play of a geared drive that says nothing of it: 0.1 degrees.
+const PLAY_URAD: i32 = 1745;
+
+/// Opens a bus (`INTERFACE` or `slcan:PATH`) and finds its two drives; the first is axis 0.
+pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkError> {
+    let bus = CanBus::open(address)?;
+    let name = bus.name().to_owned();
+    let drives = nodes.map(Drive::new);
+    let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), watched: [true; 2] };
+    let ranges_urad = [rig.start(0)?, rig.start(1)?];
+    let uid = u64::from(nodes[0]) << 8 | u64::from(nodes[1]);
+    HostedLink::start(name, rig, &Make { uid, ranges_urad, uncertainty_urad: PLAY_URAD })
+}
+
+struct Cia402 {
+    bus: CanBus,
+    drives: [Drive; 2],
+    heartbeat: Instant,
+    /// Whether each drive watches the host's heartbeat.
+    watched: [bool; 2],
+}
+
+impl Cia402 {
+    fn wrong(&self, axis: usize, reason: String) -> LinkError {
+        LinkError::Open { path: format!("{}, node {}", self.bus.name(), self.drives[axis].node), reason }
+    }
+
+    /// Hears one message, whoever it is of.
+    fn hear(&mut self, end: Instant) -> Result<Option<(u16, Vec<u8>)>, LinkError> {
+        let message = self.bus.receive(end)?;
+        if let Some((identifier, data)) = &message {
+            self.drives.iter_mut().for_each(|drive| drive.hear(*identifier, data));
+        }
+        Ok(message)
+    }
+
+    /// Asks about an object; `None` when nobody answers in time.
+    fn ask(&mut self, axis: usize, object: Object, question: [u8; 8]) -> Result<Option<Answer>, LinkError> {
+        let node = u16::from(self.drives[axis].node);
+        self.bus.send(0x600 + node, &question)?;
+        let end = Instant::now() + ANSWER_WITHIN;
+        while let Some((identifier, data)) = self.hear(end)? {
+            if identifier == 0x580 + node
+                && let Some(answer) = object::answer(object, &data)
+            {
+                return Ok(Some(answer));
+            }
+        }
+        Ok(None)
+    }
+
+    /// An object's value; `None` when the drive has none.
+    fn read(&mut self, axis: usize, object: Object) -> Result<Option<u32>, LinkError> {
+        for _ in 0..3 {
+            match self.ask(axis, object, object::upload(object))? {
+                Some(Answer::Value(value)) => return Ok(Some(value)),
+                Some(_) => return Ok(None),
+                None => {}
+            }
+        }
+        let reason =
+            format!("no answer to a question for object 0x{:04x}; are node and bit rate right?", object.0);
+        Err(self.wrong(axis, reason))
+    }
+
+    fn write(&mut self, axis: usize, object: Object, value: u32) -> Result<(), LinkError> {
+        for _ in 0..3 {
+            match self.ask(axis, object, object::download(object, value))? {
+                Some(Answer::Abort(code)) => {
+                    let why = object::abort_name(code);
+                    let reason =
+                        format!("object 0x{:04x}.{} = {value}: {why} (0x{code:08x})", object.0, object.1);
+                    return Err(self.wrong(axis, reason));
+                }
+                Some(_) => return Ok(()),
+                None => {}
+            }
+        }
+        Err(self.wrong(axis, format!("no answer to a new value for object 0x{:04x}", object.0)))
+    }
+
+    /// Looks at a drive, configures and starts it; its range, µrad.
+    fn start(&mut self, axis: usize) -> Result<(i32, i32), LinkError> {
+        let node = self.drives[axis].node;
+        self.bus.send(0, &[0x80, node])?; // configuration is for the pre-operational
+        let Some(kind) = self.read(axis, object::DEVICE_TYPE)? else {
+            return Err(self.wrong(axis, "it has no device type".into()));
+        };
+        self.refuse_a_second(axis)?;
+        if kind & 0xFFFF != 402 {
+            return Err(self.wrong(axis, format!("device type {}, expected 402 (a drive)", kind & 0xFFFF)));
+        }
+        let modes = self.read(axis, object::SUPPORTED_MODES)?;
+        if modes.is_some_and(|modes| modes >> (object::CYCLIC_POSITION - 1) & 1 == 0) {
+            return Err(self.wrong(axis, "it has no cyclic synchronous position mode".into()));
+        }
+        self.drives[axis].counts_per_turn = self.counts_per_turn(axis)?;
+        let low = self.read(axis, object::LOWEST)?.map_or(i32::MIN, |value| value as i32);
+        let high = self.read(axis, object::HIGHEST)?.map_or(i32::MAX, |value| value as i32);
+        for (object, value) in object::process_data(node) {
+            self.write(axis, object, value)?;
+        }
+        self.write(axis, object::MODE, object::CYCLIC_POSITION)?;
+        self.write(axis, object::HEARTBEAT_PERIOD, HEARTBEAT_EVERY.as_millis() as u32)?;
+        let (host, within_ms) = HOST;
+        let watched = u32::from(host) << 16 | within_ms;
+        self.watched[axis] = match self.ask(
+            axis,
+            object::WATCHED_HEARTBEAT,
+            object::download(object::WATCHED_HEARTBEAT, watched),
+        )? {
+            Some(Answer::Taken) => true,
+            _ => {
+                self.drives[axis].refused = Some("it does not watch this program's heartbeat".into());
+                false
+            }
+        };
+        self.drives[axis].restarted = false;
+        self.drives[axis].position = None;
+        self.bus.send(0, &[0x01, node])?;
+        let half_turn = 3_141_592;
+        let drive = &self.drives[axis];
+        let clamp = |counts: i32| match counts {
+            i32::MIN => -half_turn,
+            i32::MAX => half_turn,
+            counts => drive.urad(counts),
+        };
+        Ok((clamp(low), clamp(high)))
+    }
+
+    /// Two nodes of one number both answer; the second one comes right after the first.
+    fn refuse_a_second(&mut self, axis: usize) -> Result<(), LinkError> {
+        let node = u16::from(self.drives[axis].node);
+        let end = Instant::now() + Duration::from_millis(50);
+        while let Some((identifier, data)) = self.hear(end)? {
+            if identifier == 0x580 + node && object::answer(object::DEVICE_TYPE, &data).is_some() {
+                return Err(self.wrong(axis, "two devices answer with this node number".into()));
+            }
+        }
+        Ok(())
+    }
+
+    fn counts_per_turn(&mut self, axis: usize) -> Result<f64, LinkError> {
+        let mut factor = |object| -> Result<f64, LinkError> {
+            Ok(self.read(axis, object)?.filter(|value| *value > 0).map_or(f64::NAN, f64::from))
+        };
+        let encoder = factor(object::ENCODER_COUNTS)? / factor(object::ENCODER_TURNS)?;
+        let gear = factor(object::GEAR_MOTOR)? / factor(object::GEAR_SHAFT)?;
+        if encoder.is_nan() {
+            return Err(self.wrong(axis, "it does not say how many counts a turn has (object 0x608f)".into()));
+        }
+        Ok(if gear.is_nan() { encoder } else { encoder * gear })
+    }
+
+    /// A SYNC, and what every drive measures by it.
+    fn exchange(&mut self) -> Result<(), LinkError> {
+        if self.heartbeat.elapsed() >= HEARTBEAT_EVERY {
+            self.heartbeat = Instant::now();
+            self.bus.send(0x700 + u16::from(HOST.0), &[5])?;
+        }
+        self.bus.send(0x080, &[])?;
+        let end = Instant::now() + READINGS_WITHIN;
+        while self.drives.iter().any(|drive| !drive.fresh) && self.hear(end)?.is_some() {}
+        Ok(())
+    }
+
+    fn control(&mut self, axis: usize, word: u16, target: i32) -> Result<(), LinkError> {
+        let ([low, high], [a, b, c, d]) = (word.to_le_bytes(), target.to_le_bytes());
+        self.bus.send(0x200 + u16::from(self.drives[axis].node), &[low, high, a, b, c, d])
+    }
+
+    /// Resets a fault: only the rising edge of bit 7 counts. Whether the drive left it in time.
+    fn reset_fault(&mut self, axis: usize) -> Result<bool, LinkError> {
+        let end = Instant::now() + RESET_WITHIN;
+        for edge in [0x00, 0x80].into_iter().cycle() {
+            self.drives.iter_mut().for_each(|drive| drive.fresh = false);
+            self.exchange()?;
+            let drive = &self.drives[axis];
+            if drive.fresh && !matches!(drive.power, Power::Fault | Power::Unknown) {
+                return Ok(true);
+            }
+            if Instant::now() >= end {
+                break;
+            }
+            if let Some(position) = drive.position {
+                self.control(axis, edge, position)?;
+            }
+        }
+        Ok(false)
+    }
+
+    fn look_slowly(&mut self, axis: usize) -> Result<(), LinkError> {
+        let mut ask = |object| self.ask(axis, object, object::upload(object));
+        let value = |answer| match answer {
+            Some(Answer::Value(value)) => Some(value),
+            _ => None,
+        };
+        let share = value(ask(object::CURRENT)?).map(|value| i64::from(value as u16 as i16).abs());
+        let rated = value(ask(object::RATED_CURRENT)?).map(i64::from);
+        let supply = value(ask(object::SUPPLY)?);
+        let code = if self.drives[axis].power == Power::Fault {
+            let object = object::ERROR_CODE;
+            value(self.ask(axis, object, object::upload(object))?)
+        } else {
+            None
+        };
+        let drive = &mut self.drives[axis];
+        if let (Some(share), Some(rated)) = (share, rated) {
+            drive.slow.0 = (share * rated / 1000).min(i16::MAX.into()) as i16;
+        }
+        if let Some(supply) = supply {
+            drive.slow.1 = supply.min(u16::MAX.into()) as u16;
+        }
+        if let Some(code) = code {
+            drive.error = code as u16;
+        }
+        Ok(())
+    }
+}
+
+impl Actuators for Cia402 {
+    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError> {
+        self.exchange()?;
+        let slow = round % SLOW_ROUNDS;
+        if slow < 2 {
+            self.look_slowly(slow as usize)?; // one drive at a time
+        }
+        let [a, b] = &mut self.drives;
+        Ok([a.sense(), b.sense()])
+    }
+
+    fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {
+        for (axis, setpoint) in setpoints.into_iter().enumerate() {
+            let drive = &mut self.drives[axis];
+            let Some(setpoint) = setpoint else {
+                drive.rest();
+                continue;
+            };
+            // until it follows, its target is where it stands
+            let target = match (drive.power, drive.position) {
+                (Power::Enabled, _) => drive.counts(setpoint.position_urad),
+                (_, Some(position)) => position,
+                (_, None) => continue,
+            };
+            if let Some(word) = drive.lead() {
+                self.control(axis, word, target)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn recover(&mut self) -> Result<(), LinkError> {
+        for axis in 0..2 {
+            if self.drives[axis].restarted {
+                self.start(axis)?;
+                self.drives[axis].rest();
+            }
+            if self.drives[axis].power == Power::Fault || self.drives[axis].error != 0 {
+                if self.reset_fault(axis)? {
+                    self.drives[axis].error = 0;
+                }
+                self.drives[axis].rest();
+            }
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self) {
+        for axis in 0..2 {
+            if self.watched[axis] {
+                // a bus that is gone needs no farewell
+                let _ = self.write(axis, object::WATCHED_HEARTBEAT, 0);
+            }
+        }
+    }
+
+    fn errors(&self) -> [Vec<String>; 2] {
+        [0, 1].map(|axis: usize| {
+            let bus = self.bus.trouble.iter().map(|trouble| format!("CAN controller: {trouble}"));
+            self.drives[axis].errors().into_iter().chain(bus).collect()
+        })
+    }
+
+    fn counters(&self) -> LinkCounters {
+        LinkCounters { frames: self.bus.heard, ..LinkCounters::default() }
+    }
+}

@@ -1,0 +1,339 @@
+//! Actuators without a rig's firmware: the host runs the one state machine itself and drives them over their bus.
+//!
+//! [`HostedLink`] speaks the rig's own messages, so everything above it stays the same.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use firmware_protocol::{
+    AxisConfig, Command, Config, Controller, Direction, Frame, LinkCounters, Order, Reading, Report,
+    ResetCause, Sense, Servo, Setpoint,
+};
+
+use super::link::Clock;
+use super::{Link, LinkError, Received};
+
+/// Shortest time between two rounds on the bus.
+const ROUND: Duration = Duration::from_millis(5);
+const WAITING_FRAMES: usize = 4096;
+/// Rounds in which actuators that were reset get their torque back and are seen to have it.
+const RECOVERY_ROUNDS: u32 = 8;
+
+/// What is known of an actuator before it was read.
+pub(super) const UNREAD: Sense = Sense {
+    reading: Reading::Missing,
+    torque: false,
+    current_ma: 0,
+    supply_mv: u16::MAX,
+    temperature_c: 0,
+    home_switch: None,
+};
+
+/// A pair of actuators on a bus.
+pub(super) trait Actuators: Send + 'static {
+    /// Reads what each measures; what did not answer is [`Reading::Missing`]. Rounds count up.
+    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError>;
+
+    /// Tells each that is to drive its shaft where to be, and switches its torque on if need be.
+    fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError>;
+
+    /// Takes away what the devices latched by themselves: the operator clears a fault.
+    fn recover(&mut self) -> Result<(), LinkError>;
+
+    /// The program leaves in peace: the actuators hold, and no watchdog of theirs bites.
+    fn leave(&mut self);
+
+    /// Errors that each device tells of itself, in words.
+    fn errors(&self) -> [Vec<String>; 2];
+
+    /// What was heard.
+    fn counters(&self) -> LinkCounters;
+}
+
+/// What a kind of actuator adds to the usual limits.
+pub(super) struct Make {
+    pub uid: u64,
+    /// Its own lowest and highest angle, µrad.
+    pub ranges_urad: [(i32, i32); 2],
+    /// Half the width in which the true angle lies around the reading, µrad.
+    pub uncertainty_urad: i32,
+}
+
+/// One actuator, as last heard and as told.
+#[derive(Clone, Copy, Debug)]
+struct Actuator {
+    sense: Sense,
+    setpoint: Option<Setpoint>,
+    range_urad: (i32, i32),
+}
+
+impl Servo for Actuator {
+    fn sense(&mut self, _now_us: u64) -> Sense {
+        self.sense
+    }
+
+    fn drive(&mut self, _now_us: u64, setpoint: Setpoint) {
+        self.setpoint = Some(setpoint);
+    }
+
+    fn range_urad(&self) -> (i32, i32) {
+        self.range_urad
+    }
+}
+
+/// A pair of actuators on a bus, as a rig.
+pub struct HostedLink {
+    name: String,
+    commands: Option<Sender<Frame>>,
+    frames: Receiver<Result<Received, LinkError>>,
+    shared: Arc<Mutex<Shared>>,
+    clock: Clock,
+    thread: Option<JoinHandle<()>>,
+    dead: Option<LinkError>,
+}
+
+#[derive(Default)]
+struct Shared {
+    counters: LinkCounters,
+    errors: [Vec<String>; 2],
+    busy: bool,
+}
+
+impl HostedLink {
+    pub(super) fn start(name: String, actuators: impl Actuators, make: &Make) -> Result<Self, LinkError> {
+        let clock = Clock::start();
+        let mut config = Config::<2> { uid: make.uid, ..Config::default() };
+        for (axis, (low, high)) in config.axes.iter_mut().zip(make.ranges_urad) {
+            let usual = AxisConfig::default();
+            *axis = AxisConfig {
+                minimum_urad: usual.minimum_urad.max(low),
+                maximum_urad: usual.maximum_urad.min(high),
+                uncertainty_urad: make.uncertainty_urad,
+                // an answer through an operating system is late at times
+                missing_us: 300_000,
+                // and a late reading followed by one in time looks like a leap
+                jump_urad: 100_000,
+                // a shaft that somebody turns by hand is left alone until the rig is armed
+                holds_when_idle: false,
+                ..usual
+            };
+        }
+        let servos =
+            make.ranges_urad.map(|range_urad| Actuator { sense: UNREAD, setpoint: None, range_urad });
+        let controller = Controller::new(config, servos, ResetCause::PowerOn, 0);
+        let (command_sender, commands) = channel();
+        let (sender, frames) = sync_channel(WAITING_FRAMES);
+        let shared: Arc<Mutex<Shared>> = Arc::default();
+        let started_ns = clock.now_ns();
+        let worker = Worker {
+            started_ns,
+            actuators,
+            controller,
+            commands,
+            sender,
+            shared: shared.clone(),
+            clock,
+            reports: Vec::new(),
+            recovered: None,
+        };
+        let thread = std::thread::Builder::new()
+            .name("servo bus".into())
+            .spawn(move || worker.run())
+            .map_err(|error| LinkError::Open { path: name.clone(), reason: error.to_string() })?;
+        let commands = Some(command_sender);
+        Ok(Self { name, commands, frames, shared, clock, thread: Some(thread), dead: None })
+    }
+
+    fn shared(&self) -> std::sync::MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+struct Worker<A> {
+    /// The state machine's time begins here: its stamps are short.
+    started_ns: u64,
+    actuators: A,
+    controller: Controller<Actuator, 2>,
+    commands: Receiver<Frame>,
+    sender: SyncSender<Result<Received, LinkError>>,
+    shared: Arc<Mutex<Shared>>,
+    clock: Clock,
+    reports: Vec<Report>,
+    /// The last order that reset the devices.
+    recovered: Option<u16>,
+}
+
+/// Why the conversation ends.
+enum End {
+    Link(LinkError),
+    NobodyListens,
+}
+
+impl From<LinkError> for End {
+    fn from(error: LinkError) -> Self {
+        Self::Link(error)
+    }
+}
+
+impl<A: Actuators> Worker<A> {
+    fn run(mut self) {
+        let mut sequence = 0u8;
+        for round in 0u32.. {
+            let started_us = self.now_us();
+            match self.round(round, &mut sequence) {
+                Ok(()) => {}
+                Err(End::NobodyListens) => return self.actuators.leave(),
+                Err(End::Link(error)) => {
+                    let _ = self.sender.send(Err(error)); // nobody may be left to tell
+                    return;
+                }
+            }
+            let used = Duration::from_micros(self.now_us() - started_us);
+            std::thread::sleep(ROUND.saturating_sub(used));
+        }
+    }
+
+    fn round(&mut self, round: u32, sequence: &mut u8) -> Result<(), End> {
+        self.listen(round)?;
+        loop {
+            match self.commands.try_recv() {
+                Ok(frame) => self.obey(&frame)?,
+                Err(std::sync::mpsc::TryRecvError::Empty) => break,
+                Err(std::sync::mpsc::TryRecvError::Disconnected) => return Err(End::NobodyListens),
+            }
+        }
+        self.step();
+        // what was heard first: telling may take a while
+        self.send_reports(sequence)?;
+        self.set_busy(false);
+        Ok(self.tell()?)
+    }
+
+    fn send_reports(&mut self, sequence: &mut u8) -> Result<(), End> {
+        for report in std::mem::take(&mut self.reports) {
+            *sequence = sequence.wrapping_add(1);
+            let received =
+                Received { time_ns: self.clock.now_ns(), frame: Frame::report(*sequence, 1, &report) };
+            // a full queue drops: nobody listens, and positions come again
+            if let Err(TrySendError::Disconnected(_)) = self.sender.try_send(Ok(received)) {
+                return Err(End::NobodyListens);
+            }
+        }
+        Ok(())
+    }
+
+    fn obey(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        let Ok(command) = Command::decode(frame.id.message, frame.data()) else { return Ok(()) };
+        if frame.id.direction != Direction::ToDevice {
+            return Ok(());
+        }
+        if let Command::Order { id, order: Order::ClearFault { .. } } = command
+            && self.recovered != Some(id)
+        {
+            self.recovered = Some(id); // its repeats are not to reset anything again
+            // what a device latched by itself is reset first, or the cause would remain for ever
+            self.set_busy(true);
+            self.actuators.recover()?;
+            for _ in 0..RECOVERY_ROUNDS {
+                self.listen(0)?;
+                self.step();
+                self.tell()?;
+            }
+        }
+        let (now_us, reports) = (self.now_us(), &mut self.reports);
+        self.controller.handle(now_us, &command, &mut |report| reports.push(report));
+        Ok(())
+    }
+
+    fn set_busy(&self, busy: bool) {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner).busy = busy;
+    }
+
+    fn listen(&mut self, round: u32) -> Result<(), LinkError> {
+        let senses = self.actuators.listen(round)?;
+        for (axis, sense) in senses.into_iter().enumerate() {
+            self.controller.servo_mut(axis).into_iter().for_each(|servo| servo.sense = sense);
+        }
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.counters = self.actuators.counters();
+        shared.errors = self.actuators.errors();
+        Ok(())
+    }
+
+    fn step(&mut self) {
+        let (now_us, reports) = (self.now_us(), &mut self.reports);
+        self.controller.step(now_us, &mut |report| reports.push(report));
+    }
+
+    fn tell(&mut self) -> Result<(), LinkError> {
+        let mut setpoints = [None; 2];
+        for (axis, setpoint) in setpoints.iter_mut().enumerate() {
+            let told = self.controller.servo_mut(axis).and_then(|servo| servo.setpoint);
+            *setpoint = told.filter(|setpoint| setpoint.torque);
+        }
+        self.actuators.tell(setpoints)
+    }
+
+    fn now_us(&self) -> u64 {
+        (self.clock.now_ns() - self.started_ns) / 1000
+    }
+}
+
+impl Link for HostedLink {
+    fn send(&mut self, frame: &Frame) -> Result<(), LinkError> {
+        let sent = self.commands.as_ref().is_some_and(|commands| commands.send(*frame).is_ok());
+        match &self.dead {
+            Some(error) => Err(error.clone()),
+            // the thread ended: its last word says why
+            None if !sent => self.receive(Duration::ZERO).map(drop),
+            None => Ok(()),
+        }
+    }
+
+    fn receive(&mut self, wait: Duration) -> Result<Option<Received>, LinkError> {
+        if let Some(error) = &self.dead {
+            return Err(error.clone());
+        }
+        let error = match self.frames.recv_timeout(wait) {
+            Ok(Ok(received)) => return Ok(Some(received)),
+            Err(RecvTimeoutError::Timeout) => return Ok(None),
+            Ok(Err(error)) => error,
+            Err(RecvTimeoutError::Disconnected) => {
+                LinkError::HungUp { path: self.name.clone(), reason: "the bus' thread ended".into() }
+            }
+        };
+        self.dead = Some(error.clone());
+        Err(error)
+    }
+
+    fn now_ns(&self) -> u64 {
+        self.clock.now_ns()
+    }
+
+    fn counters(&self) -> LinkCounters {
+        self.shared().counters
+    }
+
+    fn device_errors(&self, axis: usize) -> Vec<String> {
+        self.shared().errors.get(axis).cloned().unwrap_or_default()
+    }
+
+    fn is_busy(&self) -> bool {
+        self.shared().busy
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+impl Drop for HostedLink {
+    fn drop(&mut self) {
+        self.commands = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join(); // ends within one round
+        }
+    }
+}
