@@ -20,6 +20,7 @@ pub mod objective;
 pub mod registration;
 pub mod optimize;
 pub mod compare;
+pub mod calibrate;
 pub mod servo;
 pub mod receive;
 pub mod record;

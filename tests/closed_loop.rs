@@ -8,7 +8,7 @@
 use std::net::SocketAddr;
 
 use glam::DVec3;
-use outrigger::compare::{Agreement, Replay};
+use outrigger::compare::{Agreement, Gate, Replay};
 use outrigger::coverage::{Coverage, VoxelGrid};
 use outrigger::mock::sensor::{MockSensor, Spin, Surroundings};
 use outrigger::rig::{Mount, MountedSensor};
@@ -109,7 +109,8 @@ fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder,
         "{what}: {stats:?}"
     );
     assert!(stats.frames >= 2, "{what}: {stats:?}");
-    let rays = replay.rays[0];
+    let replayed = replay.finish();
+    let rays = replayed.rays[0];
     assert_eq!((rays.short, rays.long, rays.extra), (0, 0, 0), "{what}: {rays:?}");
     // the walk may end between the true time of a group of lasers and its time in the packet, rounded to 1 us
     let at_the_end = 8;
@@ -123,7 +124,7 @@ fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder,
     let open: Vec<u64> =
         certain.iter().zip(&possible).map(|(certain, possible)| possible & !certain).collect();
     let recorded: Vec<u64> =
-        replay.recorded.union().iter().zip(&open).map(|(seen, open)| seen & !open).collect();
+        replayed.placed.union().iter().zip(&open).map(|(seen, open)| seen & !open).collect();
     let agreement = Agreement::between(&certain, &recorded, None);
     assert!(agreement.iou.unwrap() >= 0.9999, "{what}: {agreement:?}");
     let undecided: u32 = open.iter().map(|word| word.count_ones()).sum();
@@ -137,7 +138,7 @@ fn close_the_loop(what: &str, mut sensor: MockSensor, decoder: &mut dyn Decoder,
 
 fn replay<'a>(scene: &'a Scene, walk: &'a Trajectory, sensor: &MockSensor, grid: &VoxelGrid) -> Replay<'a> {
     let mounted = MountedSensor { name: "right".into(), model: sensor.model().clone(), mount: MOUNT };
-    Replay::new(scene, walk, vec![mounted], grid)
+    Replay::new(scene, walk, vec![mounted], grid, Gate::default())
 }
 
 fn run(
@@ -221,7 +222,7 @@ fn range_noise_shows_as_noise() {
     let mut sensor = MockSensor::ouster(metadata.clone());
     let mut replay = replay(&scene, &walk, &sensor, &grid);
     run(&mut sensor, 0.1, HOST_LATE_NS, &scene, &walk, &mut OusterDecoder::new(metadata), &mut replay);
-    let rays = replay.rays[0];
+    let rays = replay.finish().rays[0];
     // with a standard deviation as wide as the gate of agreement, 31.7 % fall outside it, evenly on both sides
     let share = (rays.short + rays.long) as f64 / rays.informative() as f64;
     assert!((share - 0.317).abs() < 0.01, "{rays:?}");

@@ -7,6 +7,7 @@ mod support;
 
 mod cli;
 mod closed_loop;
+mod compare;
 mod decode;
 mod demo;
 mod export;
@@ -26,6 +27,7 @@ fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
+        ("compare", compare::CASES),
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
