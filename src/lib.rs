@@ -22,6 +22,7 @@ pub mod objective;
 pub mod robustness;
 pub mod optimize;
 pub mod compare;
+pub mod calibrate;
 pub mod servo;
 pub mod receive;
 pub mod record;

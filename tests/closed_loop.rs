@@ -8,7 +8,7 @@
 use std::net::SocketAddr;
 
 use glam::DVec3;
-use outrigger::compare::{Agreement, Replay};
+use outrigger::compare::{Agreement, Gate, Replay};
 use outrigger::coverage::{Coverage, VoxelGrid};
 use outrigger::mock::sensor::{MockSensor, Spin, Surroundings};
 use outrigger::rig::{Mount, MountedSensor};
@@ -132,7 +132,8 @@ fn close_the_loop(
         "{what}: {stats:?}"
     );
     assert!(stats.frames >= 2, "{what}: {stats:?}");
-    let rays = replay.rays[0];
+    let replayed = replay.finish();
+    let rays = replayed.rays[0];
     let at_edges = (past_edges * prediction.hits as f64) as u64;
     assert!(rays.short.max(rays.long).max(rays.extra) <= at_edges, "{what}: {rays:?}");
     // the walk may end between the true time of a group of lasers and its time in the packet, rounded to 1 us
@@ -147,7 +148,7 @@ fn close_the_loop(
     let open: Vec<u64> =
         certain.iter().zip(&possible).map(|(certain, possible)| possible & !certain).collect();
     let recorded: Vec<u64> =
-        replay.recorded.union().iter().zip(&open).map(|(seen, open)| seen & !open).collect();
+        replayed.placed.union().iter().zip(&open).map(|(seen, open)| seen & !open).collect();
     let agreement = Agreement::between(&certain, &recorded, None);
     assert!(agreement.iou.unwrap() >= 0.9999, "{what}: {agreement:?}");
     let undecided: u32 = open.iter().map(|word| word.count_ones()).sum();
@@ -161,7 +162,7 @@ fn close_the_loop(
 
 fn replay<'a>(scene: &'a Scene, walk: &'a Trajectory, sensor: &MockSensor, grid: &VoxelGrid) -> Replay<'a> {
     let mounted = MountedSensor { name: "right".into(), model: sensor.model().clone(), mount: MOUNT };
-    Replay::new(scene, walk, vec![mounted], grid)
+    Replay::new(scene, walk, vec![mounted], grid, Gate::default())
 }
 
 fn run(
@@ -246,7 +247,7 @@ fn range_noise_shows_as_noise() {
     let mut sensor = MockSensor::ouster(metadata.clone());
     let mut replay = replay(&scene, &walk, &sensor, &grid);
     run(&mut sensor, 0.1, HOST_LATE_NS, &scene, &walk, &mut OusterDecoder::new(metadata), &mut replay);
-    let rays = replay.rays[0];
+    let rays = replay.finish().rays[0];
     // with a standard deviation as wide as the gate of agreement, 31.7 % fall outside it, evenly on both sides
     let share = (rays.short + rays.long) as f64 / rays.informative() as f64;
     assert!((share - 0.317).abs() < 0.01, "{rays:?}");

@@ -7,6 +7,7 @@ mod support;
 
 mod cli;
 mod closed_loop;
+mod compare;
 mod config;
 mod decode;
 mod demo;
@@ -31,6 +32,7 @@ fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
+        ("compare", compare::CASES),
         ("config", config::CASES),
         ("decode", decode::CASES),
         ("demo", demo::CASES),

@@ -9,6 +9,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use crate::config::Config;
 
 mod baselines;
+mod compare;
 mod decode;
 mod defaults;
 mod demo;
@@ -60,6 +61,8 @@ enum Verb {
     Evaluate(evaluate::Args),
     /// What a mount will cover along a trajectory through a scene.
     Predict(predict::Args),
+    /// Whether a recording covers what was promised, and how far the mounts are off.
+    Compare(compare::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
@@ -138,6 +141,7 @@ impl Cli {
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
+            Verb::Compare(args) => compare::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),

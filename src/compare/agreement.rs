@@ -5,17 +5,6 @@ use serde::Serialize;
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::scene::Scene;
 
-use super::RayClasses;
-
-/// Coverage as driven and recorded is called the same from here on: a replay of noise-free packets through millimetre
-/// ranges reaches 0.9999, a mount one degree off stays below 0.99 in rooms.
-const MATCH_IOU: f64 = 0.99;
-/// Share of informative rays that must end where predicted. Undisturbed recordings keep above 0.95; a tilt of one degree
-/// over ranges of ten metres leaves about 0.94 (measured in a simulated house).
-const MATCH_AGREE_SHARE: f64 = 0.95;
-/// Fewer rays than one revolution of the smallest sensor say nothing.
-const LEAST_RAYS: u64 = 5_000;
-
 /// The three coverages, in cells hit by any sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct CoverageCounts {
@@ -48,69 +37,90 @@ pub struct Agreement {
     pub prevalence: Option<f64>,
 }
 
-impl Agreement {
-    /// Compares two bitmaps; `universe` holds the cells that could be covered at all, where that is known.
-    pub fn between(predicted: &[u64], recorded: &[u64], universe: Option<&[u64]>) -> Self {
-        let count = |combine: &dyn Fn(u64, u64) -> u64| -> u64 {
-            predicted.iter().zip(recorded).map(|(p, r)| u64::from(combine(*p, *r).count_ones())).sum()
-        };
-        let both = count(&|p, r| p & r);
-        let missed = count(&|p, r| p & !r);
-        let unexpected = count(&|p, r| !p & r);
-        let share = |part: f64, whole: f64| (whole > 0.0).then_some(part / whole);
-        let [tp, fp, fneg] = [both as f64, missed as f64, unexpected as f64];
-        let inside = universe.map(|bits| {
-            let either = predicted.iter().zip(recorded).map(|(p, r)| p | r);
-            bits.iter().zip(either).map(|(u, e)| u64::from((u | e).count_ones())).sum::<u64>() as f64
-        });
-        let tn = inside.map(|all| all - tp - fp - fneg);
-        let chance = |tn: f64| {
-            let all = tp + fp + fneg + tn;
-            let observed = (tp + tn) / all;
-            let expected = ((tp + fp) * (tp + fneg) + (tn + fneg) * (tn + fp)) / (all * all);
-            share(observed - expected, 1.0 - expected)
-        };
+/// Cells or patches by what became of them; patches count by their area.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Table {
+    /// Predicted and recorded.
+    pub both: f64,
+    /// Predicted, not recorded.
+    pub missed: f64,
+    /// Recorded, not predicted.
+    pub unexpected: f64,
+    /// Neither; none where it is not known what there is to cover.
+    pub neither: Option<f64>,
+}
+
+impl Table {
+    /// One more of this weight.
+    pub fn count(&mut self, predicted: bool, recorded: bool, weight: f64) {
+        match (predicted, recorded) {
+            (true, true) => self.both += weight,
+            (true, false) => self.missed += weight,
+            (false, true) => self.unexpected += weight,
+            (false, false) => *self.neither.get_or_insert(0.0) += weight,
+        }
+    }
+
+    /// Everything counted.
+    pub fn all(&self) -> f64 {
+        self.both + self.missed + self.unexpected + self.neither.unwrap_or(0.0)
+    }
+
+    /// In both over in either.
+    pub fn iou(&self) -> Option<f64> {
+        share(self.both, self.both + self.missed + self.unexpected)
+    }
+
+    /// Agreement beyond chance.
+    pub fn kappa(&self) -> Option<f64> {
+        let Self { both: tp, missed: fp, unexpected: fneg, neither } = *self;
+        let tn = neither?;
+        let all = tp + fp + fneg + tn;
+        let observed = (tp + tn) / all;
+        let expected = ((tp + fp) * (tp + fneg) + (tn + fneg) * (tn + fp)) / (all * all);
+        share(observed - expected, 1.0 - expected)
+    }
+
+    /// All figures.
+    pub fn agreement(&self) -> Agreement {
+        let Self { both: tp, missed: fp, unexpected: fneg, neither } = *self;
         let correlation = |tn: f64| {
             let spread = ((tp + fp) * (tp + fneg) * (tn + fp) * (tn + fneg)).sqrt();
             share(tp * tn - fp * fneg, spread)
         };
-        Self {
-            iou: share(tp, tp + fp + fneg),
-            kappa: tn.and_then(chance),
-            mcc: tn.and_then(correlation),
+        Agreement {
+            iou: self.iou(),
+            kappa: self.kappa(),
+            mcc: neither.and_then(correlation),
             precision: share(tp, tp + fp),
             recall: share(tp, tp + fneg),
-            missed,
-            unexpected,
-            prevalence: inside.and_then(|all| share(tp + fp, all)),
+            missed: fp as u64,
+            unexpected: fneg as u64,
+            prevalence: neither.and_then(|tn| share(tp + fp, tp + fp + fneg + tn)),
         }
     }
 }
 
-/// What the comparison comes to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// The recording covers what was promised.
-    Matches,
-    /// It does not.
-    Differs,
-    /// Too little was recorded to say.
-    CannotTell,
+fn share(part: f64, whole: f64) -> Option<f64> {
+    (whole > 0.0).then_some(part / whole)
 }
 
-impl Verdict {
-    /// From the agreement and every sensor's rays. One sensor that says nothing is enough not to call it a match.
-    pub fn of(agreement: &Agreement, rays: &[RayClasses]) -> Self {
-        if rays.is_empty() || rays.iter().all(|sensor| sensor.informative() < LEAST_RAYS) {
-            return Verdict::CannotTell;
-        }
-        let agreeing = |sensor: &RayClasses| {
-            sensor.informative() >= LEAST_RAYS
-                && sensor.agree as f64 >= MATCH_AGREE_SHARE * sensor.informative() as f64
+impl Agreement {
+    /// Compares two bitmaps; `universe` holds the cells that could be covered at all, where that is known.
+    pub fn between(predicted: &[u64], recorded: &[u64], universe: Option<&[u64]>) -> Self {
+        let count = |combine: &dyn Fn(u64, u64) -> u64| -> f64 {
+            predicted.iter().zip(recorded).map(|(p, r)| u64::from(combine(*p, *r).count_ones())).sum::<u64>()
+                as f64
         };
-        let same_cells = agreement.iou.is_some_and(|iou| iou >= MATCH_IOU);
-        if same_cells && rays.iter().all(agreeing) { Verdict::Matches } else { Verdict::Differs }
+        let both = count(&|p, r| p & r);
+        let missed = count(&|p, r| p & !r);
+        let unexpected = count(&|p, r| !p & r);
+        let neither = universe.map(|bits| {
+            let either = predicted.iter().zip(recorded).map(|(p, r)| p | r);
+            let inside = bits.iter().zip(either).map(|(u, e)| u64::from((u | e).count_ones())).sum::<u64>();
+            inside as f64 - both - missed - unexpected
+        });
+        Table { both, missed, unexpected, neither }.agreement()
     }
 }
 
@@ -188,14 +198,5 @@ mod tests {
         let agreement = Agreement::between(&[0], &[0], Some(&[1]));
         assert_eq!(agreement.iou, None);
         assert_eq!(agreement.precision, None);
-        assert_eq!(Verdict::of(&agreement, &[RayClasses::default()]), Verdict::CannotTell);
-    }
-
-    #[test]
-    fn a_silent_sensor_is_never_a_match() {
-        let agreement = Agreement::between(&[1], &[1], None);
-        let good = RayClasses { agree: 100_000, ..RayClasses::default() };
-        assert_eq!(Verdict::of(&agreement, &[good, good]), Verdict::Matches);
-        assert_eq!(Verdict::of(&agreement, &[good, RayClasses::default()]), Verdict::Differs);
     }
 }

@@ -1,13 +1,28 @@
 //! Predicted against recorded: three coverages by one line of code, and every recorded ray told apart.
 //!
 //! *Planned* is the optimal mount on the planned path. *As driven* is cast here, for exactly the columns that were
-//! recorded, from the measured mounts and the recorded trajectory. *Recorded* is what the packets say. Planned against
+//! recorded, from the measured mounts and the recorded trajectory. *Recorded* is where the recorded rays end as
+//! predicted: snapped to the prediction, so that noise, blur and wrong poses can only make it less. Planned against
 //! as driven is execution error, as driven against recorded is model error; planned against recorded would mix them.
 
 mod agreement;
+mod classes;
+mod faults;
+mod intervals;
+mod nulls;
 mod rays;
+mod recorded_ray;
+mod surface;
 mod tilt;
 
-pub use agreement::{Agreement, CellKinds, CoverageCounts, Verdict, cell_kinds, surface_cells};
-pub use rays::{RayClasses, Replay};
+pub use agreement::{Agreement, CellKinds, CoverageCounts, Table, cell_kinds, surface_cells};
+pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
+pub use faults::{Fault, misread};
+pub use intervals::PatchAgreement;
+pub use nulls::{Calibration, Field, Healthy, NullTest};
+pub use rays::{Gate, Replay, Replayed};
+pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
+pub use surface::{
+    COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
+};
 pub use tilt::TiltHistory;

@@ -1,53 +1,33 @@
 //! Recorded frames laid against the scene, ray by ray.
 
+use glam::DVec3;
 use rayon::prelude::*;
 use sensors::Frame;
 use sensors::projection::sample_azimuth_rad;
-use serde::Serialize;
 
+use super::surface::{Patches, SurfaceTally};
+use super::{Breakdown, RayClass, RayClasses, RecordedRay, Thinning};
 use crate::coverage::{Coverage, VoxelGrid};
+use crate::geometry::Pose;
 use crate::rig::MountedSensor;
-use crate::scene::Scene;
+use crate::scene::{Hit, Scene};
 use crate::trajectory::Trajectory;
 
-/// A recorded and a predicted range agree within this, m. Source: the gate max(3 sigma, 0.10 m) for a range sd of at
-/// most 3 cm.
-const AGREE_WITHIN_M: f64 = 0.10;
-
-/// What became of one sensor's rays.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct RayClasses {
-    /// Recorded where predicted.
-    pub agree: u64,
-    /// Recorded nearer: something stood in the way.
-    pub short: u64,
-    /// Recorded farther: glass, an opened door, a wrong scene.
-    pub long: u64,
-    /// Predicted, nothing recorded.
-    pub drop: u64,
-    /// Recorded, nothing predicted.
-    pub extra: u64,
-    /// Neither predicted nor recorded.
-    pub nothing: u64,
-    /// Taken outside the trajectory's time: cannot be placed.
-    pub unplaced: u64,
+/// How rays are compared.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gate {
+    /// A recorded and a predicted range agree within this, m. Source: max(3 sigma, 0.10 m) for a range sd of at most
+    /// 3 cm.
+    pub agree_within_m: f64,
+    /// So many rays are kept to be cast again.
+    pub keep_rays: usize,
+    /// Added to the recording's times to get those of the trajectory, ns.
+    pub time_offset_ns: i64,
 }
 
-impl RayClasses {
-    /// Rays for which the scene or the sensor reported a surface.
-    pub fn informative(&self) -> u64 {
-        self.agree + self.short + self.long + self.drop + self.extra
-    }
-
-    fn plus(mut self, other: Self) -> Self {
-        self.agree += other.agree;
-        self.short += other.short;
-        self.long += other.long;
-        self.drop += other.drop;
-        self.extra += other.extra;
-        self.nothing += other.nothing;
-        self.unplaced += other.unplaced;
-        self
+impl Default for Gate {
+    fn default() -> Self {
+        Self { agree_within_m: 0.10, keep_rays: 400_000, time_offset_ns: 0 }
     }
 }
 
@@ -56,19 +36,39 @@ pub struct Replay<'a> {
     scene: &'a Scene,
     trajectory: &'a Trajectory,
     sensors: Vec<MountedSensor>,
-    /// What the scene promises for the rays that were recorded.
-    pub as_driven: Coverage,
-    /// What the packets say.
-    pub recorded: Coverage,
-    /// Per sensor.
-    pub rays: Vec<RayClasses>,
+    gate: Gate,
+    surface: Option<SurfaceTally<'a>>,
+    /// One per thread, so that threads never wait for each other.
+    shards: Vec<Shard>,
 }
 
-/// One ray laid against the scene: where it should and where it did end.
-struct Outcome {
-    predicted_m: Option<glam::DVec3>,
-    recorded_m: Option<glam::DVec3>,
-    classes: RayClasses,
+/// What one thread has seen.
+struct Shard {
+    as_driven: Coverage,
+    recorded: Coverage,
+    placed: Coverage,
+    breakdown: Vec<Breakdown>,
+    kept: Thinning,
+}
+
+/// Everything that a recording says about its prediction.
+pub struct Replayed {
+    /// Sensors, with the models of their packets.
+    pub sensors: Vec<MountedSensor>,
+    /// What the scene promises for the rays that were recorded.
+    pub as_driven: Coverage,
+    /// The predicted points of the rays that agree: errors can only make it less.
+    pub recorded: Coverage,
+    /// The points as measured, wherever they fell.
+    pub placed: Coverage,
+    /// Per sensor.
+    pub rays: Vec<RayClasses>,
+    /// Per sensor.
+    pub breakdown: Vec<Breakdown>,
+    /// An even share of the rays, in order of time.
+    pub kept: Vec<RecordedRay>,
+    /// Samples of the surface, where they were asked for.
+    pub surface: Option<super::SurfaceCovered>,
 }
 
 impl<'a> Replay<'a> {
@@ -78,16 +78,24 @@ impl<'a> Replay<'a> {
         trajectory: &'a Trajectory,
         sensors: Vec<MountedSensor>,
         grid: &VoxelGrid,
+        gate: Gate,
     ) -> Self {
         let count = sensors.len();
-        Self {
-            scene,
-            trajectory,
-            sensors,
+        let shard = || Shard {
             as_driven: Coverage::new(grid.clone(), count),
             recorded: Coverage::new(grid.clone(), count),
-            rays: vec![RayClasses::default(); count],
-        }
+            placed: Coverage::new(grid.clone(), count),
+            breakdown: vec![Breakdown::default(); count],
+            kept: Thinning::new(gate.keep_rays),
+        };
+        let shards = (0..rayon::current_num_threads().max(1)).map(|_| shard()).collect();
+        Self { scene, trajectory, sensors, gate, surface: None, shards }
+    }
+
+    /// Also counts the samples of a surface.
+    pub fn with_surface(mut self, patches: &'a Patches) -> Self {
+        self.surface = Some(SurfaceTally::new(patches));
+        self
     }
 
     /// Says how far a sensor is tilted from the next frame on: the angle its axis measured.
@@ -95,75 +103,175 @@ impl<'a> Replay<'a> {
         self.sensors[sensor].mount.pitch_rad = pitch_rad;
     }
 
+    /// The beams of a sensor, as its packets or metadata say them.
+    pub fn set_model(&mut self, sensor: usize, model: &sensors::SensorModel) {
+        if self.sensors[sensor].model != *model {
+            self.sensors[sensor].model = model.clone();
+        }
+    }
+
     /// Lays one frame of a sensor against the scene. Columns that never came are neither predicted nor recorded: their
     /// loss is the receiver's to report.
     pub fn add_frame(&mut self, sensor: usize, frame: &Frame) {
-        let placed = &self.sensors[sensor];
-        let (scene, trajectory) = (self.scene, self.trajectory);
-        let outcomes: Vec<Outcome> = (0..frame.columns())
-            .into_par_iter()
-            .filter(|column| frame.column_valid[*column])
-            .flat_map_iter(|column| {
-                let channels = frame.channels.min(placed.model.channels());
-                (0..channels).map(move |channel| lay(scene, trajectory, placed, frame, column, channel))
-            })
-            .collect();
-        for outcome in outcomes {
-            if let Some(point) = outcome.predicted_m {
-                self.as_driven.add(sensor, point);
-            }
-            if let Some(point) = outcome.recorded_m {
-                self.recorded.add(sensor, point);
-            }
-            self.rays[sensor] = self.rays[sensor].plus(outcome.classes);
+        let lay = Lay {
+            scene: self.scene,
+            trajectory: self.trajectory,
+            mounted: &self.sensors[sensor],
+            sensor,
+            gate: self.gate,
+            surface: self.surface.as_ref(),
+            frame,
+        };
+        let per_shard = frame.columns().div_ceil(self.shards.len()).max(1);
+        self.shards.par_iter_mut().enumerate().for_each(|(place, shard)| {
+            let end = frame.columns().min((place + 1) * per_shard);
+            lay.columns(place * per_shard..end, shard);
+        });
+    }
+
+    /// Makes later frames faster; changes no outcome.
+    pub fn settle(&mut self) {
+        if let Some(surface) = &mut self.surface {
+            surface.settle();
+        }
+    }
+
+    /// The end of the recording.
+    pub fn finish(self) -> Replayed {
+        let mut shards = self.shards.into_iter();
+        #[expect(clippy::unwrap_used, reason = "made with at least one")]
+        let mut all = shards.next().unwrap();
+        let mut kept = Vec::new();
+        for shard in shards {
+            all.as_driven.join(&shard.as_driven);
+            all.recorded.join(&shard.recorded);
+            all.placed.join(&shard.placed);
+            all.breakdown.iter_mut().zip(&shard.breakdown).for_each(|(own, more)| own.join(more));
+            kept.push(shard.kept);
+        }
+        kept.push(all.kept);
+        Replayed {
+            sensors: self.sensors,
+            as_driven: all.as_driven,
+            recorded: all.recorded,
+            placed: all.placed,
+            rays: all.breakdown.iter().map(Breakdown::total).collect(),
+            breakdown: all.breakdown,
+            kept: Thinning::joined(kept),
+            surface: self.surface.map(SurfaceTally::finish),
         }
     }
 }
 
-fn lay(
-    scene: &Scene,
-    trajectory: &Trajectory,
-    placed: &MountedSensor,
-    frame: &Frame,
-    column: usize,
+/// One frame against the scene.
+struct Lay<'a> {
+    scene: &'a Scene,
+    trajectory: &'a Trajectory,
+    mounted: &'a MountedSensor,
+    sensor: usize,
+    gate: Gate,
+    surface: Option<&'a SurfaceTally<'a>>,
+    frame: &'a Frame,
+}
+
+/// One ray of a column.
+struct Fired {
     channel: usize,
-) -> Outcome {
-    let mut classes = RayClasses::default();
-    let model = &placed.model;
-    let fire_offset_ns = model.beams()[channel].fire_offset_ns;
-    let time_ns = frame.column_time_ns[column] + fire_offset_ns.round() as u64;
-    let Some(world_from_body) = trajectory.at(time_ns) else {
-        classes.unplaced = 1;
-        return Outcome { predicted_m: None, recorded_m: None, classes };
-    };
-    let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-    let ray = model.ray(channel, azimuth_rad);
-    let world_from_sensor = world_from_body * placed.mount.body_from_sensor();
-    let origin_m = world_from_sensor.transform_point(ray.origin_m);
-    let direction = world_from_sensor.rotate(ray.direction);
-    let predicted_range_m = scene
-        .cast(origin_m, direction)
-        .map(|hit| hit.distance_m + ray.range_offset_m)
-        .filter(|range_m| (model.min_range_m..=model.max_range_m).contains(range_m));
-    let raw_mm = frame.first.range_mm[frame.index(column, channel)];
-    let recorded_range_m = (raw_mm > 0).then(|| f64::from(raw_mm) * 1e-3);
-    match (predicted_range_m, recorded_range_m) {
-        (None, None) => classes.nothing = 1,
-        (Some(_), None) => classes.drop = 1,
-        (None, Some(_)) => classes.extra = 1,
-        (Some(predicted), Some(recorded)) if (recorded - predicted).abs() <= AGREE_WITHIN_M => {
-            classes.agree = 1
+    time_ns: u64,
+    azimuth_rad: f64,
+    range_offset_m: f64,
+    world_from_sensor: Pose,
+}
+
+impl Lay<'_> {
+    fn columns(&self, columns: std::ops::Range<usize>, shard: &mut Shard) {
+        let body_from_sensor = self.mounted.mount.body_from_sensor();
+        let channels = self.frame.channels.min(self.mounted.model.channels());
+        let (mut origins_m, mut directions, mut fired) = (Vec::new(), Vec::new(), Vec::<Fired>::new());
+        let mut adder = self.surface.map(SurfaceTally::adder);
+        for column in columns.filter(|column| self.frame.column_valid[*column]) {
+            origins_m.clear();
+            directions.clear();
+            fired.clear();
+            let mut last: Option<(u64, Option<Pose>)> = None;
+            for channel in 0..channels {
+                let offset_ns = self.mounted.model.beams()[channel].fire_offset_ns.round() as i64;
+                let time_ns = self.frame.column_time_ns[column]
+                    .saturating_add_signed(offset_ns)
+                    .saturating_add_signed(self.gate.time_offset_ns);
+                let pose = match last {
+                    Some((at_ns, pose)) if at_ns == time_ns => pose,
+                    _ => {
+                        self.trajectory.at(time_ns).map(|world_from_body| world_from_body * body_from_sensor)
+                    }
+                };
+                last = Some((time_ns, pose));
+                let azimuth_rad = sample_azimuth_rad(&self.mounted.model, self.frame, column, channel);
+                let Some(world_from_sensor) = pose else {
+                    shard.breakdown[self.sensor].count(channel, azimuth_rad, None, RayClass::Unplaced);
+                    continue;
+                };
+                let ray = self.mounted.model.ray(channel, azimuth_rad);
+                origins_m.push(world_from_sensor.transform_point(ray.origin_m));
+                directions.push(world_from_sensor.rotate(ray.direction));
+                let range_offset_m = ray.range_offset_m;
+                fired.push(Fired { channel, time_ns, azimuth_rad, range_offset_m, world_from_sensor });
+            }
+            self.scene.cast_many(&origins_m, &directions, |ray, hit| {
+                self.ray(column, &fired[ray], origins_m[ray], directions[ray], hit, shard, adder.as_mut());
+            });
         }
-        (Some(predicted), Some(recorded)) if recorded < predicted => classes.short = 1,
-        (Some(_), Some(_)) => classes.long = 1,
     }
-    let predicted = |range_m: f64| origin_m + (range_m - ray.range_offset_m) * direction;
-    // a calibrated HDL-64E does not place near points on a straight ray
-    let recorded =
-        |range_m: f64| world_from_sensor.transform_point(model.point(channel, azimuth_rad, range_m));
-    Outcome {
-        predicted_m: predicted_range_m.map(predicted),
-        recorded_m: recorded_range_m.map(recorded),
-        classes,
+
+    #[expect(clippy::too_many_arguments, reason = "one ray in parts, in the innermost loop")]
+    fn ray(
+        &self,
+        column: usize,
+        fired: &Fired,
+        origin_m: DVec3,
+        direction: DVec3,
+        hit: Option<Hit>,
+        shard: &mut Shard,
+        adder: Option<&mut super::SurfaceAdder>,
+    ) {
+        let model = &self.mounted.model;
+        let predicted = hit.filter(|hit| {
+            let range_m = hit.distance_m + fired.range_offset_m;
+            (model.min_range_m..=model.max_range_m).contains(&range_m)
+        });
+        let raw_mm = self.frame.first.range_mm[self.frame.index(column, fired.channel)];
+        let recorded_m = (raw_mm > 0).then(|| f64::from(raw_mm) * 1e-3);
+        let predicted_m = predicted.map(|hit| hit.distance_m + fired.range_offset_m);
+        let class = RayClass::of(predicted_m, recorded_m, self.gate.agree_within_m);
+        let cosine = predicted.map(|hit| -hit.normal.dot(direction));
+        shard.breakdown[self.sensor].count(fired.channel, fired.azimuth_rad, cosine, class);
+        let predicted_point = predicted.map(|hit| origin_m + hit.distance_m * direction);
+        // a calibrated HDL-64E does not place near points on a straight ray
+        let placed_point = recorded_m.map(|range_m| {
+            let point = model.point(fired.channel, fired.azimuth_rad, range_m);
+            fired.world_from_sensor.transform_point(point)
+        });
+        if let Some(point_m) = predicted_point {
+            shard.as_driven.add(self.sensor, point_m);
+            if class == RayClass::Agree {
+                shard.recorded.add(self.sensor, point_m);
+            }
+        }
+        if let Some(point_m) = placed_point {
+            shard.placed.add(self.sensor, point_m);
+        }
+        if let (Some(surface), Some(adder)) = (self.surface, adder) {
+            surface.add(adder, predicted_point, class == RayClass::Agree, placed_point);
+        }
+        if shard.kept.wants(self.sensor, fired.channel, fired.time_ns) {
+            shard.kept.push(RecordedRay {
+                sensor: self.sensor,
+                channel: fired.channel,
+                time_ns: fired.time_ns,
+                azimuth_rad: fired.azimuth_rad,
+                pitch_rad: self.mounted.mount.pitch_rad,
+                range_m: recorded_m,
+            });
+        }
     }
 }

@@ -128,6 +128,11 @@ impl Mesh {
 
     /// Points spread evenly over the area, the same for the same seed.
     pub fn sample(&self, count: usize, seed: u64) -> Vec<DVec3> {
+        self.sample_with_normals(count, seed).into_iter().map(|(point_m, _)| point_m).collect()
+    }
+
+    /// The same points, each with the unit normal of its triangle.
+    pub fn sample_with_normals(&self, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
         let mut below = Vec::with_capacity(self.triangles.len());
         let mut sum = 0.0;
         for triangle in 0..self.triangles.len() {
@@ -142,7 +147,8 @@ impl Mesh {
             let [a, b, c] = self.corners(triangle);
             // the square root makes the density even (Osada et al. 2002, doi:10.1145/571647.571648)
             let (share, along) = (rng.uniform().sqrt(), rng.uniform());
-            points.push((1.0 - share) * a + share * ((1.0 - along) * b + along * c));
+            let point_m = (1.0 - share) * a + share * ((1.0 - along) * b + along * c);
+            points.push((point_m, (b - a).cross(c - a).normalize()));
         }
         points
     }

@@ -125,6 +125,19 @@ impl VoxelMap {
         counts
     }
 
+    /// Mean of the hits of every occupied cell, m.
+    pub fn occupied_m(&self) -> impl Iterator<Item = DVec3> + '_ {
+        let least_hits = self.least_hits;
+        self.index.bricks().iter().zip(&self.bricks).flat_map(move |(place, brick)| {
+            (0..CELLS).filter(move |inside| brick.state(*inside, least_hits) == Cell::Occupied).filter_map(
+                move |inside| {
+                    let edge = [inside % 8, inside / 8 % 8, inside / 64].map(|at| at as i32);
+                    self.mean_m([0, 1, 2].map(|axis| place[axis] * 8 + edge[axis]))
+                },
+            )
+        })
+    }
+
     /// Least axis-aligned box around the cells that were hit, m; an empty box at the origin when there is none.
     pub fn bounds_m(&self) -> [DVec3; 2] {
         let Some([low, high]) = self.hit_cells else { return [DVec3::ZERO; 2] };

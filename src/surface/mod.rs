@@ -9,7 +9,7 @@ mod level;
 mod npy;
 mod observable;
 
-pub use completeness::{Completeness, THRESHOLDS_M};
+pub use completeness::{Adder, Completeness, THRESHOLDS_M};
 pub use npy::{NpyError, read_points};
 pub use observable::observable;
 

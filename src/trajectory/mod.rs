@@ -1,11 +1,13 @@
 //! Poses over time.
 
 mod checks;
+mod disturbed;
 mod files;
 mod gait;
 mod shapes;
 
 pub use checks::{Suspicion, SuspicionKind, WalkLimits};
+pub use disturbed::PoseError;
 pub use gait::Gait;
 
 use glam::DVec3;

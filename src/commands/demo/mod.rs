@@ -15,7 +15,8 @@ use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 
 use super::{Context, Outcome, output, signals};
-use crate::compare::Verdict;
+use crate::commands::compare::feed::SensorSummary;
+use crate::commands::compare::verdict::Verdict;
 use crate::coverage::VoxelGrid;
 use crate::files::write_json;
 use crate::receive::now_ns;
@@ -23,7 +24,7 @@ use crate::record::Session;
 use crate::scene::{BoxScene, Scene};
 use crate::trajectory::{Gait, Trajectory};
 
-use document::{Document, FORMAT, SensorSummary};
+use document::{Document, FORMAT};
 use progress::Progress;
 use walk::{Walk, Walked};
 
@@ -132,7 +133,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: Default::default(),
     };
-    let page = page::page(&document, &replayed.as_driven, &replayed.recorded);
+    let page = page::page(&document, &replayed.replayed);
     let html = args.out.join(REPORT_HTML);
     page.write(&html).with_context(|| format!("cannot write {}", html.display()))?;
     document.wall_s = progress.finish();
@@ -217,12 +218,17 @@ fn again(args: &Args) -> String {
 
 fn conclude(args: &Args, context: Context, document: &Document) -> anyhow::Result<Outcome> {
     let counts = &document.compare.coverage;
-    let iou = document.compare.agreement.iou.map_or("no IoU".into(), |iou| format!("IoU {iou:.5}"));
+    let iou = document
+        .compare
+        .agreement
+        .as_ref()
+        .and_then(|agreement| agreement.patches.agreement.iou)
+        .map_or("no IoU".into(), |iou| format!("IoU {iou:.5}"));
     if context.json {
         output::print_json(document)?;
     } else {
         output::print_text(&format!(
-            "planned {}, as driven {}, recorded {} cells; as driven against recorded {iou}: {}\n{}\n",
+            "planned {}, as driven {}, recorded {} cells; patches as driven against recorded {iou}: {}\n{}\n",
             counts.planned,
             counts.as_driven,
             counts.recorded,

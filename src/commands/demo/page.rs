@@ -1,8 +1,9 @@
 //! The demo's report page.
 
 use crate::chart::{CellClass, LineChart, Series, number};
-use crate::compare::{CellKinds, RayClasses, Verdict, cell_kinds};
-use crate::coverage::Coverage;
+use crate::commands::compare::page::where_different;
+use crate::commands::compare::verdict::Verdict;
+use crate::compare::{Agreement, CellKinds, RayClasses, Replayed, Table, cell_kinds};
 use crate::report::{Report, unfold_box};
 
 use super::document::Document;
@@ -17,18 +18,9 @@ fn who_saw(document: &Document) -> [CellClass; 4] {
     ]
 }
 
-fn where_different() -> [CellClass; 4] {
-    [
-        CellClass::new("c-both", "predicted and recorded"),
-        CellClass::new("c-bad", "missed: predicted, not recorded"),
-        CellClass::new("c-odd", "unexpected: recorded, not predicted"),
-        CellClass::new("c-none", "neither"),
-    ]
-}
-
 /// The page: what was done, whether it agrees, and where it does not.
-pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> Report {
-    let agreement = &document.compare.agreement;
+pub fn page(document: &Document, replayed: &Replayed) -> Report {
+    let agreement = agreement(document);
     let iou = agreement.iou.map_or("nothing to compare".to_owned(), |iou| format!("IoU {iou:.5}"));
     let verdict = match document.compare.verdict {
         Verdict::Matches if !document.problems.is_empty() => {
@@ -38,23 +30,29 @@ pub fn page(document: &Document, as_driven: &Coverage, recorded: &Coverage) -> R
         Verdict::Differs => "The recording does not cover what was promised",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
-    let summary = format!("{verdict} ({iou} of recorded and as-driven cells).");
+    let summary = format!("{verdict} ({iou} of recorded and as-driven patches).");
     let mut report = Report::new("Outrigger demo", &summary, &document.command);
-    for problem in &document.problems {
-        report.paragraph(problem);
+    for words in document.problems.iter().chain(&document.compare.words) {
+        report.paragraph(words);
     }
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
-    pictures(&mut report, document, as_driven, recorded);
+    pictures(&mut report, document, replayed);
     search_section(&mut report, document);
     rig_section(&mut report, document);
     recording_section(&mut report, document);
     report
 }
 
+/// Of patches, as driven against recorded.
+fn agreement(document: &Document) -> Agreement {
+    let measured = document.compare.agreement.as_ref();
+    measured.map_or_else(|| Table::default().agreement(), |measured| measured.patches.agreement)
+}
+
 fn coverage_section(report: &mut Report, document: &Document) {
     let counts = &document.compare.coverage;
-    let agreement = &document.compare.agreement;
+    let agreement = agreement(document);
     report.heading("The three coverages");
     report.table(
         &["cells hit", "count", "what it is"],
@@ -65,11 +63,11 @@ fn coverage_section(report: &mut Report, document: &Document) {
         ],
     );
     report.paragraph(&format!(
-        "Execution error (planned against as driven): {}. Model error (as driven against recorded): {} cells missed, {} \
-         unexpected.",
+        "Execution error (planned against as driven): {}. Model error (as driven against recorded): {} of {} points of \
+         the walls missed.",
         document.compare.execution.iou.map_or("nothing planned".into(), |iou| format!("IoU {iou:.5}")),
         number(agreement.missed as f64, 0),
-        number(agreement.unexpected as f64, 0),
+        number(document.compare.agreement.as_ref().map_or(0.0, |a| a.patches.points as f64), 0),
     ));
     let figure = |name: &str, value: Option<f64>| {
         vec![name.to_owned(), value.map_or("-".into(), |v| format!("{v:.5}"))]
@@ -97,7 +95,7 @@ fn rays_section(report: &mut Report, document: &Document) {
         .rays
         .iter()
         .map(|(sensor, classes)| {
-            let RayClasses { agree, short, long, drop, extra, nothing, unplaced } = *classes;
+            let RayClasses { agree, short, long, drop, extra, nothing, unplaced } = classes.classes;
             let counts = [agree, short, long, drop, extra, nothing, unplaced];
             std::iter::once(sensor.clone()).chain(counts.map(|count| number(count as f64, 0))).collect()
         })
@@ -105,7 +103,8 @@ fn rays_section(report: &mut Report, document: &Document) {
     report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], &rows);
 }
 
-fn pictures(report: &mut Report, document: &Document, as_driven: &Coverage, recorded: &Coverage) {
+fn pictures(report: &mut Report, document: &Document, replayed: &Replayed) {
+    let Replayed { as_driven, recorded, .. } = replayed;
     let grid = recorded.grid();
     let (who_saw, where_different) = (who_saw(document), where_different());
     report.heading("Who saw what");

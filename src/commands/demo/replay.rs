@@ -1,29 +1,26 @@
 //! Fourth stage: the session is opened again, its packets are decoded, and what they cover is compared with what the
-//! simulator says for the same rays.
-
-use std::collections::BTreeMap;
+//! simulator says for the same rays, by the code of `compare`.
 
 use anyhow::Context as _;
-use sensors::ouster::{Metadata, OusterDecoder};
-use sensors::velodyne::{Options, VelodyneDecoder};
-use sensors::{Decoded, Decoder};
 
-use crate::compare::{Agreement, CoverageCounts, Replay, TiltHistory, Verdict, surface_cells};
+use crate::commands::compare::feed::{self, AxisSummary, SensorSummary};
+use crate::commands::compare::judge::{self, Comparison, Given};
+use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::coverage::Coverage;
 use crate::record::Session;
-use crate::rig::{MountedSensor, Rig};
+use crate::rig::Rig;
 use crate::scene::Scene;
-use crate::servo::ServoReport;
 
-use super::document::{AxisSummary, Comparison, SensorSummary};
-
-/// By sensor of the session.
-type Decoders = Vec<Box<dyn Decoder>>;
+/// Points of the hall's walls.
+const SAMPLES: usize = 100_000;
+/// Rays kept for the mount check and the healthy runs.
+const KEEP_RAYS: usize = 60_000;
+/// Way between the points of the path from which lines of sight are drawn, m.
+const STATION_STEP_M: f64 = 1.0;
 
 /// A session laid against its scene.
-pub struct Replayed {
-    pub as_driven: Coverage,
-    pub recorded: Coverage,
+pub struct Compared {
+    pub replayed: Replayed,
     pub rig: Vec<AxisSummary>,
     pub sensors: Vec<SensorSummary>,
     pub compare: Comparison,
@@ -36,123 +33,40 @@ pub fn compare(
     scene: &Scene,
     planned: &Coverage,
     progress: &mut dyn FnMut(u64),
-) -> anyhow::Result<Replayed> {
+) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
-    let reports: Vec<ServoReport> = session.servo()?;
-    let mut tilts = Vec::new();
-    let mut axes = Vec::new();
-    for (axis, sensor) in rig.sensors.iter().enumerate() {
-        let (tilt, summary) = measured_tilt(axis, sensor, &reports)?;
-        tilts.push(tilt);
-        axes.push(summary);
+    let (tilts, axes) = feed::tilts(session, rig)?;
+    // what the axis measured, never what it was told; none of it is an error, not a silent default
+    for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
+        tilt.span_rad()
+            .with_context(|| format!("no measured angle of axis {axis} ({}) was recorded", sensor.name))?;
     }
-    let (mut decoders, placed) = decoders(session, rig)?;
-    let mut replay = Replay::new(scene, &trajectory, placed, planned.grid());
-    let mut sensors: Vec<SensorSummary> = session
-        .manifest()
-        .sensors
-        .iter()
-        .map(|entry| SensorSummary {
-            sensor: entry.name.clone(),
-            lost: entry.losses.total(),
-            ..SensorSummary::default()
-        })
-        .collect();
-    let mut packets = session.packets()?;
-    let mut bytes = 0;
-    while let Some((sensor, packet)) = packets.next()? {
-        sensors[sensor].packets_recorded += 1;
-        bytes += packet.payload.len() as u64;
-        let summary = &mut sensors[sensor];
-        let mut take = |decoded: Decoded<'_>| lay(decoded, sensor, &tilts[sensor], &mut replay, summary);
-        // what a decoder refuses it has counted
-        let _ = decoders[sensor].push(&packet, &mut take);
-        progress(bytes);
+    let patches = Patches::of_scene(scene, SAMPLES, 1, &trajectory.stations_m(STATION_STEP_M));
+    let gate = Gate { keep_rays: KEEP_RAYS, ..Gate::default() };
+    let mut replay = Replay::new(scene, &trajectory, rig.sensors.clone(), planned.grid(), gate);
+    if let Some(patches) = &patches {
+        replay = replay.with_surface(patches);
     }
-    for (sensor, decoder) in decoders.iter_mut().enumerate() {
-        let summary = &mut sensors[sensor];
-        decoder.finish(&mut |decoded| lay(decoded, sensor, &tilts[sensor], &mut replay, summary));
-        let stats = decoder.stats();
-        summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
-        summary.complete_frames = stats.complete_frames;
-    }
-    let Replay { as_driven, recorded, rays, .. } = replay;
-    let universe = surface_cells(scene, planned.grid());
-    let agreement = Agreement::between(&as_driven.union(), &recorded.union(), universe.as_deref());
-    let compare = Comparison {
-        verdict: Verdict::of(&agreement, &rays),
-        rays: rig.sensors.iter().map(|sensor| sensor.name.clone()).zip(rays).collect::<BTreeMap<_, _>>(),
-        agreement,
-        execution: Agreement::between(&planned.union(), &as_driven.union(), universe.as_deref()),
-        coverage: CoverageCounts {
-            planned: planned.union_count(),
-            as_driven: as_driven.union_count(),
-            recorded: recorded.union_count(),
-        },
-    };
-    Ok(Replayed { as_driven, recorded, rig: axes, sensors, compare })
-}
-
-fn lay(
-    decoded: Decoded<'_>,
-    sensor: usize,
-    tilt: &TiltHistory,
-    replay: &mut Replay<'_>,
-    summary: &mut SensorSummary,
-) {
-    let Decoded::Frame(frame) = decoded else { return };
-    let [first_ns, last_ns] = frame.host_time_ns;
-    if let Some(pitch_rad) = tilt.pitch_rad_at(first_ns + (last_ns.saturating_sub(first_ns)) / 2) {
-        replay.set_pitch(sensor, pitch_rad);
-    }
-    summary.frames += 1;
-    summary.points += frame.first.points() as u64;
-    replay.add_frame(sensor, frame);
-}
-
-/// What the axis measured, never what it was told; none of it is an error, not a silent default.
-fn measured_tilt(
-    axis: usize,
-    sensor: &MountedSensor,
-    reports: &[ServoReport],
-) -> anyhow::Result<(TiltHistory, AxisSummary)> {
-    let measured: Vec<(u64, f64)> = reports
-        .iter()
-        .filter(|report| report.axis == axis && report.source == "measured")
-        .map(|report| (report.time_ns, f64::from(report.position_urad) * 1e-6))
-        .collect();
-    let count = measured.len();
-    let sum: f64 = measured.iter().map(|(_, pitch_rad)| pitch_rad).sum();
-    let tilt = TiltHistory::new(measured);
-    let [least, greatest] = tilt
-        .span_rad()
-        .with_context(|| format!("no measured angle of axis {axis} ({}) was recorded", sensor.name))?;
-    let summary = AxisSummary {
-        sensor: sensor.name.clone(),
-        target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
-        measured_pitch_deg: (sum / count as f64).to_degrees(),
-        measured_span_deg: (greatest - least).to_degrees(),
-        reports: count,
-    };
-    Ok((tilt, summary))
-}
-
-/// A decoder per sensor of the session, and the sensors with the beams their packets are placed by.
-fn decoders(session: &Session, rig: &Rig) -> anyhow::Result<(Decoders, Vec<MountedSensor>)> {
-    let mut decoders: Decoders = Vec::new();
-    let mut placed = Vec::new();
-    for sensor in &rig.sensors {
-        match session.metadata(&sensor.name)? {
-            Some(text) => {
-                let metadata = Metadata::parse(&text, &sensor.name)?;
-                placed.push(MountedSensor { model: metadata.model.clone(), ..sensor.clone() });
-                decoders.push(Box::new(OusterDecoder::new(metadata)));
-            }
-            None => {
-                placed.push(sensor.clone());
-                decoders.push(Box::new(VelodyneDecoder::new(Options::default())));
-            }
+    let fed = feed::session(session, rig, &tilts, progress, &mut |taken| {
+        replay.set_model(taken.sensor, taken.model);
+        if let Some(pitch_rad) = taken.pitch_rad {
+            replay.set_pitch(taken.sensor, pitch_rad);
         }
-    }
-    Ok((decoders, placed))
+        replay.add_frame(taken.sensor, taken.frame);
+    })?;
+    let replayed = replay.finish();
+    let compare = judge::judge(
+        Given {
+            scene,
+            trajectory: &trajectory,
+            patches: patches.as_ref(),
+            planned: Some(planned),
+            healthy: Healthy::default(),
+            revolution_ns: fed.revolution_ns,
+            agree_within_m: gate.agree_within_m,
+            faults: fed.faults,
+        },
+        &replayed,
+    );
+    Ok(Compared { replayed, rig: axes, sensors: fed.sensors, compare })
 }

@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn torque_that_is_dropped_is_not_switched_on_again() {
         let mut drive = Drive::new(1);
-        let mut hear = |drive: &mut Drive, status: u8| drive.hear(0x181, &[status, 0x06, 0, 0, 0, 0]);
+        let hear = |drive: &mut Drive, status: u8| drive.hear(0x181, &[status, 0x06, 0, 0, 0, 0]);
         for (status, control) in [(0x50, 0x06), (0x31, 0x07), (0x33, 0x0F), (0x37, 0x0F)] {
             hear(&mut drive, status);
             assert_eq!(drive.lead(), Some(control));

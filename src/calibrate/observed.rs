@@ -1,0 +1,88 @@
+//! Which unknowns of a mount the surfaces it saw tie down, the attitude of the body known.
+
+use nalgebra::{SMatrix, SVector, SymmetricEigen};
+
+/// Names of the unknowns, in order: shifts along and turns about the mount frame's axes, range offset.
+pub const UNKNOWNS: [&str; 7] = ["x", "y", "z", "roll", "tilt", "yaw", "range"];
+
+/// Share of the largest information below which a direction counts as loose: exact simulated planes give 0 for it.
+const LOOSE: f64 = 1e-4;
+/// Least information per ray about an unknown, of at most 1, the other unknowns free.
+const LEAST_INFORMATION: f64 = 3e-4;
+/// Part of an unknown that may lie in a loose direction, squared.
+const MOST_LOOSE_PART: f64 = 0.01;
+
+/// What is tied down of one sensor.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Observed {
+    /// By unknown.
+    pub is_told: [bool; 7],
+    /// Largest over least eigenvalue; none where a direction is loose.
+    pub condition_number: Option<f64>,
+    /// Directions that are tied down, in the unknowns' own units: columns of 7 numbers.
+    pub basis: Vec<[f64; 7]>,
+    /// Loose directions, normalised.
+    loose: Vec<SVector<f64, 7>>,
+    /// Size of a unit of each unknown when normalised.
+    scale: [f64; 7],
+}
+
+impl Observed {
+    /// From the sum of squares of the rows of one sensor.
+    pub fn of(sum: &SMatrix<f64, 7, 7>, rays: f64, lever_m: f64) -> Self {
+        if rays < 1.0 {
+            return Self::default();
+        }
+        let scale: [f64; 7] =
+            std::array::from_fn(|place| if (3..6).contains(&place) { lever_m.max(1e-6) } else { 1.0 });
+        let normalised = SMatrix::<f64, 7, 7>::from_fn(|row, column| {
+            sum[(row, column)] / (rays * scale[row] * scale[column])
+        });
+        let eigen = SymmetricEigen::new(normalised);
+        let largest = eigen.eigenvalues.max();
+        let (mut basis, mut loose, mut least) = (Vec::new(), Vec::new(), f64::INFINITY);
+        for place in 0..7 {
+            let direction: SVector<f64, 7> = eigen.eigenvectors.column(place).into();
+            if eigen.eigenvalues[place] < LOOSE * largest {
+                loose.push(direction);
+            } else {
+                least = least.min(eigen.eigenvalues[place]);
+                basis.push(std::array::from_fn(|unknown| direction[unknown] / scale[unknown]));
+            }
+        }
+        // information about each unknown, the others unknown: inverse of the inverse's diagonal
+        let mut variance = SVector::<f64, 7>::zeros();
+        for place in 0..7 {
+            let value = eigen.eigenvalues[place];
+            if value >= LOOSE * largest {
+                variance += eigen.eigenvectors.column(place).map(|part| part * part) / value;
+            }
+        }
+        let mut observed = Self {
+            is_told: [false; 7],
+            condition_number: (loose.is_empty() && least > 0.0).then(|| largest / least),
+            basis,
+            loose,
+            scale,
+        };
+        observed.is_told = std::array::from_fn(|place| {
+            let mut unit = [0.0; 7];
+            unit[place] = 1.0;
+            observed.tells(&unit) && 1.0 / variance[place] >= LEAST_INFORMATION
+        });
+        observed
+    }
+
+    /// Whether a combination of the unknowns has next to no part in a loose direction.
+    pub fn tells(&self, weights: &[f64; 7]) -> bool {
+        let normalised = SVector::<f64, 7>::from_fn(|place, _| weights[place] * self.scale[place].max(1e-12));
+        let length = normalised.norm_squared();
+        let loose: f64 = self.loose.iter().map(|direction| direction.dot(&normalised).powi(2)).sum();
+        !self.basis.is_empty() && loose < MOST_LOOSE_PART * length
+    }
+
+    /// Names of what is told.
+    pub fn names(&self) -> Vec<&'static str> {
+        UNKNOWNS.iter().zip(self.is_told).filter(|(_, told)| *told).map(|(name, _)| *name).collect()
+    }
+}

@@ -1,0 +1,218 @@
+//! What a replayed recording comes to: the document that `compare` and `demo` share.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::verdict::{Verdict, words};
+use crate::calibrate::{self, MountCheck, RelativeTilt, SensorCheck};
+use crate::compare::{
+    Agreement, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches, RayClasses,
+    Replayed, SurfaceShare, misread, surface_cells,
+};
+use crate::coverage::Coverage;
+use crate::scene::Scene;
+use crate::trajectory::Trajectory;
+
+/// Predicted against recorded.
+#[derive(Debug, Serialize)]
+pub struct Comparison {
+    pub verdict: Verdict,
+    /// What is missing, where, and why most likely.
+    pub words: Vec<String>,
+    pub faults: Vec<Fault>,
+    pub rays: BTreeMap<String, RayReport>,
+    /// As driven against recorded, on the patches that can be seen from the path.
+    pub agreement: Option<Measured>,
+    /// The same with points where they were measured, not where they were predicted.
+    pub agreement_as_placed: Option<PatchAgreement>,
+    /// Planned against as driven, cells.
+    pub execution: Agreement,
+    /// Cells.
+    pub coverage: CoverageCounts,
+    pub surface: Option<SurfaceReport>,
+    pub mount: Vec<SensorCheck>,
+    pub relative_tilt: Option<RelativeTilt>,
+    pub mount_check: Option<CheckReport>,
+    /// Healthy simulated runs beside the recording.
+    pub prediction: Option<NullTest>,
+}
+
+/// One sensor's rays.
+#[derive(Debug, Serialize)]
+pub struct RayReport {
+    #[serde(flatten)]
+    pub classes: RayClasses,
+    pub agree_share: Option<f64>,
+    pub by_channel: Vec<RayClasses>,
+    /// Sectors of 5 degrees of the encoder, clockwise from 0.
+    pub by_azimuth: Vec<RayClasses>,
+    /// Bins of 10 degrees from the normal.
+    pub by_incidence: Vec<RayClasses>,
+}
+
+/// Agreement with how sure it is.
+#[derive(Debug, Serialize)]
+pub struct Measured {
+    #[serde(flatten)]
+    pub patches: PatchAgreement,
+    /// How often healthy simulated runs agree no better.
+    pub p_value: Option<f64>,
+}
+
+/// Share of the surface's sample points within 5 cm.
+#[derive(Debug, Serialize)]
+pub struct SurfaceReport {
+    pub observable_share: f64,
+    pub as_driven: SurfaceShare,
+    /// Snapped to the prediction: errors can only lower it.
+    pub recorded: SurfaceShare,
+    /// As measured.
+    pub placed: SurfaceShare,
+}
+
+/// How the mount check went.
+#[derive(Debug, Serialize)]
+pub struct CheckReport {
+    pub rounds: usize,
+    pub converged: bool,
+    pub residual_sd_mm: f64,
+    pub scans: usize,
+}
+
+/// What is compared with.
+pub struct Given<'a> {
+    pub scene: &'a Scene,
+    pub trajectory: &'a Trajectory,
+    pub patches: Option<&'a Patches>,
+    /// Coverage of the plan; as driven where there was none.
+    pub planned: Option<&'a Coverage>,
+    pub healthy: Healthy,
+    pub revolution_ns: u64,
+    pub agree_within_m: f64,
+    /// Found while decoding.
+    pub faults: Vec<Fault>,
+}
+
+/// Everything that the replay says.
+pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
+    let Replayed { sensors, kept, .. } = replayed;
+    let field = Field {
+        scene: given.scene,
+        trajectory: given.trajectory,
+        sensors,
+        rays: kept,
+        agree_within_m: given.agree_within_m,
+    };
+    let mut faults = given.faults;
+    faults.extend(silent(replayed, &faults));
+    faults.extend(misread(&field));
+    let prediction = given.patches.map(|patches| NullTest::run(&field, patches, given.healthy));
+    let check = mount_check(&field, &given.healthy, given.revolution_ns);
+    let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } = check;
+    let found = given.patches.zip(replayed.surface.as_ref());
+    let between = |recorded: fn(&crate::compare::SurfaceCovered) -> &Vec<bool>| {
+        found.map(|(patches, surface)| {
+            PatchAgreement::between(
+                patches,
+                &surface.as_driven_patches,
+                recorded(surface),
+                given.healthy.seed,
+            )
+        })
+    };
+    let p_value = prediction.as_ref().and_then(|prediction| prediction.p_value);
+    let agreement = between(|surface| &surface.recorded_patches).map(|patches| Measured { patches, p_value });
+    let planned = given.planned.unwrap_or(&replayed.as_driven);
+    let universe = surface_cells(given.scene, planned.grid());
+    let mut comparison = Comparison {
+        verdict: Verdict::CannotTell,
+        words: Vec::new(),
+        faults,
+        rays: sensors.iter().map(|s| s.name.clone()).zip(rays(replayed)).collect(),
+        agreement,
+        agreement_as_placed: between(|surface| &surface.placed_patches),
+        execution: Agreement::between(&planned.union(), &replayed.as_driven.union(), universe.as_deref()),
+        coverage: CoverageCounts {
+            planned: planned.union_count(),
+            as_driven: replayed.as_driven.union_count(),
+            recorded: replayed.recorded.union_count(),
+        },
+        surface: found.map(|(patches, surface)| SurfaceReport {
+            observable_share: patches.observable_share(),
+            as_driven: surface.as_driven,
+            recorded: surface.recorded,
+            placed: surface.placed,
+        }),
+        mount,
+        relative_tilt,
+        mount_check: Some(CheckReport { rounds, converged, residual_sd_mm, scans }),
+        prediction,
+    };
+    comparison.verdict = Verdict::of(&comparison);
+    comparison.words = words(&comparison, replayed, given.patches);
+    comparison
+}
+
+fn mount_check(field: &Field<'_>, healthy: &Healthy, revolution_ns: u64) -> MountCheck {
+    let revolution_ns = if revolution_ns > 0 { revolution_ns } else { 100_000_000 };
+    let settings = calibrate::Settings { pose: healthy.pose, revolution_ns, ..Default::default() };
+    let field = calibrate::Field {
+        scene: field.scene,
+        trajectory: field.trajectory,
+        sensors: field.sensors,
+        rays: field.rays,
+    };
+    calibrate::check(&field, &settings)
+}
+
+fn rays(replayed: &Replayed) -> impl Iterator<Item = RayReport> + '_ {
+    replayed.breakdown.iter().zip(&replayed.rays).map(|(breakdown, classes)| RayReport {
+        classes: *classes,
+        agree_share: classes.agree_share(),
+        by_channel: breakdown.by_channel(),
+        by_azimuth: breakdown.by_azimuth(),
+        by_incidence: breakdown.by_incidence.to_vec(),
+    })
+}
+
+/// Sensors that said nothing, or fell silent, or of which channels did.
+fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
+    let fault = |name, sensor: &str, words| Fault {
+        name,
+        sensors: vec![sensor.to_owned()],
+        words,
+        agree_share: None,
+        explained_share: None,
+    };
+    let mut faults = Vec::new();
+    for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
+        let name = &sensor.name;
+        let total = breakdown.total();
+        let explained = known.iter().any(|fault| fault.sensors.contains(name));
+        if total.informative() + total.nothing + total.unplaced == 0 {
+            if !explained {
+                faults.push(fault("dead_sensor", name, format!("{name} is dead: not one revolution of it")));
+            }
+            continue;
+        }
+        let returns = total.agree + total.short + total.long + total.extra;
+        if returns == 0 && total.drop > 0 {
+            let words = format!("{name} is dead: its packets hold no return");
+            faults.push(fault("dead_sensor", name, words));
+            continue;
+        }
+        let dead: Vec<String> = breakdown
+            .by_channel()
+            .iter()
+            .enumerate()
+            .filter(|(_, rays)| rays.drop >= 100 && rays.agree + rays.short + rays.long + rays.extra == 0)
+            .map(|(channel, _)| channel.to_string())
+            .collect();
+        if !dead.is_empty() {
+            let words = format!("{name}: no return in channels {} (counted from 0)", dead.join(", "));
+            faults.push(fault("dead_channel", name, words));
+        }
+    }
+    faults
+}

@@ -1,0 +1,308 @@
+//! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
+
+pub mod feed;
+pub mod judge;
+pub mod page;
+mod place;
+pub mod verdict;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail, ensure};
+use serde::Serialize;
+
+use super::recording::{Recording, SensorArgs};
+use super::{Context, Outcome, output};
+use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TiltHistory};
+use crate::coverage::{Coverage, VoxelGrid};
+use crate::files::write_json;
+use crate::record::Session;
+use crate::rig::{MountFile, Rig};
+use crate::scene::Scene;
+use crate::simulate::scan::{Scanner, Spin};
+use crate::trajectory::{PoseError, Trajectory};
+
+use feed::{AxisSummary, Fed, SensorSummary, Taken};
+use judge::{Comparison, Given};
+use place::PlaceArgs;
+use verdict::Verdict;
+
+/// Samples of the surface.
+const SAMPLES: usize = 200_000;
+/// Way between the points of the path from which lines of sight are drawn, m.
+const STATION_STEP_M: f64 = 0.5;
+/// Most frames after which what was found is dropped from the search.
+const SETTLE_EVERY: u64 = 16;
+
+/// Arguments of `compare`.
+#[derive(clap::Args, Debug)]
+#[command(
+    group = clap::ArgGroup::new("place").required(true),
+    after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \n\
+                  its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \n\
+                  the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
+                  Exit codes: 0 the recording matches, 1 failed, 3 it differs, cannot tell, or data was lost."
+)]
+pub struct Args {
+    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
+    recording: PathBuf,
+    #[command(flatten)]
+    sensors: SensorArgs,
+    /// Where the sensors sit; without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
+    #[command(flatten)]
+    place: PlaceArgs,
+    /// The way as planned (TUM): what it covers with the mounts as said is compared with what was driven.
+    #[arg(long, value_name = "FILE")]
+    planned: Option<PathBuf>,
+    /// Edge of a voxel.
+    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    voxel: f64,
+    /// A recorded and a predicted range agree within this.
+    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    gate: f64,
+    /// Healthy runs that are simulated beside the recording.
+    #[arg(long, value_name = "N", default_value_t = 19, value_parser = clap::value_parser!(u16).range(0..=999))]
+    nulls: u16,
+    /// Standard deviation of the trajectory's position along each axis.
+    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    pose_sd: f64,
+    /// Standard deviation of the trajectory's attitude about each axis.
+    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
+    attitude_sd: f64,
+    /// Time in which an error of the trajectory is forgotten.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pose_memory: f64,
+    /// Of samples and simulated runs.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for report.html and report.json.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write a mount file with the tilts and positions that were found; nothing else is changed.
+    #[arg(long, value_name = "FILE")]
+    corrected_mount: Option<PathBuf>,
+}
+
+/// The document that `compare` prints.
+#[derive(Debug, Serialize)]
+pub struct Document {
+    pub format: &'static str,
+    #[serde(flatten)]
+    pub comparison: Comparison,
+    pub recording: Vec<SensorSummary>,
+    /// What the axes measured, where the session holds it.
+    pub rig: Vec<AxisSummary>,
+    /// What is odd or was lost.
+    pub problems: Vec<String>,
+    pub time_offset_s: f64,
+    pub wall_s: f64,
+}
+
+/// What is fed: a session, which knows its sensors, or a capture.
+pub enum Source {
+    Session(Session, Vec<TiltHistory>),
+    Capture(Recording),
+}
+
+impl Source {
+    /// Every frame.
+    pub fn feed(&self, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+        match self {
+            Self::Session(session, tilts) => feed::session(session, rig, tilts, &mut |_| (), take),
+            Self::Capture(recording) => feed::capture(recording, rig, take),
+        }
+    }
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let start = std::time::Instant::now();
+    check(args)?;
+    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
+    let file = mount_file(args, session.as_ref())?;
+    let rig = file.rig()?;
+    let (source, axes) = match session {
+        Some(session) if args.sensors.meta.is_empty() => {
+            let (tilts, axes) = feed::tilts(&session, &rig)?;
+            (Source::Session(session, tilts), axes)
+        }
+        _ => (Source::Capture(Recording::open(&args.recording, &args.sensors)?), Vec::new()),
+    };
+    let place = place::read(&args.place, &source, &rig)?;
+    let (scene, trajectory) = (&place.scene, &place.trajectory);
+    let grid = grid(args, scene)?;
+    let height_m = rig.sensors.iter().map(|s| s.mount.z_m).sum::<f64>() / rig.sensors.len() as f64;
+    let stations: Vec<_> =
+        trajectory.stations_m(STATION_STEP_M).into_iter().map(|at| at + height_m * glam::DVec3::Z).collect();
+    let patches = Patches::of_scene(scene, SAMPLES, args.seed, &stations);
+    let gate = Gate { agree_within_m: args.gate, time_offset_ns: place.time_offset_ns, ..Gate::default() };
+    let mut replay = Replay::new(scene, trajectory, rig.sensors.clone(), &grid, gate);
+    if let Some(patches) = &patches {
+        replay = replay.with_surface(patches);
+    }
+    let (replayed, fed) = replayed(&source, &rig, replay, &place.mapped)?;
+    let planned = planned(args, scene, &rig, &grid)?;
+    let comparison = judge::judge(
+        Given {
+            scene,
+            trajectory,
+            patches: patches.as_ref(),
+            planned: planned.as_ref(),
+            healthy: healthy(args),
+            revolution_ns: fed.revolution_ns,
+            agree_within_m: args.gate,
+            faults: fed.faults,
+        },
+        &replayed,
+    );
+    let mut problems = place.notices;
+    problems.extend(fed.losses.iter().cloned());
+    let document = Document {
+        format: "outrigger-compare/1",
+        comparison,
+        recording: fed.sensors,
+        rig: axes,
+        problems,
+        time_offset_s: place.time_offset_ns as f64 * 1e-9,
+        wall_s: start.elapsed().as_secs_f64(),
+    };
+    write(args, &document, &replayed, scene, trajectory, file)?;
+    conclude(args, context, &document, fed.losses.is_empty())
+}
+
+fn check(args: &Args) -> anyhow::Result<()> {
+    for (name, value) in [
+        ("--voxel", args.voxel),
+        ("--gate", args.gate),
+        ("--pose-sd", args.pose_sd),
+        ("--attitude-sd", args.attitude_sd),
+        ("--pose-memory", args.pose_memory),
+    ] {
+        ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+    }
+    if let Some(out) = &args.out {
+        std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
+    }
+    Ok(())
+}
+
+fn mount_file(args: &Args, session: Option<&Session>) -> anyhow::Result<MountFile> {
+    if let Some(path) = &args.mount {
+        return Ok(MountFile::read(path)?);
+    }
+    let own = session.map(Session::mount).transpose()?.flatten();
+    own.context("give --mount: the recording does not say where its sensors sit")
+}
+
+fn grid(args: &Args, scene: &Scene) -> anyhow::Result<VoxelGrid> {
+    let bounds_m = scene.bounds_m();
+    let cells = (bounds_m[1] - bounds_m[0]) / args.voxel + 2.0;
+    if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(40) {
+        bail!(
+            "--voxel {} makes {cells:.0} cells of this scene, more than can be compared; is the mesh in metres?",
+            args.voxel
+        );
+    }
+    Ok(VoxelGrid::centred_on(bounds_m, args.voxel))
+}
+
+fn healthy(args: &Args) -> Healthy {
+    let pose = PoseError {
+        position_sd_m: args.pose_sd,
+        rotation_sd_rad: args.attitude_sd.to_radians(),
+        correlation_s: args.pose_memory,
+    };
+    Healthy { pose, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() }
+}
+
+/// Replays all frames but those that made the map.
+pub fn replayed(
+    source: &Source,
+    rig: &Rig,
+    mut replay: Replay<'_>,
+    mapped: &std::ops::Range<u64>,
+) -> anyhow::Result<(Replayed, Fed)> {
+    let mut frames = 0_u64;
+    let fed = source.feed(rig, &mut |taken| {
+        if mapped.contains(&taken.number) {
+            return;
+        }
+        replay.set_model(taken.sensor, taken.model);
+        if let Some(pitch_rad) = taken.pitch_rad {
+            replay.set_pitch(taken.sensor, pitch_rad);
+        }
+        replay.add_frame(taken.sensor, taken.frame);
+        frames += 1;
+        // often at first, when most is found
+        if frames.is_power_of_two() || frames.is_multiple_of(SETTLE_EVERY * 8) {
+            replay.settle();
+        }
+    })?;
+    Ok((replay.finish(), fed))
+}
+
+/// What the mounts as said cover on the way as planned.
+fn planned(args: &Args, scene: &Scene, rig: &Rig, grid: &VoxelGrid) -> anyhow::Result<Option<Coverage>> {
+    let Some(path) = &args.planned else { return Ok(None) };
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    let way: Trajectory = Trajectory::from_tum(&text).context(name)?;
+    let mut scanner = Scanner::new(scene, &way, rig, Spin::default());
+    // a replay lets beams pass through the other sensors too
+    scanner.occluders.iter_mut().for_each(Vec::clear);
+    let mut coverage = Coverage::new(grid.clone(), rig.sensors.len());
+    scanner.cover(&mut coverage);
+    Ok(Some(coverage))
+}
+
+fn write(
+    args: &Args,
+    document: &Document,
+    replayed: &Replayed,
+    scene: &Scene,
+    trajectory: &Trajectory,
+    mut file: MountFile,
+) -> anyhow::Result<()> {
+    if let Some(out) = &args.out {
+        let cannot = |path: &Path| format!("cannot write {}", path.display());
+        let json = out.join("report.json");
+        write_json(&json, document).with_context(|| cannot(&json))?;
+        let html = out.join("report.html");
+        let page = page::page(document, replayed, scene, trajectory);
+        page.write(&html).with_context(|| cannot(&html))?;
+    }
+    if let Some(path) = &args.corrected_mount {
+        let told = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
+        ensure!(told, "no corrected mount is written: the recording does not tell the tilt of any sensor");
+        for (entry, check) in file.sensors.iter_mut().zip(&document.comparison.mount) {
+            entry.x_m = check.corrected.x_m;
+            entry.y_m = check.corrected.y_m;
+            entry.z_m = check.corrected.z_m;
+            entry.pitch_deg = check.corrected.pitch_rad.to_degrees();
+            entry.roll_deg = check.corrected.roll_rad.to_degrees();
+        }
+        file.masters = None;
+        file.objective = None;
+        file.preset = None;
+        file.write(path)?;
+    }
+    Ok(())
+}
+
+fn conclude(args: &Args, context: Context, document: &Document, whole: bool) -> anyhow::Result<Outcome> {
+    if context.json {
+        output::print_json(document)?;
+    } else {
+        output::print_text(&page::text(document))?;
+        if let Some(out) = &args.out {
+            output::print_text(&format!("{}\n", out.join("report.html").display()))?;
+        }
+    }
+    for problem in &document.problems {
+        output::say_notice(problem);
+    }
+    let matches = document.comparison.verdict == Verdict::Matches;
+    Ok(if matches && whole { Outcome::Done } else { Outcome::DataLost })
+}

@@ -1,0 +1,228 @@
+//! What a comparison comes to, and how to say it to somebody who builds rigs.
+
+use serde::Serialize;
+
+use super::judge::Comparison;
+use crate::chart::number;
+use crate::compare::{Patches, RayClasses, Replayed, SECTORS};
+
+/// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
+/// the trajectory is worse, healthy runs of that trajectory decide.
+const MATCH_IOU: f64 = 0.99;
+/// Share of informative rays that must end where predicted. Undisturbed recordings keep above 0.95; a tilt of one degree
+/// over ranges of ten metres leaves about 0.94 (measured in a simulated house).
+const MATCH_AGREE_SHARE: f64 = 0.95;
+/// What healthy runs do more often than this is healthy.
+const RARE: f64 = 0.05;
+/// Fewer rays than one revolution of the smallest sensor say nothing.
+const LEAST_RAYS: u64 = 5_000;
+/// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.
+const TILT_MATTERS_DEG: f64 = 0.1;
+/// And it must be this sure.
+const TILT_P: f64 = 0.003;
+
+/// What the comparison comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The recording covers what was promised.
+    Matches,
+    /// It does not.
+    Differs,
+    /// Too little was recorded to say.
+    CannotTell,
+}
+
+impl Verdict {
+    /// From everything that was found. One sensor that says nothing is enough not to call it a match.
+    pub fn of(comparison: &Comparison) -> Self {
+        if !comparison.faults.is_empty() {
+            return Self::Differs;
+        }
+        let informative = |sensor: &RayClasses| sensor.informative() >= LEAST_RAYS;
+        if !comparison.rays.values().any(|sensor| informative(&sensor.classes)) {
+            return Self::CannotTell;
+        }
+        let null = comparison.prediction.as_ref();
+        let as_healthy = |p_value: Option<f64>| p_value.is_some_and(|p| p > RARE);
+        let rays_fine = comparison.rays.values().all(|sensor| {
+            informative(&sensor.classes)
+                && (sensor.agree_share >= Some(MATCH_AGREE_SHARE)
+                    || as_healthy(null.and_then(|null| null.agree_p_value)))
+        });
+        let patches_fine = comparison.agreement.as_ref().is_none_or(|agreement| {
+            agreement.patches.agreement.iou >= Some(MATCH_IOU) || as_healthy(agreement.p_value)
+        });
+        if rays_fine && patches_fine && off(comparison).is_empty() { Self::Matches } else { Self::Differs }
+    }
+
+    /// One sentence.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Matches => "The recording covers what was promised",
+            Self::Differs => "The recording is not what was promised",
+            Self::CannotTell => "Too little was recorded to tell",
+        }
+    }
+}
+
+/// Tilts that are surely not as said.
+fn off(comparison: &Comparison) -> Vec<String> {
+    let matters = |value_deg: f64, u95_deg: f64, p_value: f64| {
+        value_deg.abs() > TILT_MATTERS_DEG.max(u95_deg) && p_value < TILT_P
+    };
+    let mut words = Vec::new();
+    for check in &comparison.mount {
+        if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
+            && matters(tilt, u95, p_value)
+        {
+            words.push(format!(
+                "{} is tilted {tilt:+.2} +- {u95:.2} degrees from where it was said to be",
+                check.sensor
+            ));
+        }
+    }
+    if let Some(relative) = &comparison.relative_tilt
+        && matters(relative.error_deg, relative.u95_deg, relative.p_value)
+    {
+        let [first, second] = &relative.sensors;
+        words.push(format!(
+            "{first} against {second}: {:+.3} +- {:.3} degrees of tilt more than said",
+            relative.error_deg, relative.u95_deg
+        ));
+    }
+    words
+}
+
+/// What is missing, where, and why most likely.
+pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patches>) -> Vec<String> {
+    let mut words: Vec<String> = comparison.faults.iter().map(|fault| fault.words.clone()).collect();
+    words.extend(off(comparison));
+    for check in &comparison.mount {
+        if let Some(why) = &check.cannot_tell {
+            words.push(format!("tilt of {}: {why}", check.sensor));
+        }
+    }
+    for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
+        words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice()));
+    }
+    if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
+        words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
+    }
+    words
+}
+
+/// What one sensor's rays hint at.
+fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> {
+    let all = total.informative();
+    let mut words = Vec::new();
+    if total.unplaced > 0 {
+        let share = 100.0 * total.unplaced as f64 / (all + total.nothing + total.unplaced) as f64;
+        words.push(format!(
+            "{name}: {share:.1} % of the rays lie outside the trajectory's time (give --time-offset if the clocks differ)"
+        ));
+    }
+    if all == 0 {
+        return words;
+    }
+    let percent = |count: u64| 100.0 * count as f64 / all as f64;
+    // directions in which nearly every ray ends early: something that travels along
+    let (mut blocked, mut sectors) = (0, [false; SECTORS]);
+    for (place, cell) in strip.iter().enumerate() {
+        if cell.informative() >= 20 && cell.short * 5 >= cell.informative() * 4 {
+            blocked += cell.short;
+            sectors[place % SECTORS] = true;
+        }
+    }
+    if percent(blocked) > 0.5 {
+        words.push(format!(
+            "{name}: {:.1} % of the rays always end early in {}: the wearer, a housing or something else that travels along",
+            percent(blocked),
+            sector_words(&sectors)
+        ));
+    }
+    let short = total.short.saturating_sub(blocked);
+    if percent(short) > 2.0 {
+        words.push(format!(
+            "{name}: {:.1} % of the rays end early: people, things that are not in the scene, or a wrong pose",
+            percent(short)
+        ));
+    }
+    if percent(total.long) > 2.0 {
+        let cause = if total.long as f64 > 0.5 * short as f64 && short as f64 > 0.5 * total.long as f64 {
+            "as many as end early, so the pose or the mount is off rather than the scene"
+        } else {
+            "glass, an opened door, or a scene that is not up to date"
+        };
+        words.push(format!("{name}: {:.1} % of the rays end late: {cause}", percent(total.long)));
+    }
+    if percent(total.drop) > 2.0 {
+        words.push(format!(
+            "{name}: {:.1} % of the predicted returns are missing: dark, wet or grazing surfaces, or lost packets",
+            percent(total.drop)
+        ));
+    }
+    if percent(total.extra) > 2.0 {
+        words.push(format!(
+            "{name}: {:.1} % of the returns come where the scene has nothing: it has holes, or the place is another one",
+            percent(total.extra)
+        ));
+    }
+    words
+}
+
+fn sector_words(sectors: &[bool; SECTORS]) -> String {
+    let width_deg = 360 / SECTORS;
+    let marked = sectors.iter().filter(|marked| **marked).count();
+    let first = (0..SECTORS).find(|at| sectors[*at] && !sectors[(*at + SECTORS - 1) % SECTORS]);
+    let Some(first) = first else { return "all directions".into() };
+    let mut last = first;
+    while sectors[(last + 1) % SECTORS] && last - first + 1 < SECTORS {
+        last += 1;
+    }
+    let rest = if marked > last - first + 1 { " and elsewhere" } else { "" };
+    format!("encoder azimuths {} to {} degrees{rest}", first * width_deg, (last + 1) % SECTORS * width_deg)
+}
+
+/// Edge of a place that is worth naming, m.
+const PLACE_M: f64 = 2.0;
+
+/// The places where most is missing.
+fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<String> {
+    let mut places: std::collections::BTreeMap<[i64; 3], (u64, glam::DVec3)> = Default::default();
+    let (mut all, mut missed) = (0, 0);
+    for patch in (0..patches.len()).filter(|patch| predicted[*patch] && patches.weight(*patch) > 0) {
+        let weight = u64::from(patches.weight(patch));
+        all += weight;
+        if recorded[patch] {
+            continue;
+        }
+        missed += weight;
+        let centre_m = patches.centre_m(patch);
+        let at = (centre_m / PLACE_M).floor();
+        let place = places.entry([at.x as i64, at.y as i64, at.z as i64]).or_default();
+        place.0 += weight;
+        place.1 += weight as f64 * centre_m;
+    }
+    if all == 0 || missed == 0 {
+        return Vec::new();
+    }
+    let mut places: Vec<(u64, glam::DVec3)> = places.into_values().collect();
+    places.sort_by(|a, b| b.0.cmp(&a.0));
+    let named: Vec<String> = places
+        .iter()
+        .take(3)
+        .map(|(weight, sum)| {
+            let at = *sum / *weight as f64;
+            format!(
+                "{:.0} % near ({:.1}, {:.1}, {:.1}) m",
+                100.0 * *weight as f64 / missed as f64,
+                at.x,
+                at.y,
+                at.z
+            )
+        })
+        .collect();
+    let share = 100.0 * missed as f64 / all as f64;
+    vec![format!("{} % of the predicted surface was not recorded: {}", number(share, 2), named.join(", "))]
+}

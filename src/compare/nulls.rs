@@ -1,0 +1,213 @@
+//! What a recording would look like if nothing were wrong with it: the mount as said, the trajectory off by what
+//! trajectories are off by. Where the recording stands among such runs is its p-value; how often a patch is covered in
+//! them is the chance that it is.
+
+use rayon::prelude::*;
+
+use super::{Patches, RayClass, RecordedRay};
+use crate::rig::MountedSensor;
+use crate::rng::Rng;
+use crate::scene::Scene;
+use crate::trajectory::{PoseError, Trajectory};
+
+/// Bins of the calibration curve.
+const BINS: usize = 10;
+
+/// What is assumed about a healthy recording.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Healthy {
+    /// Of the trajectory.
+    pub pose: PoseError,
+    /// Standard deviation of a range, m.
+    pub range_sd_m: f64,
+    /// Share of returns that are lost at random.
+    pub drop_out: f64,
+    /// Simulated runs.
+    pub runs: usize,
+    /// Of all of it.
+    pub seed: u64,
+}
+
+impl Default for Healthy {
+    fn default() -> Self {
+        Self { pose: PoseError::default(), range_sd_m: 0.02, drop_out: 0.05, runs: 19, seed: 1 }
+    }
+}
+
+/// Where a recording stands among healthy runs.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct NullTest {
+    /// What was assumed.
+    pub healthy: Healthy,
+    /// Rays of each run.
+    pub rays: usize,
+    /// IoU of the patches of these rays, of the recording; none without a prediction.
+    pub iou: Option<f64>,
+    /// Share of the rays that agree, of the recording.
+    pub agree_share: Option<f64>,
+    /// Mean and least IoU of the healthy runs.
+    pub iou_of_runs: Option<[f64; 2]>,
+    /// Mean and least share of agreeing rays of the healthy runs.
+    pub agree_share_of_runs: Option<[f64; 2]>,
+    /// How often healthy runs agree no better, by IoU: (1 + count) / (1 + runs).
+    pub p_value: Option<f64>,
+    /// The same by share of agreeing rays.
+    pub agree_p_value: Option<f64>,
+    /// Chance of every patch against what came of it.
+    pub calibration: Calibration,
+}
+
+/// Predicted chance of being covered against the share that was.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Calibration {
+    /// Mean squared difference of chance and outcome; none without patches.
+    pub brier: Option<f64>,
+    /// Mean chance, share covered and number of patches of every tenth of chance that has any.
+    pub curve: Vec<[f64; 3]>,
+}
+
+/// The rays and all that is needed to cast them.
+#[derive(Clone, Copy)]
+pub struct Field<'a> {
+    /// What they are cast into.
+    pub scene: &'a Scene,
+    /// As recorded.
+    pub trajectory: &'a Trajectory,
+    /// With the models of their packets.
+    pub sensors: &'a [MountedSensor],
+    /// In order of time.
+    pub rays: &'a [RecordedRay],
+    /// A recorded and a predicted range agree within this, m.
+    pub agree_within_m: f64,
+}
+
+/// A ray's prediction.
+struct Foreseen {
+    range_m: Option<f64>,
+    patch: Option<u32>,
+}
+
+/// Outcome of one run: by patch whether it is covered, and the share of agreeing rays.
+struct Run {
+    covered: Vec<bool>,
+    iou: Option<f64>,
+    agree_share: Option<f64>,
+}
+
+impl NullTest {
+    /// Simulates healthy runs and puts the recording among them.
+    pub fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy) -> Self {
+        let foreseen: Vec<Foreseen> = field.rays.par_iter().map(|ray| field.foresee(ray, patches)).collect();
+        let recorded: Vec<Option<f64>> = field.rays.iter().map(|ray| ray.range_m).collect();
+        let actual = judge(field, &foreseen, &recorded, patches.len());
+        let runs: Vec<Run> = (0..healthy.runs as u64)
+            .map(|run| {
+                let simulated = simulate(field, healthy, healthy.seed.wrapping_add(run));
+                judge(field, &foreseen, &simulated, patches.len())
+            })
+            .collect();
+        let among = |value: Option<f64>, of: fn(&Run) -> Option<f64>| {
+            let all: Vec<f64> = runs.iter().filter_map(of).collect();
+            let worse = all.iter().filter(|other| Some(**other) <= value).count();
+            let p_value =
+                (value.is_some() && !all.is_empty()).then(|| (1 + worse) as f64 / (1 + all.len()) as f64);
+            let least = all.iter().copied().reduce(f64::min);
+            (p_value, least.map(|least| [all.iter().sum::<f64>() / all.len() as f64, least]))
+        };
+        let (p_value, iou_of_runs) = among(actual.iou, |run| run.iou);
+        let (agree_p_value, agree_share_of_runs) = among(actual.agree_share, |run| run.agree_share);
+        let foreseen_patches = touched(&foreseen, patches.len());
+        Self {
+            healthy,
+            rays: field.rays.len(),
+            iou: actual.iou,
+            agree_share: actual.agree_share,
+            iou_of_runs,
+            agree_share_of_runs,
+            p_value,
+            agree_p_value,
+            calibration: Calibration::of(&foreseen_patches, &runs, &actual),
+        }
+    }
+}
+
+impl Calibration {
+    fn of(foreseen: &[bool], runs: &[Run], actual: &Run) -> Self {
+        if runs.is_empty() {
+            return Self::default();
+        }
+        let mut bins = [[0.0; 3]; BINS];
+        let (mut squares, mut count) = (0.0, 0.0);
+        for patch in (0..foreseen.len()).filter(|patch| foreseen[*patch]) {
+            let chance = runs.iter().filter(|run| run.covered[patch]).count() as f64 / runs.len() as f64;
+            let outcome = f64::from(u8::from(actual.covered[patch]));
+            squares += (chance - outcome) * (chance - outcome);
+            count += 1.0;
+            let bin = &mut bins[((chance * BINS as f64) as usize).min(BINS - 1)];
+            *bin = [bin[0] + chance, bin[1] + outcome, bin[2] + 1.0];
+        }
+        let curve =
+            bins.iter().filter(|bin| bin[2] > 0.0).map(|bin| [bin[0] / bin[2], bin[1] / bin[2], bin[2]]);
+        Self { brier: (count > 0.0).then_some(squares / count), curve: curve.collect() }
+    }
+}
+
+impl Field<'_> {
+    fn foresee(&self, ray: &RecordedRay, patches: &Patches) -> Foreseen {
+        let nothing = Foreseen { range_m: None, patch: None };
+        let Some(world_from_body) = self.trajectory.at(ray.time_ns) else { return nothing };
+        let world_from_sensor = world_from_body * ray.mount(self.sensors).body_from_sensor();
+        let placed = ray.place(self.sensors, &world_from_sensor);
+        let Some((range_m, normal)) = placed.cast(self.scene, &self.sensors[ray.sensor]) else {
+            return nothing;
+        };
+        let patch = patches.patch_at(placed.at_range(range_m), normal, self.scene);
+        Foreseen { range_m: Some(range_m), patch: patch.map(|patch| patch as u32) }
+    }
+}
+
+/// Ranges that a healthy rig would have recorded.
+fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> {
+    let true_way = healthy.pose.disturb(field.trajectory, seed);
+    let rays = field.rays.par_iter().enumerate();
+    rays.map(|(number, ray)| {
+        let mut rng = Rng::new(seed, number as u64);
+        let kept = rng.uniform() >= healthy.drop_out;
+        let noise_m = healthy.range_sd_m * rng.normal();
+        let world_from_body = true_way.at(ray.time_ns)?;
+        let world_from_sensor = world_from_body * ray.mount(field.sensors).body_from_sensor();
+        let placed = ray.place(field.sensors, &world_from_sensor);
+        let (range_m, _) = placed.cast(field.scene, &field.sensors[ray.sensor])?;
+        kept.then_some(range_m + noise_m)
+    })
+    .collect()
+}
+
+/// A patch is covered by a run when at least half of the rays that should end there do.
+fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], patches: usize) -> Run {
+    let mut tally = vec![[0u32; 2]; patches];
+    let (mut agree, mut informative) = (0u64, 0u64);
+    for (foreseen, recorded) in foreseen.iter().zip(recorded) {
+        let class = RayClass::of(foreseen.range_m, *recorded, field.agree_within_m);
+        informative += u64::from(class != RayClass::Nothing);
+        agree += u64::from(class == RayClass::Agree);
+        if let Some(patch) = foreseen.patch {
+            tally[patch as usize][0] += 1;
+            tally[patch as usize][1] += u32::from(class == RayClass::Agree);
+        }
+    }
+    let covered: Vec<bool> = tally.iter().map(|[all, agree]| *agree > 0 && 2 * agree >= *all).collect();
+    let predicted = tally.iter().filter(|[all, _]| *all > 0).count();
+    let both = covered.iter().filter(|covered| **covered).count();
+    Run {
+        covered,
+        iou: (predicted > 0).then(|| both as f64 / predicted as f64),
+        agree_share: (informative > 0).then(|| agree as f64 / informative as f64),
+    }
+}
+
+fn touched(foreseen: &[Foreseen], patches: usize) -> Vec<bool> {
+    let mut touched = vec![false; patches];
+    foreseen.iter().filter_map(|foreseen| foreseen.patch).for_each(|patch| touched[patch as usize] = true);
+    touched
+}

@@ -1,0 +1,284 @@
+//! The surface that could be covered: points spread over it, gathered into patches, and which of them can be seen from
+//! the path at all.
+//!
+//! A patch is a cell (of 0.25 m, larger in large places) of a grid that no wall of a plan in whole centimetres lies on, times the axis that its
+//! surface faces most. It counts by the number of its points that are observable, which is its area.
+
+use std::collections::HashMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::rng::Rng;
+use crate::scene::{BoxScene, Scene};
+use crate::surface::{Adder, Completeness, SurfaceSamples, observable};
+
+/// Least edge of a patch, m. In a large place patches are larger, so that each has points enough.
+pub const PATCH_M: f64 = 0.25;
+/// Points that a patch has on average.
+const POINTS_PER_PATCH: f64 = 16.0;
+/// A sample is covered by a point within this, m.
+pub const COVERED_WITHIN_M: f64 = 0.05;
+/// Corner of the patches' grid, m: off every whole centimetre.
+const CORNER_M: f64 = 0.0707;
+/// Patches of fewer observable points say nothing.
+const LEAST_POINTS: u32 = 5;
+/// Line of sight may end this much before a point, m.
+const SIGHT_TOLERANCE_M: f64 = 0.02;
+
+type Key = ([i32; 3], u8);
+
+/// Points of a surface, in patches.
+pub struct Patches {
+    samples: SurfaceSamples,
+    observable: Vec<bool>,
+    patch_of: Vec<u32>,
+    centres_m: Vec<DVec3>,
+    /// Observable points.
+    weights: Vec<u32>,
+    index: HashMap<Key, u32>,
+    patch_m: f64,
+}
+
+impl Patches {
+    /// `count` points of a scene, seen from these stations. None for a scene without surface.
+    pub fn of_scene(scene: &Scene, count: usize, seed: u64, stations_m: &[DVec3]) -> Option<Self> {
+        let points = match scene {
+            Scene::Mesh(mesh) => mesh.sample_with_normals(count, seed),
+            Scene::Box(walls) => box_points(walls, count, seed),
+            // cells of a map have no normal: every patch is one of the x axis
+            Scene::Voxels(map) => map.occupied_m().map(|point_m| (point_m, DVec3::X)).collect(),
+        };
+        let tolerance_m = match scene {
+            Scene::Voxels(map) => 2.0 * map.voxel_m(),
+            Scene::Mesh(_) | Scene::Box(_) => SIGHT_TOLERANCE_M,
+        };
+        let samples = SurfaceSamples::new(points.iter().map(|(point_m, _)| *point_m).collect()).ok()?;
+        let observable = match scene {
+            Scene::Mesh(mesh) => observable(mesh, &samples, stations_m, tolerance_m),
+            Scene::Box(_) | Scene::Voxels(_) => {
+                let sees = |point_m: &DVec3| {
+                    stations_m.iter().any(|station| sees(scene, *station, *point_m, tolerance_m))
+                };
+                samples.points_m().par_iter().map(sees).collect()
+            }
+        };
+        let area_m2 = match scene {
+            Scene::Mesh(mesh) => mesh.area_m2(),
+            Scene::Box(walls) => faces(walls).iter().map(|(axis, _)| face_area_m2(walls, *axis)).sum(),
+            Scene::Voxels(map) => points.len() as f64 * map.voxel_m() * map.voxel_m(),
+        };
+        let patch_m = (POINTS_PER_PATCH * area_m2 / points.len() as f64).sqrt().max(PATCH_M);
+        Some(Self::gathered(samples, observable, &points, patch_m))
+    }
+
+    fn gathered(
+        samples: SurfaceSamples,
+        observable: Vec<bool>,
+        points: &[(DVec3, DVec3)],
+        patch_m: f64,
+    ) -> Self {
+        let mut index = HashMap::new();
+        let (mut centres_m, mut weights) = (Vec::new(), Vec::new());
+        let patch_of = points
+            .iter()
+            .zip(&observable)
+            .map(|((point_m, normal), seen)| {
+                let key = key(*point_m, *normal, patch_m);
+                let patch = *index.entry(key).or_insert_with(|| {
+                    let corner = DVec3::from(key.0.map(f64::from));
+                    centres_m.push((corner + 0.5) * patch_m + CORNER_M);
+                    weights.push(0);
+                    centres_m.len() as u32 - 1
+                });
+                weights[patch as usize] += u32::from(*seen);
+                patch
+            })
+            .collect();
+        Self { samples, observable, patch_of, centres_m, weights, index, patch_m }
+    }
+
+    /// Number of patches, observable or not.
+    pub fn len(&self) -> usize {
+        self.centres_m.len()
+    }
+
+    /// Never: there is at least one.
+    pub fn is_empty(&self) -> bool {
+        self.centres_m.is_empty()
+    }
+
+    /// Middle of a patch's cell, m.
+    pub fn centre_m(&self, patch: usize) -> DVec3 {
+        self.centres_m[patch]
+    }
+
+    /// Edge of a patch, m.
+    pub fn patch_m(&self) -> f64 {
+        self.patch_m
+    }
+
+    /// Observable points of a patch; 0 where they are too few to say anything.
+    pub fn weight(&self, patch: usize) -> u32 {
+        if self.weights[patch] >= LEAST_POINTS { self.weights[patch] } else { 0 }
+    }
+
+    /// Share of the points that can be seen from the path.
+    pub fn observable_share(&self) -> f64 {
+        self.observable.iter().filter(|seen| **seen).count() as f64 / self.observable.len() as f64
+    }
+
+    /// The patch of a hit.
+    pub fn patch_at(&self, point_m: DVec3, normal: DVec3, scene: &Scene) -> Option<usize> {
+        let normal = if matches!(scene, Scene::Voxels(_)) { DVec3::X } else { normal };
+        self.index.get(&key(point_m, normal, self.patch_m)).map(|patch| *patch as usize)
+    }
+
+    /// Patches of which at least half of the observable points are covered.
+    pub fn covered(&self, points: &[bool]) -> Vec<bool> {
+        let mut found = vec![0u32; self.len()];
+        for ((patch, seen), covered) in self.patch_of.iter().zip(&self.observable).zip(points) {
+            found[*patch as usize] += u32::from(*seen && *covered);
+        }
+        found.iter().zip(&self.weights).map(|(found, all)| *found > 0 && 2 * found >= *all).collect()
+    }
+}
+
+fn key(point_m: DVec3, normal: DVec3, patch_m: f64) -> Key {
+    let cell = ((point_m - CORNER_M) / patch_m).floor();
+    ([cell.x as i32, cell.y as i32, cell.z as i32], normal.abs().max_position() as u8)
+}
+
+fn sees(scene: &Scene, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
+    let way = to_m - from_m;
+    let length_m = way.length();
+    length_m > 0.0
+        && scene.cast(from_m, way / length_m).is_none_or(|hit| hit.distance_m >= length_m - tolerance_m)
+}
+
+/// Faces that exist: axis, and 0 for the lesser side.
+fn faces(walls: &BoxScene) -> Vec<(usize, usize)> {
+    let all = (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]);
+    all.filter(|(axis, side)| walls.faces[*axis][*side]).collect()
+}
+
+fn face_area_m2(walls: &BoxScene, axis: usize) -> f64 {
+    let size = walls.max_m - walls.min_m;
+    size[(axis + 1) % 3] * size[(axis + 2) % 3]
+}
+
+fn box_points(walls: &BoxScene, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
+    let size = walls.max_m - walls.min_m;
+    let faces = faces(walls);
+    let whole_m2: f64 = faces.iter().map(|(axis, _)| face_area_m2(walls, *axis)).sum();
+    let mut rng = Rng::new(seed, 0);
+    let mut points = Vec::with_capacity(count);
+    for (axis, side) in faces {
+        let of_face = (count as f64 * face_area_m2(walls, axis) / whole_m2).round() as usize;
+        let mut normal = DVec3::ZERO;
+        normal[axis] = if side == 0 { 1.0 } else { -1.0 };
+        for _ in 0..of_face {
+            let mut point_m = walls.min_m;
+            for other in [(axis + 1) % 3, (axis + 2) % 3] {
+                point_m[other] += size[other] * rng.uniform();
+            }
+            point_m[axis] = if side == 0 { walls.min_m[axis] } else { walls.max_m[axis] };
+            points.push((point_m, normal));
+        }
+    }
+    points
+}
+
+/// Points found while a recording is replayed.
+pub struct SurfaceTally<'a> {
+    patches: &'a Patches,
+    predicted: Completeness,
+    snapped: Completeness,
+    placed: Completeness,
+}
+
+/// What one thread remembers between points.
+pub struct SurfaceAdder([Adder; 3]);
+
+impl<'a> SurfaceTally<'a> {
+    /// Nothing found yet.
+    pub fn new(patches: &'a Patches) -> Self {
+        let none = || Completeness::new(&patches.samples, &[COVERED_WITHIN_M]);
+        Self { patches, predicted: none(), snapped: none(), placed: none() }
+    }
+
+    /// A memory for one thread.
+    pub fn adder(&self) -> SurfaceAdder {
+        SurfaceAdder([self.predicted.adder(), self.snapped.adder(), self.placed.adder()])
+    }
+
+    /// One ray: where it was predicted to end, whether it agreed, where its return was placed.
+    #[inline]
+    pub fn add(
+        &self,
+        adder: &mut SurfaceAdder,
+        predicted_m: Option<DVec3>,
+        agrees: bool,
+        placed_m: Option<DVec3>,
+    ) {
+        let SurfaceAdder([of_predicted, of_snapped, of_placed]) = adder;
+        if let Some(point_m) = predicted_m {
+            self.predicted.add(of_predicted, point_m);
+            if agrees {
+                self.snapped.add(of_snapped, point_m);
+            }
+        }
+        if let Some(point_m) = placed_m {
+            self.placed.add(of_placed, point_m);
+        }
+    }
+
+    /// Makes later points faster; changes no outcome.
+    pub fn settle(&mut self) {
+        for completeness in [&mut self.predicted, &mut self.snapped, &mut self.placed] {
+            completeness.settle();
+        }
+    }
+
+    /// What was found.
+    pub fn finish(self) -> SurfaceCovered {
+        let both = |completeness: &Completeness| SurfaceShare {
+            of_all: completeness.shares()[0],
+            of_observable: completeness.share_of(&self.patches.observable, 0),
+        };
+        let patches = |completeness: &Completeness| self.patches.covered(&completeness.covered(0));
+        SurfaceCovered {
+            as_driven: both(&self.predicted),
+            recorded: both(&self.snapped),
+            placed: both(&self.placed),
+            as_driven_patches: patches(&self.predicted),
+            recorded_patches: patches(&self.snapped),
+            placed_patches: patches(&self.placed),
+        }
+    }
+}
+
+/// Share of a surface's points within 5 cm of a return.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct SurfaceShare {
+    /// Of all points.
+    pub of_all: f64,
+    /// Of those that can be seen from the path; none where nothing can.
+    pub of_observable: Option<f64>,
+}
+
+/// What a recording covers of a surface.
+pub struct SurfaceCovered {
+    /// By the predicted points of all recorded rays.
+    pub as_driven: SurfaceShare,
+    /// By the predicted points of the rays that agree: errors can only lower it.
+    pub recorded: SurfaceShare,
+    /// By the points as measured: noise and blur raise it.
+    pub placed: SurfaceShare,
+    /// The same, by patch.
+    pub as_driven_patches: Vec<bool>,
+    /// The same, by patch.
+    pub recorded_patches: Vec<bool>,
+    /// The same, by patch.
+    pub placed_patches: Vec<bool>,
+}

@@ -1,0 +1,139 @@
+//! `outrigger compare` on simulated recordings through real packets, as a process, and on real captures.
+
+mod recordings;
+mod rig_faults;
+mod statistics;
+
+use glam::DVec3;
+use outrigger::calibrate;
+use outrigger::compare::RecordedRay;
+use outrigger::rig::{Mount, MountedSensor};
+use outrigger::rng::Rng;
+use outrigger::scene::{BoxScene, Scene};
+use outrigger::trajectory::Trajectory;
+use sensors::catalogue;
+
+use crate::support::{Case, case, with_machine, with_shared};
+
+/// What the long statistics wait for.
+const ASKED: &str = "statistics of minutes: set OUTRIGGER_STATISTICS=1 (and OUTRIGGER_SHARED)";
+
+pub const CASES: &[Case] = &[
+    case("a_faithful_recording_matches", rig_faults::a_faithful_recording_matches),
+    case("a_tilted_sensor_is_found_and_corrected", rig_faults::a_tilted_sensor_is_found_and_corrected),
+    case("errors_only_lower_coverage", rig_faults::errors_only_lower_coverage),
+    case("each_fault_has_its_name", rig_faults::each_fault_has_its_name),
+    case("a_mesh_in_millimetres_is_named", rig_faults::a_mesh_in_millimetres_is_named),
+    case("what_is_wrong_with_the_input_is_said", rig_faults::what_is_wrong_with_the_input_is_said),
+    case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
+    case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),
+    with_machine(
+        "healthy_walks_raise_few_alarms",
+        ASKED,
+        statistics::are_wanted,
+        statistics::healthy_walks_raise_few_alarms,
+    ),
+    with_machine(
+        "known_tilts_are_recovered",
+        ASKED,
+        statistics::are_wanted,
+        statistics::known_tilts_are_recovered,
+    ),
+    with_shared("two_frames_of_a_vehicle_predict_the_third", recordings::two_frames_predict_the_third),
+    with_shared(
+        "a_still_velodyne_agrees_with_its_own_map",
+        recordings::a_still_velodyne_agrees_with_its_own_map,
+    ),
+];
+
+/// Two level-headed sensors, tilted outward.
+fn pair(model: &str) -> Vec<MountedSensor> {
+    let model = catalogue::nominal(model).unwrap();
+    let mounted = |name: &str, side: f64| MountedSensor {
+        name: name.into(),
+        model: model.clone(),
+        mount: Mount { x_m: 0.12 * side, z_m: 0.1, pitch_rad: 0.44 * side, ..Mount::default() },
+    };
+    vec![mounted("right", 1.0), mounted("left", -1.0)]
+}
+
+/// An even share of the rays of some revolutions, measured from the true mounts.
+fn measured(
+    scene: &Scene,
+    walk: &Trajectory,
+    said: &[MountedSensor],
+    truth: &[Mount],
+    bias_m: f64,
+) -> Vec<RecordedRay> {
+    let [start_ns, end_ns] = walk.time_span_ns();
+    let mut rays = Vec::new();
+    let mut rng = Rng::new(7, 0);
+    for time_ns in (start_ns..end_ns).step_by(400_000) {
+        for (sensor, mounted) in said.iter().enumerate() {
+            let channel = rng.below(mounted.model.channels() as u64) as usize;
+            let azimuth_rad = rng.between(0.0, std::f64::consts::TAU);
+            let pitch_rad = mounted.mount.pitch_rad;
+            let mut ray = RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m: None };
+            let world_from_sensor = walk.at(time_ns).unwrap() * truth[sensor].body_from_sensor();
+            let met = ray.place(said, &world_from_sensor).cast(scene, mounted);
+            ray.range_m = met.map(|(range_m, _)| range_m + bias_m + 0.01 * rng.normal());
+            rays.push(ray);
+        }
+    }
+    rays
+}
+
+fn check(scene: &BoxScene, model: &str, tilt_deg: f64, bias_m: f64) -> calibrate::MountCheck {
+    let scene = Scene::Box(scene.clone());
+    let walk = Trajectory::straight(DVec3::new(-1.5, 0.3, 1.4), DVec3::new(1.7, 0.1, 1.4), 0.8, 0);
+    let said = pair(model);
+    let mut truth: Vec<Mount> = said.iter().map(|sensor| sensor.mount).collect();
+    truth[0].pitch_rad += tilt_deg.to_radians();
+    let rays = measured(&scene, &walk, &said, &truth, bias_m);
+    let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
+    calibrate::check(&field, &calibrate::Settings::default())
+}
+
+fn room() -> BoxScene {
+    BoxScene::closed(DVec3::new(-4.0, -3.0, 0.0), DVec3::new(5.0, 3.5, 3.0))
+}
+
+/// What planes leave open, from an independent analysis: the floor alone shifts along it and yaw; a corridor the shift
+/// along it.
+fn degenerate_scenes_say_what_they_cannot_tell() {
+    let [large_low, large_high] = [DVec3::new(-300.0, -300.0, 0.0), DVec3::new(300.0, 300.0, 60.0)];
+    let mut nothing = BoxScene::closed(large_low, large_high);
+    nothing.faces = [[false; 2]; 3];
+    let mut floor = nothing.clone();
+    floor.faces[2][0] = true;
+    let mut corridor = BoxScene::closed(DVec3::new(-300.0, -1.5, 0.0), DVec3::new(300.0, 1.5, 3.0));
+    corridor.faces[0] = [false; 2];
+    for (what, scene, told, condition) in [
+        ("open field", &nothing, "", false),
+        ("floor only", &floor, "z roll tilt range", false),
+        ("corridor", &corridor, "x z roll tilt yaw range", false),
+        ("room", &room(), "x y z roll tilt yaw range", true),
+    ] {
+        let found = check(scene, "os1-64", 0.0, 0.0);
+        for sensor in &found.mount {
+            assert_eq!(sensor.observable.join(" "), told, "{what}: {sensor:?}");
+            assert_eq!(sensor.condition_number.is_some(), condition, "{what}: {sensor:?}");
+            assert_eq!(sensor.tilt_error_deg.is_some(), told.contains("tilt"), "{what}: {sensor:?}");
+            assert_eq!(sensor.cannot_tell.is_none(), told.contains("tilt"), "{what}: {sensor:?}");
+        }
+    }
+}
+
+fn a_range_bias_is_no_tilt() {
+    let plain = check(&room(), "vlp-16", 0.5, 0.0);
+    let biased = check(&room(), "vlp-16", 0.5, 0.03);
+    for (found, bias_mm) in [(&plain, 0.0), (&biased, 30.0)] {
+        assert!(found.converged, "{found:?}");
+        let relative = found.relative_tilt.as_ref().unwrap();
+        assert!((relative.error_deg - 0.5).abs() < 0.02, "{relative:?}");
+        for sensor in &found.mount {
+            let offset = sensor.range_offset_mm.unwrap();
+            assert!((offset.value - bias_mm).abs() < 2.0, "{offset:?}");
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! Real recordings against maps of themselves. Nothing here is tuned to them: the thresholds are below what was measured
+//! once by as much as another compiler may change it.
+
+use std::process::Command;
+
+use outrigger::rig::{MountFile, SensorEntry};
+use serde_json::Value;
+
+use crate::support::shared;
+
+fn compare(capture: &str, model: &str, more: &[&str]) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().join("mount.json");
+    let entry = SensorEntry {
+        name: "only".into(),
+        model: model.into(),
+        x_m: 0.0,
+        y_m: 0.0,
+        z_m: 0.0,
+        pitch_deg: 0.0,
+        roll_deg: 0.0,
+    };
+    MountFile::new(vec![entry]).write(&mount).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+        .arg("compare")
+        .arg(shared(capture))
+        .args(["--json", "--nulls", "0", "--mount"])
+        .arg(&mount)
+        .args(more)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"))
+}
+
+/// Shares of the rays that were recorded.
+fn shares(document: &Value) -> [f64; 4] {
+    let rays = &document["rays"]["only"];
+    let count = |name: &str| rays[name].as_f64().unwrap();
+    let recorded = count("agree") + count("short") + count("long") + count("extra");
+    ["agree", "short", "long", "extra"].map(|name| count(name) / recorded)
+}
+
+pub fn two_frames_predict_the_third() {
+    let folder = "captures/ouster";
+    let metadata = shared(&format!("{folder}/OS-1-128_v2.3.0_1024x10.json"));
+    let poses = shared(&format!("{folder}/OS-1-128_v2.3.0_1024x10_lb_n3_poses_kitti.txt"));
+    let document = compare(
+        &format!("{folder}/OS-1-128_v2.3.0_1024x10_lb_n3.pcap"),
+        "os1-128",
+        &[
+            "--map-frames",
+            "0..2",
+            "--rate",
+            "10",
+            "--meta",
+            metadata.to_str().unwrap(),
+            "--trajectory",
+            poses.to_str().unwrap(),
+        ],
+    );
+    let [agree, short, long, extra] = shares(&document);
+    // measured: 0.456 agree, 0.025 short, 0.432 long, 0.088 extra
+    assert!(agree > 0.42, "agree {agree:.3} short {short:.3} long {long:.3} extra {extra:.3}");
+    assert!(document["mount"][0]["tilt_error_deg"].is_null());
+}
+
+pub fn a_still_velodyne_agrees_with_its_own_map() {
+    for capture in ["mrpt_vlp16_gps", "nebula_vlp16"] {
+        let document = compare(
+            &format!("captures/velodyne/{capture}.pcap"),
+            "vlp-16",
+            &["--map-frames", "0..2", "--trajectory", "still"],
+        );
+        let [agree, short, long, extra] = shares(&document);
+        // measured: 0.706 of mrpt_vlp16_gps and 0.485 of nebula_vlp16 agree, the rest ends late: cells of 10 cm of a map
+        // stand in the way of rays that pass beside what was hit in them
+        assert!(
+            agree > 0.45 && short < 0.01,
+            "{capture}: agree {agree:.3} short {short:.3} long {long:.3} extra {extra:.3}"
+        );
+    }
+}

@@ -1,0 +1,281 @@
+//! Two sensors walk through a room; something may be wrong with them.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use glam::{DQuat, DVec3};
+use outrigger::geometry::Pose;
+use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::rig::{Mount, MountFile, SensorEntry};
+use outrigger::scene::{BoxScene, Scene};
+use outrigger::trajectory::{PoseError, Trajectory};
+use sensors::Packet;
+use sensors::capture::PcapWriter;
+use sensors::ouster::{Metadata, Profile, Synthetic};
+use serde_json::Value;
+
+const START_NS: u64 = 1_763_722_223_000_000_000;
+const MODEL: &str = "os1-16";
+
+/// What is really there, beside what is said.
+struct Walk {
+    /// x_m and pitch of each sensor, degrees.
+    truth: [(f64, f64); 2],
+    turned: bool,
+    noise_m: f64,
+    /// Whether the trajectory is off by what trajectories are off by.
+    pose_error: Option<PoseError>,
+    dead: bool,
+    seconds: f64,
+}
+
+impl Default for Walk {
+    fn default() -> Self {
+        let truth = [(0.12, 25.0), (-0.12, -25.0)];
+        Self { truth, turned: false, noise_m: 0.0, pose_error: None, dead: false, seconds: 1.2 }
+    }
+}
+
+/// A recording and all that is said about it.
+struct Recorded {
+    folder: tempfile::TempDir,
+}
+
+fn said() -> Trajectory {
+    let [from, to] = [DVec3::new(-1.5, 0.6, 1.3), DVec3::new(1.4, 0.2, 1.35)];
+    Trajectory::straight(from, to, 1.2, START_NS)
+}
+
+fn metadata(sensor: u64) -> Metadata {
+    let wanted = Synthetic::new(MODEL, 122_000_000_001 + sensor, Profile::Rng19Rfl8Sig16Nir16);
+    Metadata::synthetic(&wanted.columns(512, 16)).unwrap()
+}
+
+impl Recorded {
+    fn of(walk: &Walk) -> Self {
+        let recorded = Self { folder: tempfile::tempdir().unwrap() };
+        let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, 0.0), DVec3::new(5.0, 3.5, 3.0)));
+        let said = said();
+        let end_ns = START_NS + (walk.seconds * 1e9) as u64;
+        let stamped = said.stamped().map(|(_, pose)| pose);
+        let [from, _]: [Pose; 2] = stamped.collect::<Vec<_>>().try_into().unwrap();
+        let said = Trajectory::new(vec![(START_NS, from), (end_ns, said.at(end_ns).unwrap())]).unwrap();
+        std::fs::write(recorded.path("walk.tum"), said.to_tum()).unwrap();
+        let way = walk.pose_error.map_or_else(|| said.clone(), |error| error.disturb(&said, 5));
+        let mut capture = PcapWriter::new(Vec::new()).unwrap();
+        for sensor in 0..2 {
+            let metadata = metadata(sensor as u64);
+            std::fs::write(recorded.path(&format!("{sensor}.json")), metadata.to_json()).unwrap();
+            if walk.dead && sensor == 1 {
+                continue;
+            }
+            let (x_m, pitch_deg) = walk.truth[sensor];
+            let mount = Mount { x_m, z_m: 0.1, pitch_rad: pitch_deg.to_radians(), ..Mount::default() };
+            let mut pose = mount.body_from_sensor();
+            if walk.turned && sensor == 0 {
+                pose = pose * Pose::new(DQuat::from_rotation_z(std::f64::consts::PI), DVec3::ZERO);
+            }
+            let surroundings = Surroundings {
+                scene: &scene,
+                trajectory: &way,
+                body_from_sensor: &|_| pose,
+                noise_m: walk.noise_m,
+                seed: 3 + sensor as u64,
+            };
+            let source: SocketAddr = format!("10.0.0.{}:50000", sensor + 1).parse().unwrap();
+            let destination: SocketAddr = "10.0.0.100:7502".parse().unwrap();
+            MockSensor::ouster(metadata)
+                .run(&surroundings, |host_time_ns, payload| {
+                    capture.write(&Packet { host_time_ns, source, destination, payload })
+                })
+                .unwrap();
+        }
+        std::fs::write(recorded.path("walk.pcap"), capture.close().unwrap()).unwrap();
+        recorded.say(MODEL, [25.0, -25.0]);
+        recorded
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes the mount file.
+    fn say(&self, model: &str, pitch_deg: [f64; 2]) {
+        let entry = |name: &str, x_m: f64, pitch_deg: f64| SensorEntry {
+            name: name.into(),
+            model: model.into(),
+            x_m,
+            y_m: 0.0,
+            z_m: 0.1,
+            pitch_deg,
+            roll_deg: 0.0,
+        };
+        let sensors = vec![entry("right", 0.12, pitch_deg[0]), entry("left", -0.12, pitch_deg[1])];
+        MountFile::new(sensors).write(&self.path("mount.json")).unwrap();
+    }
+
+    fn compare(&self, mount: &str, place: &[&str], more: &[&str]) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        command.arg("compare").arg(self.path("walk.pcap")).arg("--json").args(place).args(more);
+        command.arg("--mount").arg(self.path(mount)).arg("--trajectory").arg(self.path("walk.tum"));
+        for meta in ["0.json", "1.json"] {
+            command.arg("--meta").arg(self.path(meta));
+        }
+        command.output().unwrap()
+    }
+
+    fn judged(&self, mount: &str, more: &[&str]) -> (Option<i32>, Value) {
+        let mut more = more.to_vec();
+        if !more.contains(&"--nulls") {
+            more.extend(["--nulls", "0"]);
+        }
+        let output = self.compare(mount, &["--room=-4,-3,0,5,3.5,3"], &more);
+        let said = String::from_utf8_lossy(&output.stderr);
+        let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
+        (output.status.code(), document)
+    }
+}
+
+pub fn a_faithful_recording_matches() {
+    let recorded = Recorded::of(&Walk::default());
+    let out = recorded.path("report");
+    let (code, document) = recorded.judged("mount.json", &["--nulls", "19", "--out", out.to_str().unwrap()]);
+    assert_eq!((code, &document["verdict"]), (Some(0), &Value::from("matches")), "{document:#}");
+    for sensor in ["right", "left"] {
+        let rays = &document["rays"][sensor];
+        assert!(rays["agree"].as_u64().unwrap() > 90_000, "{rays}");
+        assert!(rays["agree_share"].as_f64().unwrap() > 0.9999, "{rays}");
+    }
+    assert!(document["agreement"]["iou"].as_f64().unwrap() > 0.9999);
+    assert_eq!(document["agreement"]["p_value"], 1.0);
+    let coverage = &document["coverage"];
+    assert_eq!(coverage["as_driven"], coverage["recorded"]);
+    assert!(document["relative_tilt"]["error_deg"].as_f64().unwrap().abs() < 0.002, "{document:#}");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("The recording covers what was promised") && page.contains("wall ahead"));
+    let again: Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(again["rays"], document["rays"]);
+}
+
+pub fn a_tilted_sensor_is_found_and_corrected() {
+    for tilt_deg in [0.1, 1.0, 5.0] {
+        let truth = [(0.12, 25.0 + tilt_deg), (-0.12, -25.0)];
+        let pose_error = Some(PoseError::default());
+        let recorded = Recorded::of(&Walk { truth, noise_m: 0.01, pose_error, ..Walk::default() });
+        let corrected = recorded.path("corrected.json");
+        let (code, document) =
+            recorded.judged("mount.json", &["--corrected-mount", corrected.to_str().unwrap()]);
+        let found = document["relative_tilt"]["error_deg"].as_f64().unwrap();
+        // a walk of a second: the house below is the place for hundredths of a degree
+        let slack_deg = f64::max(0.1 * tilt_deg, 0.02);
+        assert!((found - tilt_deg).abs() < slack_deg, "{tilt_deg}: {:#}", document["relative_tilt"]);
+        if tilt_deg > 0.5 {
+            assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("differs")), "{tilt_deg}");
+            let words = document["words"].to_string();
+            assert!(words.contains("right is tilted +") && words.contains("right against left"), "{words}");
+            let (_, after) = recorded.judged("corrected.json", &[]);
+            let left_deg = after["relative_tilt"]["error_deg"].as_f64().unwrap();
+            assert!(left_deg.abs() < 0.02, "{left_deg}");
+        }
+    }
+}
+
+/// The coverage figure moves under 0.1 points for noise of the ranges and falls for an error of the poses.
+pub fn errors_only_lower_coverage() {
+    let recorded = |walk: &Walk| {
+        let (_, document) = Recorded::of(walk).judged("mount.json", &[]);
+        let share = |name: &str| 100.0 * document["surface"][name]["of_all"].as_f64().unwrap();
+        [share("as_driven"), share("recorded"), share("placed")]
+    };
+    let [driven, clean, _] = recorded(&Walk::default());
+    assert_eq!(driven, clean);
+    let [_, noisy, placed] = recorded(&Walk { noise_m: 0.03, ..Walk::default() });
+    assert!(noisy <= clean && clean - noisy < 0.1, "{noisy} after {clean}");
+    assert!(placed > noisy + 0.5, "measured points alone would praise the noise: {placed}");
+    let far = PoseError { position_sd_m: 0.10, rotation_sd_rad: 0.02, correlation_s: 2.0 };
+    let [_, off, _] = recorded(&Walk { pose_error: Some(far), ..Walk::default() });
+    assert!(off < clean - 0.5, "{off} after {clean}");
+    let [_, tilted, _] = recorded(&Walk { truth: [(0.12, 30.0), (-0.12, -25.0)], ..Walk::default() });
+    assert!(tilted < clean - 0.3, "{tilted} after {clean}");
+}
+
+fn names(document: &Value) -> Vec<(&str, String)> {
+    let faults = document["faults"].as_array().unwrap();
+    faults.iter().map(|fault| (fault["name"].as_str().unwrap(), fault["sensors"].to_string())).collect()
+}
+
+pub fn each_fault_has_its_name() {
+    let expect = |what: &str, (code, document): (Option<i32>, Value), name: &str, sensors: &str| {
+        assert_eq!(code, Some(3), "{what}: {document:#}");
+        assert_eq!(document["verdict"], "differs", "{what}");
+        assert_eq!(names(&document), [(name, sensors.to_owned())], "{what}: {:#}", document["words"]);
+    };
+    let dead = Recorded::of(&Walk { dead: true, ..Walk::default() });
+    expect("dead", dead.judged("mount.json", &[]), "dead_sensor", r#"["left"]"#);
+    let both = r#"["right","left"]"#;
+    let swapped = Recorded::of(&Walk { truth: [(-0.12, -25.0), (0.12, 25.0)], ..Walk::default() });
+    expect("swapped", swapped.judged("mount.json", &[]), "swapped_sensors", both);
+    let turned = Recorded::of(&Walk { turned: true, ..Walk::default() });
+    expect("turned", turned.judged("mount.json", &[]), "yaw_180", r#"["right"]"#);
+    let plain = Recorded::of(&Walk::default());
+    plain.say(MODEL, [-25.0, 25.0]);
+    expect("mirrored", plain.judged("mount.json", &[]), "mirrored_sign", both);
+    plain.say(MODEL, [25.0, 25.0]);
+    expect("one mirrored", plain.judged("mount.json", &[]), "mirrored_sign", r#"["left"]"#);
+    plain.say("os0-32", [25.0, -25.0]);
+    let (code, document) = plain.judged("mount.json", &[]);
+    assert_eq!(code, Some(3));
+    let found: Vec<&str> = names(&document).iter().map(|(name, _)| *name).collect();
+    assert_eq!(found, ["wrong_model", "wrong_model"]);
+    plain.say(MODEL, [25.0, -25.0]);
+    std::fs::write(plain.path("1.json"), metadata(77).to_json()).unwrap();
+    expect("other unit", plain.judged("mount.json", &[]), "metadata_of_another_unit", r#"["left"]"#);
+}
+
+fn write_box(path: &Path, unit_per_m: f64) {
+    let mut text = String::new();
+    for corner in 0..8 {
+        let pick = |bit: u32, low: f64, high: f64| if corner >> bit & 1 == 1 { high } else { low };
+        let at = [pick(0, -4.0, 5.0), pick(1, -3.0, 3.5), pick(2, 0.0, 3.0)].map(|v| v * unit_per_m);
+        text += &format!("v {} {} {}\n", at[0], at[1], at[2]);
+    }
+    for quad in [[1, 2, 4, 3], [5, 6, 8, 7], [1, 2, 6, 5], [3, 4, 8, 7], [1, 3, 7, 5], [2, 4, 8, 6]] {
+        text += &format!("f {} {} {} {}\n", quad[0], quad[1], quad[2], quad[3]);
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+pub fn a_mesh_in_millimetres_is_named() {
+    let recorded = Recorded::of(&Walk { seconds: 0.4, ..Walk::default() });
+    let mesh = recorded.path("room.obj");
+    write_box(&mesh, 1000.0);
+    let scene = ["--scene", mesh.to_str().unwrap(), "--nulls", "0"];
+    let refused = recorded.compare("mount.json", &scene, &[]);
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && said.contains("mm"), "{said}");
+    let forced = recorded.compare("mount.json", &scene, &["--mesh-unit", "m", "--voxel", "50"]);
+    let document: Value = serde_json::from_slice(&forced.stdout).unwrap();
+    assert_eq!(names(&document), [("mesh_unit", "[]".to_owned())], "{document:#}");
+    assert!(document["words"][0].as_str().unwrap().contains("millimetres"));
+    let right = recorded.compare("mount.json", &scene, &["--mesh-unit", "mm"]);
+    let document: Value = serde_json::from_slice(&right.stdout).unwrap();
+    assert_eq!(document["verdict"], "matches", "{document:#}");
+}
+
+pub fn what_is_wrong_with_the_input_is_said() {
+    let recorded = Recorded::of(&Walk { seconds: 0.2, ..Walk::default() });
+    let fails = |place: &[&str], more: &[&str], words: &str| {
+        let output = recorded.compare("mount.json", place, more);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() != Some(0) && output.stdout.is_empty(), "{said}");
+        assert!(said.contains(words), "{said}");
+    };
+    fails(&["--room=-4,-3,0,5,3.5,3"], &["--gate", "0"], "--gate 0");
+    fails(&["--room=5,3,3,-4,-3,0"], &[], "first corner must lie below");
+    fails(&["--scene", "none.ply"], &[], "none.ply");
+    fails(&[], &[], "--scene");
+    let (code, document) = recorded.judged("mount.json", &["--time-offset", "100"]);
+    assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
+    assert!(document["words"].to_string().contains("--time-offset"), "{:#}", document["words"]);
+}

@@ -1,0 +1,159 @@
+//! What the mount check claims about its own certainty, over many simulated walks through the furnished house: minutes,
+//! so it runs only when asked for.
+
+use std::sync::Arc;
+
+use outrigger::calibrate::{self, MountCheck, Settings};
+use outrigger::compare::RecordedRay;
+use outrigger::rig::{Mount, MountedSensor};
+use outrigger::rng::Rng;
+use outrigger::scene::{Scene, load_mesh};
+use outrigger::trajectory::{PoseError, Trajectory};
+use sensors::catalogue;
+
+use crate::support::{shared, shared_folder};
+
+/// Revolutions of each walk: every second of the 391.
+const EVERY: u64 = 2;
+const REVOLUTION_NS: u64 = 100_000_000;
+/// Rays of one sensor and revolution.
+const RAYS: u64 = 160;
+
+/// Whether the statistics were asked for, and have their data.
+pub fn are_wanted() -> bool {
+    std::env::var_os("OUTRIGGER_STATISTICS").is_some() && shared_folder().is_some()
+}
+
+struct House {
+    scene: Scene,
+    way: Trajectory,
+    said: Vec<MountedSensor>,
+}
+
+impl House {
+    fn read() -> Self {
+        let mesh = load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
+        let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
+        let model = catalogue::nominal("os1-64").unwrap();
+        let mounted = |name: &str, side: f64| MountedSensor {
+            name: name.into(),
+            model: model.clone(),
+            mount: Mount {
+                x_m: 0.05 * side,
+                z_m: 0.1,
+                pitch_rad: (32.7 * side).to_radians(),
+                ..Mount::default()
+            },
+        };
+        Self {
+            scene: Scene::Mesh(Arc::new(mesh)),
+            way: Trajectory::from_tum(&text).unwrap(),
+            said: vec![mounted("right", 1.0), mounted("left", -1.0)],
+        }
+    }
+
+    /// One walk: the first sensor tilted by this much more than said, all ranges too long by a bias.
+    fn walk(&self, seed: u64, tilt_deg: f64, bias_m: f64) -> MountCheck {
+        let truth = PoseError::default().disturb(&self.way, seed);
+        let mut rng = Rng::new(seed, 77);
+        let mut rays = Vec::new();
+        let [start_ns, end_ns] = self.way.time_span_ns();
+        for revolution_ns in (start_ns..end_ns - REVOLUTION_NS).step_by((EVERY * REVOLUTION_NS) as usize) {
+            for number in 0..RAYS {
+                let time_ns = revolution_ns + number * REVOLUTION_NS / RAYS;
+                let world_from_body = truth.at(time_ns).unwrap();
+                for (sensor, mounted) in self.said.iter().enumerate() {
+                    let mut mount = mounted.mount;
+                    mount.pitch_rad += if sensor == 0 { tilt_deg.to_radians() } else { 0.0 };
+                    let mut ray = RecordedRay {
+                        sensor,
+                        channel: rng.below(64) as usize,
+                        time_ns,
+                        azimuth_rad: std::f64::consts::TAU * number as f64 / RAYS as f64,
+                        pitch_rad: mounted.mount.pitch_rad,
+                        range_m: None,
+                    };
+                    let noise_m = 0.02 * rng.normal();
+                    let placed = ray.place(&self.said, &(world_from_body * mount.body_from_sensor()));
+                    let met = placed.cast(&self.scene, mounted);
+                    ray.range_m = met.map(|(range_m, _)| range_m + noise_m + bias_m);
+                    rays.push(ray);
+                }
+            }
+        }
+        let field =
+            calibrate::Field { scene: &self.scene, trajectory: &self.way, sensors: &self.said, rays: &rays };
+        calibrate::check(&field, &Settings::default())
+    }
+}
+
+fn relative_deg(found: &MountCheck) -> f64 {
+    found.relative_tilt.as_ref().unwrap().error_deg
+}
+
+/// Largest distance of the p-values' distribution from the uniform one (Kolmogorov and Smirnov).
+fn distance_from_uniform(p_values: &mut [f64]) -> f64 {
+    p_values.sort_by(f64::total_cmp);
+    let count = p_values.len() as f64;
+    let apart = |(place, p): (usize, &f64)| {
+        f64::max((p - place as f64 / count).abs(), ((place + 1) as f64 / count - p).abs())
+    };
+    p_values.iter().enumerate().map(apart).fold(0.0, f64::max)
+}
+
+/// Sets of p-values of 99 healthy walks: right, left, and one against the other.
+pub fn healthy_walks_raise_few_alarms() {
+    let house = House::read();
+    let mut p_values = [const { Vec::new() }; 3];
+    let mut z_squares = [0.0; 3];
+    for seed in 0..99 {
+        let found = house.walk(1000 + seed, 0.0, 0.0);
+        let relative = found.relative_tilt.as_ref().unwrap();
+        let z = |value: f64, sd: f64| (value / sd).powi(2);
+        for (place, check) in found.mount.iter().enumerate() {
+            p_values[place].push(check.p_value.unwrap());
+            z_squares[place] += z(check.tilt_error_deg.unwrap(), check.sd_deg.unwrap()) / 99.0;
+        }
+        p_values[2].push(relative.p_value);
+        z_squares[2] += z(relative.error_deg, relative.sd_deg) / 99.0;
+        if seed == 0 {
+            println!("{} rounds, converged {}, {relative:?}", found.rounds, found.converged);
+        }
+    }
+    for (what, (p_values, z_square)) in
+        ["right", "left", "relative"].iter().zip(p_values.iter_mut().zip(z_squares))
+    {
+        let alarms = p_values.iter().filter(|p| **p < 0.05).count();
+        let distance = distance_from_uniform(p_values);
+        println!("{what}: KS {distance:.3}, {alarms} of 99 below 0.05, rms z {:.3}", z_square.sqrt());
+        // 1 % points of the Kolmogorov distribution for 99 values
+        assert!(distance < 1.63 / 99f64.sqrt(), "{what}: {distance}");
+        assert!((2..=9).contains(&alarms), "{what}: {alarms} of 99");
+    }
+}
+
+/// Known tilts come back, and a quarter of a degree is not missed.
+pub fn known_tilts_are_recovered() {
+    let house = House::read();
+    for (seed, tilt_deg) in [0.05, 0.1, 1.0, 5.0].into_iter().enumerate() {
+        let found = house.walk(seed as u64, tilt_deg, 0.0);
+        let relative = found.relative_tilt.as_ref().unwrap();
+        println!("{tilt_deg} deg: {relative:?}, {} rounds, converged {}", found.rounds, found.converged);
+        let slack_deg = f64::max(0.1 * tilt_deg, 0.005);
+        assert!((relative.error_deg - tilt_deg).abs() < slack_deg, "{tilt_deg}: {relative:?}");
+    }
+    let [plain, biased] = [0.0, 0.03].map(|bias_m| house.walk(50, 0.0, bias_m));
+    let faked_deg = relative_deg(&biased) - relative_deg(&plain);
+    println!("3 cm of range fake {faked_deg:.5} deg; {:?}", biased.mount[0].range_offset_mm);
+    assert!(faked_deg.abs() < 0.02);
+    let walks = 20;
+    let sure = (0..walks)
+        .filter(|seed| {
+            let found = house.walk(200 + seed, 0.25, 0.0);
+            let relative = found.relative_tilt.as_ref().unwrap();
+            relative.p_value < 0.003 && relative.error_deg > f64::max(0.1, relative.u95_deg)
+        })
+        .count();
+    println!("0.25 deg found in {sure} of {walks} walks");
+    assert!(sure as f64 >= 0.95 * walks as f64, "{sure} of {walks}");
+}
