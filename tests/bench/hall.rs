@@ -11,7 +11,7 @@ pub type Soup = (Vec<DVec3>, Vec<[u32; 3]>);
 pub fn hall(triangles: usize) -> Soup {
     let mut soup = (Vec::new(), Vec::new());
     // what is built below from n: 56 n^2 triangles
-    let n = ((triangles as f64 / 56).sqrt().ceil() as u32).max(8);
+    let n = ((triangles as f64 / 56.0).sqrt().ceil() as u32).max(8);
     let bump = |u: f64, v: f64| 0.02 * (61.0 * u).sin() * (53.0 * v).cos();
     let size = DVec3::new(60.0, 40.0, 8.0);
     patch(&mut soup, 3 * n, 2 * n, |u, v| DVec3::new(size.x * u, size.y * v, bump(u, v)));
