@@ -19,18 +19,13 @@ pub fn cast_column(
     spin_rad_s: f64,
     ranges_m: &mut [Option<f64>],
 ) {
-    let order = by_elevation(model);
-    let beams: Vec<FiredBeam> = order
-        .iter()
-        .map(|channel| beam_at(model, *channel, azimuth_rad, spin_rad_s, &world_from_sensor))
-        .collect();
-    let origins_m: Vec<DVec3> = beams.iter().map(|beam| beam.origin_m).collect();
-    let directions: Vec<DVec3> = beams.iter().map(|beam| beam.direction).collect();
-    scene.cast_many(&origins_m, &directions, |ray, hit| {
-        ranges_m[order[ray]] = hit
-            .map(|hit| hit.distance_m + beams[ray].range_offset_m)
+    for (channel, range_m) in ranges_m.iter_mut().enumerate() {
+        let beam = beam_at(model, channel, azimuth_rad, spin_rad_s, &world_from_sensor);
+        *range_m = scene
+            .cast(beam.origin_m, beam.direction)
+            .map(|hit| hit.distance_m + beam.range_offset_m)
             .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
-    });
+    }
 }
 
 /// Channels from the lowest beam to the highest: neighbours in this order see neighbouring surfaces, which is what makes

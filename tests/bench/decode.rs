@@ -12,16 +12,18 @@ mod ours;
 mod peer;
 #[path = "decode/recording.rs"]
 mod recording;
+#[allow(dead_code)] // not every bench needs all of it
+mod support;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use nix::time::{ClockId, clock_gettime};
 use sensors::ouster::{Metadata, Profile};
 
 use ours::{Met, Points, Way};
 use peer::Peer;
 use recording::{Recording, Sensor, datagrams};
+use support::{median, process_cpu_s};
 
 const ROUNDS: usize = 5;
 /// Shortest timing; faster ways are repeated within one.
@@ -110,7 +112,7 @@ impl Row {
                 }
             }
         }
-        let medians: Vec<f64> = times.into_iter().map(median).collect();
+        let medians: Vec<f64> = times.into_iter().filter(|times| !times.is_empty()).map(median).collect();
         let (ours, rest) = medians.split_at(WAYS.len());
         let row = Self {
             name: recording.name.clone(),
@@ -192,23 +194,15 @@ fn summarise(rows: &[Row]) {
 
 /// Seconds of one run.
 fn timed_s(mut run: impl FnMut()) -> f64 {
-    let cpu = || clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).expect("a clock");
-    let (cpu_start, start, mut runs) = (cpu(), Instant::now(), 0);
+    let (cpu_start_s, start, mut runs) = (process_cpu_s(), Instant::now(), 0);
     loop {
         run();
         runs += 1;
-        let took = cpu() - cpu_start;
-        let cpu_s = took.tv_sec() as f64 + 1e-9 * took.tv_nsec() as f64;
-        let least_s = cpu_s.min(start.elapsed().as_secs_f64());
+        let least_s = (process_cpu_s() - cpu_start_s).min(start.elapsed().as_secs_f64());
         if least_s >= LEAST_S {
             return least_s / f64::from(runs);
         }
     }
-}
-
-fn median(mut times_s: Vec<f64>) -> f64 {
-    times_s.sort_by(f64::total_cmp);
-    times_s.get(times_s.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Every capture of the collection that both sides read.
