@@ -22,6 +22,8 @@ use object::{Answer, Object};
 const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 /// How long the drives' readings are waited for after a SYNC.
 const READINGS_WITHIN: Duration = Duration::from_millis(15);
+/// How long is looked for messages that are there already.
+const LATE_WITHIN: Duration = Duration::from_micros(200);
 /// How long leaving a fault may take.
 const RESET_WITHIN: Duration = Duration::from_secs(2);
 /// Rounds between two looks at current and supply.
@@ -189,9 +191,15 @@ impl Cia402 {
             self.heartbeat = Instant::now();
             self.bus.send(0x700 + u16::from(HOST.0), &[5])?;
         }
+        // answers to the last SYNC that were late: left in the queue, every later reading would be as old
+        while self.hear(Instant::now() + LATE_WITHIN)?.is_some() {}
+        let late = self.drives.each_mut().map(|drive| std::mem::take(&mut drive.fresh));
         self.bus.send(0x080, &[])?;
         let end = Instant::now() + READINGS_WITHIN;
         while self.drives.iter().any(|drive| !drive.fresh) && self.hear(end)?.is_some() {}
+        for (drive, late) in self.drives.iter_mut().zip(late) {
+            drive.fresh |= late;
+        }
         Ok(())
     }
 
