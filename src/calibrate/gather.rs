@@ -111,27 +111,29 @@ pub fn scans(field: &Field<'_>, revolution_ns: u64) -> Vec<(f64, std::ops::Range
     scans.into_iter().map(|(number, range)| ((number as f64 + 0.5) * seconds, range)).collect()
 }
 
-/// Casts every ray and keeps what says something.
+/// Casts every ray and keeps what says something. `poses`: error of the body's pose in each part, m and rad, as known.
 pub fn rows(
     field: &Field<'_>,
     scans: &[(f64, std::ops::Range<usize>)],
     offsets: &[Offset],
+    poses: &[[f64; 6]],
     gate_m: f64,
 ) -> Vec<Scan> {
-    let made = scans.par_iter().map(|(time_s, range)| {
+    let made = scans.par_iter().zip(poses).map(|((time_s, range), pose)| {
+        let [x, y, z, a, b, c] = *pose;
+        let off = Pose::new(DQuat::from_scaled_axis(DVec3::new(a, b, c)), DVec3::new(x, y, z));
         let rays = &field.rays[range.clone()];
-        let rows = rays.iter().filter_map(|ray| row(field, ray, &offsets[ray.sensor], gate_m)).collect();
+        let rows =
+            rays.iter().filter_map(|ray| row(field, ray, &off, &offsets[ray.sensor], gate_m)).collect();
         Scan { time_s: *time_s, rows }
     });
-    let mut made: Vec<Scan> = made.collect();
-    made.retain(|scan| !scan.rows.is_empty());
-    made
+    made.collect()
 }
 
-fn row(field: &Field<'_>, ray: &RecordedRay, offset: &Offset, gate_m: f64) -> Option<Row> {
+fn row(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m: f64) -> Option<Row> {
     let recorded_m = ray.range_m?;
     let sensor: &MountedSensor = &field.sensors[ray.sensor];
-    let world_from_body = field.trajectory.at(ray.time_ns)?;
+    let world_from_body = field.trajectory.at(ray.time_ns)? * *off;
     let body_from_sensor = offset.body_from_sensor(&ray.mount(field.sensors));
     let world_from_sensor = world_from_body * body_from_sensor;
     let placed = ray.place(field.sensors, &world_from_sensor);

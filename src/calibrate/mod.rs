@@ -4,7 +4,8 @@
 //! for a mount that is off by `dt`, `dth` about the sensor's origin with lever `L = r d`, and a range offset `b`. The
 //! body's own pose error has the same form about the body's origin; it is one unknown of six numbers per quarter of a revolution,
 //! with a prior, and eliminated there (Schur complement). What all sensors share is the trajectory's error; what sets
-//! two of them apart is the mount's. Rays are cast again from the corrected mounts until nothing moves.
+//! two of them apart is the mount's. Rays are cast again from the corrected mounts
+//! and poses until nothing moves.
 //!
 //! The covariance is not the formal one, which is ten times too small: revolutions vary as they are seen to vary, and
 //! what is left of a drifting pose is followed through the estimator from its own model ([`PoseError`]).
@@ -140,9 +141,12 @@ pub struct MountCheck {
     pub converged: bool,
     /// Standard deviation of a residual across the surface, robust, mm.
     pub residual_sd_mm: f64,
-    /// Revolutions.
+    /// Quarters of revolutions.
     pub scans: usize,
 }
+
+/// A step of no consequence, in formal standard deviations, which are far below the real ones.
+const SMALL_STEP: f64 = 0.05;
 
 /// Least of revolutions and rays per sensor to say anything.
 const LEAST_RAYS: u64 = 500;
@@ -157,17 +161,22 @@ pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
     let mut offsets = vec![gather::Offset::default(); sensors];
     let (mut rounds, mut converged) = (0, false);
     let mut last = None;
+    let mut poses = vec![[0.0; 6]; scans.len()];
     while rounds < settings.rounds {
         let gate_m = gather::gate_m(rounds);
-        let rows = gather::rows(field, &scans, &offsets, gate_m);
-        let Some(solution) = solve::solve(&rows, sensors, &settings.pose) else { break };
+        let rows = gather::rows(field, &scans, &offsets, &poses, gate_m);
+        let Some(solution) = solve::solve(&rows, sensors, &settings.pose, &poses) else { break };
         rounds += 1;
-        let step = solution.largest_step();
+        let step_size = solution.step_size;
         for (sensor, offset) in offsets.iter_mut().enumerate() {
             offset.add(&solution.step[7 * sensor..7 * sensor + 7]);
         }
+        for (pose, more) in poses.iter_mut().zip(&solution.poses) {
+            *pose = std::array::from_fn(|place| pose[place] + more[place]);
+        }
         last = Some((rows, solution));
-        converged = step < 1e-7 && gate_m <= gather::LAST_GATE_M;
+        // at edges of a mesh single rays go on changing sides
+        converged = step_size < SMALL_STEP && gate_m <= gather::LAST_GATE_M;
         if converged {
             break;
         }

@@ -35,11 +35,15 @@ pub struct Sums {
 pub struct Solution {
     /// Seven numbers per sensor.
     pub step: Vec<f64>,
+    /// Length of the step in formal standard deviations.
+    pub step_size: f64,
     /// By sensor.
     pub observed: Vec<Observed>,
     /// Robust standard deviation of a residual, m.
     pub scale_m: f64,
-    /// Of every revolution, with the last weights.
+    /// Of the pose errors, by part of a revolution.
+    pub poses: Vec<[f64; 6]>,
+    /// Of every part of a revolution, with the last weights.
     pub sums: Vec<Sums>,
     /// Unknowns of all sensors from the directions that are tied down.
     pub from_told: DMatrix<f64>,
@@ -47,22 +51,15 @@ pub struct Solution {
     pub inverse: DMatrix<f64>,
 }
 
-impl Solution {
-    /// Of any unknown, m or rad.
-    pub fn largest_step(&self) -> f64 {
-        self.step.iter().fold(0.0, |most, value| f64::max(most, value.abs()))
-    }
-}
-
-/// Solves; none when no direction of any sensor is tied down.
-pub fn solve(scans: &[Scan], sensors: usize, pose: &PoseError) -> Option<Solution> {
+/// Solves; none when no direction of any sensor is tied down. `known` are the pose errors from which the rays were cast.
+pub fn solve(scans: &[Scan], sensors: usize, pose: &PoseError, known: &[[f64; 6]]) -> Option<Solution> {
     let observed = observed(scans, sensors);
     let from_told = basis(&observed);
     if from_told.ncols() == 0 {
         return None;
     }
     let prior = prior(pose);
-    let mut scale_m = 0.0;
+    let (mut scale_m, mut step_size) = (0.0, 0.0);
     let mut step = DVector::zeros(7 * sensors);
     let mut poses = vec![Column6::zeros(); scans.len()];
     let mut outcome = None;
@@ -78,17 +75,25 @@ pub fn solve(scans: &[Scan], sensors: usize, pose: &PoseError) -> Option<Solutio
         let sums: Vec<Sums> = scans
             .par_iter()
             .enumerate()
-            .map(|(place, scan)| sum(&scan.rows, sensors, &prior, |row| weight(place, row)))
+            .map(|(place, scan)| {
+                let known = Column6::from(known[place]);
+                sum(&scan.rows, sensors, &prior, &known, |row| weight(place, row))
+            })
             .collect();
         let (information, right) = reduced(&sums, sensors);
         let information = from_told.transpose() * information * &from_told;
         let inverse = Cholesky::new(information)?.inverse();
-        step = &from_told * (&inverse * (from_told.transpose() * right));
+        let right = from_told.transpose() * right;
+        let reduced = &inverse * &right;
+        step_size = reduced.dot(&right).max(0.0).sqrt();
+        step = &from_told * reduced;
         poses = sums.iter().map(|sums| sums.pose(&step)).collect();
         outcome = Some((sums, inverse));
     }
     let (sums, inverse) = outcome?;
-    Some(Solution { step: step.as_slice().to_vec(), observed, scale_m, sums, from_told, inverse })
+    let poses = poses.iter().map(|pose| std::array::from_fn(|place| pose[place])).collect();
+    let step = step.as_slice().to_vec();
+    Some(Solution { step, step_size, observed, scale_m, poses, sums, from_told, inverse })
 }
 
 /// Information that the prior has about a pose error.
@@ -129,9 +134,10 @@ impl Sums {
     }
 }
 
-fn sum(rows: &[Row], sensors: usize, prior: &Block66, weight: impl Fn(&Row) -> f64) -> Sums {
+fn sum(rows: &[Row], sensors: usize, prior: &Block66, known: &Column6, weight: impl Fn(&Row) -> f64) -> Sums {
     let mut of_sensor = vec![(Block77::zeros(), Block76::zeros(), Column7::zeros()); sensors];
-    let (mut pose, mut of_pose) = (*prior, Column6::zeros());
+    // the prior pulls at the whole error, of which a part is known
+    let (mut pose, mut of_pose) = (*prior, -(prior * known));
     for row in rows {
         let weight = weight(row);
         let (j, p) = (Column7::from(row.of_mount), Column6::from(row.of_pose));

@@ -57,11 +57,10 @@ pub fn misread(field: &Field<'_>) -> Option<Fault> {
         }
     }
     let (share, reading) = best?;
-    (share >= EXPLAINS && share >= given + BETTER_BY).then(|| Fault {
-        agree_share: Some(given),
-        explained_share: Some(share),
-        ..reading.fault
-    })
+    if share < EXPLAINS || share < given + BETTER_BY {
+        return None;
+    }
+    Some(Fault { agree_share: Some(given), explained_share: Some(share), ..reading.fault })
 }
 
 impl Reading {

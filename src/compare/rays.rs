@@ -27,7 +27,7 @@ pub struct Gate {
 
 impl Default for Gate {
     fn default() -> Self {
-        Self { agree_within_m: 0.10, keep_rays: 400_000, time_offset_ns: 0 }
+        Self { agree_within_m: 0.10, keep_rays: 1_000_000, time_offset_ns: 0 }
     }
 }
 

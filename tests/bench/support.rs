@@ -33,6 +33,7 @@ pub fn median(mut values: Vec<f64>) -> f64 {
 
 /// What a Python script prints, run by the interpreter that `PYTHON` names (`python3` otherwise) on one thread. None,
 /// with the reason on stderr, where that fails.
+#[allow(dead_code)] // not every bench has a peer
 pub fn python(script: &str, arguments: &[String]) -> Option<String> {
     let python = std::env::var("PYTHON").unwrap_or("python3".into());
     let script = format!("{}/tests/bench/{script}", env!("CARGO_MANIFEST_DIR"));

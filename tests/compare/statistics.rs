@@ -16,8 +16,9 @@ use crate::support::{shared, shared_folder};
 /// Revolutions of each walk: every second of the 391.
 const EVERY: u64 = 2;
 const REVOLUTION_NS: u64 = 100_000_000;
-/// Rays of one sensor and revolution.
-const RAYS: u64 = 160;
+/// Rays of one sensor and revolution, for walks of which many are made, and for those that are looked at closely.
+const FEW: u64 = 160;
+const MANY: u64 = 3000;
 
 /// Whether the statistics were asked for, and have their data.
 pub fn are_wanted() -> bool {
@@ -53,14 +54,14 @@ impl House {
     }
 
     /// One walk: the first sensor tilted by this much more than said, all ranges too long by a bias.
-    fn walk(&self, seed: u64, tilt_deg: f64, bias_m: f64) -> MountCheck {
+    fn walk(&self, seed: u64, tilt_deg: f64, bias_m: f64, rays_per_turn: u64) -> MountCheck {
         let truth = PoseError::default().disturb(&self.way, seed);
         let mut rng = Rng::new(seed, 77);
         let mut rays = Vec::new();
         let [start_ns, end_ns] = self.way.time_span_ns();
         for revolution_ns in (start_ns..end_ns - REVOLUTION_NS).step_by((EVERY * REVOLUTION_NS) as usize) {
-            for number in 0..RAYS {
-                let time_ns = revolution_ns + number * REVOLUTION_NS / RAYS;
+            for number in 0..rays_per_turn {
+                let time_ns = revolution_ns + number * REVOLUTION_NS / rays_per_turn;
                 let world_from_body = truth.at(time_ns).unwrap();
                 for (sensor, mounted) in self.said.iter().enumerate() {
                     let mut mount = mounted.mount;
@@ -69,7 +70,7 @@ impl House {
                         sensor,
                         channel: rng.below(64) as usize,
                         time_ns,
-                        azimuth_rad: std::f64::consts::TAU * number as f64 / RAYS as f64,
+                        azimuth_rad: std::f64::consts::TAU * number as f64 / rays_per_turn as f64,
                         pitch_rad: mounted.mount.pitch_rad,
                         range_m: None,
                     };
@@ -107,7 +108,7 @@ pub fn healthy_walks_raise_few_alarms() {
     let mut p_values = [const { Vec::new() }; 3];
     let mut z_squares = [0.0; 3];
     for seed in 0..99 {
-        let found = house.walk(1000 + seed, 0.0, 0.0);
+        let found = house.walk(1000 + seed, 0.0, 0.0, FEW);
         let relative = found.relative_tilt.as_ref().unwrap();
         let z = |value: f64, sd: f64| (value / sd).powi(2);
         for (place, check) in found.mount.iter().enumerate() {
@@ -136,20 +137,20 @@ pub fn healthy_walks_raise_few_alarms() {
 pub fn known_tilts_are_recovered() {
     let house = House::read();
     for (seed, tilt_deg) in [0.05, 0.1, 1.0, 5.0].into_iter().enumerate() {
-        let found = house.walk(seed as u64, tilt_deg, 0.0);
+        let found = house.walk(seed as u64, tilt_deg, 0.0, MANY);
         let relative = found.relative_tilt.as_ref().unwrap();
         println!("{tilt_deg} deg: {relative:?}, {} rounds, converged {}", found.rounds, found.converged);
         let slack_deg = f64::max(0.1 * tilt_deg, 0.005);
         assert!((relative.error_deg - tilt_deg).abs() < slack_deg, "{tilt_deg}: {relative:?}");
     }
-    let [plain, biased] = [0.0, 0.03].map(|bias_m| house.walk(50, 0.0, bias_m));
+    let [plain, biased] = [0.0, 0.03].map(|bias_m| house.walk(50, 0.0, bias_m, MANY));
     let faked_deg = relative_deg(&biased) - relative_deg(&plain);
     println!("3 cm of range fake {faked_deg:.5} deg; {:?}", biased.mount[0].range_offset_mm);
     assert!(faked_deg.abs() < 0.02);
     let walks = 20;
     let sure = (0..walks)
         .filter(|seed| {
-            let found = house.walk(200 + seed, 0.25, 0.0);
+            let found = house.walk(200 + seed, 0.25, 0.0, FEW);
             let relative = found.relative_tilt.as_ref().unwrap();
             relative.p_value < 0.003 && relative.error_deg > f64::max(0.1, relative.u95_deg)
         })

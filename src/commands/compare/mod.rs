@@ -102,7 +102,7 @@ pub struct Document {
 
 /// What is fed: a session, which knows its sensors, or a capture.
 pub enum Source {
-    Session(Session, Vec<TiltHistory>),
+    Session(Box<Session>, Vec<TiltHistory>),
     Capture(Recording),
 }
 
@@ -126,7 +126,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (source, axes) = match session {
         Some(session) if args.sensors.meta.is_empty() => {
             let (tilts, axes) = feed::tilts(&session, &rig)?;
-            (Source::Session(session, tilts), axes)
+            (Source::Session(Box::new(session), tilts), axes)
         }
         _ => (Source::Capture(Recording::open(&args.recording, &args.sensors)?), Vec::new()),
     };

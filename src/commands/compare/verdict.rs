@@ -208,7 +208,7 @@ fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<Stri
         return Vec::new();
     }
     let mut places: Vec<(u64, glam::DVec3)> = places.into_values().collect();
-    places.sort_by(|a, b| b.0.cmp(&a.0));
+    places.sort_by_key(|place| std::cmp::Reverse(place.0));
     let named: Vec<String> = places
         .iter()
         .take(3)
