@@ -91,15 +91,25 @@ fn predict(sensor: &MockSensor, scene: &Scene, walk: &Trajectory, grid: &VoxelGr
             }
             hits += 1;
             let point_m = origin_m + hit.distance_m * direction;
-            // half a step of range; half a count of azimuth, and again for the rate taken from rounded azimuths
-            let azimuth_rad = if matches!(spin, Spin::Clock { .. }) { 0.01_f64.to_radians() } else { 0.0 };
+            // the mock measures a column from one place: a ray that 55 us of walking lead past an edge hits either side
+            let from_column = walk.at(column.time_ns).unwrap_or(world_from_body) * body_from_sensor;
+            let (column_m, along) =
+                (from_column.transform_point(ray.origin_m), from_column.rotate(ray.direction));
+            let measured = scene.cast(column_m, along).map(|hit| column_m + hit.distance_m * along);
+            let past_edge = measured.is_none_or(|measured_m| measured_m.distance(point_m) > 0.01);
+            if past_edge {
+                measured.into_iter().for_each(|measured_m| possible.add(0, measured_m));
+            }
+            // half a step of range; half a count of azimuth, and a whole one where a packet's last block goes on at the rate
+            // between two rounded azimuths
+            let azimuth_rad = if matches!(spin, Spin::Clock { .. }) { 0.015_f64.to_radians() } else { 0.0 };
             // and the walk of 1 m/s while a column fires
             let rounding_m =
                 0.51e-3 * f64::from(sensor.range_step_mm()) + azimuth_rad * hit.distance_m + 0.06e-3;
             let inside = (point_m - grid.origin_m) / grid.voxel_m;
             let from_face_m = grid.voxel_m * (inside - inside.round()).abs().min_element();
             possible.add(0, point_m);
-            if from_face_m > rounding_m {
+            if from_face_m > rounding_m && !past_edge {
                 certain.add(0, point_m);
                 continue;
             }

@@ -536,5 +536,5 @@ fn a_budget_of_rays_and_all_outputs() {
     assert_eq!(lines.lines().count(), 3, "{lines}");
     assert!(lines.lines().nth(1).unwrap().starts_with("master,vlp-16,"), "{lines}");
     let page = std::fs::read_to_string(page).unwrap();
-    assert!(page.matches("<svg class").count() >= 2 && page.contains("seen by two or more"));
+    assert!(page.matches("<svg class").count() >= 2 && page.contains("seen by both"));
 }

@@ -2,7 +2,7 @@
 //!
 //! A ray's residual across the surface it meets, `e = (d.n)(r - r^)`, is to first order `-n.dt - (L x n).dth + (d.n) b`
 //! for a mount that is off by `dt`, `dth` about the sensor's origin with lever `L = r d`, and a range offset `b`. The
-//! body's own pose error has the same form about the body's origin; it is one unknown of six numbers per quarter of a revolution,
+//! body's own pose error has the same form about the body's origin; it is one unknown of six numbers per revolution,
 //! with a prior, and eliminated there (Schur complement). What all sensors share is the trajectory's error; what sets
 //! two of them apart is the mount's. Rays are cast again from the corrected mounts
 //! and poses until nothing moves.
@@ -31,8 +31,8 @@ pub struct Settings {
     pub pose: PoseError,
     /// Duration of a revolution, ns.
     pub revolution_ns: u64,
-    /// Parts of a revolution with a pose error of their own: within a part, what the pose drifts is taken for the
-    /// mount's.
+    /// Parts of a revolution with a pose error of their own. More parts follow a drift within the revolution, but with few
+    /// rays in each the standard deviations come out too small (measured: by 1.4 for 40 rays per sensor and part).
     pub parts: u64,
     /// Casts at most.
     pub rounds: usize,
@@ -40,7 +40,7 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { pose: PoseError::default(), revolution_ns: 100_000_000, parts: 4, rounds: 12 }
+        Self { pose: PoseError::default(), revolution_ns: 100_000_000, parts: 1, rounds: 12 }
     }
 }
 
@@ -141,7 +141,7 @@ pub struct MountCheck {
     pub converged: bool,
     /// Standard deviation of a residual across the surface, robust, mm.
     pub residual_sd_mm: f64,
-    /// Quarters of revolutions.
+    /// Revolutions.
     pub scans: usize,
 }
 

@@ -167,8 +167,8 @@ mod tests {
     fn every_way_of_counting_counts_every_ray() {
         let mut breakdown = Breakdown::default();
         for n in 0..1000_u32 {
-            let recorded_m = (n % 3 != 0).then_some(1.0 + f64::from(n % 7) * 0.05);
-            let class = RayClass::of(Some(1.1), recorded_m, 0.12);
+            let recorded_m = (n % 3 != 0).then_some(1.02 + f64::from(n % 7) * 0.05);
+            let class = RayClass::of(Some(1.1), recorded_m, 0.1);
             breakdown.count(n as usize % 5, f64::from(n) * 0.7, Some(0.5), class);
         }
         let total = breakdown.total();

@@ -168,9 +168,9 @@ impl<const N: usize> Packet<N> {
         (near, met)
     }
 
-    /// Whether any ray meets the box of a child before its nearest triangle.
+    /// The rays that meet the box of a child before their nearest triangle, a bit each.
     #[inline(always)]
-    pub fn meets_box(&self, node: &Node, side: usize) -> bool {
+    pub fn meets_box(&self, node: &Node, side: usize) -> u32 {
         if self.hull.is_mixed {
             self.meets_mixed::<true>(node, side)
         } else {
@@ -179,10 +179,10 @@ impl<const N: usize> Packet<N> {
     }
 
     #[inline(always)]
-    fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> bool {
+    fn meets_mixed<const MIXED: bool>(&self, node: &Node, side: usize) -> u32 {
         let nears = self.hull.near_plane.map(|plane| node.planes[plane][side]);
         let fars = self.hull.far_plane.map(|plane| node.planes[plane][side]);
-        let mut any = 0_u32;
+        let mut met = 0;
         for lane in 0..N {
             let mut near = 0.0_f32;
             let mut far = self.nearest[lane];
@@ -195,14 +195,16 @@ impl<const N: usize> Packet<N> {
                 near = greatest(near, enter - self.near_offset[axis][lane]);
                 far = least(far, leave - self.far_offset[axis][lane]);
             }
-            any |= u32::from(near <= far);
+            met |= u32::from(near <= far) << lane;
         }
-        any != 0
+        met
     }
 
-    /// Möller and Trumbore, doi:10.1080/10867651.1997.10487468, two-sided, with edges a few roundings wider.
+    /// Möller and Trumbore, doi:10.1080/10867651.1997.10487468, two-sided, with edges a few roundings wider. Only for
+    /// the `rays` that met the triangle's box: on its own a ray would not have come here otherwise, and what a ray hits
+    /// may not depend on its company.
     #[inline(always)]
-    pub fn meet_triangle(&mut self, corner: &Corner, place: u32) {
+    pub fn meet_triangle(&mut self, corner: &Corner, place: u32, rays: u32) {
         let (e1, e2) = (corner.edge1, corner.edge2);
         let normal = cross(e1, e2);
         for lane in 0..N {
@@ -221,7 +223,8 @@ impl<const N: usize> Packet<N> {
             let slack = -EDGE_SLACK * corner.reach_m * (c[0].abs() + c[1].abs() + c[2].abs());
             let t = dot(normal, c) / slope;
             let inside = (u >= slack) & (v >= slack) & (size - u - v >= slack) & (size > 0.0);
-            let better = inside & (t >= 0.0) & (t < self.nearest[lane]);
+            let came = rays >> lane & 1 != 0;
+            let better = came & inside & (t >= 0.0) & (t < self.nearest[lane]);
             self.nearest[lane] = if better { t } else { self.nearest[lane] };
             self.won[lane] = if better { place } else { self.won[lane] };
         }

@@ -13,6 +13,8 @@ struct Open {
     first: u32,
     /// Triangles of a leaf; 0 for an inner node.
     count: u32,
+    /// Rays that met its box, a bit each.
+    rays: u32,
 }
 
 /// Each node of a path leaves all its children but one behind.
@@ -67,7 +69,7 @@ fn walk_anywhere<const N: usize, const ANY: bool>(
     packet: &mut Packet<N>,
 ) {
     packet.prepare(reach_m);
-    let mut stack = [Open { enter: 0.0, first: 0, count: 0 }; STACK];
+    let mut stack = [Open { enter: 0.0, first: 0, count: 0, rays: u32::MAX }; STACK];
     let mut height = 1;
     while height > 0 {
         height -= 1;
@@ -79,7 +81,7 @@ fn walk_anywhere<const N: usize, const ANY: bool>(
             let first = open.first as usize;
             let leaf = &corners[first..first + open.count as usize];
             for (place, corner) in (open.first..).zip(leaf) {
-                packet.meet_triangle(corner, place);
+                packet.meet_triangle(corner, place, open.rays);
             }
             if ANY && packet.all_won() {
                 return;
@@ -93,11 +95,12 @@ fn walk_anywhere<const N: usize, const ANY: bool>(
         while met != 0 {
             let side = met.trailing_zeros() as usize;
             met &= met - 1;
-            if N > 1 && !packet.meets_box(node, side) {
+            let rays = packet.meets_box(node, side);
+            if rays == 0 {
                 continue;
             }
             let enter = enters[side];
-            let child = Open { enter, first: node.first[side], count: u32::from(node.count[side]) };
+            let child = Open { enter, first: node.first[side], count: u32::from(node.count[side]), rays };
             fetch(nodes, corners, &child);
             // the nearest on top
             let mut at = height;
