@@ -4,7 +4,7 @@
 # KERNEL: a folder with an unpacked Debian kernel package; BUSYBOX: a static busybox. Needs qemu-system-x86_64.
 set -euo pipefail
 folder=$(cd "$(dirname "$0")/../.." && pwd)
-kernel=$1 busybox=$2
+kernel=$(realpath "$1") busybox=$(realpath "$2")
 program=$(realpath "$3")
 python=$(cd "$(dirname "$4")" && pwd)/$(basename "$4") # not its target: a virtual environment is where its link is
 work=$(mktemp -d)
