@@ -31,6 +31,8 @@ pub struct Comparison {
     pub agreement_as_placed: Option<PatchAgreement>,
     /// Planned against as driven, cells.
     pub execution: Agreement,
+    /// As driven against recorded, cells.
+    pub model: Agreement,
     /// Cells.
     pub coverage: CoverageCounts,
     pub surface: Option<SurfaceReport>,
@@ -139,6 +141,11 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         agreement,
         agreement_as_placed: between(|surface| &surface.placed_patches),
         execution: Agreement::between(&planned.union(), &replayed.as_driven.union(), universe.as_deref()),
+        model: Agreement::between(
+            &replayed.as_driven.union(),
+            &replayed.recorded.union(),
+            universe.as_deref(),
+        ),
         coverage: CoverageCounts {
             planned: planned.union_count(),
             as_driven: replayed.as_driven.union_count(),

@@ -218,20 +218,18 @@ fn again(args: &Args) -> String {
 
 fn conclude(args: &Args, context: Context, document: &Document) -> anyhow::Result<Outcome> {
     let counts = &document.compare.coverage;
-    let iou = document
-        .compare
-        .agreement
-        .as_ref()
-        .and_then(|agreement| agreement.patches.agreement.iou)
-        .map_or("no IoU".into(), |iou| format!("IoU {iou:.5}"));
+    let iou = |iou: Option<f64>| iou.map_or("no IoU".into(), |iou| format!("IoU {iou:.5}"));
+    let cells = iou(document.compare.model.iou);
+    let patches = document.compare.agreement.as_ref().and_then(|agreement| agreement.patches.agreement.iou);
     if context.json {
         output::print_json(document)?;
     } else {
         output::print_text(&format!(
-            "planned {}, as driven {}, recorded {} cells; patches as driven against recorded {iou}: {}\n{}\n",
+            "planned {}, as driven {}, recorded {} cells ({cells}); patches of surface as driven against recorded {}: {}\n{}\n",
             counts.planned,
             counts.as_driven,
             counts.recorded,
+            iou(patches),
             match document.compare.verdict {
                 Verdict::Matches => "matches",
                 Verdict::Differs => "differs",
