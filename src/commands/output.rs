@@ -4,6 +4,8 @@ use std::io::Write;
 
 use anyhow::Context as _;
 
+use crate::rig::{Clearance, Touching};
+
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
 pub fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(document).context("the result does not fit JSON")?;
@@ -40,6 +42,17 @@ fn said_once(error: &anyhow::Error) -> String {
         }
     }
     text
+}
+
+/// Why a rig cannot be built, a line per pair of sensors; nothing where it can.
+pub fn cannot_be_built(too_near: &[Clearance], touching: &[Touching]) -> String {
+    let near = too_near.iter().map(|pair| {
+        format!(
+            "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
+            pair.first, pair.second, pair.distance_m, pair.needed_m
+        )
+    });
+    near.chain(touching.iter().map(|pair| format!("cannot be built: {pair}\n"))).collect()
 }
 
 /// The command line of this run, for a shell, with the environment that speaks into it.

@@ -6,6 +6,7 @@ use super::Place;
 use super::scan::{Alone, Scanned};
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
+use crate::commands::output;
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{Covered, Surface};
 use crate::coverage::Coverage;
@@ -189,15 +190,7 @@ impl Document {
             }
         }
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        for pair in &self.violations {
-            text += &format!(
-                "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-                pair.first, pair.second, pair.distance_m, pair.needed_m
-            );
-        }
-        for pair in &self.touching {
-            text += &format!("cannot be built: {pair}\n");
-        }
+        text += &output::cannot_be_built(&self.violations, &self.touching);
         text + &format!("{:.2} s\n", self.wall_s)
     }
 }

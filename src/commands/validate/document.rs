@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
+use crate::commands::output;
 use crate::commands::registration::Tied;
 use crate::commands::surface::Covered;
 use crate::registration::RegistrationQuality;
@@ -95,15 +96,7 @@ impl Document {
             text += &format!("best single is a {} at a pitch of {:.0} degrees\n", best.model, best.pitch_deg);
         }
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        for pair in &self.violations {
-            text += &format!(
-                "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-                pair.first, pair.second, pair.distance_m, pair.needed_m
-            );
-        }
-        for pair in &self.touching {
-            text += &format!("cannot be built: {pair}\n");
-        }
+        text += &output::cannot_be_built(&self.violations, &self.touching);
         text + &format!("{} rays in {:.2} s\n", self.seen.rays, self.wall_s)
     }
 }
