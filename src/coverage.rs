@@ -39,14 +39,16 @@ impl VoxelGrid {
     }
 
     /// Linear index of the cell around a point, x fastest; none outside.
+    #[inline]
     pub fn index(&self, point_m: DVec3) -> Option<usize> {
-        let cell = ((point_m - self.origin_m) / self.voxel_m).floor();
-        let inside =
-            |value: f64, count: usize| (value >= 0.0 && value < count as f64).then_some(value as usize);
-        let i = inside(cell.x, self.cells[0])?;
-        let j = inside(cell.y, self.cells[1])?;
-        let k = inside(cell.z, self.cells[2])?;
-        Some(i + self.cells[0] * (j + self.cells[1] * k))
+        let cell = (point_m - self.origin_m) / self.voxel_m;
+        let [nx, ny, nz] = self.cells;
+        let is_inside = (cell.x >= 0.0 && cell.x < nx as f64)
+            & (cell.y >= 0.0 && cell.y < ny as f64)
+            & (cell.z >= 0.0 && cell.z < nz as f64);
+        // of what is not negative the whole part is the floor; cells are far fewer than an i64 holds
+        let [i, j, k] = [cell.x, cell.y, cell.z].map(|value| value as i64 as usize);
+        is_inside.then(|| i + nx * (j + ny * k))
     }
 
     /// The cells that touch the outside, ascending.
@@ -129,6 +131,7 @@ impl Coverage {
     }
 
     /// Marks the cell around a point as seen by a sensor. Points outside the grid are counted, not marked.
+    #[inline]
     pub fn add(&mut self, sensor: usize, point_m: DVec3) {
         match self.grid.index(point_m) {
             Some(cell) => self.sensors[sensor].mark(&self.grid, cell),
@@ -394,6 +397,34 @@ mod tests {
             coverage.add(rng.below(3) as usize, point_m);
         }
         coverage
+    }
+
+    #[test]
+    fn the_index_is_the_floor_of_every_coordinate() {
+        let grid = grid();
+        let by_definition = |point_m: DVec3| {
+            let cell = ((point_m - grid.origin_m) / grid.voxel_m).floor();
+            let is_inside =
+                (0..3).all(|axis| cell[axis] >= 0.0 && cell[axis] <= grid.cells[axis] as f64 - 1.0);
+            is_inside.then(|| {
+                cell.x as usize + grid.cells[0] * (cell.y as usize + grid.cells[1] * cell.z as usize)
+            })
+        };
+        let mut rng = Rng::new(5, 0);
+        let faces =
+            [-1e-300, -0.0, 0.0, 0.1, 3.7, 2.1, 1.3, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300];
+        let mut along = || match rng.below(3) {
+            0 => faces[rng.below(faces.len() as u64) as usize],
+            1 => 0.1 * rng.below(40) as f64,
+            _ => rng.between(-0.3, 4.0),
+        };
+        let mut inside = 0;
+        for _ in 0..20_000 {
+            let point_m = grid.origin_m + DVec3::new(along(), along(), along());
+            assert_eq!(grid.index(point_m), by_definition(point_m), "{point_m}");
+            inside += u32::from(grid.index(point_m).is_some());
+        }
+        assert!(inside > 1000, "{inside}");
     }
 
     #[test]

@@ -30,7 +30,8 @@ const VOXEL_M: f64 = 0.1;
 fn main() {
     println!("64 x 1024 rays from a point, voxels of {VOXEL_M} m counted; processor time on one thread");
     let (vertices, faces) = hall::hall(1_000_000);
-    let stands = [[30.0, 20.0, 1.6], [12.0, 5.5, 1.6], [50.0, 33.0, 1.2]];
+    // no stand lies in a plane of the mesh: through a shared edge Embree's rays may leak
+    let stands = [[30.03, 20.02, 1.61], [12.04, 5.53, 1.62], [50.02, 33.03, 1.23]];
     compare("hall of a million", vertices, faces, &stands);
     let shared = PathBuf::from(std::env::var_os("OUTRIGGER_SHARED").unwrap_or("../shared".into()));
     let house = shared.join("scenes/house.ply");
@@ -39,7 +40,7 @@ fn main() {
         return;
     }
     let (vertices, faces) = read_ply(&house);
-    compare("house", vertices, faces, &[[0.0, 0.0, 1.5], [2.0, 1.0, 1.6], [-3.0, 0.5, 1.2]]);
+    compare("house", vertices, faces, &[[0.03, 0.02, 1.51], [2.04, 1.03, 1.62], [-3.02, 0.53, 1.23]]);
     completeness(&house, &shared.join("reference/validation"));
 }
 
