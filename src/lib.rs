@@ -9,6 +9,7 @@
 
 pub mod files;
 pub mod instructions;
+pub mod statistics;
 pub mod rng;
 pub mod geometry;
 pub mod scene;
@@ -20,6 +21,7 @@ pub mod simulate;
 pub mod registration;
 pub mod objective;
 pub mod robustness;
+pub mod fidelity;
 pub mod optimize;
 pub mod compare;
 pub mod calibrate;

@@ -10,6 +10,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use sensors::SensorModel;
 
+use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::Mount;
 use crate::scene::Scene;
@@ -68,6 +69,34 @@ impl BeamFan {
         let [start_ns, end_ns] = trajectory.time_span_ns();
         // a span measured in nanoseconds may be half of one short of its whole revolutions
         ((end_ns - start_ns) as f64 * 1e-9 * self.rate_hz + 1e-6).floor() as u64
+    }
+
+    /// The voxels that each of these mounts sees along the whole trajectory, and the rays cast.
+    pub fn coverage(
+        &self,
+        scene: &Scene,
+        trajectory: &Trajectory,
+        mounts: &[Mount],
+        grid: &VoxelGrid,
+    ) -> (Coverage, u64) {
+        let jobs: Vec<(u64, usize)> = (0..self.scans(trajectory))
+            .flat_map(|scan| (0..mounts.len()).map(move |sensor| (scan, sensor)))
+            .collect();
+        let nothing = || Coverage::new(grid.clone(), mounts.len());
+        let parts: Vec<Coverage> = jobs
+            .par_chunks(jobs.len().div_ceil(rayon::current_num_threads()).max(1))
+            .map(|jobs| {
+                let mut coverage = nothing();
+                for (scan, sensor) in jobs {
+                    let add = |hit_m| coverage.add(*sensor, hit_m);
+                    self.cast_scan(scene, trajectory, &mounts[*sensor], *scan, add);
+                }
+                coverage
+            })
+            .collect();
+        let mut coverage = nothing();
+        parts.iter().for_each(|part| coverage.join(part));
+        (coverage, jobs.len() as u64 * self.rays_per_scan())
     }
 
     /// Casts one revolution of a sensor; `hit` gets every point within the range limits, world, m.

@@ -9,14 +9,13 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::rows::{Row, chosen, numbers, row_of};
 use super::{Claim, Findings, Size, Spread, Study, StudyError, Table, Verdict};
 use crate::chart;
-use crate::coverage::{Coverage, VoxelGrid};
+use crate::coverage::VoxelGrid;
 use crate::optimize::{Kind, Measured, Search, Settings, Space, Variable};
 use crate::rig::Mount;
 use crate::scene::{Scene, load_mesh};
@@ -252,22 +251,7 @@ impl Place {
             roll_rad: 0.0,
         };
         let mounts = [master, master.mirrored()];
-        let scans = self.fan.scans(&trajectory);
-        let jobs: Vec<(u64, usize)> = (0..scans).flat_map(|scan| [(scan, 0), (scan, 1)]).collect();
-        let parts: Vec<Coverage> = jobs
-            .par_chunks(8)
-            .map(|jobs| {
-                let mut coverage = Coverage::new(self.grid.clone(), 2);
-                for (scan, sensor) in jobs {
-                    let add = |hit_m| coverage.add(*sensor, hit_m);
-                    self.fan.cast_scan(&self.scene, &trajectory, &mounts[*sensor], *scan, add);
-                }
-                coverage
-            })
-            .collect();
-        let mut coverage = Coverage::new(self.grid.clone(), 2);
-        parts.iter().for_each(|part| coverage.join(part));
-        let rays = jobs.len() as u64 * self.fan.rays_per_scan();
+        let (coverage, rays) = self.fan.coverage(&self.scene, &trajectory, &mounts, &self.grid);
         Ok(Measured { score: coverage.union_count() as f64, violation, rays })
     }
 

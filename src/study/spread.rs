@@ -2,6 +2,7 @@
 
 use crate::chart;
 use crate::rng::Rng;
+use crate::statistics::{quantile as at, sorted};
 
 const RESAMPLES: usize = 2000;
 
@@ -27,8 +28,7 @@ pub struct Spread {
 impl Spread {
     /// Of these values; none without any.
     pub fn of(values: &[f64]) -> Option<Self> {
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
+        let sorted = sorted(values.iter().copied());
         let (&least, &greatest) = (sorted.first()?, sorted.last()?);
         let mut rng = Rng::new(sorted.len() as u64, 0);
         let mut medians: Vec<f64> = (0..RESAMPLES)
@@ -57,14 +57,6 @@ impl Spread {
             [self.least, self.median, self.greatest].map(|value| chart::number(value, decimals));
         if self.count == 1 { median } else { format!("{median} ({least} to {greatest})") }
     }
-}
-
-/// Quantile of sorted values, by straight lines between them.
-fn at(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let below = place.floor() as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (place - place.floor()) * (sorted[above] - sorted[below])
 }
 
 #[cfg(test)]

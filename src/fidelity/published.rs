@@ -1,0 +1,63 @@
+//! The published experiment at any fineness.
+
+use super::Ladder;
+use crate::objective::Objective;
+use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+
+/// The published experiment with its pattern freed, from its own number of rays to 64 times as many. Rays are first
+/// spread over more poses, because a locked pattern misses the same cells at every one of them.
+#[derive(Clone, Debug)]
+pub struct BoxLadder {
+    objectives: Vec<Objective>,
+}
+
+/// Factors on azimuths and on poses per metre, level by level.
+const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
+
+impl BoxLadder {
+    /// The levels of an objective's experiment, whose own azimuths and poses are the coarsest.
+    ///
+    /// # Errors
+    /// A level that cannot be made: too many azimuths or poses.
+    pub fn new(objective: &Objective) -> Result<Self, ExperimentError> {
+        let own = *objective.simulator().experiment();
+        let level = |(azimuths, sub_poses): (usize, usize)| {
+            let experiment = Experiment {
+                azimuths: own.azimuths * azimuths,
+                sub_poses: own.sub_poses * sub_poses,
+                phase: Phase::Free,
+                ..own
+            };
+            Ok(objective.with_simulator(Simulator::new(&experiment)?))
+        };
+        Ok(Self { objectives: LEVELS.into_iter().map(level).collect::<Result<_, _>>()? })
+    }
+
+    /// The objective at a level.
+    pub fn objective(&self, level: usize) -> &Objective {
+        &self.objectives[level]
+    }
+}
+
+impl Ladder for BoxLadder {
+    /// Physical sensors.
+    type Candidate = Vec<Placement>;
+    type Error = ExperimentError;
+
+    fn levels(&self) -> usize {
+        self.objectives.len()
+    }
+
+    fn rays(&self, level: usize, sensors: &Vec<Placement>) -> u64 {
+        self.objectives[level].simulator().experiment().rays_per_sensor() * sensors.len() as u64
+    }
+
+    fn name(&self, level: usize) -> String {
+        let experiment = self.objectives[level].simulator().experiment();
+        format!("{} azimuths, {} poses per metre", experiment.azimuths, experiment.sub_poses)
+    }
+
+    fn score(&self, level: usize, sensors: &Vec<Placement>) -> Result<f64, ExperimentError> {
+        self.objectives[level].score_sensors(sensors)
+    }
+}
