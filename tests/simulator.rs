@@ -17,6 +17,7 @@ pub const CASES: &[Case] = &[
         evaluate_prints_what_the_released_program_found,
     ),
     case("evaluate_scores_a_mount_file_as_it_is", evaluate_scores_a_mount_file_as_it_is),
+    case("evaluate_says_what_sampling_is_worth", evaluate_says_what_sampling_is_worth),
     case("evaluate_refuses_what_it_cannot_score", evaluate_refuses_what_it_cannot_score),
     case("predict_counts_what_its_coverage_file_holds", predict_counts_what_its_coverage_file_holds),
     case("predict_refuses_what_it_cannot_cast", predict_refuses_what_it_cannot_cast),
@@ -248,6 +249,30 @@ fn evaluate_scores_a_mount_file_as_it_is() {
     assert!(String::from_utf8_lossy(&other.stderr).contains("right"), "the sensor is named");
 }
 
+fn evaluate_says_what_sampling_is_worth() {
+    let pair = ["--preset", "paper-vlp-16", "--masters", "0.1,0,0,27,0", "--no-baselines"];
+    let output = evaluate(&[&pair[..], &["--fidelity", "auto", "--tolerance", "5", "--json"]].concat());
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fidelity = &document["fidelity"];
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    let (value, bound) = (number(&fidelity["value"]), number(&fidelity["bound"]));
+    // near enough to converged for this
+    let fine = ["--azimuths", "900", "--sub-poses", "8", "--phase", "free", "--json"];
+    let fine: serde_json::Value =
+        serde_json::from_slice(&evaluate(&[&pair[..], &fine].concat()).stdout).unwrap();
+    let converged = number(&fine["objective"]);
+    assert!((converged - value).abs() <= bound && bound <= 0.05 * value, "{converged} {fidelity}");
+    // the published sampling misses far more than that
+    assert!(converged - number(&document["objective"]) > 2.0 * bound, "{document}");
+    assert_eq!(fidelity["within_tolerance"], true);
+    let left_out = fidelity["left_out"].as_array().unwrap();
+    assert!(left_out.iter().any(|left| left["worth"].is_number()), "{left_out:?}");
+    // housings 21 cm apart hide a little of each other
+    let touched = left_out.iter().find_map(|left| left["rays_touched"].as_f64()).unwrap();
+    assert!((0.001..0.2).contains(&touched), "{touched}");
+    assert!(fine["fidelity"].is_null());
+}
+
 fn evaluate_refuses_what_it_cannot_score() {
     let preset = ["--preset", "paper-os1-64"];
     let good = ["--masters", "0,0,0,25,0"];
@@ -259,6 +284,7 @@ fn evaluate_refuses_what_it_cannot_score() {
         (&[&good[..], &["--voxel", "0.3"]].concat(), 1, "0.3 m"),
         (&[&good[..], &["--azimuths", "0"]].concat(), 1, "0 azimuths"),
         (&[&good[..], &["--roll", "loose"]].concat(), 2, "fixed:0"),
+        (&[&good[..], &["--fidelity", "auto", "--tolerance", "0"]].concat(), 1, "--tolerance 0"),
         (&["--mount", "no-such-file.json"], 1, "no-such-file.json"),
         (&[], 2, "--mount"),
     ] {

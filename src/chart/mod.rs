@@ -4,9 +4,11 @@
 mod axis;
 mod cells;
 mod line;
+mod scatter;
 
 pub use cells::{CellClass, CellMap, cell_map_svg};
 pub use line::{LineChart, Series};
+pub use scatter::{NamedPoint, ScatterChart};
 
 /// Text safe inside SVG and HTML.
 pub fn escape(text: &str) -> String {

@@ -17,7 +17,8 @@ use crate::study::{Findings, STUDIES, Size, named};
                   merge NAME --out DIR`."
 )]
 pub struct Args {
-    /// plan, run or merge and a study, or a study alone for all three: published, methods, sensor-count, pareto, joint.
+    /// plan, run or merge and a study, or a study alone for all three: published, methods, sensor-count, pareto,
+    /// joint, speed-accuracy.
     #[arg(value_name = "ACTION|NAME", num_args = 1..=2, required = true)]
     what: Vec<String>,
     /// Seeds of each search.

@@ -42,15 +42,17 @@ impl Report {
     /// A table; the first column is text, numbers stand right.
     pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
         self.body.push_str("<div class=\"scroll\"><table><thead><tr>");
-        for cell in header {
-            let _ = write!(self.body, "<th>{}</th>", escape(cell));
+        let classes: Vec<&str> = (0..header.len())
+            .map(|column| if is_of_numbers(rows, column) { "" } else { " class=\"words\"" })
+            .collect();
+        for (cell, class) in header.iter().zip(&classes) {
+            let _ = write!(self.body, "<th{class}>{}</th>", escape(cell));
         }
         self.body.push_str("</tr></thead><tbody>");
         for row in rows {
             self.body.push_str("<tr>");
-            for cell in row {
-                let is_number = cell.starts_with(|c: char| c.is_ascii_digit() || c == '-');
-                let class = if is_number { "" } else { " class=\"words\"" };
+            for (column, cell) in row.iter().enumerate() {
+                let class = classes.get(column).unwrap_or(&"");
                 let _ = write!(self.body, "<td{class}>{}</td>", escape(cell));
             }
             self.body.push_str("</tr>");
@@ -126,3 +128,15 @@ fn cell_px(map: &CellMap) -> usize {
 }
 
 const STYLE: &str = include_str!("report.css");
+
+/// Longest cell that is still a number with its range and unit.
+const LONGEST_NUMBER: usize = 32;
+
+/// Whether a column holds numbers, which are set flush right.
+fn is_of_numbers(rows: &[Vec<String>], column: usize) -> bool {
+    rows.iter().filter_map(|row| row.get(column)).all(|cell| {
+        let starts =
+            cell.is_empty() || cell.starts_with(|c: char| c.is_ascii_digit() || c == '-' || c == '+');
+        starts && cell.chars().count() <= LONGEST_NUMBER
+    })
+}

@@ -13,6 +13,7 @@ mod rows;
 mod searches;
 mod sensor_count;
 pub mod shard;
+mod speed_accuracy;
 mod spread;
 
 pub use page::{csv, findings_page};
@@ -23,8 +24,6 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-
-use crate::chart::LineChart;
 
 /// What a study is asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,8 +61,14 @@ pub trait Study: Sync {
 }
 
 /// Every study.
-pub const STUDIES: &[&dyn Study] =
-    &[&published::Published, &methods::Methods, &sensor_count::SensorCount, &pareto::Pareto, &joint::Joint];
+pub const STUDIES: &[&dyn Study] = &[
+    &published::Published,
+    &methods::Methods,
+    &sensor_count::SensorCount,
+    &pareto::Pareto,
+    &joint::Joint,
+    &speed_accuracy::SpeedAccuracy,
+];
 
 /// The study of a name.
 ///
@@ -96,9 +101,18 @@ pub struct Findings {
     pub claims: Vec<Claim>,
     /// Tables.
     pub tables: Vec<Table>,
-    /// Charts with their captions.
+    /// Pictures.
     #[serde(skip)]
-    pub charts: Vec<(LineChart, String)>,
+    pub figures: Vec<Figure>,
+}
+
+/// A picture with its caption.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// The picture.
+    pub svg: String,
+    /// What it shows.
+    pub caption: String,
 }
 
 /// A published claim and what came of it.

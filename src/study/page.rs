@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use super::{Findings, Row, Study};
+use super::{Figure, Findings, Row, Study};
 use crate::report::Report;
 
 /// Rows as CSV (RFC 4180): every field that any row has, in alphabetical order; lists as JSON.
@@ -47,8 +47,8 @@ pub fn findings_page(study: &dyn Study, findings: &Findings, command: &str) -> R
             .collect();
         page.table(&["claim", "verdict", "because"], &rows);
     }
-    for (chart, caption) in &findings.charts {
-        page.figure(&chart.svg(), caption);
+    for Figure { svg, caption } in &findings.figures {
+        page.figure(svg, caption);
     }
     for table in &findings.tables {
         page.heading(&table.title);

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::rows::{chosen, number, numbers};
 use super::searches::{self, SearchTask};
-use super::{Findings, Row, Size, Study, StudyError, Table};
+use super::{Figure, Findings, Row, Size, Study, StudyError, Table};
 use crate::chart::{self, LineChart, Series};
 use crate::optimize::Kind;
 
@@ -72,7 +72,7 @@ impl Study for Pareto {
                 "on the front",
             ],
         );
-        let mut charts = Vec::new();
+        let mut figures = Vec::new();
         for preset in ["paper-os1-64", "paper-vlp-16"] {
             for path in ["lateral", "forward"] {
                 let points = points(rows, preset, path);
@@ -94,12 +94,12 @@ impl Study for Pareto {
                         if dominated(point) { "no".into() } else { "yes".into() },
                     ]);
                 }
-                charts.push(chart_of(&points, preset, path));
+                figures.push(figure(&points, preset, path));
             }
         }
         let front = table.rows.iter().filter(|row| row.last().is_some_and(|cell| cell == "yes")).count();
         let summary = format!("{front} of {} settings lie on a front.", table.rows.len());
-        Findings { summary, tables: vec![table], charts, ..Findings::default() }
+        Findings { summary, tables: vec![table], figures, ..Findings::default() }
     }
 }
 
@@ -140,7 +140,7 @@ fn points(rows: &[Row], preset: &str, path: &str) -> Vec<Point> {
     points
 }
 
-fn chart_of(points: &[Point], preset: &str, path: &str) -> (LineChart, String) {
+fn figure(points: &[Point], preset: &str, path: &str) -> Figure {
     let series = [2.0, 4.0].map(|sensors| Series {
         name: format!("{sensors:.0} sensors"),
         points: points.iter().filter(|p| p.sensors == sensors).map(|p| [p.asked_deg, p.voxels]).collect(),
@@ -152,5 +152,6 @@ fn chart_of(points: &[Point], preset: &str, path: &str) -> (LineChart, String) {
         series: series.into_iter().filter(|series| !series.points.is_empty()).collect(),
         steps: false,
     };
-    (chart, format!("{preset}, path {path}: most voxels found with at least this angle."))
+    let caption = format!("{preset}, path {path}: most voxels found with at least this angle.");
+    Figure { svg: chart.svg(), caption }
 }

@@ -2,6 +2,7 @@
 
 mod beside;
 mod experiment;
+mod fidelity;
 mod page;
 
 pub use experiment::{ExperimentArgs, Masters};
@@ -13,6 +14,7 @@ use anyhow::{Context as _, bail};
 use serde::Serialize;
 
 use self::beside::{Alone, Rescored};
+use self::fidelity::Fidelity;
 use super::baselines::Baselines;
 use super::{Context, Outcome, output};
 use crate::objective::{Evaluation, Objective};
@@ -57,9 +59,23 @@ pub struct Args {
     /// Seed of the re-score.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// given: only the sampling as given. auto: also as many rays as it takes to know J within the tolerance, with the
+    /// error that is left and what the model leaves out.
+    #[arg(long, default_value = "given")]
+    fidelity: FidelityArg,
+    /// Error of J that auto may leave, percent of J.
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
+    tolerance: f64,
     /// Write a page with pictures.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+}
+
+/// How finely is looked.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+enum FidelityArg {
+    Given,
+    Auto,
 }
 
 /// The document that `evaluate` prints.
@@ -71,6 +87,8 @@ struct Document<'a> {
     baselines: Option<Baselines<Alone>>,
     /// Null unless asked for.
     rescored: Option<Rescored>,
+    /// Null unless asked for.
+    fidelity: Option<Fidelity>,
     /// `[place on the walk m, translation, rotation m^2]`: least eigenvalues per hit.
     registration_path: Vec<[f64; 3]>,
     /// Neighbouring voxels that can be hit and are not, the largest groups first.
@@ -98,6 +116,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         (None, Some(Masters(masters))) => from_masters(args, masters)?,
         (None, None) => bail!("give --mount or --masters"),
     };
+    if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
+        bail!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
+    }
     let simulator = objective.simulator();
     let start = Instant::now();
     let seen = simulator.see(&sensors)?;
@@ -116,6 +137,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let document = Document {
         baselines: if args.no_baselines { None } else { Some(beside::baselines(&objective, &sensors)?) },
         rescored: beside::rescored(&objective, &sensors, args)?,
+        fidelity: fidelity::fidelity(&objective, &sensors, args.fidelity, args.tolerance / 100.0)?,
         registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
         blind_spots: blind_spots(&grid, unseen, MOST_BLIND_SPOTS),
         touching: objective.rig(&sensors).touching(),
@@ -233,6 +255,9 @@ fn summary(document: &Document) -> String {
     }
     if let Some(rescored) = &document.rescored {
         text += &rescored.line();
+    }
+    if let Some(fidelity) = &document.fidelity {
+        text += &fidelity.lines();
     }
     if evaluation.feasible {
         text += "allowed        yes: every pair of sensors keeps its distance\n";

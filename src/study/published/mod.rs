@@ -93,7 +93,7 @@ impl Study for Published {
             tables::lambda(rows),
             tables::table_8(rows),
         ];
-        Findings { summary, claims, tables, charts: tables::convergence(rows) }
+        Findings { summary, claims, tables, figures: tables::convergence(rows) }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::rows::{chosen, number, numbers};
 use super::super::searches::best_after;
-use super::super::{Row, Spread, Table};
+use super::super::{Figure, Row, Spread, Table};
 use super::data::{LAMBDAS, TABLE_3, TABLE_8};
 use crate::chart::{self, LineChart, Series};
 
@@ -140,7 +140,7 @@ pub fn median_after(rows: &[&Row], evaluations: f64) -> Option<f64> {
     Spread::of(&values).map(|spread| spread.median)
 }
 
-pub fn convergence(rows: &[Row]) -> Vec<(LineChart, String)> {
+pub fn convergence(rows: &[Row]) -> Vec<Figure> {
     let of_sensor = |preset: &str| {
         let series = TABLE_3.iter().filter(|row| row.preset == preset).map(|row| {
             let ours =
@@ -160,7 +160,9 @@ pub fn convergence(rows: &[Row]) -> Vec<(LineChart, String)> {
             series: series.collect(),
             steps: true,
         };
-        (chart, format!("Figure 10 again, {preset}: from the tenth evaluation on, medians over the seeds."))
+        let caption =
+            format!("Figure 10 again, {preset}: from the tenth evaluation on, medians over the seeds.");
+        Figure { svg: chart.svg(), caption }
     };
     if chosen(rows, &[("part", "table 3")]).is_empty() {
         return Vec::new();

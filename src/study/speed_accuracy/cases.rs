@@ -1,0 +1,215 @@
+//! Where models are compared, and the mounts that they score.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::DVec3;
+
+use super::models::{Model, box_scores, scene_scores};
+use crate::fidelity::SceneLadder;
+use crate::objective::{Objective, Weights};
+use crate::rig::Mount;
+use crate::rng::Rng;
+use crate::scene::{Scene, load_mesh};
+use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
+use crate::study::StudyError;
+use crate::trajectory::Trajectory;
+
+/// A scene, a sensor and a walk.
+#[derive(Debug)]
+pub(super) struct Case {
+    /// Name, and what it is in words.
+    pub name: &'static str,
+    pub about: &'static str,
+    pub place: Place,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Place {
+    /// A published experiment.
+    Box { preset: &'static str, walk: Walk },
+    /// A mesh that is asked for, with a sensor carried through it.
+    Mesh { sensor: &'static str },
+}
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        name: "os1-64-lateral",
+        about: "OS1-64 in the published box, walking sideways as the released program does",
+        place: Place::Box { preset: "paper-os1-64", walk: Walk::Lateral },
+    },
+    Case {
+        name: "os1-64-forward",
+        about: "OS1-64 in the published box, walking ahead",
+        place: Place::Box { preset: "paper-os1-64", walk: Walk::Forward },
+    },
+    Case {
+        name: "vlp-16-lateral",
+        about: "VLP-16 in the published box, walking sideways as the released program does",
+        place: Place::Box { preset: "paper-vlp-16", walk: Walk::Lateral },
+    },
+    Case {
+        name: "vlp-16-forward",
+        about: "VLP-16 in the published box, walking ahead",
+        place: Place::Box { preset: "paper-vlp-16", walk: Walk::Forward },
+    },
+    Case {
+        name: "scene-os1-64",
+        about: "OS1-64 in the mesh, voxels of 0.2 m",
+        place: Place::Mesh { sensor: "os1-64" },
+    },
+    Case {
+        name: "scene-vlp-16",
+        about: "VLP-16 in the mesh, voxels of 0.2 m",
+        place: Place::Mesh { sensor: "vlp-16" },
+    },
+];
+
+/// What a model says about the mounts.
+pub(super) struct Scored {
+    /// Of the random mounts.
+    pub scores: Vec<f64>,
+    /// The error that the model states for each; none where it states none.
+    pub bounds: Option<Vec<f64>>,
+    /// Of the line of pitches.
+    pub pitch_scores: Vec<f64>,
+    /// Which of each list it takes for the best.
+    pub chosen: usize,
+    pub chosen_pitch: usize,
+    pub rays_per_mount: f64,
+    pub wall_ms_per_mount: f64,
+}
+
+impl Scored {
+    /// A model that takes the greatest score.
+    pub fn plain(scores: Vec<f64>, pitch_scores: Vec<f64>, rays_per_mount: f64) -> Self {
+        let (chosen, chosen_pitch) = (greatest(&scores), greatest(&pitch_scores));
+        Self {
+            scores,
+            bounds: None,
+            pitch_scores,
+            chosen,
+            chosen_pitch,
+            rays_per_mount,
+            wall_ms_per_mount: 0.0,
+        }
+    }
+}
+
+/// The first of the greatest.
+pub(super) fn greatest(values: &[f64]) -> usize {
+    let better = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
+    (1..values.len()).fold(0, better)
+}
+
+const VOXEL_M: f64 = 0.2;
+const HEIGHT_M: f64 = 1.6;
+const SPEED_M_S: f64 = 1.2;
+const TURN_RAD_S: f64 = 1.5;
+/// A walk in a scene keeps this far from walls.
+const CLEARANCE_M: f64 = 0.5;
+/// And is at most so long.
+const LONGEST_M: f64 = 12.0;
+
+/// Masters of mirrored pairs at random.
+fn random_masters(count: usize) -> Vec<Placement> {
+    let mut rng = Rng::new(6, 0);
+    let master = |_| Placement {
+        x_m: rng.between(0.05, 0.15),
+        y_m: rng.between(-0.25, 0.25),
+        z_m: rng.between(-0.15, 0.15),
+        pitch_deg: rng.between(-90.0, 90.0),
+        roll_deg: 0.0,
+    };
+    (0..count).map(master).collect()
+}
+
+impl Case {
+    pub fn named(name: &str) -> Result<&'static Self, StudyError> {
+        CASES
+            .iter()
+            .find(|case| case.name == name)
+            .ok_or_else(|| StudyError(format!("the study has no case {name:?}")))
+    }
+
+    pub fn needs_scene(&self) -> bool {
+        matches!(self.place, Place::Mesh { .. })
+    }
+
+    /// The line of pitches, degrees.
+    pub fn pitches_deg(&self, quick: bool) -> Vec<f64> {
+        let step = match (quick, self.needs_scene()) {
+            (true, _) => 9,
+            (false, true) => 3,
+            (false, false) => 1,
+        };
+        (0..=90).step_by(step).map(f64::from).collect()
+    }
+
+    /// Scores random mounts and a line of pitches with a model.
+    pub fn score(&self, model: &Model, scene: Option<&Path>, quick: bool) -> Result<Scored, StudyError> {
+        let count = match (quick, self.needs_scene()) {
+            (true, _) => 12,
+            (false, false) => 200,
+            (false, true) => 40,
+        };
+        let masters = random_masters(count);
+        let line: Vec<Placement> = self
+            .pitches_deg(quick)
+            .into_iter()
+            .map(|pitch_deg| Placement { x_m: 0.1, pitch_deg, ..Placement::default() })
+            .collect();
+        let start = Instant::now();
+        let mut scored = match self.place {
+            Place::Box { preset, walk } => {
+                let preset = Preset::named(preset).map_err(StudyError::of)?;
+                let experiment = Experiment { path: walk, ..Experiment::published(preset) };
+                let simulator = Simulator::new(&experiment).map_err(StudyError::of)?;
+                let objective = Objective::new(simulator, Weights::default(), 0.0).map_err(StudyError::of)?;
+                let pairs = |masters: &[Placement]| -> Vec<Vec<Placement>> {
+                    masters.iter().map(|master| experiment.sensors(&[*master])).collect()
+                };
+                box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
+            }
+            Place::Mesh { sensor } => {
+                let path = scene.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
+                let (ladder, model_of) = ladder(path, sensor)?;
+                let pairs = |masters: &[Placement]| -> Vec<Vec<Mount>> {
+                    masters.iter().map(|master| vec![master.mount(), master.mirrored().mount()]).collect()
+                };
+                scene_scores(&ladder, &model_of, model, &pairs(&masters), &pairs(&line))?
+            }
+        };
+        scored.wall_ms_per_mount = start.elapsed().as_secs_f64() * 1e3 / (count + line.len()) as f64;
+        Ok(scored)
+    }
+}
+
+/// The mesh with a walk along the longest free line through its middle, there and back.
+fn ladder(path: &Path, sensor: &str) -> Result<(SceneLadder, sensors::SensorModel), StudyError> {
+    let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
+    let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
+    let [low_m, high_m] = scene.bounds_m();
+    let middle_m = DVec3::new((low_m.x + high_m.x) / 2.0, (low_m.y + high_m.y) / 2.0, low_m.z + HEIGHT_M);
+    let free_m = |direction: DVec3| {
+        let hit = scene.cast(middle_m, direction).map_or(LONGEST_M, |hit| hit.distance_m);
+        (hit - CLEARANCE_M).clamp(0.0, LONGEST_M / 2.0)
+    };
+    let line = (0..24)
+        .map(|step| {
+            let (sin, cos) = (std::f64::consts::PI * f64::from(step) / 24.0).sin_cos();
+            let direction = DVec3::new(cos, sin, 0.0);
+            (free_m(direction), free_m(-direction), direction)
+        })
+        .max_by(|a, b| (a.0 + a.1).total_cmp(&(b.0 + b.1)));
+    let Some((ahead_m, back_m, direction)) = line.filter(|line| line.0 + line.1 > 1.0) else {
+        return Err(StudyError(format!(
+            "{}: no free line of 1 m through its middle to walk along",
+            path.display()
+        )));
+    };
+    let corners_m = [middle_m - back_m * direction, middle_m + ahead_m * direction];
+    let walk = Trajectory::polyline(&corners_m, SPEED_M_S, TURN_RAD_S, 0).map_err(StudyError::of)?;
+    Ok((SceneLadder::new(scene, walk, &model, VOXEL_M), model))
+}

@@ -1,0 +1,209 @@
+//! What a model gets wrong, and the table, charts and claims made of it.
+
+use super::cases::{Case, greatest};
+use super::models::{AUTO_BUDGET, Model};
+use crate::chart::{self, NamedPoint, ScatterChart};
+use crate::statistics::{mean_and_deviation, rank_correlation};
+use crate::study::rows::{Row, number, text};
+use crate::study::{Claim, Figure, Table, Verdict};
+
+/// A model beside the converged one.
+#[derive(Clone, Debug)]
+pub(super) struct Measures {
+    model: String,
+    rays: f64,
+    wall_ms: f64,
+    /// Mean and standard deviation of its errors.
+    bias: f64,
+    spread: f64,
+    /// Standard deviation among the best quarter of mounts, share of the best score.
+    best_quarter_spread: f64,
+    rank: Option<f64>,
+    best_quarter_rank: Option<f64>,
+    /// Score lost by choosing with it, share of the best.
+    regret: f64,
+    pitch_deg: f64,
+    pitch_error_deg: f64,
+    /// Score lost by choosing the pitch with it, share of the best.
+    pitch_regret: f64,
+    /// Share of the mounts whose stated error holds.
+    bounds_hold: Option<f64>,
+    is_reference: bool,
+}
+
+fn list(row: &Row, name: &str) -> Vec<f64> {
+    let values = row.get(name).and_then(serde_json::Value::as_array);
+    values.into_iter().flatten().filter_map(serde_json::Value::as_f64).collect()
+}
+
+impl Measures {
+    /// Of every model of a case, the reference being the one with the most rays that states no errors.
+    pub fn of_all(rows: &[&Row]) -> Vec<Self> {
+        let rays = |row: &Row| number(row, "rays_per_mount").unwrap_or(0.0);
+        let plain = rows.iter().filter(|row| text(row, "model") != "auto");
+        let Some(reference) = plain.max_by(|a, b| rays(a).total_cmp(&rays(b))) else {
+            return Vec::new();
+        };
+        let is_complete = |row: &&&Row| list(row, "scores").len() == list(reference, "scores").len();
+        rows.iter().filter(is_complete).map(|row| Self::of(row, reference)).collect()
+    }
+
+    fn of(row: &Row, reference: &Row) -> Self {
+        let (scores, true_scores) = (list(row, "scores"), list(reference, "scores"));
+        let best = true_scores[greatest(&true_scores)];
+        let errors: Vec<f64> = scores.iter().zip(&true_scores).map(|(score, truth)| score - truth).collect();
+        let (bias, spread) = mean_and_deviation(&errors);
+        let mut order: Vec<usize> = (0..scores.len()).collect();
+        order.sort_by(|a, b| true_scores[*b].total_cmp(&true_scores[*a]));
+        order.truncate(scores.len().div_ceil(4));
+        let quarter = |values: &[f64]| -> Vec<f64> { order.iter().map(|index| values[*index]).collect() };
+        let (truth, pitches_deg) = (list(reference, "pitch_scores"), list(row, "pitches_deg"));
+        let at = |name: &str, row: &Row| number(row, name).unwrap_or(0.0) as usize;
+        let (pitch, true_pitch) = (at("chosen_pitch", row), greatest(&truth));
+        let bounds = list(row, "bounds");
+        let held = errors.iter().zip(&bounds).filter(|(error, bound)| error.abs() <= **bound).count();
+        Self {
+            model: text(row, "model").into(),
+            rays: number(row, "rays_per_mount").unwrap_or(0.0),
+            wall_ms: number(row, "wall_ms_per_mount").unwrap_or(f64::NAN),
+            bias,
+            spread,
+            best_quarter_spread: mean_and_deviation(&quarter(&errors)).1 / best,
+            rank: rank_correlation(&scores, &true_scores),
+            best_quarter_rank: rank_correlation(&quarter(&scores), &quarter(&true_scores)),
+            regret: (best - true_scores[at("chosen", row)]) / best,
+            pitch_deg: pitches_deg[pitch],
+            pitch_error_deg: (pitches_deg[pitch] - pitches_deg[true_pitch]).abs(),
+            pitch_regret: (truth[true_pitch] - truth[pitch]) / truth[true_pitch],
+            bounds_hold: (!bounds.is_empty()).then(|| held as f64 / bounds.len() as f64),
+            is_reference: text(row, "model") == text(reference, "model"),
+        }
+    }
+}
+
+fn percent(share: f64, decimals: usize) -> String {
+    chart::number(100.0 * share, decimals)
+}
+
+pub(super) fn table(case: &Case, measures: &[Measures]) -> Table {
+    let mut table = Table::new(
+        case.name,
+        &format!("Models beside the converged one: {}", case.about),
+        "Error: score less the converged one, mean and standard deviation over the random mounts. Best quarter: of the mounts \
+         by the converged model. Regret: what the mount chosen with the model loses. Times are in times.csv.",
+        &[
+            "model",
+            "rays per mount",
+            "error",
+            "sd",
+            "sd, best quarter %",
+            "rank correlation",
+            "best quarter",
+            "regret %",
+            "best pitch",
+            "pitch error",
+            "pitch regret %",
+            "bounds hold %",
+        ],
+    );
+    let rank = |rank: Option<f64>| rank.map_or("-".into(), |rank| chart::number(rank, 3));
+    table.rows = measures
+        .iter()
+        .map(|m| {
+            vec![
+                m.model.clone(),
+                chart::number(m.rays, 0),
+                chart::number(m.bias, 1),
+                chart::number(m.spread, 1),
+                percent(m.best_quarter_spread, 3),
+                rank(m.rank),
+                rank(m.best_quarter_rank),
+                percent(m.regret, 3),
+                chart::number(m.pitch_deg, 0),
+                chart::number(m.pitch_error_deg, 0),
+                percent(m.pitch_regret, 3),
+                m.bounds_hold.map_or("-".into(), |share| percent(share, 1)),
+            ]
+        })
+        .collect();
+    table
+}
+
+/// Error against rays and against time.
+pub(super) fn charts(case: &Case, measures: &[Measures]) -> Vec<Figure> {
+    let one = |what: &str, x_label: &str, cost: &dyn Fn(&Measures) -> f64| {
+        let shown = measures.iter().filter(|m| !m.is_reference);
+        let chart = ScatterChart {
+            title: format!("Error against {what}: {}", case.about),
+            x_label: x_label.into(),
+            y_label: "sd of the error, best quarter of mounts, %".into(),
+            points: shown
+                .map(|m| NamedPoint {
+                    name: m.model.clone(),
+                    at: [cost(m), 100.0 * m.best_quarter_spread],
+                    group: Model::group(&m.model),
+                })
+                .collect(),
+        };
+        Figure {
+            svg: chart.svg(),
+            caption: format!(
+                "{}. Each point is a way to compute coverage; filled ones lie on the front: none costs less and errs less.",
+                case.about
+            ),
+        }
+    };
+    vec![
+        one("rays", "rays per mount", &|m| m.rays),
+        one("time", "time per mount on one thread, ms", &|m| m.wall_ms),
+    ]
+}
+
+/// What adaptive fidelity promises.
+pub(super) fn claims(case: &Case, measures: &[Measures]) -> Vec<Claim> {
+    let Some(auto) = measures.iter().find(|m| m.model == "auto") else { return Vec::new() };
+    let coarsest = measures
+        .iter()
+        .filter(|m| !m.is_reference && m.model != "auto")
+        .map(|m| m.rays)
+        .fold(f64::INFINITY, f64::min);
+    let claim = |what: &str, holds: bool, because: String| Claim {
+        claim: format!("{}: {what}", case.name),
+        verdict: if holds { Verdict::Stands } else { Verdict::DoesNotStand },
+        because,
+    };
+    let published = measures.iter().find(|m| m.model == "180 x 1 locked");
+    let (unit, rays) =
+        published.map_or(("the coarsest model", coarsest), |m| ("the published sampling", m.rays));
+    let held = auto.bounds_hold.unwrap_or(0.0);
+    vec![
+        claim(
+            "adaptive fidelity loses less than 0.1 % of J",
+            auto.regret < 1e-3 && auto.pitch_regret < 1e-3,
+            format!(
+                "{} % over random mounts, {} % over pitches",
+                percent(auto.regret, 3),
+                percent(auto.pitch_regret, 3)
+            ),
+        ),
+        claim(
+            "its best pitch is within 1 degree",
+            auto.pitch_error_deg <= 1.0,
+            format!(
+                "{} degrees, {} off",
+                chart::number(auto.pitch_deg, 0),
+                chart::number(auto.pitch_error_deg, 0)
+            ),
+        ),
+        claim(
+            "it costs at most 10 times the published sampling",
+            auto.rays <= AUTO_BUDGET * rays,
+            format!("{} times {unit}", chart::number(auto.rays / rays, 1)),
+        ),
+        claim(
+            "its stated errors hold for at least 95 % of mounts",
+            held >= 0.95,
+            format!("for {} %", percent(held, 1)),
+        ),
+    ]
+}
