@@ -1,10 +1,14 @@
 //! Mounts, the sensors on them, and the files that say so.
 
 mod mount_file;
+mod published_export;
 mod touching;
 mod unit;
 
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
+pub use published_export::{
+    Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
+};
 pub use touching::{Touching, housing_gap_m};
 pub use unit::{Unit, UnitChoice, UnitError};
 

@@ -4,11 +4,14 @@ mod command;
 
 use std::convert::Infallible;
 use std::f64::consts::PI;
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use clap::ValueEnum as _;
 use outrigger::objective::{Objective, Weights};
 use outrigger::optimize::{
-    KeepApart, Kind, Measured, MountProblem, Search, SearchError, Settings, Space, StoppedBy, Variable,
+    Acquisition, Bayesian, Candidate, KeepApart, Kind, Measured, MountProblem, Optimizer as _, Search,
+    SearchError, Settings, Space, StoppedBy, Trial, Variable,
 };
 use outrigger::simulate::published::{Experiment, Preset, Simulator};
 
@@ -18,6 +21,8 @@ pub const CASES: &[Case] = &[
     case("every_method_finds_the_minimum_of_branin", every_method_finds_the_minimum_of_branin),
     case("same_seed_same_search_on_one_and_two_threads", same_seed_same_search_on_one_and_two_threads),
     case("a_search_resumed_from_disk_ends_as_if_it_had_not_stopped", a_search_resumed_from_disk_goes_on),
+    case("every_acquisition_climbs_alone_and_in_batches", every_acquisition_climbs_alone_and_in_batches),
+    case("a_batch_holds_different_points", a_batch_holds_different_points),
     case("a_nan_is_an_error_that_names_the_point", a_nan_is_an_error_that_names_the_point),
     case("a_constant_objective_is_no_harm", a_constant_objective_is_no_harm),
     case("infeasible_starts_find_the_feasible_corner", infeasible_starts_find_the_feasible_corner),
@@ -45,6 +50,14 @@ pub const CASES: &[Case] = &[
     case("a_servo_s_steps_and_limits_are_kept", command::a_servo_s_steps_and_limits_are_kept),
     case("robust_searches_report_what_is_built", command::robust_searches_report_what_is_built),
     case("a_budget_of_rays_and_all_outputs", command::a_budget_of_rays_and_all_outputs),
+    case(
+        "the_published_export_is_read_as_it_was_found",
+        command::the_published_export_is_read_as_it_was_found,
+    ),
+    case(
+        "batches_and_acquisitions_are_chosen_by_flags",
+        command::batches_and_acquisitions_are_chosen_by_flags,
+    ),
     case("small_budgets_are_kept_to_the_evaluation", small_budgets_are_kept_to_the_evaluation),
 ];
 
@@ -53,7 +66,7 @@ fn real(name: &str, low: f64, high: f64) -> Variable {
 }
 
 fn settings(seed: u64, budget: usize) -> Settings {
-    Settings { seed, budget, early_stop: false }
+    Settings::new(seed, budget)
 }
 
 fn measured(score: f64) -> Result<Measured, Infallible> {
@@ -136,6 +149,62 @@ fn a_search_resumed_from_disk_goes_on() {
             "{}",
             kind.name()
         );
+    }
+}
+
+/// Each choice of the next point finds the minimum, one point at a time and several side by side, on any number of
+/// threads, and what is chosen makes a difference where there is noise.
+fn every_acquisition_climbs_alone_and_in_batches() {
+    let mut ways = Vec::new();
+    for &acquisition in Acquisition::value_variants() {
+        for batch in [1, 4] {
+            let batch = NonZeroUsize::new(batch).unwrap();
+            let settings = Settings { acquisition, batch, ..settings(3, 44) };
+            let on = |threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| run(&branin_space(), Kind::Bayesian, settings, branin))
+            };
+            let search = on(1);
+            assert!(search.history().eq(on(2).history()), "{acquisition:?}, {batch} at once");
+            let best = search.best().unwrap().score;
+            // four at once decide a quarter as often
+            let least = if batch.get() == 1 { -0.45 } else { -0.8 };
+            assert!(best > least, "{acquisition:?}, {batch} at once: {best}");
+            let noisy = |x: &[f64]| {
+                let hash = (x[0].to_bits() ^ x[1].to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+                branin(x) + 100.0 * hash as f64 / f64::from(1 << 24)
+            };
+            let way = run(&branin_space(), Kind::Bayesian, settings, noisy).best().unwrap().clone();
+            ways.push(way.candidate.values);
+        }
+    }
+    // the guard need not have been asked
+    ways.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    ways.dedup();
+    assert!(ways.len() >= 4, "{ways:?}");
+}
+
+/// A batch is proposed before any of it is known, and its points lie apart.
+fn a_batch_holds_different_points() {
+    let settings = Settings { batch: NonZeroUsize::new(5).unwrap(), ..settings(1, 60) };
+    let mut method = Bayesian::new(branin_space(), settings);
+    let tell = |method: &mut Bayesian, asked: Vec<Candidate>| {
+        let trial =
+            |candidate: Candidate| Trial { score: branin(&candidate.values), violation: 0.0, candidate };
+        method.tell(&asked.into_iter().map(trial).collect::<Vec<_>>());
+    };
+    let seeds = method.ask();
+    tell(&mut method, seeds);
+    for _ in 0..4 {
+        let asked = method.ask();
+        assert_eq!(asked.len(), 5);
+        for (index, one) in asked.iter().enumerate() {
+            for other in &asked[..index] {
+                let apart = (one.values[0] - other.values[0]).hypot(one.values[1] - other.values[1]);
+                assert!(apart > 0.01, "{asked:?}");
+            }
+        }
+        tell(&mut method, asked);
     }
 }
 
@@ -346,7 +415,7 @@ fn more_evaluations_than_points_is_no_harm() {
 
 fn the_published_rules_end_a_search_by_themselves() {
     for kind in [Kind::Bayesian, Kind::Genetic, Kind::ParticleSwarm] {
-        let published = Settings { seed: 1, budget: kind.published_budget(), early_stop: true };
+        let published = Settings { early_stop: true, ..settings(1, kind.published_budget()) };
         let mut search = Search::new(branin_space(), kind, published);
         let ended = search.run(published.budget, |x| measured(branin(x)), |_| (), &AtomicBool::new(false));
         assert_eq!(ended.unwrap(), StoppedBy::Converged, "{}", kind.name());

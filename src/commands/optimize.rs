@@ -1,25 +1,25 @@
 //! `outrigger optimize`
 
+mod args;
 mod busy;
 mod outputs;
+mod published;
 mod state;
 
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
-use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use serde::Serialize;
 
-use super::evaluate::ExperimentArgs;
+pub use args::Args;
+use args::{Corners, Range};
+
 use super::{Context, Outcome, output, signals};
 use crate::objective::{Evaluation, Objective};
-use crate::optimize::{
-    KeepApart, Kind, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX, Search, Settings, StoppedBy, Trial,
-};
-use crate::robustness::{Criterion, Robustness, Spread, Tolerance};
+use crate::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial};
+use crate::robustness::{Robustness, Spread, Tolerance};
 use crate::simulate::published::{Path, Roll};
 
 /// Seconds between two writings of the state file.
@@ -27,137 +27,6 @@ const SAVE_EVERY: Duration = Duration::from_secs(10);
 
 /// Of the draws of mount errors, the same in every search so that scores compare.
 const ROBUST_SEED: u64 = 1;
-
-/// Arguments of `optimize`.
-#[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Methods stop when their evaluations are used up; without --evals they run as published and stop by the\n\
-                  published rules. Ctrl-C keeps the best mount so far; with --resume the search goes on from there."
-)]
-pub struct Args {
-    #[command(flatten)]
-    experiment: ExperimentArgs,
-    /// Search method [default: staged].
-    #[arg(long, value_enum)]
-    method: Option<Kind>,
-    /// Evaluations of the objective [default: the method's own].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
-    evals: Option<u64>,
-    /// Seed of all random numbers [default: 1].
-    #[arg(long, value_name = "S")]
-    seed: Option<u64>,
-    /// Stop by the method's published rule even if evaluations are left.
-    #[arg(long)]
-    early_stop: bool,
-    /// Most masters; each is mirrored unless --no-mirror.
-    #[arg(long, value_name = "N", default_value_t = PUBLISHED_MASTERS_MAX, value_parser = clap::value_parser!(u32).range(1..=16))]
-    masters_max: u32,
-    /// Distance between sensor origins that the search must keep: housing, none (as published) or metres.
-    #[arg(long, value_name = "RULE", default_value = "none")]
-    clearance: ClearanceArg,
-    /// Fewest masters.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
-    masters_min: u32,
-    /// Pitches that the servo reaches: "low,high" in degrees.
-    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
-    pitch_limits: Range,
-    /// Rolls that the plate allows, where roll is free: "low,high" in degrees.
-    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
-    roll_limits: Range,
-    /// Where masters may sit: "x,x,y,y,z,z", least and greatest of each, m [default: as published].
-    #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
-    space: Option<Corners>,
-    /// Pitch and roll are whole multiples of this: the step of a servo.
-    #[arg(long, value_name = "DEG")]
-    tilt_step: Option<f64>,
-    /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
-    #[arg(long, value_enum, value_name = "CRITERION")]
-    robust: Option<Criterion>,
-    /// Mount errors, uniform within plus and minus: "metres,degrees".
-    #[arg(
-        long,
-        value_name = "M,DEG",
-        default_value = "0.01,1",
-        requires = "robust",
-        allow_hyphen_values = true
-    )]
-    tolerance: Range,
-    /// Also leave to chance where revolutions start.
-    #[arg(long, requires = "robust")]
-    free_spin: bool,
-    /// Draws of mount errors, the same for every mount.
-    #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    draws: u32,
-    /// End when so many rays are cast (the batch under way is finished).
-    #[arg(long, value_name = "N")]
-    max_rays: Option<u64>,
-    /// Write the best mount to this file.
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Write one line per sensor: mount, voxels, voxels alone.
-    #[arg(long, value_name = "FILE")]
-    csv: Option<PathBuf>,
-    /// Write a page with convergence and coverage.
-    #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
-    /// State of the search: read if it exists, written while searching.
-    #[arg(long, value_name = "STATE")]
-    resume: Option<PathBuf>,
-}
-
-/// Two numbers, the first not above the second where they are a range.
-#[derive(Clone, Copy, Debug)]
-struct Range(f64, f64);
-
-impl FromStr for Range {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match numbers(text)?.as_slice() {
-            [first, second] => Ok(Self(*first, *second)),
-            other => Err(format!("{} numbers, expected 2", other.len())),
-        }
-    }
-}
-
-/// Least and greatest x, y and z.
-#[derive(Clone, Copy, Debug)]
-struct Corners([f64; 6]);
-
-impl FromStr for Corners {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers = numbers(text)?;
-        let found = numbers.len();
-        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected 6: x,x,y,y,z,z"))
-    }
-}
-
-fn numbers(text: &str) -> Result<Vec<f64>, String> {
-    let parts = text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite()));
-    parts.collect::<Option<_>>().ok_or_else(|| "every part must be a finite number".into())
-}
-
-#[derive(Clone, Copy, Debug)]
-struct ClearanceArg(KeepApart);
-
-impl FromStr for ClearanceArg {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "none" => Ok(Self(KeepApart::None)),
-            "housing" => Ok(Self(KeepApart::Housings)),
-            number => match number.parse::<f64>() {
-                Ok(least_m) if least_m.is_finite() && least_m >= 0.0 => {
-                    Ok(Self(KeepApart::Distance(least_m)))
-                }
-                _ => Err("give housing, none, or a distance in metres".into()),
-            },
-        }
-    }
-}
 
 /// The document that `optimize` prints.
 #[derive(Serialize)]
@@ -286,10 +155,12 @@ fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
 
 fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
     let kind = args.method.unwrap_or(Kind::Staged);
+    let budget = args.evals.map_or(kind.published_budget(), |evals| evals as usize);
     let settings = Settings {
-        seed: args.seed.unwrap_or(1),
-        budget: args.evals.map_or(kind.published_budget(), |evals| evals as usize),
         early_stop: args.early_stop || args.evals.is_none(),
+        batch: args.batch,
+        acquisition: args.acquisition,
+        ..Settings::new(args.seed.unwrap_or(1), budget)
     };
     Ok(Search::new(problem.space()?, kind, settings))
 }
@@ -365,6 +236,9 @@ fn report(
     }
     if let Some(path) = &args.out {
         file.write(path)?;
+    }
+    if let Some(path) = &args.export_published {
+        published::write(path, problem, &file, &document)?;
     }
     if context.json {
         output::print_json(&document)?;

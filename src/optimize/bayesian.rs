@@ -6,11 +6,13 @@
 //! length scales are shortened and the question is asked again. Equal designs are one point to the model: symmetries are
 //! folded, inactive variables are parked.
 
+use std::num::NonZeroUsize;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
-use super::{Candidate, Optimizer, Settings, Space, Trial, Variable, generator, normal};
+use super::{Acquisition, Candidate, Optimizer, Settings, Space, Trial, Variable, generator, normal};
 use crate::rng::Rng;
 
 const SEED_POINTS: usize = 12;
@@ -37,6 +39,8 @@ pub struct Bayesian {
     seed: u64,
     seed_points: usize,
     early_stop: bool,
+    batch: NonZeroUsize,
+    acquisition: Acquisition,
     step: u64,
     trials: Vec<Trial>,
     /// Best so far after each trial.
@@ -53,6 +57,8 @@ impl Bayesian {
             seed: settings.seed,
             seed_points: SEED_POINTS.min(settings.budget),
             early_stop: settings.early_stop,
+            batch: settings.batch,
+            acquisition: settings.acquisition,
             step: 0,
             trials: Vec::new(),
             bests: Vec::new(),
@@ -119,7 +125,9 @@ impl Bayesian {
         hyper
     }
 
-    fn propose(&mut self) -> Candidate {
+    /// The next points. Those after the first reckon with the ones before as if they had come out at the median: a
+    /// constant liar (Ginsbourger, Le Riche, Carraro 2010, doi:10.1007/978-3-642-10701-6_6).
+    fn propose(&mut self) -> Vec<Candidate> {
         let mut rng = generator(self.seed, self.step);
         self.step += 1;
         let best = &self.trials[self.bests[self.trials.len() - 1]];
@@ -134,24 +142,22 @@ impl Bayesian {
         let greatest = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut order: Vec<usize> = (0..known.len()).collect();
         order.sort_by(|&a, &b| known[a].order(known[b]));
-        let centres: Vec<Vec<f64>> =
+        let centres =
             order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
-        let data = Data::new(view.roles.clone(), view.role_count, points.clone(), merits);
-        let mut hyper = self.fit(&data, view.role_count, &mut rng);
-        let mut proposed = None;
-        for _ in 0..=EXPLORATION_TRIES {
-            let Some(process) = GaussianProcess::new(data.clone(), &hyper) else { break };
-            let hunt = Hunt { space: &space, view: &view, process: &process, points: &points, greatest };
-            let (values, belief) = hunt.best(&centres, &mut rng);
-            proposed = Some(values);
-            if belief.deviation >= EXPLORATION_RATIO * process.noise_deviation() {
-                break;
-            }
-            for length in &mut hyper.ln_lengths {
-                *length -= std::f64::consts::LN_2;
-            }
+        let mut known = Known { space: &space, view: &view, points, merits, greatest, centres };
+        let hyper = self.fit(&known.data(), view.role_count, &mut rng);
+        let mut merits = known.merits.clone();
+        merits.sort_by(f64::total_cmp);
+        let lie = merits[merits.len() / 2];
+        let mut proposed = Vec::with_capacity(self.batch.get());
+        while proposed.len() < self.batch.get() {
+            let values = known.most_promising(hyper.clone(), self.acquisition, &mut rng);
+            let values = values.unwrap_or_else(|| space.sample(&mut rng));
+            known.points.push(view.unit(&values));
+            known.merits.push(lie);
+            proposed.push(Candidate { values });
         }
-        Candidate { values: proposed.unwrap_or_else(|| space.sample(&mut rng)) }
+        proposed
     }
 }
 
@@ -164,7 +170,7 @@ impl Optimizer for Bayesian {
         if self.early_stop && self.is_stalled() {
             return Vec::new();
         }
-        vec![self.propose()]
+        self.propose()
     }
 
     fn tell(&mut self, trials: &[Trial]) {
@@ -244,14 +250,49 @@ fn merits(trials: &[&Trial]) -> Vec<f64> {
         .collect()
 }
 
-/// The search for the point of greatest expected improvement.
-struct Hunt<'a> {
+/// What a proposal is made from.
+struct Known<'a> {
     space: &'a Space,
     view: &'a View<'a>,
-    process: &'a GaussianProcess,
-    /// Known points of the unit cube.
-    points: &'a [Vec<f64>],
+    /// Of the unit cube.
+    points: Vec<Vec<f64>>,
+    merits: Vec<f64>,
+    /// Greatest merit that was observed.
     greatest: f64,
+    /// The best points, as values.
+    centres: Vec<Vec<f64>>,
+}
+
+impl Known<'_> {
+    fn data(&self) -> Data {
+        Data::new(self.view.roles.clone(), self.view.role_count, self.points.clone(), self.merits.clone())
+    }
+
+    /// The point of greatest acquisition that the guard lets pass; none where no process can be made.
+    fn most_promising(&self, mut hyper: Hyper, acquisition: Acquisition, rng: &mut Rng) -> Option<Vec<f64>> {
+        let data = self.data();
+        let mut found = None;
+        for _ in 0..=EXPLORATION_TRIES {
+            let Some(process) = GaussianProcess::new(data.clone(), &hyper) else { break };
+            let (values, belief) = Hunt { known: self, process: &process, acquisition }.best(rng);
+            found = Some(values);
+            let least = EXPLORATION_RATIO * process.noise_deviation();
+            if !acquisition.is_guarded() || belief.deviation >= least {
+                break;
+            }
+            for length in &mut hyper.ln_lengths {
+                *length -= std::f64::consts::LN_2;
+            }
+        }
+        found
+    }
+}
+
+/// The search for the point of greatest acquisition.
+struct Hunt<'a> {
+    known: &'a Known<'a>,
+    process: &'a GaussianProcess,
+    acquisition: Acquisition,
 }
 
 struct Prey {
@@ -261,9 +302,10 @@ struct Prey {
 }
 
 impl Hunt<'_> {
-    fn best(&self, centres: &[Vec<f64>], rng: &mut Rng) -> (Vec<f64>, Prediction) {
-        let mut candidates: Vec<Vec<f64>> = (0..GLOBAL_CANDIDATES).map(|_| self.space.sample(rng)).collect();
-        for centre in centres {
+    fn best(&self, rng: &mut Rng) -> (Vec<f64>, Prediction) {
+        let mut candidates: Vec<Vec<f64>> =
+            (0..GLOBAL_CANDIDATES).map(|_| self.known.space.sample(rng)).collect();
+        for centre in &self.known.centres {
             for _ in 0..LOCAL_CANDIDATES {
                 let scale = 10f64.powf(rng.between(-3.0, -0.7));
                 candidates.push(self.nearby(centre, scale, rng));
@@ -275,8 +317,8 @@ impl Hunt<'_> {
         for start in &mut prey {
             let mut scale = 0.05;
             for _ in 0..REFINE_ROUNDS {
-                let around =
-                    (0..4 * self.view.axes.len().min(6)).map(|_| self.nearby(&start.values, scale, rng));
+                let around = (0..4 * self.known.view.axes.len().min(6))
+                    .map(|_| self.nearby(&start.values, scale, rng));
                 let found = self.judge(around.collect());
                 match found.into_iter().max_by(|a, b| a.acquisition.total_cmp(&b.acquisition)) {
                     Some(found) if found.acquisition > start.acquisition => *start = found,
@@ -292,8 +334,8 @@ impl Hunt<'_> {
     /// A point near another: free variables move by normal steps, integers seldom and by one.
     fn nearby(&self, centre: &[f64], scale: f64, rng: &mut Rng) -> Vec<f64> {
         let mut values = centre.to_vec();
-        for index in self.space.free(centre) {
-            let variable = &self.space.variables()[index];
+        for index in self.known.space.free(centre) {
+            let variable = &self.known.space.variables()[index];
             if variable.integer {
                 if rng.uniform() < scale {
                     values[index] += if rng.uniform() < 0.5 { 1.0 } else { -1.0 };
@@ -302,21 +344,21 @@ impl Hunt<'_> {
                 values[index] += scale * (variable.high - variable.low) * rng.normal();
             }
         }
-        self.space.clamp(&mut values);
+        self.known.space.clamp(&mut values);
         values
     }
 
     fn judge(&self, candidates: Vec<Vec<f64>>) -> Vec<Prey> {
-        let units: Vec<Vec<f64>> = candidates.iter().map(|values| self.view.unit(values)).collect();
+        let units: Vec<Vec<f64>> = candidates.iter().map(|values| self.known.view.unit(values)).collect();
         let beliefs: Vec<Prediction> = units
             .par_chunks(JUDGED_AT_ONCE)
             .flat_map_iter(|group| self.process.predict_many(group))
             .collect();
         let one = |((values, unit), belief): ((Vec<f64>, &Vec<f64>), Prediction)| {
-            let acquisition = if self.points.contains(unit) {
+            let acquisition = if self.known.points.contains(unit) {
                 f64::NEG_INFINITY
             } else {
-                ln_improvement(belief, self.process.noise_deviation(), self.greatest)
+                worth(self.acquisition, belief, self.process.noise_deviation(), self.known.greatest)
             };
             Prey { values, acquisition, belief }
         };
@@ -324,11 +366,20 @@ impl Hunt<'_> {
     }
 }
 
-/// Logarithm of the expected improvement of the next observation, noise and all, over the greatest one: what counts in
-/// the end is an observed score.
-fn ln_improvement(belief: Prediction, noise_deviation: f64, greatest: f64) -> f64 {
-    let deviation = belief.deviation.hypot(noise_deviation).max(1e-12);
-    deviation.ln() + normal::ln_expected_excess((belief.mean - greatest) / deviation)
+/// What `acquisition` makes of a belief. With the noise it is about the next observation, and what counts in the end is
+/// an observed score; without, about what lies under the noise.
+fn worth(acquisition: Acquisition, belief: Prediction, noise_deviation: f64, greatest: f64) -> f64 {
+    let excess = |deviation: f64| (belief.mean - greatest) / deviation;
+    match acquisition {
+        Acquisition::LogEiPlus | Acquisition::LogEi => {
+            let deviation = belief.deviation.hypot(noise_deviation).max(1e-12);
+            deviation.ln() + normal::ln_expected_excess(excess(deviation))
+        }
+        Acquisition::EiPlus | Acquisition::Ei => {
+            let deviation = belief.deviation.max(1e-12);
+            deviation * normal::expected_excess(excess(deviation))
+        }
+    }
 }
 
 #[cfg(test)]
@@ -356,5 +407,30 @@ mod tests {
     fn equal_scores_give_equal_finite_merits() {
         let trials = vec![trial(5.0, 0.0); 4];
         assert!(merits(&trials.iter().collect::<Vec<_>>()).iter().all(|m| *m == 0.0));
+    }
+
+    #[test]
+    fn the_guard_refuses_points_that_noise_hides() {
+        let variable =
+            Variable { name: "x".into(), low: 0.0, high: 1.0, integer: false, active_from: None, role: 0 };
+        let space = Space::new(vec![variable]).unwrap();
+        let view = View::new(&space);
+        let points: Vec<Vec<f64>> = (0..21).map(|i| vec![0.05 * f64::from(i)]).collect();
+        let merits: Vec<f64> = points.iter().map(|x| 1.0 - 8.0 * (x[0] - 0.52).powi(2)).collect();
+        let known =
+            Known { space: &space, view: &view, points, merits, greatest: 1.0, centres: vec![vec![0.5]] };
+        let hyper = Hyper { ln_lengths: vec![0.0], ln_noise: 0.0 };
+        let process = GaussianProcess::new(known.data(), &hyper).unwrap();
+        let least = EXPLORATION_RATIO * process.noise_deviation();
+        let chosen =
+            |acquisition| known.most_promising(hyper.clone(), acquisition, &mut Rng::new(1, 0)).unwrap();
+        for (free, guarded) in
+            [(Acquisition::LogEi, Acquisition::LogEiPlus), (Acquisition::Ei, Acquisition::EiPlus)]
+        {
+            let hidden = chosen(free);
+            let deviation = process.predict_many(std::slice::from_ref(&hidden))[0].deviation;
+            assert!(deviation < least, "{free:?}: {deviation} at {hidden:?}, noise {least}");
+            assert_ne!(chosen(guarded), hidden, "{guarded:?}");
+        }
     }
 }

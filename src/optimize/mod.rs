@@ -30,7 +30,7 @@ pub use bayesian::Bayesian;
 pub use cma_es::CmaEs;
 pub use differential_evolution::DifferentialEvolution;
 pub use genetic::Genetic;
-pub use method::{Kind, Method, Settings};
+pub use method::{Acquisition, Kind, Method, Settings};
 pub use mounts::{KeepApart, MountBounds, MountProblem, MountSearch, PUBLISHED_MASTERS_MAX};
 pub use particle_swarm::ParticleSwarm;
 pub use pattern::{Pattern, Poll};

@@ -22,11 +22,15 @@ pub fn quantile(probability: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Logarithm of `density(z) + z * below(z)`, the expected excess of a standard normal over `-z`, without underflow
-/// (Ament et al. 2023, arXiv:2310.20708, appendix A).
+/// The expected excess of a standard normal over `-z`; 0 from about -38 down.
+pub fn expected_excess(z: f64) -> f64 {
+    density(z) + z * below(z)
+}
+
+/// Logarithm of [`expected_excess`] without underflow (Ament et al. 2023, arXiv:2310.20708, appendix A).
 pub fn ln_expected_excess(z: f64) -> f64 {
     if z > -1.0 {
-        return (density(z) + z * below(z)).ln();
+        return expected_excess(z).ln();
     }
     let ln_density = -0.5 * z * z - 0.5 * (2.0 * PI).ln();
     if z > -25.0 {

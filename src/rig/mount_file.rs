@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
-use super::{Mount, MountedSensor, Rig};
+use super::{Mount, MountedSensor, Rig, published_export};
 use crate::files;
 
 /// What `format` says.
@@ -106,7 +106,8 @@ impl MountFile {
         }
     }
 
-    /// Reads a file. Everything in it is checked: format, frame, names, models, finite numbers.
+    /// Reads a file, or the published program's export. Everything in it is checked: format, frame, names, models,
+    /// finite numbers.
     pub fn read(path: &Path) -> Result<Self, MountFileError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
@@ -136,6 +137,11 @@ impl MountFile {
     }
 
     fn from_json(text: &str) -> Result<Self, String> {
+        if published_export::is_published(text) {
+            let file = published_export::mount_file(text)?;
+            file.check()?;
+            return Ok(file);
+        }
         let reader = &mut serde_json::Deserializer::from_str(text);
         let file: Self = serde_path_to_error::deserialize(&mut *reader).map_err(|error| {
             let place = match error.path().to_string() {

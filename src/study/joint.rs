@@ -196,7 +196,7 @@ fn search(
     measure: impl Fn(&[f64]) -> Result<Measured, StudyError> + Sync,
 ) -> Result<Vec<f64>, StudyError> {
     let space = Space::new(variables).map_err(StudyError::of)?;
-    let settings = Settings { seed: 2 * task.seed + leg, budget: evaluations, early_stop: false };
+    let settings = Settings::new(2 * task.seed + leg, evaluations);
     let mut search = Search::new(space, Kind::Staged, settings);
     search.run(evaluations, measure, |_| (), &AtomicBool::new(false)).map_err(StudyError::of)?;
     let best = search.best().ok_or_else(|| StudyError("a search without an evaluation".into()))?;

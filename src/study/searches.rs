@@ -104,7 +104,8 @@ impl SearchTask {
         let [masters_min, masters_max] = self.masters;
         let search = MountSearch { masters_min, ..MountSearch::of(&experiment, masters_max) };
         let problem = MountProblem::with_search(objective.clone(), search, KeepApart::None);
-        let settings = Settings { seed: self.seed, budget: self.evaluations, early_stop: self.as_published };
+        let settings =
+            Settings { early_stop: self.as_published, ..Settings::new(self.seed, self.evaluations) };
         let mut search = Search::new(problem.space().map_err(StudyError::of)?, self.method, settings);
         let objective_ns = AtomicU64::new(0);
         let start = Instant::now();

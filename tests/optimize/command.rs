@@ -164,3 +164,87 @@ pub fn a_budget_of_rays_and_all_outputs() {
     let page = std::fs::read_to_string(page).unwrap();
     assert!(page.matches("<svg class").count() >= 2 && page.contains("seen by both"));
 }
+
+/// What the released program writes, name by name, as its encoder writes it; and what it says is the mount that was found.
+pub fn the_published_export_is_read_as_it_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("best_mounts.json");
+    let export = path.to_str().unwrap();
+    let arguments =
+        ["optimize", "--preset", "paper-vlp-16", "--path", "forward", "--roll", "free", "--json", "--method"];
+    let more = ["pattern", "--evals", "40", "--masters-max", "2", "--export-published", export];
+    let found = json(&[&arguments[..], &more].concat());
+    let text = std::fs::read_to_string(&path).unwrap();
+    let written: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let names = |of: &serde_json::Value| -> Vec<String> { of.as_object().unwrap().keys().cloned().collect() };
+    let sorted = |mut names: Vec<String>| {
+        names.sort();
+        names.join(" ")
+    };
+    for (part, expected) in [
+        ("", "backpack mounts optimization roll sensor_type symmetry trajectory_world"),
+        ("/symmetry", "enabled plane"),
+        ("/roll", "fixed fixed_deg"),
+        ("/backpack", "margin path_axis path_length path_step"),
+        ("/optimization", "N lambda method total_coverage"),
+        ("/mounts/0", "euler_deg position"),
+        ("/trajectory_world/0", "R t"),
+    ] {
+        assert_eq!(sorted(names(written.pointer(part).unwrap())), expected, "{part}");
+    }
+    assert_eq!(written["sensor_type"], "Velodyne VLP-16");
+    let walk = serde_json::json!({ "path_axis": "y", "path_length": 40.0, "path_step": 1.0, "margin": 5.0 });
+    assert_eq!(written["backpack"], walk);
+    assert_eq!(written["optimization"]["total_coverage"], found["best"]["unique_voxels"]);
+    assert_eq!(written["optimization"]["N"], found["best"]["sensors"]);
+    let poses = written["trajectory_world"].as_array().unwrap();
+    assert_eq!(poses.len(), 41);
+    assert_eq!(poses[40]["t"], serde_json::json!([0.0, 20.0, 1.6]));
+    assert_eq!(poses[0]["R"][1], serde_json::json!([0.0, 1.0, 0.0]));
+
+    let evaluate = |mount: &str| {
+        json(&["evaluate", "--mount", mount, "--preset", "paper-vlp-16", "--path", "forward", "--json"])
+    };
+    let again = evaluate(export);
+    assert_eq!(again["sensors"], found["best"]["sensors"]);
+    let voxels = |of: &serde_json::Value| of["unique_voxels"].as_f64().unwrap();
+    // angles went through another convention: a ray on the edge of a voxel may change sides
+    assert!((voxels(&again) - voxels(&found["best"])).abs() <= 3.0, "{again}");
+    let master = &found["best"]["masters"][0];
+    for axis in 0..5 {
+        let [then, now] = [&master[axis], &again["mounts"][0][axis]].map(|v| v.as_f64().unwrap());
+        assert!((then - now).abs() < 1e-9, "{axis}: {then} {now}");
+    }
+
+    let one = serde_json::json!({ "mounts": written["mounts"][0] });
+    let lone = folder.path().join("lone.json");
+    let mut single = written.clone();
+    single["mounts"] = one["mounts"].clone();
+    std::fs::write(&lone, single.to_string()).unwrap();
+    assert_eq!(
+        evaluate(lone.to_str().unwrap())["sensors"],
+        1,
+        "its encoder writes a list of one as its member"
+    );
+    single["mounts"]["euler_deg"] = serde_json::json!([0, 20, 30]);
+    std::fs::write(&lone, single.to_string()).unwrap();
+    let output = outrigger(&["evaluate", "--mount", lone.to_str().unwrap()]);
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && error.contains("mounts[0].euler_deg"), "{error}");
+}
+
+pub fn batches_and_acquisitions_are_chosen_by_flags() {
+    let arguments =
+        ["optimize", "--preset", "paper-vlp-16", "--method", "bayesian", "--evals", "20", "--json"];
+    let masters = ["--masters-max", "1"];
+    let found = |more: &[&str]| json(&[&arguments[..], &masters[..], more].concat())["history"].clone();
+    let plain = found(&[]);
+    assert_eq!(plain, found(&["--batch", "1", "--acquisition", "log-ei-plus"]));
+    // what is chosen comes after the seed points, which are the same
+    for more in [&["--batch", "4"][..], &["--acquisition", "ei"]] {
+        let other = found(more);
+        assert_eq!(plain.as_array().unwrap()[..12], other.as_array().unwrap()[..12]);
+        assert_eq!(other.as_array().unwrap().len(), 20);
+        assert_ne!(plain, other, "{more:?}");
+    }
+}

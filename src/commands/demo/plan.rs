@@ -26,7 +26,7 @@ pub fn search(preset: &str, evaluations: usize, seed: u64, progress: &Progress) 
     let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };
     let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
     let problem = MountProblem::new(objective, 1, KeepApart::Housings);
-    let settings = Settings { seed, budget: evaluations, early_stop: false };
+    let settings = Settings::new(seed, evaluations);
     let mut search = Search::new(problem.space()?, Kind::Pattern, settings);
     progress.length(evaluations as u64);
     search.run(

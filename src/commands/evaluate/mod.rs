@@ -34,7 +34,7 @@ const MOST_BLIND_SPOTS: usize = 10;
                   sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective,\n\
                   masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...]. Its sensors are scored as they are, mirrored\n\
                   ones being listed; its preset holds where --preset is not given. calibrations: {name: file} names the\n\
-                  calibration of a unit, for predict and validate.\n\n\
+                  calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
                   Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where\n\
                   the middle of the mounts is."
 )]

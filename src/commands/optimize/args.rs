@@ -1,0 +1,150 @@
+//! What `optimize` is asked for.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use crate::commands::evaluate::ExperimentArgs;
+use crate::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
+use crate::robustness::Criterion;
+
+/// Arguments of `optimize`.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Methods stop when their evaluations are used up; without --evals they run as published and stop by the\n\
+                  published rules. Ctrl-C keeps the best mount so far; with --resume the search goes on from there."
+)]
+pub struct Args {
+    #[command(flatten)]
+    pub(super) experiment: ExperimentArgs,
+    /// Search method [default: staged].
+    #[arg(long, value_enum)]
+    pub(super) method: Option<Kind>,
+    /// Evaluations of the objective [default: the method's own].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000_000))]
+    pub(super) evals: Option<u64>,
+    /// Seed of all random numbers [default: 1].
+    #[arg(long, value_name = "S")]
+    pub(super) seed: Option<u64>,
+    /// Stop by the method's published rule even if evaluations are left.
+    #[arg(long)]
+    pub(super) early_stop: bool,
+    /// Points that a model (bayesian, staged) proposes at once.
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub(super) batch: NonZeroUsize,
+    /// By what a model chooses its next point; ei-plus is the published one.
+    #[arg(long, value_enum, default_value_t)]
+    pub(super) acquisition: Acquisition,
+    /// Most masters; each is mirrored unless --no-mirror.
+    #[arg(long, value_name = "N", default_value_t = PUBLISHED_MASTERS_MAX, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub(super) masters_max: u32,
+    /// Distance between sensor origins that the search must keep: housing, none (as published) or metres.
+    #[arg(long, value_name = "RULE", default_value = "none")]
+    pub(super) clearance: ClearanceArg,
+    /// Fewest masters.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub(super) masters_min: u32,
+    /// Pitches that the servo reaches: "low,high" in degrees.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    pub(super) pitch_limits: Range,
+    /// Rolls that the plate allows, where roll is free: "low,high" in degrees.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    pub(super) roll_limits: Range,
+    /// Where masters may sit: "x,x,y,y,z,z", least and greatest of each, m [default: as published].
+    #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
+    pub(super) space: Option<Corners>,
+    /// Pitch and roll are whole multiples of this: the step of a servo.
+    #[arg(long, value_name = "DEG")]
+    pub(super) tilt_step: Option<f64>,
+    /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
+    #[arg(long, value_enum, value_name = "CRITERION")]
+    pub(super) robust: Option<Criterion>,
+    /// Mount errors, uniform within plus and minus: "metres,degrees".
+    #[arg(
+        long,
+        value_name = "M,DEG",
+        default_value = "0.01,1",
+        requires = "robust",
+        allow_hyphen_values = true
+    )]
+    pub(super) tolerance: Range,
+    /// Also leave to chance where revolutions start.
+    #[arg(long, requires = "robust")]
+    pub(super) free_spin: bool,
+    /// Draws of mount errors, the same for every mount.
+    #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(super) draws: u32,
+    /// End when so many rays are cast (the batch under way is finished).
+    #[arg(long, value_name = "N")]
+    pub(super) max_rays: Option<u64>,
+    /// Write the best mount to this file.
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
+    /// Write the best mount as the published program exports it.
+    #[arg(long, value_name = "FILE")]
+    pub(super) export_published: Option<PathBuf>,
+    /// Write one line per sensor: mount, voxels, voxels alone.
+    #[arg(long, value_name = "FILE")]
+    pub(super) csv: Option<PathBuf>,
+    /// Write a page with convergence and coverage.
+    #[arg(long, value_name = "FILE")]
+    pub(super) report: Option<PathBuf>,
+    /// State of the search: read if it exists, written while searching.
+    #[arg(long, value_name = "STATE")]
+    pub(super) resume: Option<PathBuf>,
+}
+
+/// Two numbers, the first not above the second where they are a range.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range(pub f64, pub f64);
+
+impl FromStr for Range {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers(text)?.as_slice() {
+            [first, second] => Ok(Self(*first, *second)),
+            other => Err(format!("{} numbers, expected 2", other.len())),
+        }
+    }
+}
+
+/// Least and greatest x, y and z.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Corners(pub [f64; 6]);
+
+impl FromStr for Corners {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = numbers(text)?;
+        let found = numbers.len();
+        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected 6: x,x,y,y,z,z"))
+    }
+}
+
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    let parts = text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite()));
+    parts.collect::<Option<_>>().ok_or_else(|| "every part must be a finite number".into())
+}
+
+/// How far apart sensors are kept.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ClearanceArg(pub KeepApart);
+
+impl FromStr for ClearanceArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "none" => Ok(Self(KeepApart::None)),
+            "housing" => Ok(Self(KeepApart::Housings)),
+            number => match number.parse::<f64>() {
+                Ok(least_m) if least_m.is_finite() && least_m >= 0.0 => {
+                    Ok(Self(KeepApart::Distance(least_m)))
+                }
+                _ => Err("give housing, none, or a distance in metres".into()),
+            },
+        }
+    }
+}
