@@ -23,5 +23,6 @@ pub const CASES: &[Case] = &[
     scenarios::WATCHDOG,
     scenarios::BROWN_OUT,
     scenarios::KILLED,
+    scenarios::SWITCHES,
     soak::AN_HOUR,
 ];

@@ -31,6 +31,8 @@ pub const CASES: &[Case] = &[
     case("bought_servos_are_a_rig_too", bought_servos_are_a_rig_too),
     case("bought_servos_that_shut_down_are_a_fault", bought_servos_that_shut_down_are_a_fault),
     case("stamps_are_on_the_hosts_clock", stamps_are_on_the_hosts_clock),
+    case("axes_home_on_switches_and_lose_their_place", axes_home_on_switches_and_lose_their_place),
+    case("the_true_angle_lies_within_the_uncertainty", the_true_angle_lies_within_the_uncertainty),
 ];
 
 const NO_DAMAGE: Damage = Damage { share: 0.0, longest_delay_us: 0 };
@@ -72,6 +74,10 @@ fn pitches_are_applied_over_a_pty_and_read_back() {
     assert!(status.axes.iter().all(|axis| axis.state == "holding" && axis.faults.is_empty()), "{status:?}");
     let heard: Vec<ServoReport> = reports.try_iter().collect();
     assert!(heard.iter().any(|report| report.state == "moving"), "{} reports", heard.len());
+    assert!(
+        heard.iter().all(|report| report.uncertainty_urad.is_some_and(|width| width >= 192)),
+        "{heard:?}"
+    );
     for axis in 0..2 {
         let times: Vec<u64> =
             heard.iter().filter(|report| report.axis == axis).map(|report| report.time_ns).collect();
@@ -381,4 +387,85 @@ fn stamps_are_on_the_hosts_clock() {
     // readings come 30 ms late and every 20 ms, and their stamps say so
     assert!(status.axes.iter().all(|axis| (15.0..60.0).contains(&axis.age_ms)), "{status:?}");
     assert!(heard.lock().unwrap().len() > 200);
+}
+
+/// Watches where the axes of a simulated rig really are, µrad.
+fn truth_of(link: &mut SimulatedLink) -> Arc<Mutex<[i32; 2]>> {
+    let truth: Arc<Mutex<[i32; 2]>> = Arc::default();
+    let seen = truth.clone();
+    link.watch(move |now| *seen.lock().unwrap() = now.position_urad);
+    truth
+}
+
+fn axes_home_on_switches_and_lose_their_place() {
+    let config = MockConfig::default().with_home_switches(-523_599);
+    let mut link = SimulatedLink::new(config, 16, NO_DAMAGE);
+    link.inject_at(60_000_000, MockFault::Reboot);
+    let truth = truth_of(&mut link);
+    let mut rig = RigController::connect(link, Options::default()).unwrap();
+    let start = rig.status().unwrap();
+    assert!(start.homing_moves && start.axes.iter().all(|axis| axis.position_deg.abs() < 0.1), "{start:?}");
+    assert!(
+        truth.lock().unwrap().iter().any(|at| at.abs() > 20_000),
+        "the encoders know nothing of where they are"
+    );
+    rig.arm().unwrap();
+    let refused = rig.apply(&[0.1, 0.1], |_| {});
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotHomed, .. })), "{refused:?}");
+    rig.home().unwrap();
+    rig.apply(&[0.3, -0.2], |_| {}).unwrap();
+    let at = *truth.lock().unwrap();
+    assert!((at[0] - 300_000).abs() < 6000 && (at[1] + 200_000).abs() < 6000, "{at:?}");
+    let lost = rig.idle(Duration::from_secs(60)).unwrap_err();
+    assert!(matches!(lost, RigError::Restarted { .. }), "{lost}");
+    let mut link = SimulatedLink::new(MockConfig::default().with_home_switches(-3_000_000), 16, NO_DAMAGE);
+    link.watch(|_| {});
+    let mut rig = RigController::connect(
+        link,
+        Options { settle_within: Duration::from_secs(60), ..Options::default() },
+    )
+    .unwrap();
+    rig.arm().unwrap();
+    let never = rig.home().unwrap_err();
+    assert!(matches!(never, RigError::Fault { .. }), "a switch out of reach: {never}");
+}
+
+/// Whatever the seed, wherever the encoder sits, from whichever side: and the bound is not much wider than what happens.
+fn the_true_angle_lies_within_the_uncertainty() {
+    let play_rad = 1500e-6;
+    for on_motor in [false, true] {
+        for approach_rad in [0.0, 0.02] {
+            let (mut worst_rad, mut bound_rad) = (0f64, 0f64);
+            for seed in 0..12 {
+                let config = MockConfig::default();
+                let config = if on_motor { config.with_encoders_on_motors() } else { config };
+                let mut link = SimulatedLink::new(config, seed, NO_DAMAGE);
+                let truth = truth_of(&mut link);
+                let mut rig = ready(link, Options { approach_rad, ..Options::default() });
+                rig.apply(&[0.4, 0.4], |_| {}).unwrap();
+                let to = 0.1 + 0.017 * seed as f64;
+                let applied = rig.apply(&[to, -to], |_| {}).unwrap();
+                let at = *truth.lock().unwrap();
+                for (axis, at_urad) in applied.axes.iter().zip(at) {
+                    let error_rad = (axis.measured_rad - f64::from(at_urad) * 1e-6).abs();
+                    assert!(
+                        error_rad <= axis.uncertainty_rad,
+                        "seed {seed}, on motor {on_motor}: {axis:?}, true {at_urad}"
+                    );
+                    assert!(axis.readings >= 8, "{axis:?}");
+                    (worst_rad, bound_rad) = (worst_rad.max(error_rad), bound_rad.max(axis.uncertainty_rad));
+                }
+                let status = rig.status().unwrap();
+                assert!(
+                    (status.axes[0].uncertainty_deg.to_radians() - applied.axes[0].uncertainty_rad).abs()
+                        < 500e-6
+                );
+            }
+            // coming from above, a load behind the play stands off by it, and that is said
+            let either = on_motor && approach_rad == 0.0;
+            assert_eq!(worst_rad > 0.9 * play_rad, either, "worst {worst_rad}");
+            assert_eq!(bound_rad > play_rad, either, "bound {bound_rad}");
+            assert!(bound_rad < 3.0 * worst_rad + 300e-6, "worst {worst_rad}, bound {bound_rad}");
+        }
+    }
 }

@@ -23,6 +23,7 @@ pub const CASES: &[Case] = &[
         "watching_goes_on_when_the_rig_comes_back_elsewhere",
         watching_goes_on_when_the_rig_comes_back_elsewhere,
     ),
+    case("a_rig_with_switches_is_homed_by_the_verb", a_rig_with_switches_is_homed_by_the_verb),
     case("the_mock_runs_until_it_is_interrupted", the_mock_runs_until_it_is_interrupted),
 ];
 
@@ -198,6 +199,30 @@ impl Drop for Running {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
+}
+
+fn a_rig_with_switches_is_homed_by_the_verb() {
+    let said = outrigger(&["mock", "rig", "--home-switch", "up"]);
+    assert_eq!(said.status.code(), Some(2));
+    let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    program
+        .args(["mock", "rig", "--seed", "3", "--home-switch", "-5", "--encoder-on-motor"])
+        .stdout(Stdio::piped());
+    let mut running = Running(program.spawn().unwrap());
+    let mut port = String::new();
+    BufReader::new(running.0.stdout.take().unwrap()).read_line(&mut port).unwrap();
+    let port = port.trim();
+    let dry = document(&outrigger(&["rig", "home", "--port", port, "--dry-run", "--json"]));
+    assert_eq!(dry["homing_moves"], true, "{dry:#}");
+    let homed = document(&outrigger(&["rig", "home", "--port", port, "--arm", "--json"]));
+    for axis in 0..2 {
+        assert!((homed["axes"][axis]["position_deg"].as_f64().unwrap() + 5.0).abs() < 0.5, "{homed:#}");
+    }
+    let set = document(&outrigger(&["rig", "set", "3", "2", "--port", port, "--arm", "--json"]));
+    let applied = &set["applied"][0];
+    assert_eq!(applied["approach"], "from_below", "{set:#}");
+    assert!(applied["readings"].as_u64().unwrap() > 1, "{set:#}");
+    assert!((0.01..0.1).contains(&applied["uncertainty_deg"].as_f64().unwrap()), "{set:#}");
 }
 
 fn the_mock_runs_until_it_is_interrupted() {

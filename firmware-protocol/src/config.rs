@@ -20,12 +20,19 @@ coded! {
         ServoMinimum = 5 "servo_minimum",
         /// The servo's own highest angle, µrad; cannot be set.
         ServoMaximum = 6 "servo_maximum",
-        /// Half the width in which the true angle lies around the reported one, µrad; cannot be set.
-        Uncertainty = 7 "uncertainty",
+        /// Largest error of the encoder's own scale, or of what an unmeasured axis was told, µrad; cannot be set.
+        Accuracy = 7 "accuracy",
+        /// One count of the encoder, µrad; cannot be set.
+        Resolution = 8 "resolution",
+        /// Play between encoder and load, µrad; cannot be set.
+        LostMotion = 9 "lost_motion",
     }
 }
 
 /// How a position comes to be trusted.
+///
+/// Angles are those of an axis that came from below: where play lies between encoder and load, that is the side on which
+/// the load then rests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Home {
     /// The encoder is absolute: quiet readings will do.
@@ -39,6 +46,18 @@ pub enum Home {
         /// Longest way to the switch, µrad.
         longest_urad: i32,
     },
+    /// The actuator finds its zero by itself when told to.
+    ByServo {
+        /// How long it may take, µs.
+        longest_us: u32,
+    },
+}
+
+impl Home {
+    /// The usual way to a switch that is closed at and below an angle, µrad: down, at 6 degrees a second.
+    pub const fn switch_below(at_urad: i32) -> Self {
+        Self::Switch { at_urad, speed_urad_s: -100_000, longest_urad: 2_200_000 }
+    }
 }
 
 /// Limits and rules of one axis.
@@ -66,13 +85,18 @@ pub struct AxisConfig {
     pub following_urad: i32,
     /// Distance from the set point that is a stall after 150 ms without motion, µrad.
     pub stall_urad: i32,
-    /// A step of the reading beyond three times the top speed and this is a jump, µrad.
+    /// Noise of two readings, play and what else may lie between them without motion, µrad. A step beyond this and what the
+    /// shaft can have moved between the two samples is a jump.
     pub jump_urad: i32,
     /// Distance from the target within which a move is done, and how far the reading may lie outside the limits, µrad.
     pub tolerance_urad: i32,
-    /// Half the width in which the true angle lies around the reported one, µrad.
-    pub uncertainty_urad: i32,
-    /// An encoder that does not answer for this long is at fault, µs.
+    /// Largest error of the encoder's own scale, or of what an unmeasured axis was told, µrad.
+    pub accuracy_urad: i32,
+    /// One count of the encoder, µrad.
+    pub resolution_urad: i32,
+    /// Play between encoder and load, µrad; none where the encoder sits on the output.
+    pub lost_motion_urad: i32,
+    /// An encoder that does not answer for this long, and when asked several times, is at fault, µs.
     pub missing_us: u32,
     /// Whether the servo holds its angle while disarmed.
     pub holds_when_idle: bool,
@@ -97,7 +121,9 @@ impl Default for AxisConfig {
             stall_urad: 5236,
             jump_urad: 20_000,
             tolerance_urad: 5236,
-            uncertainty_urad: 1745,
+            accuracy_urad: 0,
+            resolution_urad: crate::simulated::ENCODER_STEP_URAD,
+            lost_motion_urad: 0,
             missing_us: 100_000,
             holds_when_idle: true,
             home: Home::Absolute,

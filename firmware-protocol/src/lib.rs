@@ -38,7 +38,7 @@ pub use keep_out::{HalfPlane, KeepOut};
 pub use link::{Frame, LinkCounters, Receiver};
 pub use payload::{DecodeError, Payload};
 pub use report::{AckCode, Report, ResetCause, Source, State};
-pub use servo::{Reading, Sense, Servo, Setpoint};
+pub use servo::{Reading, Sense, Servo, ServoHoming, Setpoint};
 
 #[cfg(test)]
 mod wire_tests;

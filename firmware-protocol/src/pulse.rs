@@ -37,14 +37,15 @@ impl PulseServo {
 }
 
 impl Servo for PulseServo {
-    fn sense(&mut self, _now_us: u64) -> Sense {
+    fn sense(&mut self, now_us: u64) -> Sense {
         Sense {
             reading: Reading::Unmeasured,
             torque: self.pulse_quarter_us.is_some(),
             current_ma: 0,
             supply_mv: 5000,
             temperature_c: 25,
-            home_switch: None,
+            sampled_us: [now_us; 2],
+            ..Sense::UNREAD
         }
     }
 
@@ -69,8 +70,7 @@ mod tests {
     #[test]
     fn pulses_follow_the_angle_and_stop_at_the_range() {
         let mut servo = PulseServo::standard();
-        let at =
-            |position_urad| Setpoint { torque: true, position_urad, velocity_urad_s: 0, current_limit_ma: 0 };
+        let at = |position_urad| Setpoint { torque: true, position_urad, ..Setpoint::default() };
         assert_eq!(servo.pulse_quarter_us(), None);
         servo.drive(0, at(0));
         assert_eq!(servo.pulse_quarter_us(), Some(6000));

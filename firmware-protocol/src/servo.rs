@@ -28,10 +28,42 @@ pub struct Sense {
     pub temperature_c: i8,
     /// Whether the home switch is closed; `None` for an actuator without one.
     pub home_switch: Option<bool>,
+    /// Between which times the encoder was sampled, µs: at a bus, when the question left and when the answer was there.
+    /// Motion between two samples is judged by the longest time that may lie between them.
+    pub sampled_us: [u64; 2],
+    /// How far an actuator is that was told to find its zero by itself.
+    pub homing: ServoHoming,
+}
+
+impl Sense {
+    /// What is known before an actuator was read.
+    pub const UNREAD: Self = Self {
+        reading: Reading::Missing,
+        torque: false,
+        current_ma: 0,
+        supply_mv: u16::MAX,
+        temperature_c: 0,
+        home_switch: None,
+        sampled_us: [0; 2],
+        homing: ServoHoming::Idle,
+    };
+}
+
+/// How far an actuator is with finding its zero by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ServoHoming {
+    /// It was not told to, or cannot.
+    Idle,
+    /// It is about it.
+    Underway,
+    /// Its readings count from its zero now.
+    Done,
+    /// It gave up.
+    Failed,
 }
 
 /// What an actuator is told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Setpoint {
     /// Drive the shaft at all.
     pub torque: bool,
@@ -41,6 +73,8 @@ pub struct Setpoint {
     pub velocity_urad_s: i32,
     /// Most current to use, mA.
     pub current_limit_ma: i16,
+    /// Find the zero by itself; where to be does not count meanwhile.
+    pub home: bool,
 }
 
 /// An actuator of one axis.

@@ -1,13 +1,16 @@
 //! A simulated tilt axis in integers: motor with limited speed and acceleration, backlash, a noisy and quantised encoder
 //! on the output, end stops, and faults on demand. Mock rigs and firmware images without hardware run it.
 
-use crate::servo::{Reading, Sense, Servo, Setpoint};
+use crate::servo::{Reading, Sense, Servo, ServoHoming, Setpoint};
 
 const NANO: i64 = 1000;
 /// The plant is integrated in steps of this length, µs.
 const STEP_US: u64 = 1000;
 /// Longest time integrated at once; a process that was suspended does not catch up for minutes.
 const LONGEST_US: u64 = 1_000_000;
+
+/// One count of its encoder, µrad: 14 bits per turn.
+pub const ENCODER_STEP_URAD: i32 = 383;
 
 /// What is wrong with a simulated axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +48,8 @@ pub struct SimulatedAxis {
     pub backlash_urad: i32,
     /// One encoder count, µrad.
     pub encoder_step_urad: i32,
+    /// The encoder sits before the play, and is right when the axis comes from below.
+    pub encoder_on_motor: bool,
     /// Largest noise of a reading, µrad.
     pub noise_urad: i32,
     /// Distance from the set point within which the servo rests, µrad.
@@ -78,7 +83,8 @@ impl SimulatedAxis {
             top_speed_urad_s: 2_000_000,
             top_acceleration_urad_s2: 20_000_000,
             backlash_urad: 1500,
-            encoder_step_urad: 383, // 14 bits per turn
+            encoder_step_urad: ENCODER_STEP_URAD,
+            encoder_on_motor: false,
             noise_urad: 150,
             dead_band_urad: 900,
             home_switch_urad: None,
@@ -92,7 +98,7 @@ impl SimulatedAxis {
             current_ma: 80,
             temperature_mc: 31_000,
             now_us,
-            setpoint: Setpoint { torque: false, position_urad, velocity_urad_s: 0, current_limit_ma: 0 },
+            setpoint: Setpoint { position_urad, ..Setpoint::default() },
             stuck: false,
             invalid: false,
             torque_lost: false,
@@ -104,7 +110,7 @@ impl SimulatedAxis {
 
     /// The same with an encoder that counts from where it was switched on, and a switch that closes at and below an angle.
     pub fn counting_from_start(mut self, home_switch_urad: i32) -> Self {
-        self.encoder_offset_urad = -self.true_position_urad();
+        self.encoder_offset_urad = -self.seen_urad();
         self.reading_urad = 0;
         self.home_switch_urad = Some(home_switch_urad);
         self
@@ -154,9 +160,18 @@ impl SimulatedAxis {
         (bits % (2 * i64::from(range.max(0)) as u64 + 1)) as i32 - range.max(0)
     }
 
+    /// What the encoder turns with, µrad.
+    fn seen_urad(&self) -> i32 {
+        if self.encoder_on_motor {
+            (self.motor_nrad / NANO) as i32 - self.backlash_urad / 2
+        } else {
+            self.true_position_urad()
+        }
+    }
+
     fn read_encoder(&mut self) -> i32 {
         let noise = self.noise(self.noise_urad);
-        let angle = self.true_position_urad().saturating_add(self.encoder_offset_urad).saturating_add(noise);
+        let angle = self.seen_urad().saturating_add(self.encoder_offset_urad).saturating_add(noise);
         let step = self.encoder_step_urad.max(1);
         self.frozen_urad.unwrap_or_else(|| (angle + step / 2).div_euclid(step) * step)
     }
@@ -217,6 +232,8 @@ impl Servo for SimulatedAxis {
             supply_mv: self.supply_mv,
             temperature_c: (self.temperature_mc / 1000) as i8,
             home_switch: self.home_switch_urad.map(|at_urad| self.true_position_urad() <= at_urad),
+            sampled_us: [now_us; 2],
+            homing: ServoHoming::Idle,
         }
     }
 

@@ -229,7 +229,9 @@ fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<(
         })
         .collect();
     if context.json {
-        return output::print_json(&json!({ "dry_run": true, "moves": moves }));
+        return output::print_json(
+            &json!({ "dry_run": true, "moves": moves, "homing_moves": status.homing_moves }),
+        );
     }
     let mut text = String::new();
     for (axis, to_rad) in status.axes.iter().zip(pitches_rad) {
@@ -242,7 +244,11 @@ fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<(
         );
     }
     if moves.is_empty() {
-        text += "homing moves nothing on a rig with absolute encoders\n";
+        text += if status.homing_moves {
+            "homing moves every axis to its switch or zero, one after the other\n"
+        } else {
+            "homing moves nothing on a rig with absolute encoders\n"
+        };
     }
     output::print_text(&(text + "nothing was moved\n"))
 }
@@ -260,6 +266,8 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
                         "measured_deg": axis.measured_rad.to_degrees(),
                         "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
                         "uncertainty_deg": axis.uncertainty_rad.to_degrees(),
+                        "scatter_deg": axis.scatter_rad.to_degrees(),
+                        "readings": axis.readings,
                         "source": axis.source,
                         "approach": axis.approach,
                         "age_ms": axis.age_s * 1e3,
@@ -278,7 +286,7 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
     for axis in &status.axes {
         let homed = if axis.homed { "homed" } else { "not homed" };
         text += &format!(
-            "axis {}: {:8.3} deg ±{:.2} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
+            "axis {}: {:8.3} deg ±{:.3} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
             axis.axis,
             axis.position_deg,
             axis.uncertainty_deg,

@@ -161,7 +161,7 @@ impl MockServo {
         }
         let torque = self.get(table::TORQUE_ENABLE) == 1;
         let position_urad = table::urad(self.get(table::GOAL_POSITION));
-        let driven = Setpoint { torque, position_urad, velocity_urad_s: 0, current_limit_ma: 2000 };
+        let driven = Setpoint { torque, position_urad, current_limit_ma: 2000, ..Setpoint::default() };
         self.axis.drive(now_us, driven);
     }
 

@@ -1,5 +1,4 @@
-//! A serial bus on which one side asks and the other answers: time limits on everything, and the echo of half-duplex
-//! adapters taken away.
+//! A serial bus on which one side asks and the other answers: time limits on everything.
 
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
@@ -15,9 +14,6 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 pub(super) struct BusPort {
     path: String,
     port: TTYPort,
-    echoes: bool,
-    /// What was sent and has not come back yet.
-    expected: Vec<u8>,
 }
 
 impl BusPort {
@@ -30,7 +26,7 @@ impl BusPort {
         };
         let port = serialport::new(&path, baud).timeout(WRITE_TIMEOUT).open_native().map_err(failed)?;
         port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
-        Ok(Self { path, port, echoes: false, expected: Vec::new() })
+        Ok(Self { path, port })
     }
 
     /// The adapter's path.
@@ -38,14 +34,13 @@ impl BusPort {
         &self.path
     }
 
-    /// Whether everything sent comes back. Found out once, at the start: an answer may look like its own question.
-    pub fn set_echoes(&mut self, echoes: bool) {
-        self.echoes = echoes;
+    /// Drops what came and was not read.
+    pub fn forget(&mut self) -> Result<(), LinkError> {
+        self.port.clear(serialport::ClearBuffer::Input).map_err(|error| self.hung_up(&error.to_string()))
     }
 
     /// Sends one question.
     pub fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.expected = if self.echoes { bytes.to_vec() } else { Vec::new() };
         let _ = self.port.set_timeout(WRITE_TIMEOUT); // cannot fail: it is kept in memory
         self.port.write_all(bytes).map_err(|error| match error.kind() {
             ErrorKind::TimedOut => LinkError::WriteTimeout { path: self.path.clone(), after: WRITE_TIMEOUT },
@@ -57,7 +52,7 @@ impl BusPort {
         LinkError::HungUp { path: self.path.clone(), reason: reason.to_owned() }
     }
 
-    /// What came, without the echo; `None` when nothing came before `end`.
+    /// What came; `None` when nothing came before `end`.
     pub fn read(&mut self, end: Instant) -> Result<Option<Vec<u8>>, LinkError> {
         loop {
             let left = end.saturating_duration_since(Instant::now());
@@ -74,34 +69,7 @@ impl BusPort {
                 }
                 Err(error) => return Err(self.hung_up(&error.to_string())),
             };
-            let same = strip(&mut self.expected, &bytes[..count]);
-            if same < count {
-                return Ok(Some(bytes[same..count].to_vec()));
-            }
+            return Ok(Some(bytes[..count].to_vec()));
         }
-    }
-}
-
-/// How many of these bytes are the echo that is still expected. An echo that came damaged is not waited for.
-fn strip(expected: &mut Vec<u8>, bytes: &[u8]) -> usize {
-    let same = expected.iter().zip(bytes).take_while(|(sent, heard)| sent == heard).count();
-    let damaged = same < expected.len() && same < bytes.len();
-    expected.drain(..if damaged { expected.len() } else { same });
-    same
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_echo_is_taken_away_in_pieces_and_only_once() {
-        let mut expected = b"ask".to_vec();
-        assert_eq!(strip(&mut expected, b"as"), 2);
-        assert_eq!(strip(&mut expected, b"kask"), 1, "the same bytes again are an answer");
-        assert!(expected.is_empty());
-        let mut expected = b"ask".to_vec();
-        assert_eq!(strip(&mut expected, b"axxx"), 1);
-        assert!(expected.is_empty(), "a damaged echo is not waited for");
     }
 }

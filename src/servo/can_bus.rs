@@ -13,7 +13,7 @@ use socketcan::{
 };
 
 use super::link::Clock;
-use super::{Link, LinkError, Received};
+use super::{Link, LinkError, Received, can_queue};
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(200);
 
@@ -54,17 +54,7 @@ impl Link for CanLink {
                 reason: "a message over 8 bytes".into(),
             });
         };
-        match self.socket.write_frame(&wire) {
-            Ok(()) => Ok(()),
-            // a full queue: nobody on the bus acknowledges
-            Err(error)
-                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
-                    || error.raw_os_error() == Some(nix::libc::ENOBUFS) =>
-            {
-                Err(LinkError::WriteTimeout { path: self.name.clone(), after: WRITE_TIMEOUT })
-            }
-            Err(error) => Err(LinkError::HungUp { path: self.name.clone(), reason: error.to_string() }),
-        }
+        can_queue::send(&self.name, WRITE_TIMEOUT, || self.socket.write_frame(&wire))
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, LinkError> {

@@ -37,6 +37,19 @@ pub enum LinkError {
         /// How long was waited.
         after: Duration,
     },
+    /// The interface's queue takes no more.
+    #[error(
+        "rig cable: the send queue of {path} stayed full for {after:?} ({offers} offers): nobody on the bus acknowledges \
+         (check bit rate, cable and termination), or it is overloaded; the message was not sent"
+    )]
+    QueueFull {
+        /// The interface.
+        path: String,
+        /// How long was waited.
+        after: Duration,
+        /// How often the message was offered.
+        offers: u32,
+    },
 }
 
 /// A conversation with a rig that did not end as wanted.

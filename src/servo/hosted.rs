@@ -2,14 +2,16 @@
 //!
 //! [`HostedLink`] speaks the rig's own messages, so everything above it stays the same.
 
+use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use firmware_protocol::config::Home;
 use firmware_protocol::{
-    AxisConfig, Command, Config, Controller, Direction, Frame, LinkCounters, Order, Reading, Report,
-    ResetCause, Sense, Servo, Setpoint,
+    AxisConfig, Command, Config, Controller, Direction, Frame, LinkCounters, Order, Report, ResetCause,
+    Sense, Servo, Setpoint,
 };
 
 use super::link::Clock;
@@ -21,20 +23,41 @@ const WAITING_FRAMES: usize = 4096;
 /// Rounds in which actuators that were reset get their torque back and are seen to have it.
 const RECOVERY_ROUNDS: u32 = 8;
 
-/// What is known of an actuator before it was read.
-pub(super) const UNREAD: Sense = Sense {
-    reading: Reading::Missing,
-    torque: false,
-    current_ma: 0,
-    supply_mv: u16::MAX,
-    temperature_c: 0,
-    home_switch: None,
-};
+/// What an actuator said, and between which times its encoder was sampled: the question left, the answer was there. The
+/// state machine judges motion by these, so a round that took long elsewhere is no leap.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sample {
+    pub sense: Sense,
+    pub between: [Instant; 2],
+}
+
+/// Questions for one encoder that may still be answered: an answer that is late looks like that to a later question, and
+/// its sample may be as old as the first of them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Questions(VecDeque<Instant>);
+
+/// After this time nobody answers any more.
+const FORGOTTEN: Duration = Duration::from_millis(500);
+
+impl Questions {
+    /// A question leaves.
+    pub fn ask(&mut self, now: Instant) {
+        while self.0.front().is_some_and(|asked| now.saturating_duration_since(*asked) > FORGOTTEN) {
+            self.0.pop_front();
+        }
+        self.0.push_back(now);
+    }
+
+    /// An answer is there; between which times its sample was taken.
+    pub fn answer(&mut self, now: Instant) -> [Instant; 2] {
+        [self.0.pop_front().unwrap_or(now), now]
+    }
+}
 
 /// A pair of actuators on a bus.
 pub(super) trait Actuators: Send + 'static {
     /// Reads what each measures; what did not answer is [`Reading::Missing`]. Rounds count up.
-    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError>;
+    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError>;
 
     /// Tells each that is to drive its shaft where to be, and switches its torque on if need be.
     fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError>;
@@ -57,8 +80,39 @@ pub(super) struct Make {
     pub uid: u64,
     /// Its own lowest and highest angle, µrad.
     pub ranges_urad: [(i32, i32); 2],
-    /// Half the width in which the true angle lies around the reading, µrad.
-    pub uncertainty_urad: i32,
+    /// Largest error of the encoders' own scale, µrad.
+    pub accuracy_urad: i32,
+    /// One count of each encoder, µrad.
+    pub resolutions_urad: [i32; 2],
+    /// Play that the encoder sees, µrad.
+    pub play_urad: i32,
+    /// Play between encoder and load, µrad.
+    pub lost_motion_urad: i32,
+    /// How each comes to be trusted.
+    pub homes: [Home; 2],
+}
+
+/// Counts between two readings of a shaft at rest.
+const NOISE_COUNTS: i32 = 5;
+
+impl Make {
+    /// What the state machine is told of one axis.
+    fn axis(&self, axis: usize) -> AxisConfig {
+        let usual = AxisConfig::default();
+        let (low, high) = self.ranges_urad[axis];
+        AxisConfig {
+            minimum_urad: usual.minimum_urad.max(low),
+            maximum_urad: usual.maximum_urad.min(high),
+            accuracy_urad: self.accuracy_urad,
+            resolution_urad: self.resolutions_urad[axis],
+            lost_motion_urad: self.lost_motion_urad,
+            jump_urad: NOISE_COUNTS * self.resolutions_urad[axis] + self.play_urad,
+            home: self.homes[axis],
+            // a shaft that somebody turns by hand is left alone until the rig is armed
+            holds_when_idle: false,
+            ..usual
+        }
+    }
 }
 
 /// One actuator, as last heard and as told.
@@ -105,30 +159,15 @@ impl HostedLink {
     pub(super) fn start(name: String, actuators: impl Actuators, make: &Make) -> Result<Self, LinkError> {
         let clock = Clock::start();
         let mut config = Config::<2> { uid: make.uid, ..Config::default() };
-        for (axis, (low, high)) in config.axes.iter_mut().zip(make.ranges_urad) {
-            let usual = AxisConfig::default();
-            *axis = AxisConfig {
-                minimum_urad: usual.minimum_urad.max(low),
-                maximum_urad: usual.maximum_urad.min(high),
-                uncertainty_urad: make.uncertainty_urad,
-                // an answer through an operating system is late at times
-                missing_us: 300_000,
-                // and a late reading followed by one in time looks like a leap
-                jump_urad: 100_000,
-                // a shaft that somebody turns by hand is left alone until the rig is armed
-                holds_when_idle: false,
-                ..usual
-            };
-        }
+        config.axes = [make.axis(0), make.axis(1)];
         let servos =
-            make.ranges_urad.map(|range_urad| Actuator { sense: UNREAD, setpoint: None, range_urad });
+            make.ranges_urad.map(|range_urad| Actuator { sense: Sense::UNREAD, setpoint: None, range_urad });
         let controller = Controller::new(config, servos, ResetCause::PowerOn, 0);
         let (command_sender, commands) = channel();
         let (sender, frames) = sync_channel(WAITING_FRAMES);
         let shared: Arc<Mutex<Shared>> = Arc::default();
-        let started_ns = clock.now_ns();
         let worker = Worker {
-            started_ns,
+            started: Instant::now(),
             actuators,
             controller,
             commands,
@@ -153,7 +192,7 @@ impl HostedLink {
 
 struct Worker<A> {
     /// The state machine's time begins here: its stamps are short.
-    started_ns: u64,
+    started: Instant,
     actuators: A,
     controller: Controller<Actuator, 2>,
     commands: Receiver<Frame>,
@@ -252,8 +291,9 @@ impl<A: Actuators> Worker<A> {
     }
 
     fn listen(&mut self, round: u32) -> Result<(), LinkError> {
-        let senses = self.actuators.listen(round)?;
-        for (axis, sense) in senses.into_iter().enumerate() {
+        let samples = self.actuators.listen(round)?;
+        for (axis, Sample { mut sense, between }) in samples.into_iter().enumerate() {
+            sense.sampled_us = between.map(|stamp| self.since_start_us(stamp));
             self.controller.servo_mut(axis).into_iter().for_each(|servo| servo.sense = sense);
         }
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
@@ -277,7 +317,11 @@ impl<A: Actuators> Worker<A> {
     }
 
     fn now_us(&self) -> u64 {
-        (self.clock.now_ns() - self.started_ns) / 1000
+        self.since_start_us(Instant::now())
+    }
+
+    fn since_start_us(&self, stamp: Instant) -> u64 {
+        stamp.saturating_duration_since(self.started).as_micros() as u64
     }
 }
 

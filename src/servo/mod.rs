@@ -6,12 +6,14 @@
 
 mod bus_port;
 mod can_bus;
+mod can_queue;
 mod cia402;
 mod controller;
 pub(crate) mod dynamixel;
 mod error;
 mod feetech;
 pub(crate) mod framing;
+mod held;
 mod hosted;
 mod link;
 mod report;

@@ -11,6 +11,10 @@ pub struct ServoReport {
     pub axis: usize,
     /// The angle, µrad.
     pub position_urad: i32,
+    /// Half the width in which the true angle lies around it, µrad: encoder, scatter while holding, play by the side it came
+    /// from. Absent in sessions from before it was recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncertainty_urad: Option<i32>,
     /// Where the axis is told to be, µrad.
     pub target_urad: i32,
     /// How the angle is known: `measured`, `commanded` or `stale`.
@@ -67,6 +71,8 @@ pub struct RigStatus {
     pub reset_cause: String,
     /// Whether motion is allowed.
     pub armed: bool,
+    /// Whether homing moves the axes: to a switch, or as a drive finds its zero.
+    pub homing_moves: bool,
     /// Its axes.
     pub axes: Vec<AxisStatus>,
     /// Whole frames heard.

@@ -1,4 +1,5 @@
-//! Serial devices by the serial number of their USB device: their names change when they come back.
+//! Serial devices by the serial number of their USB device: their names change when they come back. The tests have a folder
+//! that looks like /sys, and no USB device that is pulled and put back.
 
 use std::path::{Path, PathBuf};
 

@@ -6,6 +6,7 @@ use firmware_protocol::{
     ALL_AXES, AckCode, Direction, Fault, Faults, Limit, Report, ResetCause, Source, State,
 };
 
+use super::held::{Encoder, Held};
 use super::{Received, ServoReport};
 
 /// A reading older than this is shown as stale, ns.
@@ -14,7 +15,7 @@ const STALE_NS: u64 = 250_000_000;
 const CLOCK_SAMPLES: usize = 8;
 
 /// One axis, as last heard.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct AxisView {
     /// Angle, how it is known, when it was read.
     pub position: Option<(i32, Source, u64)>,
@@ -22,6 +23,8 @@ pub(super) struct AxisView {
     pub target: Option<TargetView>,
     pub effort: Option<(i16, u16, i8)>,
     pub limits: [Option<i32>; Limit::ALL.len()],
+    /// Readings since it holds.
+    pub held: Held,
     reported_ns: Option<u64>,
 }
 
@@ -40,6 +43,8 @@ pub(super) struct InfoView {
     pub axes: u8,
     pub reset: ResetCause,
     pub session: u32,
+    /// Homing seeks a switch or a zero.
+    pub homing_moves: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -64,6 +69,8 @@ pub(super) struct View {
     /// When the rig was last heard.
     pub heard_ns: u64,
     pub axes: Vec<AxisView>,
+    /// The axes were brought where they stand from below.
+    pub from_below: bool,
     pub ack: Option<(u16, u8, AckCode, i32)>,
     /// Axis of each latched fault, as told.
     pub fault_axis: [Option<u8>; Fault::ALL.len()],
@@ -95,8 +102,9 @@ impl View {
         let now_ns = received.time_ns;
         self.heard_ns = now_ns;
         match report {
-            Report::Info { protocol, axes, reset, session, .. } => {
-                self.info = Some(InfoView { protocol, axes, reset, session });
+            Report::Info { protocol, axes, reset, session, capabilities } => {
+                let homing_moves = capabilities & 2 != 0;
+                self.info = Some(InfoView { protocol, axes, reset, session, homing_moves });
             }
             Report::Identity { uid } if self.uid.is_some_and(|first| first != uid) => {
                 self.second_uid = Some(uid);
@@ -159,6 +167,8 @@ impl View {
         }
         view.position = Some((position_urad, source, read_ns));
         let target = view.target?;
+        let holds = matches!(target.state, State::Holding | State::Idle);
+        view.held.hear(holds, target.target_urad, position_urad);
         // half a period early is on time: readings come on their own beat
         let due = view.reported_ns.is_none_or(|last| read_ns + every_ns / 4 >= last + every_ns);
         if !due {
@@ -169,6 +179,7 @@ impl View {
             time_ns: read_ns,
             axis: number,
             position_urad,
+            uncertainty_urad: Some(self.uncertainty_urad(number)),
             target_urad: target.target_urad,
             source: source.name().to_owned(),
             state: target.state.name().to_owned(),
@@ -220,6 +231,17 @@ impl View {
         } else {
             source
         }
+    }
+
+    /// Half the width in which the true angle lies around the readings, µrad.
+    pub fn uncertainty_urad(&self, axis: usize) -> i32 {
+        let told = |limit| self.limit(axis, limit).unwrap_or(0);
+        let encoder = Encoder {
+            accuracy_urad: told(Limit::Accuracy),
+            resolution_urad: told(Limit::Resolution),
+            lost_motion_urad: told(Limit::LostMotion),
+        };
+        self.axes.get(axis).map_or(0, |view| view.held.uncertainty_urad(encoder, self.from_below))
     }
 
     pub fn limit(&self, axis: usize, limit: Limit) -> Option<i32> {

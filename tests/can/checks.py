@@ -6,13 +6,17 @@ Each check gets an interface of its own. Ends with `N passed, N failed`; exit st
 """
 
 import contextlib
+import fcntl
+import os
 import pathlib
 import socket
 import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
+import tty
 
 sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "peers"))
 
@@ -152,6 +156,51 @@ def interface_deleted():
         peers.expect_said("gone", rig(name, "status", code=1), f"cannot open can:{name}")
 
 
+@contextlib.contextmanager
+def stuck_adapter():
+    """A CAN interface of the kernel behind a serial adapter that takes nothing: its queue of two fills."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    fcntl.ioctl(slave, termios.TIOCSETD, struct.pack("i", 17))  # N_SLCAN
+    name = fcntl.ioctl(slave, 0x8910, bytes(40))[:16].split(b"\0")[0].decode()  # SIOCGIFNAME
+    ip("set", name, "txqueuelen", "2")
+    ip("set", name, "up")
+    try:
+        yield name, master
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+def queue_full():
+    with stuck_adapter() as (name, master):
+        said = rig(name, "status", code=1)
+        peers.expect_said("full queue", said, f"send queue of can:{name}", "nobody on the bus acknowledges", "not sent")
+        said = peers.rig(sys.argv[1], f"cia402:{name}@1,2", "status", code=1)
+        peers.expect_said("full queue", said, f"send queue of cia402:{name}", "not sent")
+        # an adapter that is slow, not dead: what was offered again arrives, every message once
+        os.set_blocking(master, False)
+        with contextlib.suppress(BlockingIOError):
+            while os.read(master, 65536):
+                pass
+        heard = bytearray()
+
+        def read_slowly():
+            end = time.monotonic() + 4
+            while time.monotonic() < end:
+                with contextlib.suppress(BlockingIOError):
+                    heard.extend(os.read(master, 64))
+                time.sleep(0.05)
+
+        reader = threading.Thread(target=read_slowly)
+        reader.start()
+        said = rig(name, "status", code=1)
+        reader.join()
+        peers.expect_said("nobody answers, and that is what it says", said, "no answer to hello")
+        hellos = [line for line in bytes(heard).split(b"\r") if line.startswith(b"T%08X" % (to_rig(1) & 0x1FFFFFFF))]
+        peers.expect("hellos that arrived", len(hellos) >= 5, True)
+
+
 def two_hosts():
     """Two hosts and two rigs on one bus; then two hosts and one rig."""
     with interface("vcan4") as name, mock(name, "--node", "1"), mock(name, "--node", "2", "--seed", "2"):
@@ -177,9 +226,9 @@ def one_node_number_twice():
 
 
 @contextlib.contextmanager
-def drives(name, nodes):
+def drives(name, nodes, homing_method="0"):
     script = pathlib.Path(__file__).parent.parent / "peers" / "drives.py"
-    child = subprocess.Popen([sys.executable, script, name, nodes], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    child = subprocess.Popen([sys.executable, script, name, nodes, homing_method], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     peers.expect("drives", child.stdout.readline().strip(), "ready")
 
     def tell(node, what):
@@ -197,6 +246,11 @@ def drives(name, nodes):
 def cia402_drives():
     with interface("vcan6") as name, drives(name, "1,2") as tell:
         peers.check_drives(sys.argv[1], f"cia402:{name}@1,2", tell)
+
+
+def cia402_homing():
+    with interface("vcan9") as name, drives(name, "1,2", "17") as tell:
+        peers.check_homing(sys.argv[1], f"cia402:{name}@1,2", tell)
 
 
 def one_drive_number_twice():
@@ -223,8 +277,8 @@ def time_to_answer():
         print(f"question to answer over SocketCAN in the emulated machine: p50 {times_us[150]:.0f} us, p99 {times_us[297]:.0f} us")
 
 
-CHECKS = (others_on_the_bus, off_the_bus, interface_down, interface_deleted, two_hosts, one_node_number_twice,
-          cia402_drives, one_drive_number_twice, time_to_answer)
+CHECKS = (others_on_the_bus, off_the_bus, interface_down, interface_deleted, queue_full, two_hosts, one_node_number_twice,
+          cia402_drives, cia402_homing, one_drive_number_twice, time_to_answer)
 
 if __name__ == "__main__":
     failed = 0

@@ -19,7 +19,7 @@ cp "$busybox" "$root/bin/busybox"
 cp "$folder/tests/can/init" "$root/init"
 chmod +x "$root/init"
 cp "$modules"/modules.{order,builtin}* "$root/lib/modules/$version/" 2>/dev/null || true
-for module in virtio virtio_ring virtio_pci 9pnet_virtio 9p overlay can can-raw can-bcm can-dev vcan; do
+for module in virtio virtio_ring virtio_pci 9pnet_virtio 9p overlay can can-raw can-bcm can-dev vcan slcan; do
     line=$(grep -E "/${module//[-_]/[-_]}\.ko(\.xz)?:" "$modules/modules.dep" | head -1) || continue # built in
     for file in ${line//:/}; do
         mkdir -p "$root/lib/modules/$version/$(dirname "$file")"

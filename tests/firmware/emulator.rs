@@ -11,17 +11,19 @@ use tempfile::TempDir;
 
 /// Names the image to run.
 const IMAGE: &str = "OUTRIGGER_FIRMWARE";
+/// Names the image whose axes home on switches.
+const SWITCH_IMAGE: &str = "OUTRIGGER_FIRMWARE_SWITCH";
 const EMULATOR: &str = "qemu-system-arm";
 
 /// Whether image and emulator are there.
 pub fn is_there() -> bool {
     let runs = Command::new(EMULATOR).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
-    std::env::var_os(IMAGE).is_some() && runs.is_ok_and(|status| status.success())
+    let images = [IMAGE, SWITCH_IMAGE].iter().all(|image| std::env::var_os(image).is_some());
+    images && runs.is_ok_and(|status| status.success())
 }
 
 /// What is missing when [`is_there`] says no.
-pub const MISSING: &str =
-    "OUTRIGGER_FIRMWARE names no image, or qemu-system-arm is not installed (.ci/run firmware has both)";
+pub const MISSING: &str = "OUTRIGGER_FIRMWARE and OUTRIGGER_FIRMWARE_SWITCH name no images, or qemu-system-arm is not installed (.ci/run firmware has both)";
 
 /// A running board. Dropping it ends the emulator.
 pub struct Emulator {
@@ -39,9 +41,18 @@ impl Emulator {
         Self::start_counting("shift=5,sleep=on")
     }
 
+    /// The same with the image whose axes home on switches.
+    pub fn start_with_switches() -> Self {
+        Self::start_image(SWITCH_IMAGE, "shift=5,sleep=on")
+    }
+
     /// A board of 32 ns per instruction; `icount` says what the emulator does with the time in which the board sleeps.
     pub fn start_counting(icount: &str) -> Self {
-        let image = std::env::var_os(IMAGE).expect("the case is run only with an image");
+        Self::start_image(IMAGE, icount)
+    }
+
+    fn start_image(image: &str, icount: &str) -> Self {
+        let image = std::env::var_os(image).expect("the case is run only with an image");
         let folder = tempfile::tempdir().unwrap();
         let socket = folder.path().join("control");
         let mut command = Command::new(EMULATOR);

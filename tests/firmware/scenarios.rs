@@ -33,6 +33,7 @@ cases! {
     WATCHDOG = a_silent_host_stops_the_rig_on_its_way;
     BROWN_OUT = a_brown_out_loses_the_position;
     KILLED = a_board_that_is_gone_is_a_hang_up;
+    SWITCHES = axes_home_on_their_switches;
 }
 
 /// Longer than the usual: on a busy machine this program is away from the processor at times.
@@ -419,4 +420,29 @@ fn a_board_that_is_gone_is_a_hang_up() {
         }
     };
     assert!(matches!(error, RigError::Link(LinkError::HungUp { .. })), "{error}");
+}
+
+/// The axes stand at +0.03 and -0.02 rad, the encoders say zero, the switches close at -30 degrees.
+fn axes_home_on_their_switches() {
+    let mut board = Emulator::start_with_switches();
+    let rig = Rig::connect_with(&board.port, patient()).unwrap();
+    let before = rig.status().unwrap();
+    assert!(
+        before.homing_moves && before.axes.iter().all(|axis| axis.position_deg.abs() < 0.2),
+        "{before:?}"
+    );
+    rig.arm().unwrap();
+    let refused = rig.apply(&[0.1, -0.1]);
+    assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotHomed, .. })), "{refused:?}");
+    rig.home().unwrap();
+    let homed = rig.status().unwrap();
+    assert!(homed.axes.iter().all(|axis| axis.homed && (axis.position_deg + 30.0).abs() < 0.5), "{homed:?}");
+    let applied = rig.apply(&[0.2, -0.2]).unwrap();
+    assert!((applied.axes[0].measured_rad - 0.2).abs() < 0.006, "{applied:?}");
+    drop(rig);
+    // a sagging supply loses what was counted, and the angle with it
+    board.control("system_reset");
+    let rig = Rig::connect_with(&board.port, patient()).unwrap();
+    let after = rig.status().unwrap();
+    assert!(after.axes.iter().all(|axis| !axis.homed && axis.position_deg.abs() < 0.5), "{after:?}");
 }

@@ -2,7 +2,7 @@
 
 As a program, two drives on a CAN interface until it is killed; commands come by lines on standard input:
 
-    python tests/peers/drives.py INTERFACE NODE,NODE        (fault N | restart N | silence N | quit)
+    python tests/peers/drives.py INTERFACE NODE,NODE [HOMING_METHOD]   (fault N | restart N | silence N | dead-switch N | quit)
 
 `Hub` is a CAN adapter with the LAWICEL text protocol on a pseudo terminal, for machines without CAN.
 """
@@ -21,7 +21,7 @@ COUNTS_PER_TURN = 36000
 TOP_COUNTS_PER_S = 6000.0
 
 
-def object_dictionary():
+def object_dictionary(homing_method):
     od = canopen.ObjectDictionary()
     od.bitrate = 1000000
 
@@ -51,6 +51,9 @@ def object_dictionary():
     variable(0x6040, 0, "Controlword", u16, 0)
     variable(0x6041, 0, "Statusword", u16, 0x0250)
     variable(0x6060, 0, "Modes of operation", i8, 0)
+    variable(0x6061, 0, "Modes of operation display", i8, 0)
+    variable(0x6098, 0, "Homing method", i8, homing_method)
+    record(0x6099, "Homing speeds", [("Number", u8, 2), ("Switch", u32, 1000), ("Zero", u32, 200)])
     variable(0x6064, 0, "Position actual value", i32, 500)
     variable(0x6075, 0, "Motor rated current", u32, 2000)
     variable(0x6078, 0, "Current actual value", i16, 50)
@@ -58,25 +61,29 @@ def object_dictionary():
     variable(0x607A, 0, "Target position", i32, 0)
     record(0x607D, "Software position limit", [("Number", u8, 2), ("Lowest", i32, -7000), ("Highest", i32, 7000)])
     record(0x608F, "Position encoder resolution", [("Number", u8, 2), ("Counts", u32, COUNTS_PER_TURN), ("Turns", u32, 1)])
-    variable(0x6502, 0, "Supported drive modes", u32, 1 << 0 | 1 << 7)
+    variable(0x6502, 0, "Supported drive modes", u32, 1 << 0 | 1 << 5 | 1 << 7)
     return od
 
 
 class Drive:
     """One drive: its dictionary is served by the package; state and motor are here, in steps of a SYNC."""
 
-    def __init__(self, network, node):
-        self.node_id, self.network = node, network
+    def __init__(self, network, node, homing_method=0):
+        self.node_id, self.network, self.homing_method = node, network, homing_method
+        self.zero = 0.0  # what its encoder shows less than the shaft's angle; lost with the power when it homes
+        self.switch_works = True
         self.begin()
         network.subscribe(0x080, self.on_sync)
         network.subscribe(0x200 + node, self.on_target)
         network.subscribe(0x700 + 127, self.on_host)
 
     def begin(self):
-        self.node = canopen.LocalNode(self.node_id, object_dictionary())
+        self.node = canopen.LocalNode(self.node_id, object_dictionary(self.homing_method))
         self.network.add_node(self.node)
         self.node.nmt.send_command(0x82)  # boot-up message, then pre-operational
         self.status, self.position, self.target, self.control = 0x0250, 500.0, 500, 0
+        if self.homing_method:
+            self.zero = self.position + 1234  # counts from somewhere
         self.error, self.silent, self.host_heard, self.stepped = 0, False, None, time.monotonic()
 
     def fall_silent(self):
@@ -114,8 +121,23 @@ class Drive:
         elif control & 0x8F == 0x07 and state in (0x21, 0x23, 0x27):
             self.status = 0x0633
         elif control & 0x8F == 0x0F and state in (0x23, 0x27):
-            if self.node.sdo[0x6060].raw == 8:
-                self.status = 0x0637
+            if self.mode() in (6, 8):
+                keep = self.status & 0x3400 if self.status & 0x6F == 0x27 and self.mode() == 6 else 0
+                self.status = 0x0237 | (keep if self.mode() == 6 else 0x0400)
+            if self.mode() == 6 and control & 0x10 and not before & 0x10:
+                self.status &= ~0x3400  # under way: neither attained, nor reached, nor failed
+
+    def mode(self):
+        return self.node.sdo[0x6060].raw
+
+    def seek(self, elapsed):
+        """Method 17: down until the switch at -1500 counts, which is zero's place; a dead one is an end stop at -3000."""
+        self.position -= self.value(0x6099, 1) * elapsed
+        if self.position <= -1500 and self.switch_works:
+            self.zero = self.position + 1500
+            self.status |= 0x1400
+        elif self.position <= -3000:
+            self.status |= 0x2000
 
     def fault(self, code):
         self.status, self.error = 0x0638, code
@@ -131,12 +153,15 @@ class Drive:
         late = self.host_heard is not None and now - self.host_heard > (watched & 0xFFFF) / 1000
         if watched & 0xFFFF and late and self.status & 0x6F == 0x27:
             self.fault(0x8130)
-        if self.status & 0x6F == 0x27:
+        self.node.sdo[0x6061].raw = self.mode()
+        if self.status & 0x6F == 0x27 and self.mode() == 8:
             reach = TOP_COUNTS_PER_S * elapsed
-            self.position += max(-reach, min(reach, self.target - self.position))
+            self.position += max(-reach, min(reach, self.target + self.zero - self.position))
+        elif self.status & 0x6F == 0x27 and self.control & 0x10 and not self.status & 0x3000:
+            self.seek(elapsed)
         if self.operational() and self.mapped(0x1800, 0x180):
             self.network.send_message(
-                0x180 + self.node_id, struct.pack("<Hi", self.status, round(self.position)))
+                0x180 + self.node_id, struct.pack("<Hi", self.status, round(self.position - self.zero)))
 
 
 class Hub:
@@ -178,10 +203,10 @@ class Hub:
                 os.write(self.master, (head + message.data.hex().upper() + "\r").encode())
 
 
-def connect(interface, channel, nodes):
+def connect(interface, channel, nodes, homing_method=0):
     network = canopen.Network()
     network.connect(interface=interface, channel=channel)
-    return network, {node: Drive(network, node) for node in nodes}
+    return network, {node: Drive(network, node, homing_method) for node in nodes}
 
 
 def serve(drives, lines):
@@ -190,12 +215,12 @@ def serve(drives, lines):
         if command == "quit":
             return
         drive = drives[int(node[0])]
-        {"fault": lambda: drive.fault(0x8611), "restart": drive.begin,
+        {"dead-switch": lambda: setattr(drive, "switch_works", False), "fault": lambda: drive.fault(0x8611), "restart": drive.begin,
          "silence": drive.fall_silent}[command]()
         print("done", flush=True)
 
 
 if __name__ == "__main__":
-    _, made = connect("socketcan", sys.argv[1], [int(node) for node in sys.argv[2].split(",")])
+    _, made = connect("socketcan", sys.argv[1], [int(node) for node in sys.argv[2].split(",")], int((sys.argv[3:] or ["0"])[0]))
     print("ready", flush=True)
     serve(made, sys.stdin)

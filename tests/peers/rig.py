@@ -170,6 +170,28 @@ def cia402(program):
     check_drives(program, f"cia402:slcan:{hub.path}@1,2", lambda node, what: drives.serve(made, [f"{what} {node}"]))
 
 
+def cia402_homing(program):
+    import drives
+
+    hub = drives.Hub("homing")
+    _, made = drives.connect("virtual", "homing", [1, 2], homing_method=17)
+    check_homing(program, f"cia402:slcan:{hub.path}@1,2", lambda node, what: drives.serve(made, [f"{what} {node}"]))
+    hub = drives.Hub("here")
+    _, made = drives.connect("virtual", "here", [1, 2], homing_method=35)
+    status = rig(program, f"cia402:slcan:{hub.path}@1,2", "status")
+    expect("a method that calls zero where it stands is none", status["homing_moves"], False)
+
+
+def check_homing(program, port, tell):
+    """Drives that find their zero by themselves, one after the other; one whose switch is dead says so."""
+    status = rig(program, port, "status")
+    expect("homing moves", status["homing_moves"], True)
+    expect_at(status, [-12.34, -12.34])
+    expect_at(rig(program, port, "--timeout-s", "40", "set", "10", "-10", "--home", "--arm"), [10.0, -10.0])
+    tell(2, "dead-switch")
+    expect_said("dead switch", rig(program, port, "--timeout-s", "40", "set", "0", "0", "--home", "--arm", code=1), "encoder_invalid", "axis 1")
+
+
 def check_drives(program, port, tell):
     """Homes, moves, faults, recovers."""
     status = rig(program, port, "status")
@@ -198,7 +220,7 @@ def check_drives(program, port, tell):
     expect_said("silence", rig(program, port, "status", code=1), "node 1", "no answer")
 
 
-CHECKS = (dynamixel, slcan, feetech, cia402)
+CHECKS = (dynamixel, slcan, feetech, cia402, cia402_homing)
 
 if __name__ == "__main__":
     failed = 0

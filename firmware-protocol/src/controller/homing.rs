@@ -6,7 +6,7 @@ use crate::config::Home;
 use crate::fault::Fault;
 use crate::profile::Path;
 use crate::report::{Report, State};
-use crate::servo::Servo;
+use crate::servo::{Servo, ServoHoming};
 
 /// Time of valid, quiet readings after which a position is trusted, µs.
 const QUIET_US: u64 = 300_000;
@@ -22,6 +22,8 @@ pub(super) enum Seeking {
     Towards,
     /// Found; comes to rest.
     Found,
+    /// The actuator seeks its zero by itself.
+    ByServo,
 }
 
 impl<S: Servo, const N: usize> Controller<S, N> {
@@ -36,6 +38,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 Home::Switch { at_urad, speed_urad_s, longest_urad } => {
                     self.home_by_switch(number, at_urad, speed_urad_s, longest_urad)
                 }
+                Home::ByServo { longest_us } => self.home_by_servo(number, longest_us),
             };
             match went_on {
                 Ok(true) => {}
@@ -73,7 +76,9 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             }
             Some(Seeking::Towards) if closed => {
                 let axis = &mut self.axes[number];
-                axis.shift(at_urad.saturating_sub(axis.measured_urad));
+                // angles count from where the load rests when it comes from below
+                let flank_urad = if speed < 0 { self.config.axes[number].lost_motion_urad } else { 0 };
+                axis.shift(at_urad.saturating_sub(flank_urad).saturating_sub(axis.measured_urad));
                 axis.seeking = Some(Seeking::Found);
                 self.stop_seeking();
             }
@@ -88,6 +93,24 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             // the whole way went by
             Some(_) if self.path.is_none() => return Err(longest),
             Some(_) => {}
+        }
+        Ok(false)
+    }
+
+    fn home_by_servo(&mut self, number: usize, longest_us: u32) -> Result<bool, i32> {
+        let took_us = self.now_us.saturating_sub(self.homing_since_us);
+        let axis = &mut self.axes[number];
+        match (axis.seeking, axis.sense.homing) {
+            (None, _) => (axis.homed, axis.seeking) = (false, Some(Seeking::ByServo)),
+            (_, ServoHoming::Done) => {
+                axis.target_urad = axis.setpoint_urad;
+                (axis.homed, axis.seeking) = (true, None);
+                self.homing[number] = false;
+                self.homing_since_us = self.now_us;
+            }
+            (_, ServoHoming::Failed) => return Err(-1),
+            _ if took_us > longest_us.into() => return Err((took_us / 1000) as i32),
+            _ => {}
         }
         Ok(false)
     }

@@ -23,9 +23,14 @@ const SETTLE_US: u64 = 1_000_000;
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     sense: Sense,
-    /// Last valid angle, µrad, and when it was read.
+    /// Last valid angle, µrad, and between which times it was read.
     measured_urad: i32,
     measured_us: u64,
+    asked_us: u64,
+    /// Readings in a row that did not come.
+    unanswered: u32,
+    /// Lowest and highest set point since it was read.
+    swept_urad: (i32, i32),
     /// Where the servo is told to be.
     setpoint_urad: i32,
     /// Where the last order wants it.
@@ -58,6 +63,8 @@ impl Axis {
             &mut self.target_urad,
             &mut self.quiet_urad,
             &mut self.told_urad,
+            &mut self.swept_urad.0,
+            &mut self.swept_urad.1,
         ] {
             *angle = angle.saturating_add(by_urad);
         }
@@ -114,16 +121,12 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     /// A rig that has just started.
     pub fn new(config: Config<N>, servos: [S; N], reset: ResetCause, now_us: u64) -> Self {
         let axes = core::array::from_fn(|axis| Axis {
-            sense: Sense {
-                reading: Reading::Missing,
-                torque: false,
-                current_ma: 0,
-                supply_mv: u16::MAX,
-                temperature_c: 0,
-                home_switch: None,
-            },
+            sense: Sense::UNREAD,
             measured_urad: 0,
             measured_us: now_us,
+            asked_us: now_us,
+            unanswered: 0,
+            swept_urad: (0, 0),
             setpoint_urad: 0,
             target_urad: 0,
             speed_urad_s: config.axes[axis].top_speed_urad_s,
@@ -327,9 +330,12 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 (false, _) => axis.torque_wanted_since = None,
                 _ => {}
             }
+            let (low, high) = axis.swept_urad;
+            axis.swept_urad = (low.min(axis.setpoint_urad), high.max(axis.setpoint_urad));
             servo.drive(
                 self.now_us,
                 Setpoint {
+                    home: axis.seeking == Some(homing::Seeking::ByServo),
                     torque,
                     position_urad: axis.setpoint_urad.saturating_sub(axis.offset_urad),
                     velocity_urad_s: self.path.map_or(0, |path| path.velocity_urad_s(number)),
@@ -341,14 +347,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 
     fn source(&self, number: usize) -> Source {
         let axis = &self.axes[number];
-        let missing_us = u64::from(self.config.axes[number].missing_us);
         match axis.sense.reading {
             Reading::Measured(_) => Source::Measured,
             Reading::Unmeasured => Source::Commanded,
             // one answer that is late is no lie: the position says when it was read
-            Reading::Missing if self.now_us.saturating_sub(axis.measured_us) <= missing_us => {
-                Source::Measured
-            }
+            Reading::Missing if !self.is_missing(number) => Source::Measured,
             Reading::Missing | Reading::Invalid => Source::Stale,
         }
     }
@@ -356,5 +359,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 
 #[cfg(test)]
 mod model_tests;
+#[cfg(test)]
+mod sampling_tests;
 #[cfg(test)]
 mod tests;

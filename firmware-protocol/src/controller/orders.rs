@@ -2,7 +2,7 @@
 
 use super::{Answered, Controller};
 use crate::command::{CLEAR_KEY, Command, Order, PAIR_RANGE_URAD};
-use crate::config::{AxisConfig, Limit};
+use crate::config::{AxisConfig, Home, Limit};
 use crate::fault::Fault;
 use crate::profile::Path;
 use crate::report::{AckCode, Report, State};
@@ -286,7 +286,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             Limit::Speed => wanted.top_speed_urad_s = value,
             Limit::Acceleration => wanted.top_acceleration_urad_s2 = value,
             Limit::Current => wanted.current_limit_ma = i16::try_from(value).unwrap_or(0),
-            Limit::ServoMinimum | Limit::ServoMaximum | Limit::Uncertainty => return bad,
+            Limit::ServoMinimum
+            | Limit::ServoMaximum
+            | Limit::Accuracy
+            | Limit::Resolution
+            | Limit::LostMotion => return bad,
         }
         if !sensible(&wanted, self.servos[usize::from(axis)].range_urad()) {
             return bad;
@@ -312,7 +316,9 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             Limit::Current => config.current_limit_ma.into(),
             Limit::ServoMinimum => servo.range_urad().0,
             Limit::ServoMaximum => servo.range_urad().1,
-            Limit::Uncertainty => config.uncertainty_urad,
+            Limit::Accuracy => config.accuracy_urad,
+            Limit::Resolution => config.resolution_urad,
+            Limit::LostMotion => config.lost_motion_urad,
         };
         tell(Report::Limit { axis, limit, value });
     }
@@ -320,10 +326,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     /// Who it is: the answer to `Hello`, and unasked after a start so that a host notices a restart.
     pub(super) fn introduce(&self, tell: &mut impl FnMut(Report)) {
         let measured = self.axes.iter().all(|axis| axis.sense.reading != Reading::Unmeasured);
+        let homing_moves = self.config.axes.iter().any(|axis| axis.home != Home::Absolute);
         tell(Report::Info {
             protocol: PROTOCOL_VERSION,
             axes: N as u8,
-            capabilities: u8::from(measured),
+            capabilities: u8::from(measured) | u8::from(homing_moves) << 1,
             reset: self.reset,
             session: self.session.unwrap_or(0),
         });

@@ -317,7 +317,7 @@ fn switched(start_urad: [i32; 2]) -> Bench {
     const AT_URAD: i32 = -523_599;
     let mut config = config();
     for axis in &mut config.axes {
-        axis.home = Home::Switch { at_urad: AT_URAD, speed_urad_s: -100_000, longest_urad: 1_600_000 };
+        axis.home = Home::switch_below(AT_URAD);
     }
     let axes = [0, 1]
         .map(|axis| SimulatedAxis::new(axis as u64 + 1, start_urad[axis], 0).counting_from_start(AT_URAD));

@@ -1,7 +1,9 @@
 //! Looking for faults, latching them, and knowing when a cause is gone.
 
-use super::Controller;
+use super::homing::Seeking;
+use super::{Axis, Controller};
 use crate::ALL_AXES;
+use crate::config::AxisConfig;
 use crate::fault::Fault;
 use crate::report::{Report, State};
 use crate::servo::{Reading, Servo};
@@ -14,11 +16,19 @@ const SUPPLY_US: u64 = 20_000;
 const JUMP_QUIET_US: u64 = 500_000;
 /// A servo has this long to switch its torque on.
 const TORQUE_US: u64 = 50_000;
+/// Readings in a row that must stay away before an encoder is missing: one poll may be lost, and time may pass because the
+/// host, not the encoder, was kept from its work.
+const MISSING_POLLS: u32 = 3;
+/// How fast a shaft without torque may be turned, by hand or by its load, µrad/s.
+const FREE_SPEED_URAD_S: i64 = 6_283_185;
+/// A shaft that lags catches up at most at this many times its top speed.
+const CATCHING_UP: i64 = 3;
 /// Readings within this of each other are at rest: above noise and quantisation of common encoders, µrad.
 const REST_URAD: i32 = 2500;
 
 impl<S: Servo, const N: usize> Controller<S, N> {
-    /// Takes a reading of every actuator. Motion is judged by the time since the last valid one.
+    /// Takes a reading of every actuator. Motion is judged by the longest time that may lie between the samples, and a driven
+    /// shaft's by where it was told to be meanwhile: it goes there, and is pushed off at most at its top speed.
     pub(super) fn read(&mut self) {
         for (number, (axis, servo)) in self.axes.iter_mut().zip(&mut self.servos).enumerate() {
             axis.sense = servo.sense(self.now_us);
@@ -27,15 +37,16 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 Reading::Unmeasured => axis.setpoint_urad,
                 Reading::Missing | Reading::Invalid => {
                     axis.quiet_us = self.now_us;
+                    axis.unanswered = axis.unanswered.saturating_add(1);
                     continue;
                 }
             };
-            let elapsed_us = self.now_us.saturating_sub(axis.measured_us).min(1_000_000) as i64;
-            let config = &self.config.axes[number];
-            let possible =
-                3 * i64::from(config.top_speed_urad_s) * elapsed_us / 1_000_000 + i64::from(config.jump_urad);
-            let step = (i64::from(now) - i64::from(axis.measured_urad)).abs();
-            if step > possible && self.state != State::Boot && axis.sense.reading != Reading::Unmeasured {
+            let [asked_us, heard_us] = axis.sense.sampled_us.map(|stamp| stamp.min(self.now_us));
+            let by_itself = axis.seeking == Some(Seeking::ByServo) || self.state == State::Boot;
+            if !by_itself
+                && axis.sense.reading != Reading::Unmeasured
+                && is_jump(axis, &self.config.axes[number], now, heard_us)
+            {
                 axis.jumped_us = Some(self.now_us);
             }
             if now.saturating_sub(axis.quiet_urad).saturating_abs() > REST_URAD {
@@ -43,7 +54,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 axis.quiet_urad = now;
             }
             axis.measured_urad = now;
-            axis.measured_us = self.now_us;
+            (axis.asked_us, axis.measured_us, axis.unanswered) = (asked_us, heard_us, 0);
+            axis.swept_urad = (axis.setpoint_urad, axis.setpoint_urad);
         }
     }
 
@@ -72,12 +84,16 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     fn watch_axis(&mut self, number: usize) -> Option<(Fault, i32)> {
         let now = self.now_us;
         let config = self.config.axes[number];
+        let missing = self.is_missing(number);
         let axis = &mut self.axes[number];
         let since = |broken: bool, mark: &mut Option<u64>| {
             *mark = if broken { mark.or(Some(now)) } else { None };
             mark.map(|from| now.saturating_sub(from))
         };
         let sense = axis.sense;
+        if axis.seeking == Some(Seeking::ByServo) {
+            axis.setpoint_urad = axis.measured_urad; // it goes where it will
+        }
         let error = axis.setpoint_urad.saturating_sub(axis.measured_urad).saturating_abs();
         let driven = axis.torque_wanted_since;
         let measured = sense.reading != Reading::Unmeasured;
@@ -92,10 +108,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             Some((Fault::OverTemperature, sense.temperature_c.into()))
         } else if over(supply_us, SUPPLY_US) {
             Some((Fault::UnderVoltage, sense.supply_mv.into()))
-        } else if sense.reading == Reading::Invalid
-            || (sense.reading == Reading::Missing
-                && now.saturating_sub(axis.measured_us) > config.missing_us.into())
-        {
+        } else if sense.reading == Reading::Invalid || (sense.reading == Reading::Missing && missing) {
             Some((Fault::EncoderInvalid, 0))
         } else if axis.jumped_us == Some(now) {
             Some((Fault::EncoderJump, axis.measured_urad.saturating_sub(axis.setpoint_urad)))
@@ -112,6 +125,13 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         } else {
             None
         }
+    }
+
+    /// Whether an encoder stayed away for too long and too often.
+    pub(super) fn is_missing(&self, number: usize) -> bool {
+        let axis = &self.axes[number];
+        axis.unanswered >= MISSING_POLLS
+            && self.now_us.saturating_sub(axis.measured_us) > self.config.axes[number].missing_us.into()
     }
 
     fn in_keep_out(&self) -> bool {
@@ -205,8 +225,22 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     }
 }
 
+/// Whether a shaft cannot have moved from its last angle to this one, µrad, in the time between the samples.
+fn is_jump(axis: &Axis, config: &AxisConfig, now_urad: i32, heard_us: u64) -> bool {
+    let elapsed_us = heard_us.saturating_sub(axis.asked_us).min(1_000_000) as i64;
+    let within = |speed_urad_s: i64| speed_urad_s * elapsed_us / 1_000_000 + i64::from(config.jump_urad);
+    let (before, now) = (i64::from(axis.measured_urad), i64::from(now_urad));
+    let step = (now - before).abs();
+    if axis.torque_wanted_since.is_none() || !axis.sense.torque {
+        return step > within(FREE_SPEED_URAD_S);
+    }
+    let top_speed = i64::from(config.top_speed_urad_s);
+    let (low, high) = (i64::from(axis.swept_urad.0).min(before), i64::from(axis.swept_urad.1).max(before));
+    step > within(CATCHING_UP * top_speed) || (low - now).max(now - high) > within(top_speed)
+}
+
 /// Whether a reading lies outside the limits by more than the tolerance.
-fn outside(measured_urad: i32, config: &crate::config::AxisConfig) -> bool {
+fn outside(measured_urad: i32, config: &AxisConfig) -> bool {
     measured_urad < config.minimum_urad.saturating_sub(config.tolerance_urad)
         || measured_urad > config.maximum_urad.saturating_add(config.tolerance_urad)
 }

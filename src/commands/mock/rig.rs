@@ -23,6 +23,13 @@ pub struct Args {
     /// Hobby servos that measure nothing, in place of motors with encoders.
     #[arg(long)]
     pulse: bool,
+    /// Encoders that count from where they were switched on, and a switch on each axis that is closed at and below this angle,
+    /// degrees: homing seeks it.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = parse_switch, conflicts_with_all = ["pulse", "dynamixel"])]
+    home_switch: Option<i32>,
+    /// Encoders on the motors, before the gears' play: where the load stands then depends on the side it came from.
+    #[arg(long, conflicts_with_all = ["pulse", "dynamixel"])]
+    encoder_on_motor: bool,
     /// Put a CAN adapter with the LAWICEL text protocol in between: connect with slcan:PATH.
     #[arg(long)]
     slcan: bool,
@@ -39,6 +46,14 @@ pub struct Args {
     /// The rig's node number.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=126))]
     node: u8,
+}
+
+/// An angle that the axes reach, µrad.
+fn parse_switch(text: &str) -> Result<i32, String> {
+    match text.parse::<f64>() {
+        Ok(angle_deg) if angle_deg.abs() <= 55.0 => Ok((angle_deg.to_radians() * 1e6) as i32),
+        _ => Err(format!("`{text}`: expected an angle of at most 55 degrees either way")),
+    }
 }
 
 /// What runs behind the pty.
@@ -103,6 +118,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
     let mut config =
         MockConfig { kind, slcan: args.slcan, node: args.node, ..MockConfig::default().of_number(args.seed) };
+    if let Some(at_urad) = args.home_switch {
+        config = config.with_home_switches(at_urad);
+    }
+    if args.encoder_on_motor {
+        config = config.with_encoders_on_motors();
+    }
     config.firmware.position_every_us = 1_000_000 / args.position_hz;
     if let Some(interface) = &args.can {
         return on_can(interface, config, args, context, &interrupts);

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use firmware_protocol::config::Home;
 use firmware_protocol::pulse::PulseServo;
 use firmware_protocol::simulated::{AxisFault, SimulatedAxis};
 use firmware_protocol::{
@@ -39,17 +40,45 @@ pub struct MockConfig {
     pub slcan: bool,
     /// Where the axes stand at the start, µrad; from the seed when absent.
     pub start_urad: Option<[i32; 2]>,
+    /// The encoders count from where they were switched on, and each axis has a switch that is closed at and below this
+    /// angle, µrad; absolute encoders when absent.
+    pub home_switch_urad: Option<i32>,
+    /// The encoders sit before the gears' play.
+    pub encoder_on_motor: bool,
 }
 
 impl Default for MockConfig {
     /// A mirrored pair.
     fn default() -> Self {
         let firmware = Config::mirrored_pair(0x4F55_5452_4947_0001);
-        Self { firmware, node: 1, kind: AxisKind::Measured, slcan: false, start_urad: None }
+        Self {
+            firmware,
+            node: 1,
+            kind: AxisKind::Measured,
+            slcan: false,
+            start_urad: None,
+            home_switch_urad: None,
+            encoder_on_motor: false,
+        }
     }
 }
 
 impl MockConfig {
+    /// The same make with encoders that count from the start and switches at and below an angle, µrad.
+    pub fn with_home_switches(mut self, at_urad: i32) -> Self {
+        self.home_switch_urad = Some(at_urad);
+        self.firmware.axes.iter_mut().for_each(|axis| axis.home = Home::switch_below(at_urad));
+        self
+    }
+
+    /// The same make with encoders before the gears' play.
+    pub fn with_encoders_on_motors(mut self) -> Self {
+        self.encoder_on_motor = true;
+        let play_urad = SimulatedAxis::new(0, 0, 0).backlash_urad;
+        self.firmware.axes.iter_mut().for_each(|axis| axis.lost_motion_urad = play_urad);
+        self
+    }
+
     /// The same make, another rig: the low 16 bits of its unique number.
     pub fn of_number(mut self, number: u64) -> Self {
         self.firmware.uid = self.firmware.uid & !0xFFFF | number & 0xFFFF;
@@ -64,6 +93,18 @@ pub enum MockAxis {
     Measured(Box<SimulatedAxis>),
     /// Without.
     Pulse(PulseServo),
+}
+
+impl MockAxis {
+    /// The same with power again: an encoder that counts begins at zero.
+    fn switched_on(self, config: &MockConfig) -> Self {
+        match (self, config.home_switch_urad) {
+            (Self::Measured(axis), Some(at_urad)) => {
+                Self::Measured(Box::new(axis.counting_from_start(at_urad)))
+            }
+            (axis, _) => axis,
+        }
+    }
 }
 
 impl Servo for MockAxis {
@@ -111,7 +152,9 @@ impl MockDevice {
             let start_urad = config.start_urad.map_or(chosen as i32, |start| start[axis]);
             match config.kind {
                 AxisKind::Measured => {
-                    MockAxis::Measured(Box::new(SimulatedAxis::new(rng.bits(), start_urad, now_us)))
+                    let mut axis = SimulatedAxis::new(rng.bits(), start_urad, now_us);
+                    axis.encoder_on_motor = config.encoder_on_motor;
+                    MockAxis::Measured(Box::new(axis)).switched_on(&config)
                 }
                 AxisKind::Pulse => MockAxis::Pulse(PulseServo::standard()),
             }
@@ -144,9 +187,9 @@ impl MockDevice {
             }
             MockFault::Reboot => {
                 if let Some(old) = self.controller.take() {
+                    let axes = old.into_servos().map(|axis| axis.switched_on(&self.config));
                     let firmware = self.config.firmware;
-                    self.controller =
-                        Some(Controller::new(firmware, old.into_servos(), ResetCause::BrownOut, now_us));
+                    self.controller = Some(Controller::new(firmware, axes, ResetCause::BrownOut, now_us));
                 }
                 self.framing = framing(self.config.slcan);
                 self.sequence = 0;

@@ -11,6 +11,7 @@ use socketcan::{
 
 use crate::servo::LinkError;
 use crate::servo::bus_port::BusPort;
+use crate::servo::can_queue;
 use crate::servo::slcan::{self, Message, SlcanReceiver};
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
@@ -67,16 +68,7 @@ impl CanBus {
             Port::Socket(socket) => {
                 let frame = StandardId::new(identifier).and_then(|id| CanDataFrame::new(id, data));
                 let frame = frame.ok_or_else(|| hung_up("a message over 8 bytes".into()))?;
-                match socket.write_frame(&frame) {
-                    Ok(()) => Ok(()),
-                    Err(error)
-                        if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
-                            || error.raw_os_error() == Some(nix::libc::ENOBUFS) =>
-                    {
-                        Err(LinkError::WriteTimeout { path: self.name.clone(), after: WRITE_TIMEOUT })
-                    }
-                    Err(error) => Err(hung_up(error.to_string())),
-                }
+                can_queue::send(&self.name, WRITE_TIMEOUT, || socket.write_frame(&frame))
             }
         }
     }

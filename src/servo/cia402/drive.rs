@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use firmware_protocol::{Reading, Sense};
+use firmware_protocol::{Reading, Sense, ServoHoming};
 
-use super::object::error_name;
-use crate::servo::hosted::UNREAD;
+use super::object::{self, Answer, Object, error_name};
+use crate::servo::hosted::{Questions, Sample};
 
 /// How long switching on may take.
 const SWITCHING_WITHIN: Duration = Duration::from_secs(2);
@@ -54,6 +54,51 @@ impl Power {
     }
 }
 
+/// How far a drive is with finding its zero by itself (CiA 402-2, "Homing mode").
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Zero {
+    /// Not told to.
+    Idle,
+    /// Told at this time, and whether it was seen to be about it.
+    Seeking(Instant, bool),
+    /// It found it.
+    Found,
+    /// It gave up.
+    Failed,
+}
+
+/// Bits of the status word in homing mode.
+const TARGET_REACHED: u16 = 1 << 10;
+const HOMING_ATTAINED: u16 = 1 << 12;
+const HOMING_ERROR: u16 = 1 << 13;
+/// The bits are those of the mode before for a moment.
+const BITS_SETTLE: Duration = Duration::from_millis(250);
+
+impl Zero {
+    /// Goes on by a status word.
+    pub fn hear(self, status: u16) -> Self {
+        let Self::Seeking(since, seen) = self else { return self };
+        let seen = seen || status & (HOMING_ATTAINED | HOMING_ERROR) == 0;
+        let settled = seen || since.elapsed() > BITS_SETTLE;
+        if settled && status & HOMING_ERROR != 0 {
+            Self::Failed
+        } else if settled && status & HOMING_ATTAINED != 0 && status & TARGET_REACHED != 0 {
+            Self::Found
+        } else {
+            Self::Seeking(since, seen)
+        }
+    }
+
+    fn told(self) -> ServoHoming {
+        match self {
+            Self::Idle => ServoHoming::Idle,
+            Self::Seeking(..) => ServoHoming::Underway,
+            Self::Found => ServoHoming::Done,
+            Self::Failed => ServoHoming::Failed,
+        }
+    }
+}
+
 /// One drive, as last heard.
 #[derive(Clone, Debug)]
 pub struct Drive {
@@ -67,6 +112,16 @@ pub struct Drive {
     pub position: Option<i32>,
     /// Position and state came since the last look.
     pub fresh: bool,
+    /// Between which times the position was sampled.
+    between: [Instant; 2],
+    /// SYNCs that it may still answer.
+    pub syncs: Questions,
+    /// Its last status word.
+    pub status: u16,
+    /// How far it is with finding its zero.
+    pub zero: Zero,
+    /// A slow reading that was asked for, and when.
+    pub asked: Option<(Object, Instant)>,
     /// It started anew: what it counts from is not known, and its configuration is gone.
     pub restarted: bool,
     /// Error code of the last emergency message or fault; 0 for none.
@@ -79,6 +134,8 @@ pub struct Drive {
     pub switching_since: Option<Instant>,
     /// Its slow readings: current, supply.
     pub slow: (i16, u16),
+    /// Its rated current, mA.
+    pub rated_ma: i64,
 }
 
 impl Drive {
@@ -90,26 +147,57 @@ impl Drive {
             power: Power::Unknown,
             position: None,
             fresh: false,
+            between: [Instant::now(); 2],
+            syncs: Questions::default(),
+            status: 0,
+            zero: Zero::Idle,
+            asked: None,
             restarted: false,
             error: 0,
             refused: None,
             switched_on: false,
             switching_since: None,
-            slow: (UNREAD.current_ma, UNREAD.supply_mv),
+            slow: (Sense::UNREAD.current_ma, Sense::UNREAD.supply_mv),
+            rated_ma: 0,
         }
     }
 
-    /// Takes a message of this node.
-    pub fn hear(&mut self, identifier: u16, data: &[u8]) {
+    /// Takes a message of this node that came now.
+    pub fn hear(&mut self, now: Instant, identifier: u16, data: &[u8]) {
         let node = u16::from(self.node);
         match (identifier.checked_sub(node), data) {
             (Some(0x180), [low, high, a, b, c, d]) => {
-                self.power = Power::of(u16::from_le_bytes([*low, *high]));
+                self.status = u16::from_le_bytes([*low, *high]);
+                self.power = Power::of(self.status);
+                self.between = self.syncs.answer(now);
                 self.position = Some(i32::from_le_bytes([*a, *b, *c, *d]));
                 self.fresh = true;
             }
             (Some(0x080), [low, high, ..]) => self.error = u16::from_le_bytes([*low, *high]),
             (Some(0x700), [0]) => self.restarted = true,
+            (Some(0x580), data) => {
+                if let Some((object, _)) = self.asked
+                    && let Some(answer) = object::answer(object, data)
+                {
+                    self.asked = None;
+                    self.take_slow(object, answer);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes a slow reading.
+    pub fn take_slow(&mut self, object: Object, answer: Answer) {
+        let Answer::Value(value) = answer else { return };
+        match object {
+            object::RATED_CURRENT => self.rated_ma = i64::from(value),
+            object::CURRENT => {
+                let share = i64::from(value as u16 as i16).abs();
+                self.slow.0 = (share * self.rated_ma / 1000).min(i16::MAX.into()) as i16;
+            }
+            object::SUPPLY => self.slow.1 = value.min(u16::MAX.into()) as u16,
+            object::ERROR_CODE if self.power == Power::Fault => self.error = value as u16,
             _ => {}
         }
     }
@@ -144,13 +232,22 @@ impl Drive {
         (f64::from(counts) * std::f64::consts::TAU * 1e6 / self.counts_per_turn).round() as i32
     }
 
+    /// One count, µrad, rounded up.
+    pub fn resolution_urad(&self) -> i32 {
+        (std::f64::consts::TAU * 1e6 / self.counts_per_turn).ceil().clamp(1.0, 1e6) as i32
+    }
+
     /// An angle to the nearest count.
     pub fn counts(&self, urad: i32) -> i32 {
         (f64::from(urad) * self.counts_per_turn / (std::f64::consts::TAU * 1e6)).round() as i32
     }
 
     /// What the state machine is told. A fault shows as torque that is gone, and by its code as what caused it.
-    pub fn sense(&mut self) -> Sense {
+    pub fn sample(&mut self) -> Sample {
+        Sample { between: self.between, sense: self.sense() }
+    }
+
+    fn sense(&mut self) -> Sense {
         let fresh = std::mem::take(&mut self.fresh);
         let (current_ma, supply_mv) = self.slow;
         let mut sense = Sense {
@@ -162,7 +259,8 @@ impl Drive {
             torque: self.power == Power::Enabled || self.is_switching(),
             current_ma,
             supply_mv,
-            ..UNREAD
+            homing: self.zero.told(),
+            ..Sense::UNREAD
         };
         match self.error {
             0x2000..=0x2FFF => sense.current_ma = i16::MAX,
@@ -209,7 +307,8 @@ mod tests {
     #[test]
     fn torque_that_is_dropped_is_not_switched_on_again() {
         let mut drive = Drive::new(1);
-        let hear = |drive: &mut Drive, status: u8| drive.hear(0x181, &[status, 0x06, 0, 0, 0, 0]);
+        let hear =
+            |drive: &mut Drive, status: u8| drive.hear(Instant::now(), 0x181, &[status, 0x06, 0, 0, 0, 0]);
         for (status, control) in [(0x50, 0x06), (0x31, 0x07), (0x33, 0x0F), (0x37, 0x0F)] {
             hear(&mut drive, status);
             assert_eq!(drive.lead(), Some(control));
@@ -226,17 +325,20 @@ mod tests {
     #[test]
     fn messages_of_the_node_are_taken_and_no_others() {
         let mut drive = Drive { counts_per_turn: 36_000.0, ..Drive::new(5) };
-        drive.hear(0x186, &[0x37, 0x06, 1, 0, 0, 0]);
+        drive.hear(Instant::now(), 0x186, &[0x37, 0x06, 1, 0, 0, 0]);
         assert_eq!(drive.sense().reading, Reading::Missing);
-        drive.hear(0x185, &[0x37, 0x06, 0x28, 0x23, 0, 0]);
-        assert_eq!(drive.sense(), Sense { reading: Reading::Measured(1_570_796), torque: true, ..UNREAD });
+        drive.hear(Instant::now(), 0x185, &[0x37, 0x06, 0x28, 0x23, 0, 0]);
+        assert_eq!(
+            drive.sense(),
+            Sense { reading: Reading::Measured(1_570_796), torque: true, ..Sense::UNREAD }
+        );
         assert_eq!(drive.counts(1_570_796), 9000);
         assert_eq!(drive.sense().reading, Reading::Missing, "a reading counts once");
-        drive.hear(0x085, &[0x11, 0x86, 0, 0, 0, 0, 0, 0]);
-        drive.hear(0x185, &[0x38, 0x06, 0x28, 0x23, 0, 0]);
+        drive.hear(Instant::now(), 0x085, &[0x11, 0x86, 0, 0, 0, 0, 0, 0]);
+        drive.hear(Instant::now(), 0x185, &[0x38, 0x06, 0x28, 0x23, 0, 0]);
         assert!(!drive.sense().torque);
         assert_eq!(drive.errors(), ["error 0x8611 (following error)"]);
-        drive.hear(0x705, &[0]);
+        drive.hear(Instant::now(), 0x705, &[0]);
         assert_eq!(drive.sense().reading, Reading::Invalid);
     }
 }

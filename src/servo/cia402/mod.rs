@@ -5,17 +5,18 @@
 
 use std::time::{Duration, Instant};
 
-use firmware_protocol::{LinkCounters, Sense, Setpoint};
+use firmware_protocol::config::Home;
+use firmware_protocol::{LinkCounters, Setpoint};
 
 use super::LinkError;
-use super::hosted::{Actuators, HostedLink, Make};
+use super::hosted::{Actuators, HostedLink, Make, Sample};
 
 mod bus;
 mod drive;
 mod object;
 
 use bus::CanBus;
-use drive::{Drive, Power};
+use drive::{Drive, Power, Zero};
 use object::{Answer, Object};
 
 /// How long a drive may take to answer a question.
@@ -26,13 +27,21 @@ const READINGS_WITHIN: Duration = Duration::from_millis(15);
 const LATE_WITHIN: Duration = Duration::from_micros(200);
 /// How long leaving a fault may take.
 const RESET_WITHIN: Duration = Duration::from_secs(2);
-/// Rounds between two looks at current and supply.
-const SLOW_ROUNDS: u32 = 40;
+/// Rounds between two questions for slow readings, and what is asked in turn. Their answers are not waited for: a drive
+/// that is slow to answer, or does not, must not hold up the set points.
+const SLOW_ROUNDS: u32 = 10;
+const SLOW: [Object; 2] = [object::CURRENT, object::SUPPLY];
+/// How long a drive may take to find its zero by itself, µs.
+const HOMING_US: u32 = 60_000_000;
+/// How long a change of mode may take.
+const MODE_WITHIN: Duration = Duration::from_secs(1);
+/// Control word bit: begin homing.
+const BEGIN_HOMING: u16 = 1 << 4;
 /// Node number under which the host sends its heartbeat, and how long the drives wait for it, ms.
 const HOST: (u8, u32) = (127, 1000);
 const HEARTBEAT_EVERY: Duration = Duration::from_millis(100);
-/// Play of a geared drive that says nothing of it: 0.1 degrees.
-const PLAY_URAD: i32 = 1745;
+/// Play of a geared drive that says nothing of it, between an encoder on the motor and the load: 0.2 degrees.
+const LOST_MOTION_URAD: i32 = 3491;
 
 /// Opens a bus (`INTERFACE` or `slcan:PATH`) and finds its two drives; the first is axis 0.
 pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkError> {
@@ -41,8 +50,17 @@ pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkErro
     let drives = nodes.map(Drive::new);
     let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), watched: [true; 2] };
     let ranges_urad = [rig.start(0)?, rig.start(1)?];
-    let uid = u64::from(nodes[0]) << 8 | u64::from(nodes[1]);
-    HostedLink::start(name, rig, &Make { uid, ranges_urad, uncertainty_urad: PLAY_URAD })
+    let homes = [rig.home_of(0)?, rig.home_of(1)?];
+    let make = Make {
+        uid: u64::from(nodes[0]) << 8 | u64::from(nodes[1]),
+        ranges_urad,
+        accuracy_urad: 0, // an encoder on the motor errs by its error over the gear
+        resolutions_urad: rig.drives.each_ref().map(Drive::resolution_urad),
+        play_urad: 0,
+        lost_motion_urad: LOST_MOTION_URAD,
+        homes,
+    };
+    HostedLink::start(name, rig, &make)
 }
 
 struct Cia402 {
@@ -62,7 +80,8 @@ impl Cia402 {
     fn hear(&mut self, end: Instant) -> Result<Option<(u16, Vec<u8>)>, LinkError> {
         let message = self.bus.receive(end)?;
         if let Some((identifier, data)) = &message {
-            self.drives.iter_mut().for_each(|drive| drive.hear(*identifier, data));
+            let now = Instant::now();
+            self.drives.iter_mut().for_each(|drive| drive.hear(now, *identifier, data));
         }
         Ok(message)
     }
@@ -148,7 +167,9 @@ impl Cia402 {
                 false
             }
         };
+        self.look_slowly(axis)?;
         self.drives[axis].restarted = false;
+        self.drives[axis].zero = Zero::Idle;
         self.drives[axis].position = None;
         self.bus.send(0, &[0x01, node])?;
         let half_turn = 3_141_592;
@@ -194,6 +215,8 @@ impl Cia402 {
         // answers to the last SYNC that were late: left in the queue, every later reading would be as old
         while self.hear(Instant::now() + LATE_WITHIN)?.is_some() {}
         let late = self.drives.each_mut().map(|drive| std::mem::take(&mut drive.fresh));
+        let asked = Instant::now();
+        self.drives.iter_mut().for_each(|drive| drive.syncs.ask(asked));
         self.bus.send(0x080, &[])?;
         let end = Instant::now() + READINGS_WITHIN;
         while self.drives.iter().any(|drive| !drive.fresh) && self.hear(end)?.is_some() {}
@@ -228,48 +251,106 @@ impl Cia402 {
         Ok(false)
     }
 
+    /// Slow readings at the start: waited for.
     fn look_slowly(&mut self, axis: usize) -> Result<(), LinkError> {
-        let mut ask = |object| self.ask(axis, object, object::upload(object));
-        let value = |answer| match answer {
-            Some(Answer::Value(value)) => Some(value),
-            _ => None,
-        };
-        let share = value(ask(object::CURRENT)?).map(|value| i64::from(value as u16 as i16).abs());
-        let rated = value(ask(object::RATED_CURRENT)?).map(i64::from);
-        let supply = value(ask(object::SUPPLY)?);
-        let code = if self.drives[axis].power == Power::Fault {
-            let object = object::ERROR_CODE;
-            value(self.ask(axis, object, object::upload(object))?)
-        } else {
-            None
-        };
-        let drive = &mut self.drives[axis];
-        if let (Some(share), Some(rated)) = (share, rated) {
-            drive.slow.0 = (share * rated / 1000).min(i16::MAX.into()) as i16;
-        }
-        if let Some(supply) = supply {
-            drive.slow.1 = supply.min(u16::MAX.into()) as u16;
-        }
-        if let Some(code) = code {
-            drive.error = code as u16;
+        for object in [object::RATED_CURRENT, object::CURRENT, object::SUPPLY] {
+            if let Some(answer) = self.ask(axis, object, object::upload(object))? {
+                self.drives[axis].take_slow(object, answer);
+            }
         }
         Ok(())
+    }
+
+    /// Asks for the next slow reading; its answer comes when it comes.
+    fn ask_slowly(&mut self, round: u32) -> Result<(), LinkError> {
+        let turn = (round / SLOW_ROUNDS) as usize;
+        for (axis, drive) in self.drives.iter_mut().enumerate() {
+            let waits = drive.asked.is_some_and(|(_, asked)| asked.elapsed() < ANSWER_WITHIN);
+            let object = if drive.power == Power::Fault && drive.error == 0 {
+                object::ERROR_CODE
+            } else if round.is_multiple_of(SLOW_ROUNDS) && turn % 2 == axis {
+                SLOW[turn / 2 % SLOW.len()]
+            } else {
+                continue;
+            };
+            if !waits {
+                drive.asked = Some((object, Instant::now()));
+                self.bus.send(0x600 + u16::from(drive.node), &object::upload(object))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// How this drive's position comes to be trusted: by its own homing where its owner set a method that looks for
+    /// something, else by an absolute encoder.
+    fn home_of(&mut self, axis: usize) -> Result<Home, LinkError> {
+        let modes = self.read(axis, object::SUPPORTED_MODES)?.unwrap_or(0);
+        let method = self.read(axis, object::HOMING_METHOD)?.unwrap_or(0) as u8;
+        let seeks =
+            modes >> (object::HOMING - 1) & 1 == 1 && !object::METHODS_WITHOUT_MOTION.contains(&method);
+        Ok(if seeks { Home::ByServo { longest_us: HOMING_US } } else { Home::Absolute })
+    }
+
+    /// Leads a drive that follows through its homing; it is sent set points again when this is over.
+    fn find_zero(&mut self, axis: usize) -> Result<(), LinkError> {
+        let Some(position) = self.drives[axis].position else { return Ok(()) };
+        let enabled = Power::Enabled.next_control();
+        match self.drives[axis].zero {
+            Zero::Idle => {
+                self.write(axis, object::MODE, object::HOMING)?;
+                let end = Instant::now() + MODE_WITHIN;
+                // the rising edge counts only in the mode, which is entered with a SYNC or in the drive's own time
+                while self.read(axis, object::MODE_NOW)? != Some(object::HOMING) {
+                    if Instant::now() > end {
+                        return self.end_homing(axis, Zero::Failed);
+                    }
+                    self.control(axis, enabled, position)?;
+                    self.exchange()?;
+                }
+                self.drives[axis].zero = Zero::Seeking(Instant::now(), false);
+                self.control(axis, enabled | BEGIN_HOMING, position)?;
+            }
+            Zero::Seeking(..) => match self.drives[axis].zero.hear(self.drives[axis].status) {
+                zero @ Zero::Seeking(..) => {
+                    self.drives[axis].zero = zero;
+                    self.control(axis, enabled | BEGIN_HOMING, position)?;
+                }
+                ended => self.end_homing(axis, ended)?,
+            },
+            Zero::Found | Zero::Failed => self.control(axis, enabled, position)?,
+        }
+        Ok(())
+    }
+
+    /// Back to set points, the first of which is where it stands.
+    fn end_homing(&mut self, axis: usize, ended: Zero) -> Result<(), LinkError> {
+        self.drives[axis].zero = ended;
+        if let Some(position) = self.drives[axis].position {
+            self.control(axis, Power::Enabled.next_control(), position)?;
+        }
+        self.write(axis, object::MODE, object::CYCLIC_POSITION)
     }
 }
 
 impl Actuators for Cia402 {
-    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError> {
+    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError> {
         self.exchange()?;
-        let slow = round % SLOW_ROUNDS;
-        if slow < 2 {
-            self.look_slowly(slow as usize)?; // one drive at a time
-        }
-        let [a, b] = &mut self.drives;
-        Ok([a.sense(), b.sense()])
+        self.ask_slowly(round)?;
+        Ok(self.drives.each_mut().map(Drive::sample))
     }
 
     fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {
         for (axis, setpoint) in setpoints.into_iter().enumerate() {
+            let home = setpoint.is_some_and(|setpoint| setpoint.home);
+            match self.drives[axis].zero {
+                Zero::Seeking(..) if !home => self.end_homing(axis, Zero::Idle)?, // told to stop
+                Zero::Found | Zero::Failed if !home => self.drives[axis].zero = Zero::Idle,
+                _ if home && self.drives[axis].power == Power::Enabled => {
+                    self.find_zero(axis)?;
+                    continue;
+                }
+                _ => {}
+            }
             let drive = &mut self.drives[axis];
             let Some(setpoint) = setpoint else {
                 drive.rest();

@@ -13,6 +13,10 @@ pub const HEARTBEAT_PERIOD: Object = (0x1017, 0, 2);
 pub const ERROR_CODE: Object = (0x603F, 0, 2);
 /// Mode of operation.
 pub const MODE: Object = (0x6060, 0, 1);
+/// Mode of operation that it is in.
+pub const MODE_NOW: Object = (0x6061, 0, 1);
+/// How it finds its zero.
+pub const HOMING_METHOD: Object = (0x6098, 0, 1);
 /// Rated current, mA.
 pub const RATED_CURRENT: Object = (0x6075, 0, 4);
 /// Current, thousandths of the rated one.
@@ -35,6 +39,11 @@ pub const GEAR_SHAFT: Object = (0x6091, 2, 4);
 pub const SUPPORTED_MODES: Object = (0x6502, 0, 4);
 /// Cyclic synchronous position: a set point with every SYNC.
 pub const CYCLIC_POSITION: u32 = 8;
+/// Homing: it finds its zero by itself.
+pub const HOMING: u32 = 6;
+/// Homing methods that find nothing: none, and those that call zero where the shaft happens to stand (CiA 402-2, methods 35
+/// and 37). A sensor that hangs crooked would be level by them.
+pub const METHODS_WITHOUT_MOTION: [u8; 3] = [0, 35, 37];
 
 /// Writes that make RPDO 1 control word and target, and TPDO 1 status word and position, both with every SYNC. Those of a
 /// PDO's identifier carry the node's number.

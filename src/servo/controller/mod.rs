@@ -34,6 +34,12 @@ pub struct RigController<L> {
 /// Takes every report as it comes.
 pub type ReportSink = Box<dyn FnMut(ServoReport) + Send>;
 
+/// The side from which play does not count.
+const FROM_BELOW: &str = "from_below";
+/// Readings of a hold that say how much they scatter, and how long they are waited for.
+const HELD: usize = 10;
+const HELD_WITHIN: Duration = Duration::from_millis(400);
+
 fn rad(urad: i32) -> f64 {
     f64::from(urad) * 1e-6
 }
@@ -131,6 +137,7 @@ impl<L: Link> RigController<L> {
     /// Makes the positions of all axes trusted.
     pub fn home(&mut self) -> Result<(), RigError> {
         self.refuse_when_interrupted()?;
+        self.view.from_below = false;
         let id = self.order("home", Order::Home { axis: ALL_AXES })?;
         self.wait_for("homing", id, &mut |_| {})
     }
@@ -231,6 +238,7 @@ impl<L: Link> RigController<L> {
         self.refuse_when_interrupted()?;
         let approach = self.go_below(pitches_rad, &mut progress)?;
         self.go(&targets, &mut progress)?;
+        self.view.from_below = approach == FROM_BELOW;
         self.read_back(&targets, approach)
     }
 
@@ -248,11 +256,11 @@ impl<L: Link> RigController<L> {
             return Ok("either");
         }
         if below.iter().enumerate().all(|(axis, below_rad)| at(axis) <= below_rad + tolerance_rad) {
-            return Ok("from_below");
+            return Ok(FROM_BELOW);
         }
         let moved = self.check(&below).and_then(|targets| self.go(&targets, progress));
         match moved {
-            Ok(()) => Ok("from_below"),
+            Ok(()) => Ok(FROM_BELOW),
             // no room below: straight there
             Err(
                 RigError::OutsideLimits { .. }
@@ -265,6 +273,7 @@ impl<L: Link> RigController<L> {
 
     /// Moves to angles, a pair together, and waits until all stand.
     fn go(&mut self, targets: &[i32], progress: &mut impl FnMut(&Progress)) -> Result<(), RigError> {
+        self.view.from_below = false;
         if let [a_urad, b_urad] = *targets {
             let id = self.order("move", Order::MovePair { a_urad, b_urad })?;
             return self.wait_for("the move", id, progress);
@@ -281,23 +290,34 @@ impl<L: Link> RigController<L> {
     /// Angles read after the move ended, compared with the targets.
     fn read_back(&mut self, targets: &[i32], approach: &'static str) -> Result<Applied, RigError> {
         let settled_ns = self.link.now_ns();
+        self.view.axes.iter_mut().for_each(|axis| axis.held.forget());
         self.ask("a position after the move", &[], |view| {
             view.axes.iter().all(|axis| axis.position.is_some_and(|(.., read_ns)| read_ns >= settled_ns))
         })?;
+        // one reading says where it stands, several say how well
+        let until_ns = settled_ns + HELD_WITHIN.as_nanos() as u64;
+        while self.link.now_ns() < until_ns && self.view.axes.iter().any(|axis| axis.held.count() < HELD) {
+            self.pump(until_ns)?;
+        }
         let now_ns = self.link.now_ns();
         let mut axes = Vec::new();
         for (axis, target) in targets.iter().enumerate() {
-            let Some((urad, source, read_ns)) = self.view.axes[axis].position else { continue };
-            if rad(urad.saturating_sub(*target)).abs() > self.options.tolerance_rad {
-                return Err(RigError::NotReached { axis, measured_deg: deg(urad), target_deg: deg(*target) });
+            let view = &self.view.axes[axis];
+            let Some((urad, source, read_ns)) = view.position else { continue };
+            let measured_rad = view.held.mean_urad().map_or(rad(urad), |mean_urad| mean_urad * 1e-6);
+            if (measured_rad - rad(*target)).abs() > self.options.tolerance_rad {
+                let (measured_deg, target_deg) = (measured_rad.to_degrees(), deg(*target));
+                return Err(RigError::NotReached { axis, measured_deg, target_deg });
             }
             axes.push(AppliedAxis {
                 target_rad: rad(*target),
-                measured_rad: rad(urad),
+                measured_rad,
                 source: source.name(),
                 approach,
                 age_s: now_ns.saturating_sub(read_ns) as f64 * 1e-9,
-                uncertainty_rad: rad(self.view.limit(axis, Limit::Uncertainty).unwrap_or(0)),
+                uncertainty_rad: rad(self.view.uncertainty_urad(axis)),
+                scatter_rad: rad(view.held.scatter_urad()),
+                readings: view.held.count(),
             });
         }
         Ok(Applied { axes })
@@ -329,7 +349,7 @@ impl<L: Link> RigController<L> {
                 target_deg: deg(target.target_urad),
                 source: View::source_now(source, read_ns, now_ns).name().to_owned(),
                 age_ms: now_ns.saturating_sub(read_ns) as f64 * 1e-6,
-                uncertainty_deg: limit(Limit::Uncertainty),
+                uncertainty_deg: deg(self.view.uncertainty_urad(axis)),
                 homed: target.homed,
                 limits_deg: [limit(Limit::Minimum), limit(Limit::Maximum)],
                 current_ma: view.effort.map(|(current, ..)| current),
@@ -346,6 +366,7 @@ impl<L: Link> RigController<L> {
             uid: format!("{:016x}", self.view.uid.unwrap_or(0)),
             firmware: format!("{}.{}.{}", version >> 16, version >> 8 & 0xFF, version & 0xFF),
             reset_cause: self.reset_cause().name().to_owned(),
+            homing_moves: self.view.info.is_some_and(|info| info.homing_moves),
             armed: self.view.heartbeat.is_some_and(|heartbeat| heartbeat.armed),
             axes,
             frames: counters.frames,

@@ -99,7 +99,7 @@ pub struct Progress {
 pub struct AppliedAxis {
     /// Where it was told to be, rad.
     pub target_rad: f64,
-    /// Where it is, rad.
+    /// Where it is, rad: the mean of the readings since it holds.
     pub measured_rad: f64,
     /// How that is known: `measured` or `commanded`.
     pub source: &'static str,
@@ -107,8 +107,13 @@ pub struct AppliedAxis {
     pub approach: &'static str,
     /// How old the reading is, s.
     pub age_s: f64,
-    /// Half the width in which the true angle lies around the reading, rad.
+    /// Half the width in which the true angle lies around it, rad: what the encoder errs and resolves, the scatter, and the
+    /// play between encoder and load unless it came from below.
     pub uncertainty_rad: f64,
+    /// Half the distance between the lowest and the highest reading while it held, rad.
+    pub scatter_rad: f64,
+    /// How many readings that were.
+    pub readings: usize,
 }
 
 /// The axes after a move.

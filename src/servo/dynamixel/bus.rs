@@ -40,6 +40,7 @@ impl Bus {
 
     fn send(&mut self, packet: &Packet) -> Result<(), LinkError> {
         self.waiting.clear();
+        self.port.forget()?; // a late answer would be taken for that to this question
         self.port.send(&packet.encode())
     }
 

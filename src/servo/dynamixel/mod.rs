@@ -2,12 +2,13 @@
 //! arming and never off.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use firmware_protocol::config::Home;
 use firmware_protocol::{LinkCounters, Reading, Sense, Setpoint};
 
 use super::LinkError;
-use super::hosted::{Actuators, HostedLink, Make, UNREAD};
+use super::hosted::{Actuators, HostedLink, Make, Questions, Sample};
 
 mod bus;
 pub(crate) mod packet;
@@ -22,17 +23,27 @@ const SLOW_ROUNDS: u32 = 10;
 const BUS_WATCHDOG_20_MS: u8 = 25;
 /// How long a servo takes to start.
 const START: Duration = Duration::from_millis(300);
-/// 0.25 degrees of play, e-Manual.
+/// 0.25 degrees of play (e-Manual, "Backlash"). The encoder sits on the output and sees it.
 const PLAY_URAD: i32 = 4363;
+/// The encoder's integral non-linearity: 0.5 degrees at room temperature (ams AS5045 data sheet, "INLopt").
+const ACCURACY_URAD: i32 = 8727;
 
 /// Opens a bus and finds its two servos; the first is axis 0.
 pub(super) fn open(path: &Path, baud: u32, ids: [u8; 2]) -> Result<HostedLink, LinkError> {
     let mut bus = Bus::open(path, baud)?;
     let ranges_urad = [find(&mut bus, ids[0])?, find(&mut bus, ids[1])?];
     let uid = u64::from(ids[0]) << 8 | u64::from(ids[1]);
-    let make = Make { uid, ranges_urad, uncertainty_urad: PLAY_URAD };
+    let make = Make {
+        uid,
+        ranges_urad,
+        accuracy_urad: ACCURACY_URAD,
+        resolutions_urad: [table::COUNT_URAD; 2],
+        play_urad: PLAY_URAD,
+        lost_motion_urad: 0,
+        homes: [Home::Absolute; 2],
+    };
     let name = format!("dynamixel:{}", bus.path());
-    let servos = ids.map(|id| BusServo { id, sense: UNREAD, error: 0, refused: None, switched_on: false });
+    let servos = ids.map(BusServo::new);
     HostedLink::start(name, Dynamixel { bus, servos }, &make)
 }
 
@@ -74,10 +85,12 @@ fn int(bytes: &[u8]) -> i32 {
 }
 
 /// One servo, as last heard.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct BusServo {
     id: u8,
     sense: Sense,
+    between: [Instant; 2],
+    questions: Questions,
     /// What its hardware error register said last.
     error: u8,
     /// What it last answered to a write that it refused.
@@ -93,7 +106,7 @@ struct Dynamixel {
 
 impl Dynamixel {
     fn ids(&self) -> [u8; 2] {
-        self.servos.map(|servo| servo.id)
+        self.servos.each_ref().map(|servo| servo.id)
     }
 
     /// Whether the servo took the value; a refusal is kept for those who ask.
@@ -117,6 +130,12 @@ impl Dynamixel {
 }
 
 impl BusServo {
+    fn new(id: u8) -> Self {
+        let (sense, questions) = (Sense::UNREAD, Questions::default());
+        let between = [Instant::now(); 2];
+        Self { id, sense, between, questions, error: 0, refused: None, switched_on: false }
+    }
+
     fn take(&mut self, measured: Option<&[u8]>, slow: Option<&[u8]>) {
         self.sense.reading = Reading::Missing;
         if let Some(bytes) = measured {
@@ -154,9 +173,12 @@ impl BusServo {
 }
 
 impl Actuators for Dynamixel {
-    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError> {
+    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError> {
         let ids = self.ids();
+        let asked = Instant::now();
+        self.servos.iter_mut().for_each(|servo| servo.questions.ask(asked));
         let measured = self.bus.sync_read(&ids, table::MEASURED)?;
+        let heard = Instant::now();
         let slow = if round.is_multiple_of(SLOW_ROUNDS) {
             self.bus.sync_read(&ids, table::TORQUE_TO_ERROR)?
         } else {
@@ -164,8 +186,11 @@ impl Actuators for Dynamixel {
         };
         for ((servo, measured), slow) in self.servos.iter_mut().zip(&measured).zip(&slow) {
             servo.take(measured.as_deref(), slow.as_deref());
+            if measured.is_some() {
+                servo.between = servo.questions.answer(heard);
+            }
         }
-        Ok(self.servos.map(|servo| servo.sense))
+        Ok(self.servos.each_ref().map(|servo| Sample { sense: servo.sense, between: servo.between }))
     }
 
     fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {
@@ -188,7 +213,7 @@ impl Actuators for Dynamixel {
     }
 
     fn recover(&mut self) -> Result<(), LinkError> {
-        let shut_down = self.servos.map(|servo| servo.error != 0);
+        let shut_down = self.servos.each_ref().map(|servo| servo.error != 0);
         for (servo, _) in self.servos.iter_mut().zip(shut_down).filter(|(_, shut_down)| *shut_down) {
             self.bus.reboot(servo.id)?;
             (servo.switched_on, servo.error, servo.refused) = (false, 0, None);

@@ -68,6 +68,8 @@ pub const CENTRE: i32 = 2048;
 const COUNTS: i64 = 4096;
 /// A turn, µrad.
 const TURN_URAD: i64 = 6_283_185;
+/// One count, µrad, rounded up.
+pub const COUNT_URAD: i32 = (TURN_URAD / COUNTS) as i32 + 1;
 
 /// Counts to an angle from the centre, µrad.
 pub fn urad(counts: i32) -> i32 {

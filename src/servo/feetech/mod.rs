@@ -4,11 +4,12 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use firmware_protocol::config::Home;
 use firmware_protocol::{LinkCounters, Reading, Sense, Setpoint};
 
 use super::LinkError;
 use super::bus_port::BusPort;
-use super::hosted::{Actuators, HostedLink, Make, UNREAD};
+use super::hosted::{Actuators, HostedLink, Make, Questions, Sample};
 
 pub(crate) mod packet;
 
@@ -18,23 +19,43 @@ use packet::{Packet, PacketReceiver, Register};
 const ANSWER_WITHIN: Duration = Duration::from_millis(30);
 /// Rounds between two looks at the torque switch.
 const SLOW_ROUNDS: u32 = 10;
-/// Half of the degree of play that others measured.
-const PLAY_URAD: i32 = 8727;
+/// The degree of play that others measured; the encoder sits on the output and sees it.
+const PLAY_URAD: i32 = 17_453;
+/// Error of the magnetic encoder's scale: the maker gives none; 0.5 degrees is usual for a 12-bit one off its axis a little
+/// (ams AS5045 data sheet, "INLopt").
+const ACCURACY_URAD: i32 = 8727;
+/// Questions whose echo may still come.
+const ECHOES: usize = 8;
 /// STS3215 and STS3250.
 const MODELS: [u16; 2] = [777, 2825];
 
 /// Opens a bus and finds its two servos; the first is axis 0.
 pub(super) fn open(path: &Path, baud: u32, ids: [u8; 2]) -> Result<HostedLink, LinkError> {
     let port = BusPort::open(path, baud)?;
-    let mut bus = Bus { port, receiver: PacketReceiver::default(), waiting: VecDeque::new(), answers: 0 };
-    bus.look_for_echo()?;
+    let mut bus = Bus {
+        port,
+        receiver: PacketReceiver::default(),
+        waiting: VecDeque::new(),
+        echoes: VecDeque::new(),
+        answers: 0,
+    };
     let found = [bus.find(ids[0])?, bus.find(ids[1])?];
     let uid = u64::from(ids[0]) << 8 | u64::from(ids[1]);
-    let make = Make { uid, ranges_urad: found.map(|(range, _)| range), uncertainty_urad: PLAY_URAD };
+    let make = Make {
+        uid,
+        ranges_urad: found.map(|(range, _)| range),
+        accuracy_urad: ACCURACY_URAD,
+        resolutions_urad: [packet::COUNT_URAD; 2],
+        play_urad: PLAY_URAD,
+        lost_motion_urad: 0,
+        homes: [Home::Absolute; 2],
+    };
     let name = format!("feetech:{}", bus.port.path());
     let servo = |axis: usize| BusServo {
         id: ids[axis],
-        sense: UNREAD,
+        sense: Sense::UNREAD,
+        between: [Instant::now(); 2],
+        questions: Questions::default(),
         error: 0,
         answers_writes: found[axis].1,
         switched_on: false,
@@ -47,6 +68,9 @@ struct Bus {
     port: BusPort,
     receiver: PacketReceiver,
     waiting: VecDeque<Packet>,
+    /// Questions asked lately: half-duplex adapters say them back, some right away and some after a while. No answer looks
+    /// like the question of a register.
+    echoes: VecDeque<Packet>,
     answers: u32,
 }
 
@@ -54,15 +78,24 @@ impl Bus {
     fn ask(&mut self, id: u8, instruction: u8, parameters: Vec<u8>) -> Result<(), LinkError> {
         self.waiting.clear();
         self.receiver.clear();
-        self.port.send(&Packet { id, code: instruction, parameters }.encode())
+        self.port.forget()?; // a late answer would be taken for that to this question
+        let question = Packet { id, code: instruction, parameters };
+        self.port.send(&question.encode())?;
+        if self.echoes.len() == ECHOES {
+            self.echoes.pop_front();
+        }
+        self.echoes.push_back(question);
+        Ok(())
     }
 
-    /// The next answer of this servo; late ones of others are skipped.
+    /// The next answer of this servo; late ones of others, and echoes, are skipped.
     fn hear(&mut self, id: u8) -> Result<Option<Packet>, LinkError> {
         let end = Instant::now() + ANSWER_WITHIN;
         loop {
             while let Some(packet) = self.waiting.pop_front() {
-                if packet.id == id {
+                if let Some(at) = self.echoes.iter().position(|question| *question == packet) {
+                    self.echoes.remove(at);
+                } else if packet.id == id {
                     self.answers = self.answers.wrapping_add(1);
                     return Ok(Some(packet));
                 }
@@ -72,16 +105,6 @@ impl Bus {
                 None => return Ok(None),
             }
         }
-    }
-
-    /// A ping of nobody: what comes back is the adapter's echo. Asked once, as a ping that is answered with an error looks
-    /// like its own question.
-    fn look_for_echo(&mut self) -> Result<(), LinkError> {
-        self.ask(packet::NOBODY, packet::PING, vec![])?;
-        let echoes = self.hear(packet::NOBODY)?.is_some();
-        self.port.set_echoes(echoes);
-        self.answers = 0;
-        Ok(())
     }
 
     fn read(&mut self, id: u8, (address, length): Register) -> Result<Option<(u8, Vec<u8>)>, LinkError> {
@@ -137,10 +160,12 @@ impl Bus {
 }
 
 /// One servo, as last heard.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct BusServo {
     id: u8,
     sense: Sense,
+    between: [Instant; 2],
+    questions: Questions,
     /// Error bits of its last answer.
     error: u8,
     answers_writes: bool,
@@ -196,15 +221,21 @@ impl Feetech {
 }
 
 impl Actuators for Feetech {
-    fn listen(&mut self, round: u32) -> Result<[Sense; 2], LinkError> {
-        let ids = self.servos.map(|servo| servo.id);
+    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError> {
+        let ids = self.servos.each_ref().map(|servo| servo.id);
         let (address, length) = packet::MEASURED;
+        let asked = Instant::now();
+        self.servos.iter_mut().for_each(|servo| servo.questions.ask(asked));
         self.bus.ask(packet::BROADCAST, packet::SYNC_READ, [&[address, length], &ids[..]].concat())?;
         let mut answers = Vec::new();
         for id in ids {
             answers.push(self.bus.hear(id)?.filter(|answer| answer.parameters.len() == usize::from(length)));
         }
+        let heard = Instant::now();
         for (servo, answer) in self.servos.iter_mut().zip(&answers) {
+            if answer.is_some() {
+                servo.between = servo.questions.answer(heard);
+            }
             if round.is_multiple_of(SLOW_ROUNDS)
                 && let Some((_, values)) = self.bus.read(servo.id, packet::TORQUE_ENABLE)?
             {
@@ -212,7 +243,7 @@ impl Actuators for Feetech {
             }
             servo.take(answer.as_ref());
         }
-        Ok(self.servos.map(|servo| servo.sense))
+        Ok(self.servos.each_ref().map(|servo| Sample { sense: servo.sense, between: servo.between }))
     }
 
     fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {

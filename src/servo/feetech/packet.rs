@@ -3,11 +3,6 @@
 
 /// The id that every servo listens to.
 pub const BROADCAST: u8 = 0xFE;
-/// An id that no servo here may have: who answers it is an echo.
-pub const NOBODY: u8 = 0xFD;
-
-/// Who is there?
-pub const PING: u8 = 0x01;
 /// Read registers.
 pub const READ: u8 = 0x02;
 /// Write registers.
@@ -139,6 +134,8 @@ const CENTRE: i32 = 2048;
 const COUNTS: i64 = 4096;
 /// A turn, µrad.
 const TURN_URAD: i64 = 6_283_185;
+/// One count, µrad, rounded up.
+pub const COUNT_URAD: i32 = (TURN_URAD / COUNTS) as i32 + 1;
 
 /// Sign and magnitude: the highest of 16 bits is the sign.
 pub fn signed(word: u16) -> i32 {
@@ -167,7 +164,7 @@ mod tests {
     /// Ping of servo 1 and its answer, as the manual prints them.
     #[test]
     fn agrees_with_the_manual() {
-        let ping = Packet { id: 1, code: PING, parameters: vec![] };
+        let ping = Packet { id: 1, code: 1, parameters: vec![] };
         assert_eq!(ping.encode(), [0xFF, 0xFF, 0x01, 0x02, 0x01, 0xFB]);
         let answer = Packet { id: 1, code: 0, parameters: vec![] };
         assert_eq!(PacketReceiver::default().push(&[0xFF, 0xFF, 0x01, 0x02, 0x00, 0xFC]), [answer]);

@@ -8,6 +8,7 @@ use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m_rt::{entry, exception};
+use firmware_protocol::config::Home;
 use firmware_protocol::simulated::SimulatedAxis;
 use firmware_protocol::{Config, Controller, ResetCause};
 use outrigger_firmware::clock::Clock;
@@ -15,6 +16,8 @@ use outrigger_firmware::queue::Queue;
 use outrigger_firmware::registers::{enable_interrupt, read, restart, sleep, start_tick, write};
 use outrigger_firmware::rig::{REVISION, Rig};
 
+/// Where the switches of a rig that has them close: -30 degrees.
+const SWITCH_URAD: i32 = -523_599;
 const CORE_HZ: u32 = 25_000_000;
 const TIMER: usize = 0x4000_0000;
 const UART: usize = 0x4000_4000;
@@ -55,8 +58,12 @@ fn main() -> ! {
         _ => [0, 1].map(|axis: usize| RETAINED.shafts_urad[axis].load(Ordering::Relaxed) as i32),
     };
     let mut clock = Clock::new(CORE_HZ / 1_000_000, counter());
-    let axes = [0, 1].map(|axis: usize| SimulatedAxis::new(axis as u64 + 1, start_urad[axis], 0));
-    let config = Config { revision: REVISION, ..Config::mirrored_pair(0x4F55_5452_4D50_5332) };
+    let mut axes = [0, 1].map(|axis: usize| SimulatedAxis::new(axis as u64 + 1, start_urad[axis], 0));
+    let mut config = Config { revision: REVISION, ..Config::mirrored_pair(0x4F55_5452_4D50_5332) };
+    if cfg!(feature = "home-switch") {
+        axes = axes.map(|axis| axis.counting_from_start(SWITCH_URAD));
+        config.axes.iter_mut().for_each(|axis| axis.home = Home::switch_below(SWITCH_URAD));
+    }
     let mut rig = Rig::new(config, axes, 1, reset, 0);
     loop {
         sleep();

@@ -61,7 +61,7 @@ fn main() -> ! {
     let mut clock = Clock::new(1, read(TIMER_RAW_LOW));
     let mut config = Config { revision: REVISION, ..Config::mirrored_pair(0x4F55_5452_5250_3230) };
     for axis in &mut config.axes {
-        axis.uncertainty_urad = 52_360; // a hobby servo stands within three degrees of what it was told, unmeasured
+        axis.accuracy_urad = 52_360; // a hobby servo stands within three degrees of what it was told, unmeasured
     }
     let mut rig = Rig::new(config, [PulseServo::standard(); 2], 1, reset, 0);
     loop {
