@@ -7,6 +7,7 @@ use crate::support::{Case, case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
     case("shards_in_any_order_merge_to_the_same_bytes", shards_in_any_order_merge_to_the_same_bytes),
+    case("scripts_run_a_study_to_the_same_bytes", scripts_run_a_study_to_the_same_bytes),
     case("what_is_missing_or_foreign_is_said", what_is_missing_or_foreign_is_said),
     with_shared("walk_and_mount_are_searched_in_a_house", walk_and_mount_are_searched_in_a_house),
 ];
@@ -54,6 +55,7 @@ fn shards_in_any_order_merge_to_the_same_bytes() {
     }
     let error = fails(&["merge", "published"], cut);
     assert!(error.contains("have no rows") && error.contains("2 shard files"), "{error}");
+    damaged_shards_are_named_and_run_again(cut);
     let kept = std::fs::metadata(cut.join("shard-00001-of-00003.json")).unwrap().modified().unwrap();
     for shard in ["1/3", "2/3"] {
         ok(&["run", "published", "--shard", shard], cut);
@@ -73,6 +75,46 @@ fn shards_in_any_order_merge_to_the_same_bytes() {
     assert!(page.contains("Table 8") && page.contains("<svg") && !page.contains("http://"), "{page}");
 }
 
+/// Cut short, or with one digit changed: never merged, named, and run again. Shards 1/3 and 3/3 lie there.
+fn damaged_shards_are_named_and_run_again(folder: &Path) {
+    let path = folder.join("shard-00003-of-00003.json");
+    let whole = std::fs::read_to_string(&path).unwrap();
+    let (start, end) = whole.split_at(whole.rfind("unique_voxels\":").unwrap() + 17);
+    let digit = if end.starts_with('1') { "2" } else { "1" };
+    let flipped = format!("{start}{digit}{}", &end[1..]);
+    for damaged in [&whole[..whole.len() / 2], &flipped] {
+        std::fs::write(&path, damaged).unwrap();
+        let error = fails(&["merge", "published"], folder);
+        assert!(
+            error.contains("shard-00003-of-00003.json") && error.contains("nothing was merged"),
+            "{error}"
+        );
+        assert!(!folder.join("rows.csv").exists());
+        let again = study(&["run", "published", "--shard", "3/3"], folder);
+        let notice = String::from_utf8_lossy(&again.stderr);
+        assert!(again.status.success() && notice.contains("shard 3/3 was run again"), "{notice}");
+        let times = |text: &str| text.matches("wall_").count();
+        let redone = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(times(&redone), times(&whole));
+    }
+}
+
+fn scripts_run_a_study_to_the_same_bytes() {
+    let (whole, queued) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    ok(&["pareto", "--quick", "--seeds", "1"], whole.path());
+    let text = ok(&["submit", "pareto", "--quick", "--seeds", "1", "--shards", "3", "--json"], queued.path());
+    let start =
+        serde_json::from_str::<serde_json::Value>(&text).unwrap()["start"].as_str().unwrap().to_owned();
+    let run = std::process::Command::new("sh").arg("-c").arg(&start).output().unwrap();
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    for name in ["rows.csv", "pareto.csv", "findings.json"] {
+        assert_eq!(read(whole.path(), name), read(queued.path(), name), "{name}");
+    }
+    let slurm = ["submit", "pareto", "--quick", "--seeds", "1", "--engine", "slurm", "--shards", "3"];
+    ok(&slurm, queued.path());
+    assert!(read(queued.path(), "shards.sbatch").contains("#SBATCH --array=1-3"));
+}
+
 fn what_is_missing_or_foreign_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -83,8 +125,7 @@ fn what_is_missing_or_foreign_is_said() {
     ok(&["plan", "sensor-count", "--quick", "--seeds", "1"], folder);
     assert!(fails(&["plan", "sensor-count", "--quick", "--seeds", "2"], folder).contains("another plan"));
     assert!(fails(&["run", "published", "--shard", "1/1"], folder).contains("sensor-count"));
-    let foreign =
-        r#"{"format":"outrigger-study-shard/1","plan_sha256":"00","shard":{"index":1,"count":1},"done":[]}"#;
+    let foreign = r#"{"format":"outrigger-study-shard/1","plan_sha256":"00","shard":{"index":1,"count":1},"done_sha256":"","done":[]}"#;
     std::fs::write(folder.join("shard-00001-of-00001.json"), foreign).unwrap();
     assert!(fails(&["merge", "sensor-count"], folder).contains("another plan"));
     let usage = study(&["run", "published", "--shard", "3/2"], folder);

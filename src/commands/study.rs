@@ -1,12 +1,15 @@
 //! `outrigger study`
 
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
 use serde::Serialize;
 
 use super::{Context, Outcome, output, signals};
-use crate::study::shard::{Plan, Shard};
+use crate::files;
+use crate::study::shard::{Plan, Ran, Shard};
+use crate::study::submit::{self, Engine};
 use crate::study::{Findings, STUDIES, Size, named};
 
 /// Arguments of `study`.
@@ -14,10 +17,10 @@ use crate::study::{Findings, STUDIES, Size, named};
 #[command(
     after_help = "`study NAME` plans, runs and merges; what is done already is not done again. On several machines: `study plan \
                   NAME --out DIR`, then `study run NAME --out DIR --shard i/N` for every i (each writes one file), then `study \
-                  merge NAME --out DIR`."
+                  merge NAME --out DIR`. `study submit NAME --engine slurm --shards N --out DIR` writes scripts that do this."
 )]
 pub struct Args {
-    /// plan, run or merge and a study, or a study alone for all three: published, methods, sensor-count, pareto,
+    /// plan, run, merge or submit and a study, or a study alone for all three: published, methods, sensor-count, pareto,
     /// joint, speed-accuracy.
     #[arg(value_name = "ACTION|NAME", num_args = 1..=2, required = true)]
     what: Vec<String>,
@@ -33,6 +36,12 @@ pub struct Args {
     /// Which part to run, as i/N.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
+    /// What will run the shards, for submit.
+    #[arg(long, default_value = "local")]
+    engine: Engine,
+    /// Shards that submit makes; 10 to 30 seconds each are worth a place in a queue.
+    #[arg(long, value_name = "N", default_value_t = SHARDS as u64, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    shards: u64,
     /// Folder of plan, shards and results [default: study-NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -43,6 +52,7 @@ enum Action {
     Plan,
     Run,
     Merge,
+    Submit,
     All,
 }
 
@@ -55,6 +65,9 @@ struct Document<'a> {
     study: &'a str,
     folder: String,
     tasks: usize,
+    /// The command that starts what submit wrote.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    start: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     findings: Option<&'a Findings>,
 }
@@ -67,7 +80,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             "plan" => (Action::Plan, name),
             "run" => (Action::Run, name),
             "merge" => (Action::Merge, name),
-            other => anyhow::bail!("{other:?}: give plan, run or merge, and then a study"),
+            "submit" => (Action::Submit, name),
+            other => anyhow::bail!("{other:?}: give plan, run, merge or submit, and then a study"),
         },
         _ => {
             anyhow::bail!("give a study: {}", STUDIES.iter().map(|s| s.name()).collect::<Vec<_>>().join(", "))
@@ -76,7 +90,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let study = named(name)?;
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
     let plan = match action {
-        Action::Plan | Action::All => {
+        Action::Plan | Action::Submit | Action::All => {
             let size = Size { seeds: args.seeds, quick: args.quick, scene: args.scene.clone() };
             let plan = Plan::new(study, size)?;
             plan.write(&folder)?;
@@ -92,12 +106,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let findings = match action {
         Action::Merge | Action::All => Some(plan.merge(&folder)?),
-        Action::Plan | Action::Run => None,
+        Action::Plan | Action::Run | Action::Submit => None,
     };
+    let start = if action == Action::Submit { Some(write_scripts(args, &plan, &folder)?) } else { None };
     let document = Document {
         study: study.name(),
         folder: folder.display().to_string(),
         tasks: plan.tasks.len(),
+        start,
         findings: findings.as_ref(),
     };
     if context.json {
@@ -108,7 +124,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn run_shards(args: &Args, plan: &Plan, folder: &std::path::Path) -> anyhow::Result<bool> {
+fn write_scripts(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<String> {
+    let program = std::env::current_exe().context("this program's own path")?;
+    let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
+    let scripts = submit::scripts(plan, args.engine, args.shards as usize, &program, &folder);
+    for script in &scripts {
+        let path = folder.join(script.name);
+        files::write_whole(&path, script.text.as_bytes())
+            .with_context(|| format!("{} cannot be written", path.display()))?;
+    }
+    Ok(format!("sh {}", folder.join(scripts[0].name).display()))
+}
+
+fn run_shards(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<bool> {
     let stop = signals::stop_flag()?;
     let shards = match args.shard {
         Some(shard) => vec![shard],
@@ -123,8 +151,10 @@ fn run_shards(args: &Args, plan: &Plan, folder: &std::path::Path) -> anyhow::Res
         indicatif::ProgressBar::hidden()
     };
     for shard in shards {
-        if !plan.run_shard(folder, shard, |done| bar.set_message(format!("{done} tasks")), &stop)? {
-            return Ok(false);
+        match plan.run_shard(folder, shard, |done| bar.set_message(format!("{done} tasks")), &stop)? {
+            Ran::Whole => {}
+            Ran::Again(what) => output::say_notice(&format!("{what}: shard {shard} was run again")),
+            Ran::Stopped => return Ok(false),
         }
         bar.inc(1);
     }
@@ -134,7 +164,11 @@ fn run_shards(args: &Args, plan: &Plan, folder: &std::path::Path) -> anyhow::Res
 
 fn summary(document: &Document) -> String {
     let Some(findings) = document.findings else {
-        return format!("{}: {} tasks in {}\n", document.study, document.tasks, document.folder);
+        let mut text = format!("{}: {} tasks in {}\n", document.study, document.tasks, document.folder);
+        if let Some(start) = &document.start {
+            text += &format!("start it with {start}\n");
+        }
+        return text;
     };
     let mut text = format!("{}: {}\n", document.study, findings.summary);
     for claim in &findings.claims {

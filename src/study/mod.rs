@@ -15,6 +15,7 @@ mod sensor_count;
 pub mod shard;
 mod speed_accuracy;
 mod spread;
+pub mod submit;
 
 pub use page::{csv, findings_page};
 pub use rows::{Row, number, text};

@@ -36,6 +36,19 @@ pub struct Shard {
     pub count: usize,
 }
 
+impl Shard {
+    /// Numbers of its tasks, of so many in all.
+    fn tasks(self, all: usize) -> impl Iterator<Item = usize> {
+        (self.index.saturating_sub(1)..all).step_by(self.count.max(1))
+    }
+}
+
+impl std::fmt::Display for Shard {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}/{}", self.index, self.count)
+    }
+}
+
 impl std::str::FromStr for Shard {
     type Err = String;
 
@@ -57,7 +70,28 @@ struct ShardFile {
     /// Of the plan, so that rows of another plan are not mixed in.
     plan_sha256: String,
     shard: Shard,
+    /// Of `done` as it is written, so that damage that leaves it readable is found.
+    done_sha256: String,
     done: Done,
+}
+
+/// What came of a shard that was to be run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ran {
+    /// It was run, or lay there whole.
+    Whole,
+    /// A damaged file lay there, of which this is said; it was run again.
+    Again(String),
+    /// Stopped before the end: nothing was written.
+    Stopped,
+}
+
+/// Why the file of a shard cannot be used.
+enum Unusable {
+    /// Nobody's work is lost when it is done again.
+    Damaged(String),
+    /// Somebody else's, or not to be read at all.
+    Foreign(StudyError),
 }
 
 impl Plan {
@@ -100,41 +134,59 @@ impl Plan {
     }
 
     fn sha256(&self) -> String {
-        let text = serde_json::to_string(self).unwrap_or_default();
-        Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+        sha256_of(self)
     }
 
-    /// Runs one shard's tasks and writes its file; one that lies there whole is left as it is. `progress` is told how many
-    /// tasks are done. False: stopped before the end, nothing was written.
+    /// Runs one shard's tasks and writes its file; one that lies there whole is left as it is, a damaged one is replaced.
+    /// `progress` is told how many tasks are done.
     pub fn run_shard(
         &self,
         folder: &Path,
         shard: Shard,
         progress: impl Fn(usize) + Sync,
         stop: &AtomicBool,
-    ) -> Result<bool, StudyError> {
+    ) -> Result<Ran, StudyError> {
         let path = shard_path(folder, shard);
+        let mut ran = Ran::Whole;
         if path.exists() {
-            self.read_shard(&path)?;
-            return Ok(true);
+            match self.read_shard(&path) {
+                Ok(_) => return Ok(Ran::Whole),
+                Err(Unusable::Damaged(what)) => ran = Ran::Again(what),
+                Err(Unusable::Foreign(error)) => return Err(error),
+            }
         }
         let study = named(&self.study)?;
-        let mine: Vec<usize> = (shard.index - 1..self.tasks.len()).step_by(shard.count).collect();
+        let mine: Vec<usize> = shard.tasks(self.tasks.len()).collect();
         let done = on_all_cores(&mine, progress, stop, |task| {
             let rows = study.run(&self.tasks[task]);
             rows.map_err(|error| StudyError(format!("task {task} ({}): {error}", self.tasks[task])))
         })?;
-        let Some(done) = done else { return Ok(false) };
-        let file = ShardFile { format: SHARD_FORMAT.into(), plan_sha256: self.sha256(), shard, done };
+        let Some(done) = done else { return Ok(Ran::Stopped) };
+        let file = ShardFile {
+            format: SHARD_FORMAT.into(),
+            plan_sha256: self.sha256(),
+            shard,
+            done_sha256: sha256_of(&done),
+            done,
+        };
         files::write_json(&path, &file).map_err(|error| at(&path, error))?;
-        Ok(true)
+        Ok(ran)
     }
 
-    fn read_shard(&self, path: &Path) -> Result<ShardFile, StudyError> {
-        let text = std::fs::read_to_string(path).map_err(|error| at(path, error))?;
-        let file: ShardFile = serde_json::from_str(&text).map_err(|error| at(path, error))?;
+    fn read_shard(&self, path: &Path) -> Result<ShardFile, Unusable> {
+        let text = std::fs::read(path).map_err(|error| Unusable::Foreign(at(path, error)))?;
+        let damaged = |what: String| Unusable::Damaged(format!("{}: {what}", path.display()));
+        let file: ShardFile = serde_json::from_slice(&text).map_err(|error| damaged(error.to_string()))?;
         if file.format != SHARD_FORMAT || file.plan_sha256 != self.sha256() {
-            return Err(StudyError(format!("{} belongs to another plan: remove it", path.display())));
+            let error = format!("{} belongs to another plan: remove it", path.display());
+            return Err(Unusable::Foreign(StudyError(error)));
+        }
+        if sha256_of(&file.done) != file.done_sha256 {
+            return Err(damaged("its rows are not those that were written (checksum)".into()));
+        }
+        let wanted = file.shard.tasks(self.tasks.len());
+        if !file.done.iter().map(|(task, _)| *task).eq(wanted) {
+            return Err(damaged(format!("it does not hold the tasks of shard {}", file.shard)));
         }
         Ok(file)
     }
@@ -150,7 +202,13 @@ impl Plan {
         });
         paths.sort();
         for path in &paths {
-            for (task, rows) in self.read_shard(path)?.done {
+            let file = self.read_shard(path).map_err(|unusable| match unusable {
+                Unusable::Foreign(error) => error,
+                Unusable::Damaged(what) => StudyError(format!(
+                    "{what}: nothing was merged; run that shard again, it is then replaced"
+                )),
+            })?;
+            for (task, rows) in file.done {
                 // shards cut in different ways may overlap: the same task has the same rows
                 if let Some(place) = by_task.get_mut(task) {
                     place.get_or_insert(rows);
@@ -245,6 +303,11 @@ fn on_all_cores(
     let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
     done.sort_by_key(|(task, _)| *task);
     Ok((done.len() == tasks.len()).then_some(done))
+}
+
+fn sha256_of(data: &impl Serialize) -> String {
+    let text = serde_json::to_string(data).unwrap_or_default();
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn shard_path(folder: &Path, shard: Shard) -> PathBuf {
