@@ -52,7 +52,7 @@ fn main() {
             definition_ms / fast_ms
         );
         if name.starts_with("OS1-64 pair, lateral") {
-            instruction_sets(&simulator, &sensors);
+            alone.install(|| instruction_sets(&simulator, &sensors));
             threads(&simulator, &sensors);
         }
     }
@@ -69,22 +69,30 @@ fn instruction_sets(simulator: &Simulator, sensors: &[Placement]) {
     }
 }
 
-/// Time on the wall, because that is what a second thread is for.
+/// Time on the wall, because that is what a second thread is for: one thread and two in turn.
 fn threads(simulator: &Simulator, sensors: &[Placement]) {
     let pools =
         [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads"));
-    let mut times_ms = [Vec::new(), Vec::new()];
-    for _ in 0..401 {
-        for (pool, times_ms) in pools.iter().zip(&mut times_ms) {
-            pool.install(|| {
-                let start = Instant::now();
-                drop(black_box(simulator.count(black_box(sensors))));
-                times_ms.push(1e3 * start.elapsed().as_secs_f64());
-            });
+    let walks = simulator.walks(sensors);
+    let compare = |name: &str, call: &(dyn Fn() + Sync)| {
+        let mut times_ms = [Vec::new(), Vec::new()];
+        for _ in 0..401 {
+            for (pool, times_ms) in pools.iter().zip(&mut times_ms) {
+                pool.install(|| {
+                    let start = Instant::now();
+                    call();
+                    times_ms.push(1e3 * start.elapsed().as_secs_f64());
+                });
+            }
         }
-    }
-    let [one_ms, two_ms] = times_ms.map(median);
-    println!("  on the wall: one thread {one_ms:.4}, two {two_ms:.4}, ratio {:.2}", one_ms / two_ms);
+        let [one_ms, two_ms] = times_ms.map(median);
+        println!(
+            "  on the wall, {name}: one thread {one_ms:.4}, two {two_ms:.4}, ratio {:.2}",
+            one_ms / two_ms
+        );
+    };
+    compare("fast", &|| drop(black_box(simulator.count(black_box(sensors)))));
+    compare("any poses", &|| drop(black_box(simulator.see_along(black_box(&walks)))));
 }
 
 /// Median of the same evaluation in vectorised numpy, which must see as many voxels.

@@ -48,11 +48,18 @@ pub(super) fn direction(simulator: &Simulator, pose: &BoxPose, azimuth: usize, b
     direction_at(simulator, pose, azimuth_rad(simulator, pose.turn, azimuth).sin_cos(), beam)
 }
 
-fn direction_at(simulator: &Simulator, pose: &BoxPose, azimuth: (f64, f64), beam: usize) -> [f64; 3] {
+/// The same, from the sine and cosine of the azimuth.
+pub(super) fn direction_at(
+    simulator: &Simulator,
+    pose: &BoxPose,
+    azimuth: (f64, f64),
+    beam: usize,
+) -> [f64; 3] {
     let [sin_elevation, cos_elevation] = simulator.elevations[beam];
     let (sin_azimuth, cos_azimuth) = azimuth;
     let local = [cos_elevation * cos_azimuth, cos_elevation * sin_azimuth, sin_elevation];
-    pose.rows.map(|row| row[0] * local[0] + row[1] * local[1] + row[2] * local[2])
+    let along = |row: &[f64; 3]| row[0] * local[0] + row[1] * local[1] + row[2] * local[2];
+    [along(&pose.rows[0]), along(&pose.rows[1]), along(&pose.rows[2])]
 }
 
 /// Linear index of the voxel that a ray hits; none where the quirk loses the ray.

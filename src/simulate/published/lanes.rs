@@ -35,6 +35,12 @@ pub(super) fn fused<const FUSED: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
 }
 
+/// `a * b + c`, in one instruction where there is one.
+#[inline(always)]
+pub(super) fn fused_f32<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
+    if FUSED { a.mul_add(b, c) } else { a * b + c }
+}
+
 /// The smaller of two numbers, neither of them NaN: one instruction, where `f64::min` asks for NaN first.
 #[inline(always)]
 pub(super) fn smaller(a: f64, b: f64) -> f64 {

@@ -22,6 +22,8 @@ pub use spread::PUBLISHED_SPREAD_DEG;
 pub use experiment::{Experiment, ExperimentError, PRESETS, Path, Phase, Preset, Roll};
 pub use placement::Placement;
 
+use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
+
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::instructions::Instructions;
 
@@ -186,7 +188,7 @@ impl Simulator {
         };
         self.check_poses(sensors)?;
         let see = |poses: &Vec<BoxPose>| anywhere::see(self, faces, poses, instructions);
-        let (bitmaps, lost_rays) = sensors.iter().map(see).unzip();
+        let (bitmaps, lost_rays) = sensors.par_iter().map(see).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
@@ -410,11 +412,17 @@ mod tests {
             let on_side = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
             for origin_m in [
                 [0.0, 0.0, 1e-6],
+                [0.0, 0.0, 1e-300],
                 [24.999_999, 3.0, 1.0],
                 [-24.999_999, -24.999_999, 19.999_999],
                 [0.5, -7.0, 10.0],
             ] {
                 poses.extend([upright, on_side].map(|rows| BoxPose { rows, origin_m, turn: 0.0 }));
+            }
+            // no rotations: very long, all but nothing, nothing
+            for scale in [1e30, 1e-30, 0.0] {
+                let rows = upright.map(|row| row.map(|component| scale * component));
+                poses.push(BoxPose { rows, origin_m: [3.0, 1.0, 2.0], turn: 0.0 });
             }
             let sensors = [poses[..20].to_vec(), poses[20..].to_vec()];
             let definition = simulator.see_along_by_definition(&sensors).unwrap();
