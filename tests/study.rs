@@ -137,5 +137,10 @@ fn walk_and_mount_are_searched_in_a_house() {
     let scene = shared("scenes/house.ply");
     ok(&["joint", "--quick", "--seeds", "1", "--scene", scene.to_str().unwrap()], folder.path());
     let rows = read(folder.path(), "joint.csv");
-    assert_eq!(rows.lines().count(), 5, "{rows}");
+    assert_eq!(rows.lines().count(), 3, "{rows}");
+    for part in ["in turn", "together"] {
+        let row = rows.lines().find(|row| row.contains(part)).unwrap();
+        assert!(row.starts_with("vlp-16") && !row.contains("none"), "{row}");
+    }
+    assert!(read(folder.path(), "findings.json").contains("better searched together"));
 }

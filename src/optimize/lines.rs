@@ -16,8 +16,9 @@ const EVALUATIONS_PER_LINE: usize = 150;
 const LINES: (usize, usize) = (2, 24);
 /// Least and greatest step, shares of a variable's range.
 const STEPS: (f64, f64) = (1e-4, 0.1);
-/// Least distance between the starts of two searches, each variable in lengths over which the objective changes.
-const APART: f64 = 0.2;
+/// Least distance between the starts of two searches, each variable in lengths over which the objective changes: with
+/// less, all start on the widest hill, and a higher one that is narrow gets none.
+const APART: f64 = 0.5;
 /// That length where no model knows it, as a share of the variable's range.
 pub const TYPICAL_LENGTH: f64 = 0.1;
 /// Variables that move beside the sure one, on average; at most this share of them.
@@ -27,6 +28,8 @@ const MOVED_SHARE: f64 = 0.4;
 const TO_BOUND: f64 = 0.2;
 /// Chance of a move along the difference of two other searches.
 const DIFFERENCE: f64 = 0.2;
+/// Chance of taking over an interchangeable group of variables (a sensor) from another search.
+const EXCHANGE: f64 = 0.1;
 /// Evaluations that one batch holds at least.
 const BATCH: usize = 8;
 
@@ -92,7 +95,9 @@ impl Lines {
         let mut batch = Vec::with_capacity(self.asked.len());
         for &line in &self.asked {
             let from = &self.bests[line].candidate.values;
-            let values = if lines > 3 && rng.uniform() < DIFFERENCE {
+            let values = if lines > 1 && rng.uniform() < EXCHANGE {
+                self.with_a_group_of_another(space, from, rng)
+            } else if lines > 3 && rng.uniform() < DIFFERENCE {
                 self.along_a_difference(space, from, rng)
             } else {
                 vary(space, from, STEPS, rng)
@@ -113,6 +118,23 @@ impl Lines {
             }
         }
         space.clamp(&mut values);
+        values
+    }
+
+    /// What is seen adds up over groups: what is good beside one may be good beside another. Where there is one group
+    /// only, a step as any other.
+    fn with_a_group_of_another(&self, space: &Space, from: &[f64], rng: &mut Rng) -> Vec<f64> {
+        let other = &self.bests[rng.below(self.bests.len() as u64) as usize].candidate.values;
+        let (mine, theirs) = (space.active_groups(from), space.active_groups(other));
+        if mine.len() < 2 || theirs.is_empty() {
+            return vary(space, from, STEPS, rng);
+        }
+        let into = mine[rng.below(mine.len() as u64) as usize];
+        let taken = theirs[rng.below(theirs.len() as u64) as usize];
+        let mut values = from.to_vec();
+        for (&index, &source) in into.iter().zip(taken) {
+            values[index] = other[source];
+        }
         values
     }
 

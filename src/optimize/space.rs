@@ -167,6 +167,11 @@ impl Space {
         self.variables.is_empty()
     }
 
+    /// The interchangeable groups of variables that matter at this point.
+    pub fn active_groups(&self, values: &[f64]) -> Vec<&[usize]> {
+        self.blocks.iter().filter(|block| self.is_active(values, block[0])).map(Vec::as_slice).collect()
+    }
+
     /// Whether variable `index` matters at this point.
     pub fn is_active(&self, values: &[f64], index: usize) -> bool {
         self.variables[index].active_from.is_none_or(|from| values[0] >= f64::from(from))
@@ -224,7 +229,7 @@ impl Space {
                 }
             }
         }
-        let active: Vec<&Vec<usize>> = self.blocks.iter().filter(|b| self.is_active(&x, b[0])).collect();
+        let active = self.active_groups(&x);
         let mut contents: Vec<Vec<f64>> =
             active.iter().map(|block| block.iter().map(|&index| x[index]).collect()).collect();
         contents

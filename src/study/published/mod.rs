@@ -17,7 +17,8 @@ use crate::simulate::published::PUBLISHED_SPREAD_DEG;
 
 /// Evaluations of the default method where an answer close to the best is wanted.
 const CONVERGED_EVALUATIONS: usize = 1500;
-const QUICK_EVALUATIONS: usize = 24;
+/// Beyond the seed points of every method, so that each takes its own steps.
+const QUICK_EVALUATIONS: usize = 15;
 
 /// See the module.
 #[derive(Debug)]
