@@ -10,6 +10,7 @@
 pub mod files;
 pub mod instructions;
 pub mod rng;
+pub mod clocks;
 pub mod geometry;
 pub mod scene;
 pub mod trajectory;
