@@ -31,6 +31,7 @@ pub mod export;
 pub mod chart;
 pub mod report;
 pub mod study;
+pub mod setup;
 pub mod mock;
 pub mod config;
 pub mod commands;
