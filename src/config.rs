@@ -9,6 +9,7 @@
 //! model = "os1-64"
 //! listen = "7502"             # port, or address and port, that its lidar packets come to
 //! metadata = "left.json"      # of an Ouster; relative to this file
+//! host = "os-122220001234.local"  # its web interface; without `metadata`, recording asks it for them
 //!
 //! [rig]                       # a section per verb, a key per flag
 //! port = "/dev/ttyACM0"
@@ -53,6 +54,8 @@ pub struct SensorConfig {
     pub source: Option<IpAddr>,
     /// Metadata file of an Ouster.
     pub metadata: Option<PathBuf>,
+    /// Its web interface, `HOST` or `HOST:PORT`: where it is set up, and where metadata come from without a file.
+    pub host: Option<String>,
 }
 
 /// Settings of one verb.
@@ -110,6 +113,7 @@ struct SensorTable {
     listen_aside: Option<Endpoint>,
     source: Option<IpAddr>,
     metadata: Option<PathBuf>,
+    host: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -193,7 +197,7 @@ impl Reader<'_> {
     }
 
     fn sensor(&self, table: SensorTable) -> Result<SensorConfig, String> {
-        let SensorTable { name, model, listen, listen_aside, source, metadata } = table;
+        let SensorTable { name, model, listen, listen_aside, source, metadata, host } = table;
         if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) {
             return Err(format!(
                 "sensor name {name:?}: expected letters, digits, dots, dashes and underscores"
@@ -208,6 +212,7 @@ impl Reader<'_> {
             name,
             model,
             source,
+            host,
         })
     }
 

@@ -22,6 +22,7 @@ mod rig_damage;
 mod rig_verbs;
 mod scene_reports;
 mod scenes;
+mod sensor_setup;
 mod session;
 mod simulator;
 mod study;
@@ -47,6 +48,7 @@ fn main() -> std::process::ExitCode {
         ("rig_verbs", rig_verbs::CASES),
         ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),
+        ("sensor_setup", sensor_setup::CASES),
         ("session", session::CASES),
         ("simulator", simulator::CASES),
         ("study", study::CASES),

@@ -28,6 +28,7 @@ mod recording;
 mod registration;
 mod replay;
 mod rig;
+mod sensor;
 mod sensor_ids;
 mod signals;
 mod study;
@@ -75,6 +76,8 @@ enum Verb {
     Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
+    /// Find live sensors, read and set them over their web interfaces.
+    Sensor(sensor::Args),
     /// Many searches that together answer a question; the published tables among them.
     Study(study::Args),
     /// Devices to test against, on loopback and ptys.
@@ -148,6 +151,7 @@ impl Cli {
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
+            Verb::Sensor(args) => sensor::run(&args, context),
             Verb::Study(args) => study::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),

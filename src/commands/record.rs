@@ -14,6 +14,7 @@ use super::{Context, Outcome, output};
 use crate::config::SensorConfig;
 use crate::receive::{Listen, Monitor, Options, Receiver, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
+use crate::setup::{Sensor, warnings};
 
 /// A sensor that sent nothing for so long is named.
 const SILENT: Duration = Duration::from_secs(2);
@@ -23,9 +24,9 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Arguments of `record`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// A sensor: name, local port (or address and port), metadata file of an Ouster. Once per sensor; those of the
-    /// rig.toml when not given.
-    #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json]", value_parser = parse_listen)]
+    /// A sensor: name, local port (or address and port), metadata file of an Ouster, or the address of the sensor, which is
+    /// asked for them. Once per sensor; those of the rig.toml when not given.
+    #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json|:http://HOST]", value_parser = parse_listen)]
     listen: Vec<ListenArg>,
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
@@ -49,10 +50,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let sensor = listens.iter_mut().find(|listen| listen.name == *name);
         sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
     }
-    let metadata: Vec<Option<String>> = wanted
-        .iter()
-        .map(|sensor| sensor.metadata.as_deref().map(read_metadata).transpose())
-        .collect::<Result<_, _>>()?;
+    let metadata: Vec<Option<String>> = wanted.iter().map(metadata_of).collect::<anyhow::Result<_>>()?;
     let options =
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
     let receiver = Receiver::start(&listens, options)?;
@@ -96,13 +94,12 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<ListenArg>> {
 
 /// The streams of a sensor: lidar packets, and what it sends beside them.
 fn listens_of(sensor: &SensorConfig) -> impl Iterator<Item = ListenArg> + use<> {
-    let SensorConfig { name, listen, listen_aside, source, metadata, .. } = sensor.clone();
-    let stream = move |name: String, address: SocketAddr, metadata: Option<PathBuf>| ListenArg {
-        listen: Listen { name, address, source },
-        metadata,
+    let SensorConfig { name, listen, listen_aside, source, metadata, host, .. } = sensor.clone();
+    let stream = move |name: String, address: SocketAddr, metadata: Option<PathBuf>, host: Option<String>| {
+        ListenArg { listen: Listen { name, address, source }, metadata, host }
     };
-    let lidar = listen.map(|address| stream(name.clone(), address, metadata));
-    let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None));
+    let lidar = listen.map(|address| stream(name.clone(), address, metadata, host));
+    let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None, None));
     lidar.into_iter().chain(aside)
 }
 
@@ -244,6 +241,33 @@ fn say(message: &str) {
     let _ = writeln!(std::io::stderr(), "outrigger: {message}");
 }
 
+/// Metadata of a sensor: from its file, else from itself. What the sensor says of itself is said again, and where it is not
+/// what the file says.
+fn metadata_of(sensor: &ListenArg) -> anyhow::Result<Option<String>> {
+    let file = sensor.metadata.as_deref().map(read_metadata).transpose()?;
+    let Some(host) = &sensor.host else { return Ok(file) };
+    let name = &sensor.listen.name;
+    let mut state = match Sensor::at(host).and_then(|found| found.read()) {
+        Ok(state) => state,
+        // what lies on the disk will do
+        Err(error) if file.is_some() => {
+            say(&format!("warning: {name}: {error}; its metadata file is used unseen"));
+            return Ok(file);
+        }
+        Err(error) => return Err(error).with_context(|| format!("{name}: metadata")),
+    };
+    if let (Some(theirs), Some(ours)) = (&state.metadata, &file) {
+        state.warnings.extend(warnings::of_metadata(theirs, ours)?);
+    }
+    for warning in &state.warnings {
+        say(&format!("warning: {name}: {}", warning.text));
+    }
+    if let (Some(theirs), None) = (&state.metadata, &file) {
+        Metadata::parse(theirs, host)?;
+    }
+    Ok(file.or(state.metadata))
+}
+
 fn read_metadata(path: &Path) -> anyhow::Result<String> {
     let text = std::fs::read_to_string(path).with_context(|| format!("metadata {}", path.display()))?;
     Metadata::parse(&text, &path.display().to_string())?;
@@ -255,6 +279,8 @@ fn read_metadata(path: &Path) -> anyhow::Result<String> {
 struct ListenArg {
     listen: Listen,
     metadata: Option<PathBuf>,
+    /// Its web interface.
+    host: Option<String>,
 }
 
 fn parse_listen(text: &str) -> Result<ListenArg, String> {
@@ -276,10 +302,15 @@ fn parse_listen(text: &str) -> Result<ListenArg, String> {
         Some((port, path)) if !path.is_empty() => (port, Some(PathBuf::from(path))),
         _ => (rest, None),
     };
+    let (host, metadata) = match metadata.as_ref().and_then(|path| path.to_str()?.strip_prefix("http://")) {
+        Some(host) => (Some(host.to_owned()), None),
+        None => (None, metadata),
+    };
     let port = port.parse::<u16>().map_err(|_| format!("{port:?} is no port (0 to 65535); {FORM}"))?;
     Ok(ListenArg {
         listen: Listen { name: name.into(), address: SocketAddr::new(ip, port), source: None },
         metadata,
+        host,
     })
 }
 

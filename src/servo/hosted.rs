@@ -48,6 +48,11 @@ impl Questions {
         self.0.push_back(now);
     }
 
+    /// How many were not answered.
+    pub fn waiting(&self) -> u32 {
+        self.0.len() as u32
+    }
+
     /// An answer is there; between which times its sample was taken.
     pub fn answer(&mut self, now: Instant) -> [Instant; 2] {
         [self.0.pop_front().unwrap_or(now), now]
@@ -108,6 +113,9 @@ impl Make {
             lost_motion_urad: self.lost_motion_urad,
             jump_urad: NOISE_COUNTS * self.resolutions_urad[axis] + self.play_urad,
             home: self.homes[axis],
+            // nothing moves after three questions without an answer, so a device (or what simulates it) may be away for this
+            // long before it is a fault
+            missing_us: 250_000,
             // a shaft that somebody turns by hand is left alone until the rig is armed
             holds_when_idle: false,
             ..usual

@@ -163,7 +163,7 @@ def stuck_adapter():
     tty.setraw(slave)
     fcntl.ioctl(slave, termios.TIOCSETD, struct.pack("i", 17))  # N_SLCAN
     name = fcntl.ioctl(slave, 0x8910, bytes(40))[:16].split(b"\0")[0].decode()  # SIOCGIFNAME
-    ip("set", name, "txqueuelen", "2")
+    pathlib.Path(f"/sys/class/net/{name}/tx_queue_len").write_text("2")
     ip("set", name, "up")
     try:
         yield name, master

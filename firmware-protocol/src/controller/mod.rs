@@ -234,7 +234,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 }
             }
         }
-        if let Some(path) = &mut self.path {
+        let blind = self.is_blind();
+        if let Some(path) = self.path.as_mut().filter(|_| !blind) {
             path.advance(elapsed_us);
             let path = *path;
             for (number, axis) in self.axes.iter_mut().enumerate() {
@@ -312,6 +313,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     }
 
     fn drive(&mut self) {
+        let moving = self.path.filter(|_| !self.is_blind());
         for (number, (servo, axis)) in self.servos.iter_mut().zip(&mut self.axes).enumerate() {
             let config = &self.config.axes[number];
             let faulted = !self.faults.is_empty();
@@ -338,7 +340,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                     home: axis.seeking == Some(homing::Seeking::ByServo),
                     torque,
                     position_urad: axis.setpoint_urad.saturating_sub(axis.offset_urad),
-                    velocity_urad_s: self.path.map_or(0, |path| path.velocity_urad_s(number)),
+                    velocity_urad_s: moving.map_or(0, |path| path.velocity_urad_s(number)),
                     current_limit_ma: if faulted { config.fault_current_ma } else { config.current_limit_ma },
                 },
             );

@@ -166,6 +166,19 @@ fn an_encoder_is_missing_by_questions_and_by_time() {
     assert!(bench.has(Fault::EncoderInvalid));
 }
 
+/// A bus that loses every third answer does not keep an axis from being homed; one that answers nothing for a while does.
+#[test]
+fn a_shaft_is_quiet_though_some_readings_stay_away() {
+    for (lost, homes) in [(1, true), (20, false)] {
+        let mut bench = Bench::new(Home::Absolute);
+        bench.order(Order::Home { axis: ALL_AXES });
+        for round in 0..120 {
+            bench.poll(5000, 1000, (round % (2 + lost) >= lost).then_some(0));
+        }
+        assert_eq!(bench.controller.state() == State::Holding, homes, "{:?}", bench.controller.faults());
+    }
+}
+
 #[test]
 fn a_shaft_without_torque_may_be_turned_by_hand() {
     let mut bench = Bench::holding();
@@ -208,4 +221,30 @@ fn an_actuator_may_find_its_zero_by_itself() {
         assert!(bench.has(Fault::EncoderInvalid), "{answer:?}");
         assert!(!bench.servo().setpoint.home);
     }
+}
+
+#[test]
+fn nothing_is_moved_further_while_an_encoder_is_silent() {
+    let mut bench = Bench::holding();
+    bench.order(Order::MoveTo { axis: 0, position_urad: 900_000 });
+    for _ in 0..60 {
+        let at = bench.servo().setpoint.position_urad;
+        bench.poll(5000, 1000, Some(at));
+    }
+    for _ in 0..3 {
+        bench.poll(5000, 1000, None);
+    }
+    let stood = bench.servo().setpoint;
+    for _ in 0..10 {
+        bench.poll(5000, 1000, None);
+    }
+    assert_eq!(
+        (bench.servo().setpoint.position_urad, bench.servo().setpoint.velocity_urad_s),
+        (stood.position_urad, 0)
+    );
+    for _ in 0..600 {
+        let at = bench.servo().setpoint.position_urad;
+        bench.poll(5000, 1000, Some(at));
+    }
+    assert_eq!((bench.servo().setpoint.position_urad, bench.controller.state()), (900_000, State::Holding));
 }

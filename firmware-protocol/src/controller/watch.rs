@@ -36,8 +36,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 Reading::Measured(angle) => angle.saturating_add(axis.offset_urad),
                 Reading::Unmeasured => axis.setpoint_urad,
                 Reading::Missing | Reading::Invalid => {
-                    axis.quiet_us = self.now_us;
                     axis.unanswered = axis.unanswered.saturating_add(1);
+                    // a shaft between two readings is as quiet as these are
+                    if axis.unanswered >= MISSING_POLLS || axis.sense.reading == Reading::Invalid {
+                        axis.quiet_us = self.now_us;
+                    }
                     continue;
                 }
             };
@@ -125,6 +128,12 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         } else {
             None
         }
+    }
+
+    /// Whether an encoder stayed away too often to move on: the set points wait for it, so what is moved unseen is little
+    /// however long the rest of the patience is.
+    pub(super) fn is_blind(&self) -> bool {
+        self.axes.iter().any(|axis| axis.unanswered >= MISSING_POLLS)
     }
 
     /// Whether an encoder stayed away for too long and too often.

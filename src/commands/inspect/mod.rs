@@ -1,6 +1,5 @@
 //! `outrigger inspect`
 
-mod clock;
 mod document;
 mod flows;
 mod sensor;

@@ -5,8 +5,8 @@ use sensors::velodyne::{Fix, Position, PulseState};
 use sensors::{DecodeStats, Decoded, Health};
 use serde::Serialize;
 
-use super::clock::{ClockReport, ClockWatch};
 use super::flows::rate_hz;
+use crate::clocks::{ClockReport, ClockWatch};
 
 /// Running numbers of one sensor.
 #[derive(Default)]

@@ -6,6 +6,7 @@ use super::{Context, Outcome};
 
 mod rig;
 mod sensor;
+mod web;
 
 /// Arguments of `mock`.
 #[derive(clap::Args, Debug)]

@@ -11,6 +11,7 @@ use glam::DVec3;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
 use sensors::velodyne::{Product, ReturnMode};
 
+use super::web::{Web, WebArgs};
 use crate::commands::ground::{MeshArgs, Numbers};
 use crate::commands::{Context, Outcome, output};
 use crate::geometry::Pose;
@@ -125,6 +126,8 @@ pub struct Args {
     /// Die in this second without a word, as if unplugged.
     #[arg(long, value_name = "S", value_parser = parse_not_negative)]
     die_after: Option<f64>,
+    #[command(flatten)]
+    web: WebArgs,
 }
 
 /// Runs the verb.
@@ -154,9 +157,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let transmitter = Transmitter::new(args.from, args.to, clock).with_context(|| {
         format!("cannot send from {}", args.from.map_or("any port".into(), |from| from.to_string()))
     })?;
-    announce(args, &sensor, &transmitter, [start_ns, end_ns], context)?;
+    let web = Web::start(&args.web, &args.model, sensor.metadata(), args.to, args.aside_to)?;
+    announce(args, &sensor, &transmitter, web.as_ref(), [start_ns, end_ns], context)?;
     let mut sending = Sending {
         args,
+        web,
         transmitter,
         injector: injector(args),
         start_ns,
@@ -193,6 +198,7 @@ enum Ended {
 
 struct Sending<'a> {
     args: &'a Args,
+    web: Option<Web>,
     transmitter: Transmitter,
     injector: FaultInjector,
     start_ns: u64,
@@ -207,9 +213,10 @@ impl Sending<'_> {
         if self.args.die_after.is_some_and(|death_s| time_s >= death_s) {
             return Err(Ended::Died);
         }
-        let Self { args, transmitter, injector, packets, bytes, .. } = self;
+        let to = self.web.as_ref().and_then(|web| web.destinations()[0]).unwrap_or(self.args.to);
+        let Self { transmitter, injector, packets, bytes, .. } = self;
         injector.apply(time_s, payload, &mut |packet| {
-            transmitter.send(time_ns, packet, args.to).map_err(Ended::Io)?;
+            transmitter.send(time_ns, packet, to).map_err(Ended::Io)?;
             *packets += 1;
             *bytes += packet.len() as u64;
             Ok(())
@@ -222,6 +229,7 @@ impl Sending<'_> {
         if self.args.silent_after.is_some_and(|silent_s| time_s >= silent_s) {
             return Ok(());
         }
+        let to = self.web.as_ref().and_then(|web| web.destinations()[1]).unwrap_or(to);
         self.transmitter.send(time_ns, payload, to).map_err(Ended::Io)?;
         self.aside_packets += 1;
         Ok(())
@@ -256,6 +264,7 @@ fn announce(
     args: &Args,
     sensor: &MockSensor,
     transmitter: &Transmitter,
+    web: Option<&Web>,
     time_span_ns: [u64; 2],
     context: Context,
 ) -> anyhow::Result<()> {
@@ -264,11 +273,12 @@ fn announce(
     let written = sensor.metadata().and(args.metadata.as_ref());
     let document = serde_json::json!({
         "ready": true, "model": args.model.to_lowercase(), "serial": serial, "from": from, "to": args.to,
-        "metadata": written, "time_span_ns": time_span_ns,
+        "metadata": written, "time_span_ns": time_span_ns, "http": web.map(Web::address),
     });
     say(context, &document, || {
         let metadata = written.map_or(String::new(), |path| format!(", metadata in {}", path.display()));
-        format!("{} sends from {from} to {}{metadata}", args.model, args.to)
+        let http = web.map_or(String::new(), |web| format!(", web interface at {}", web.address()));
+        format!("{} sends from {from} to {}{metadata}{http}", args.model, args.to)
     })
 }
 

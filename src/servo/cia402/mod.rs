@@ -23,6 +23,8 @@ use object::{Answer, Object};
 const ANSWER_WITHIN: Duration = Duration::from_millis(300);
 /// How long the drives' readings are waited for after a SYNC.
 const READINGS_WITHIN: Duration = Duration::from_millis(15);
+/// At most this many times as long.
+const LONGEST_ROUNDS: u32 = 8;
 /// How long is looked for messages that are there already.
 const LATE_WITHIN: Duration = Duration::from_micros(200);
 /// How long leaving a fault may take.
@@ -218,7 +220,9 @@ impl Cia402 {
         let asked = Instant::now();
         self.drives.iter_mut().for_each(|drive| drive.syncs.ask(asked));
         self.bus.send(0x080, &[])?;
-        let end = Instant::now() + READINGS_WITHIN;
+        // a drive that is slow is waited for longer: questions that pile up would be answered one by one, each about the past
+        let waiting = self.drives.iter().map(|drive| drive.syncs.waiting()).max().unwrap_or(1);
+        let end = asked + READINGS_WITHIN * waiting.clamp(1, LONGEST_ROUNDS);
         while self.drives.iter().any(|drive| !drive.fresh) && self.hear(end)?.is_some() {}
         for (drive, late) in self.drives.iter_mut().zip(late) {
             drive.fresh |= late;

@@ -1,0 +1,298 @@
+//! How a sensor's clock stands to the host's: offset and drift with their uncertainty, jumps, and what the clock shows.
+//!
+//! A pure estimator over pairs of times: the host's stamp of a packet and the sensor's. Packets come late and never early, so
+//! only the quickest of each second count, and of these the line below ([`envelope`]).
+
+use std::collections::VecDeque;
+
+use sensors::ouster::TimestampMode;
+use serde::Serialize;
+
+pub mod envelope;
+
+use envelope::Line;
+
+/// 2000-01-01 in ns since 1970: a clock that shows less counts from power-on.
+const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
+/// TAI is ahead of UTC by this since 2017 (IERS Bulletin C).
+const TAI_AHEAD_S: f64 = 37.0;
+/// Hosts without a time source are off by less than this.
+const SAME_S: f64 = 1.0;
+/// Shorter recordings do not show drift above the jitter of hosts.
+const DRIFT_NEEDS_S: f64 = 10.0;
+/// Of the pairs of one such time only the quickest counts, ns.
+const WINDOW_NS: u64 = 1_000_000_000;
+/// Windows that are kept: drift changes with temperature within minutes.
+const KEPT_WINDOWS: usize = 600;
+/// Windows in a row that must be off upwards before that is a jump: a network may be slow for a while. A packet that comes
+/// before it can have been sent needs no second one.
+const LATE_WINDOWS: usize = 3;
+/// Jumps that are remembered.
+const KEPT_JUMPS: usize = 64;
+/// Least change that is a jump, ns.
+const JUMP_NS: f64 = 10e6;
+/// Clocks drift by less than this, ns per ns (100 ppm each).
+const MOST_DRIFT: f64 = 200e-6;
+
+/// What a clock shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClockState {
+    /// There are no host times to compare with.
+    Unknown,
+    /// It counts from power-on: free running.
+    SincePowerOn,
+    /// UTC, as by GPS or NMEA with PPS.
+    Utc,
+    /// TAI, as by PTP.
+    Tai,
+    /// A date, and none of these.
+    Unsynchronised,
+}
+
+/// Pairs of host and device time of one sensor, in the order of arrival.
+#[derive(Clone, Debug, Default)]
+pub struct ClockWatch {
+    first: Option<[u64; 2]>,
+    last: Option<[u64; 2]>,
+    least_offset_ns: Option<i128>,
+    greatest_offset_ns: Option<i128>,
+    steps_back: u64,
+    /// Host time and offset of the segment's first pair: everything is counted from there, so that a double holds it.
+    origin: Option<(u64, i128)>,
+    windows: VecDeque<[f64; 2]>,
+    open: Option<[f64; 2]>,
+    opened_ns: u64,
+    late: Vec<[f64; 2]>,
+    jumps: Vec<Jump>,
+    jump_count: u64,
+}
+
+/// A change of the offset that no delay explains: either clock was set, or the sensor started anew.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Jump {
+    /// The host's time, ns.
+    pub host_ns: u64,
+    /// Host minus device after it, less before, s.
+    pub change_s: f64,
+}
+
+/// What is said about a clock.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ClockReport {
+    /// What it shows.
+    pub state: ClockState,
+    /// Host minus device by the quickest packets, at the last pair, s: the device's stamp plus this is the host's time, less
+    /// what even the quickest packet takes.
+    pub host_minus_device_s: f64,
+    /// Half the width in which that lies, s; absent before there are three seconds.
+    pub uncertainty_s: Option<f64>,
+    /// How much the difference varied on the whole: jitter of the network and the host, drift, jumps, s.
+    pub variation_s: f64,
+    /// How fast the device's clock loses against the host's, parts per million; from 10 s on.
+    pub drift_ppm: Option<f64>,
+    /// Half the width in which that lies.
+    pub drift_uncertainty_ppm: Option<f64>,
+    /// Times that device time ran backwards.
+    pub steps_back: u64,
+    /// Changes that no delay explains.
+    pub jump_count: u64,
+    /// The last of them.
+    pub jumps: Vec<Jump>,
+}
+
+impl ClockWatch {
+    /// Takes the arrival and the device time of one packet (or of one frame's first).
+    pub fn add(&mut self, host_ns: u64, device_ns: u64) {
+        let offset_ns = i128::from(host_ns) - i128::from(device_ns);
+        let stepped_back = self.last.is_some_and(|[_, last_ns]| device_ns < last_ns);
+        self.steps_back += u64::from(stepped_back);
+        self.first.get_or_insert([host_ns, device_ns]);
+        self.last = Some([host_ns, device_ns]);
+        self.least_offset_ns = Some(self.least_offset_ns.map_or(offset_ns, |least| least.min(offset_ns)));
+        self.greatest_offset_ns = Some(self.greatest_offset_ns.map_or(offset_ns, |most| most.max(offset_ns)));
+        let (origin_ns, origin_offset_ns) = *self.origin.get_or_insert((host_ns, offset_ns));
+        let point = [host_ns as f64 - origin_ns as f64, (offset_ns.saturating_sub(origin_offset_ns)) as f64];
+        if host_ns < origin_ns || (stepped_back && self.is_off(point)) || self.is_early(point) {
+            return self.begin_anew(host_ns, offset_ns, point);
+        }
+        if host_ns.abs_diff(self.opened_ns) >= WINDOW_NS || self.open.is_none() {
+            self.close_window(host_ns, offset_ns);
+            self.opened_ns = host_ns;
+        }
+        let origin = self.origin.unwrap_or((host_ns, offset_ns));
+        let point = [host_ns as f64 - origin.0 as f64, (offset_ns - origin.1) as f64];
+        self.open = Some(self.open.filter(|open| open[1] <= point[1]).unwrap_or(point));
+    }
+
+    /// The quickest of a window joins the others; late ones wait until it is clear what they are.
+    fn close_window(&mut self, host_ns: u64, offset_ns: i128) {
+        let Some(point) = self.open.take() else { return };
+        if self.windows.len() >= 3 && self.is_off(point) {
+            self.late.push(point);
+            if self.late.len() >= LATE_WINDOWS {
+                self.begin_anew(host_ns, offset_ns, point);
+            }
+            return;
+        }
+        for point in self.late.drain(..).chain([point]) {
+            if self.windows.len() == KEPT_WINDOWS {
+                self.windows.pop_front();
+            }
+            self.windows.push_back(point);
+        }
+    }
+
+    fn begin_anew(&mut self, host_ns: u64, offset_ns: i128, point: [f64; 2]) {
+        let change_ns = point[1] - self.expected_ns().unwrap_or(0.0);
+        self.jump_count += 1;
+        if self.jumps.len() == KEPT_JUMPS {
+            self.jumps.remove(0);
+        }
+        self.jumps.push(Jump { host_ns, change_s: change_ns * 1e-9 });
+        self.windows.clear();
+        self.late.clear();
+        self.origin = Some((host_ns, offset_ns));
+        self.open = Some([0.0, 0.0]);
+        self.opened_ns = host_ns;
+    }
+
+    fn line(&self) -> Option<Line> {
+        let (older, newer) = self.windows.as_slices();
+        if newer.is_empty() { envelope::below(older) } else { envelope::below(&[older, newer].concat()) }
+    }
+
+    /// The offset that the last window leads to expect, ns.
+    fn expected_ns(&self) -> Option<f64> {
+        self.windows.back().or(self.open.as_ref()).map(|last| last[1])
+    }
+
+    fn margin_ns(&self, at_ns: f64) -> f64 {
+        let since_ns = self.windows.back().or(self.open.as_ref()).map_or(0.0, |last| at_ns - last[0]);
+        JUMP_NS + MOST_DRIFT * since_ns.max(0.0) + self.jitter_ns()
+    }
+
+    /// How much the quickest packets of the last windows differ.
+    fn jitter_ns(&self) -> f64 {
+        let recent = || self.windows.iter().rev().take(20).map(|window| window[1]);
+        let (low, high) =
+            (recent().fold(f64::INFINITY, f64::min), recent().fold(f64::NEG_INFINITY, f64::max));
+        if low <= high { high - low } else { 0.0 }
+    }
+
+    fn is_off(&self, point: [f64; 2]) -> bool {
+        self.expected_ns().is_some_and(|expected| (point[1] - expected).abs() > self.margin_ns(point[0]))
+    }
+
+    /// Whether a packet came before it can have been sent. The first seconds are too few to tell a slow start.
+    fn is_early(&self, point: [f64; 2]) -> bool {
+        self.windows.len() >= 3
+            && self.expected_ns().is_some_and(|expected| expected - point[1] > self.margin_ns(point[0]))
+    }
+
+    /// Host time of a device stamp, and half the width in which it lies, ns, by what was seen since the last jump; nothing
+    /// before there are three seconds.
+    pub fn host_ns(&self, device_ns: u64) -> Option<(u64, u64)> {
+        let (origin_ns, origin_offset_ns) = self.origin?;
+        let line = self.line()?;
+        let guess_ns = (i128::from(device_ns) + origin_offset_ns - i128::from(origin_ns)) as f64;
+        let offset_ns = line.height_ns(guess_ns);
+        let host_ns = i128::from(device_ns) + origin_offset_ns + offset_ns.round() as i128;
+        Some((u64::try_from(host_ns).ok()?, line.uncertainty_ns(guess_ns).ceil() as u64))
+    }
+
+    /// Says what the clock shows; nothing without pairs.
+    pub fn report(&self) -> Option<ClockReport> {
+        let [host_ns, device_ns] = self.last?;
+        let (origin_ns, origin_offset_ns) = self.origin?;
+        let at_ns = host_ns as f64 - origin_ns as f64;
+        let line = self.line();
+        let over_origin_ns =
+            line.map_or_else(|| self.open.map_or(0.0, |open| open[1]), |line| line.height_ns(at_ns));
+        let host_minus_device_s = origin_offset_ns as f64 * 1e-9 + over_origin_ns * 1e-9;
+        let span_s = match (self.windows.front(), self.windows.back()) {
+            (Some(first), Some(last)) => (last[0] - first[0] + WINDOW_NS as f64) * 1e-9,
+            _ => 0.0,
+        };
+        let drift = line.filter(|_| span_s >= DRIFT_NEEDS_S);
+        Some(ClockReport {
+            state: if host_ns == 0 { ClockState::Unknown } else { state(device_ns, host_minus_device_s) },
+            host_minus_device_s,
+            uncertainty_s: line.map(|line| line.uncertainty_ns(at_ns) * 1e-9),
+            variation_s: (self.greatest_offset_ns? - self.least_offset_ns?) as f64 * 1e-9,
+            drift_ppm: drift.map(|line| line.slope * 1e6),
+            drift_uncertainty_ppm: drift.map(|line| line.slope_uncertainty * 1e6),
+            steps_back: self.steps_back,
+            jump_count: self.jump_count,
+            jumps: self.jumps.clone(),
+        })
+    }
+}
+
+fn state(device_ns: u64, host_minus_device_s: f64) -> ClockState {
+    if device_ns < FIRST_DATE_NS {
+        ClockState::SincePowerOn
+    } else if host_minus_device_s.abs() < SAME_S {
+        ClockState::Utc
+    } else if (host_minus_device_s + TAI_AHEAD_S).abs() < SAME_S {
+        ClockState::Tai
+    } else {
+        ClockState::Unsynchronised
+    }
+}
+
+/// What is wrong with a clock that was told where to take its time from; nothing when it shows that.
+pub fn not_as_told(told: TimestampMode, state: ClockState) -> Option<&'static str> {
+    match (told, state) {
+        (_, ClockState::Unknown) | (TimestampMode::InternalOscillator, _) => None,
+        (TimestampMode::Ptp1588, ClockState::Tai | ClockState::Utc) => None,
+        (TimestampMode::SyncPulseIn, ClockState::Utc) => None,
+        (TimestampMode::Ptp1588, ClockState::SincePowerOn) => {
+            Some("it is told to take its time by PTP and counts from power-on: no PTP master was heard")
+        }
+        (TimestampMode::Ptp1588, ClockState::Unsynchronised) => Some(
+            "it is told to take its time by PTP and shows another one than this host: the master's time or this host's is wrong",
+        ),
+        (TimestampMode::SyncPulseIn, ClockState::SincePowerOn) => Some(
+            "it is told to take its time from a pulse and counts from power-on: no pulse, or no NMEA, comes",
+        ),
+        (TimestampMode::SyncPulseIn, ClockState::Tai | ClockState::Unsynchronised) => {
+            Some("it is told to take its time from a pulse and shows another one than this host")
+        }
+    }
+}
+
+impl ClockReport {
+    /// In words.
+    pub fn text(&self) -> String {
+        let offset_s = self.host_minus_device_s;
+        let mut text = match self.state {
+            ClockState::SincePowerOn => "counts from power-on; not synchronised".to_owned(),
+            ClockState::Utc => format!("shows UTC ({:.3} ms behind the host)", offset_s * 1e3),
+            ClockState::Tai => {
+                format!("shows TAI by PTP ({:.3} s ahead of the host): subtract 37 s for UTC", -offset_s)
+            }
+            ClockState::Unknown => "the recording has no host times to compare with".to_owned(),
+            ClockState::Unsynchronised => format!(
+                "is {:.3} s {} the host",
+                offset_s.abs(),
+                if offset_s > 0.0 { "behind" } else { "ahead of" }
+            ),
+        };
+        if let Some(drift_ppm) = self.drift_ppm {
+            let uncertainty_ppm = self.drift_uncertainty_ppm.unwrap_or(0.0);
+            text.push_str(&format!("; drifts by {drift_ppm:.1} ±{uncertainty_ppm:.1} ppm"));
+        }
+        if let Some(last) = self.jumps.last() {
+            let count = self.jump_count;
+            text.push_str(&format!("; jumped {count} times, last by {:.3} s", last.change_s));
+        }
+        if self.steps_back > 0 {
+            text.push_str(&format!("; ran backwards {} times", self.steps_back));
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests;

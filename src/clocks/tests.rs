@@ -1,0 +1,156 @@
+//! Known clocks behind known networks: what is said must hold the truth.
+
+use super::*;
+use crate::rng::Rng;
+
+const HOST_NS: u64 = 1_700_000_000_000_000_000;
+
+fn state_of(device_ns: u64) -> ClockState {
+    let mut watch = ClockWatch::default();
+    watch.add(HOST_NS, device_ns);
+    watch.report().unwrap().state
+}
+
+#[test]
+fn clocks_are_named_by_what_they_show() {
+    assert_eq!(state_of(991_587_364_520), ClockState::SincePowerOn);
+    assert_eq!(state_of(HOST_NS - 3_000_000), ClockState::Utc);
+    assert_eq!(state_of(HOST_NS + 37_000_000_000), ClockState::Tai);
+    assert_eq!(state_of(HOST_NS - 25 * 60_000_000_000), ClockState::Unsynchronised);
+}
+
+#[test]
+fn drift_needs_time() {
+    let mut watch = ClockWatch::default();
+    for frame in 0..200_u64 {
+        watch.add(HOST_NS + frame * 100_010_000, 5_000_000_000 + frame * 100_000_000);
+        let drift_ppm = watch.report().unwrap().drift_ppm;
+        assert!(frame < 130 || drift_ppm.is_some(), "{frame}");
+        assert!(frame > 90 || drift_ppm.is_none(), "{frame}");
+    }
+    let drift_ppm = watch.report().unwrap().drift_ppm.unwrap();
+    assert!((drift_ppm - 100.0).abs() < 0.1, "{drift_ppm}");
+}
+
+/// A clock that drifts, packets that leave every 10 ms and take 0.2 ms and more: mostly little, at times a lot.
+struct Network {
+    rng: Rng,
+    drift: f64,
+    watch: ClockWatch,
+    sent: u64,
+}
+
+const DEVICE_NS: u64 = 77_000_000_000;
+const LEAST_DELAY_NS: f64 = 200_000.0;
+
+impl Network {
+    fn new(seed: u64, drift_ppm: f64) -> Self {
+        Self { rng: Rng::new(seed, 1), drift: drift_ppm * 1e-6, watch: ClockWatch::default(), sent: 0 }
+    }
+
+    /// Host time at which a packet of this device time leaves.
+    fn leaves_ns(&self, device_ns: u64) -> u64 {
+        HOST_NS + ((device_ns - DEVICE_NS) as f64 * (1.0 + self.drift)) as u64
+    }
+
+    fn run(&mut self, seconds: u64, host_shift_ns: i64, device_shift_ns: i64, slow_ns: f64) {
+        for _ in 0..seconds * 100 {
+            let device_ns = DEVICE_NS + self.sent * 10_000_000;
+            let burst = if self.rng.between(0.0, 1.0) < 0.02 { 50e6 } else { 0.3e6 };
+            let late_ns = LEAST_DELAY_NS + slow_ns - burst * (1.0 - self.rng.between(0.0, 1.0)).ln();
+            let host_ns = self.leaves_ns(device_ns).saturating_add_signed(host_shift_ns) + late_ns as u64;
+            self.watch.add(host_ns, device_ns.saturating_add_signed(device_shift_ns));
+            self.sent += 1;
+        }
+    }
+}
+
+#[test]
+fn offset_and_drift_lie_within_their_uncertainty() {
+    let (mut inside, mut runs) = (0, 0);
+    for seed in 0..40 {
+        let drift_ppm = -60.0 + 3.0 * seed as f64;
+        let mut network = Network::new(seed, drift_ppm);
+        network.run(120, 0, 0, 0.0);
+        let report = network.watch.report().unwrap();
+        assert_eq!((report.jumps.len(), report.steps_back, report.state), (0, 0, ClockState::SincePowerOn));
+        let device_ns = DEVICE_NS + (network.sent - 1) * 10_000_000;
+        let true_s = (i128::from(network.leaves_ns(device_ns)) - i128::from(device_ns)) as f64 * 1e-9;
+        let error_s = report.host_minus_device_s - LEAST_DELAY_NS * 1e-9 - true_s;
+        let drift_error_ppm = report.drift_ppm.unwrap() - drift_ppm;
+        // 30 times better than the burst that one packet in fifty has
+        assert!(error_s.abs() < 100e-6 && drift_error_ppm.abs() < 1.0, "{error_s} s, {drift_error_ppm} ppm");
+        assert!(
+            report.uncertainty_s.unwrap() < 300e-6 && report.drift_uncertainty_ppm.unwrap() < 3.0,
+            "{report:?}"
+        );
+        let (host_ns, _) = network.watch.host_ns(device_ns).unwrap();
+        assert!(host_ns.abs_diff(network.leaves_ns(device_ns)) < 300_000);
+        runs += 2;
+        inside += usize::from(error_s.abs() <= report.uncertainty_s.unwrap());
+        inside += usize::from(drift_error_ppm.abs() <= report.drift_uncertainty_ppm.unwrap());
+    }
+    assert!(inside * 100 >= runs * 95, "{inside} of {runs}");
+}
+
+#[test]
+fn jumps_are_found_whichever_clock_is_set() {
+    for (host_ns, device_ns) in
+        [(0, 2_000_000_000), (0, -2_000_000_000), (50_000_000, 0), (-50_000_000, 0), (0, 37_000_000_000)]
+    {
+        let mut network = Network::new(3, 20.0);
+        network.run(30, 0, 0, 0.0);
+        network.run(30, host_ns, device_ns, 0.0);
+        let report = network.watch.report().unwrap();
+        let change_s = (host_ns - device_ns) as f64 * 1e-9;
+        assert_eq!(report.jumps.len(), 1, "{host_ns} {device_ns}: {report:?}");
+        assert!((report.jumps[0].change_s - change_s).abs() < 0.005, "{host_ns} {device_ns}: {report:?}");
+        // and what is said afterwards is of the time after it
+        assert!((report.drift_ppm.unwrap() - 20.0).abs() < 3.0, "{report:?}");
+    }
+}
+
+#[test]
+fn a_sensor_that_starts_anew_is_a_jump() {
+    let mut network = Network::new(4, 0.0);
+    network.run(20, 0, 0, 0.0);
+    for frame in 0..200u64 {
+        network
+            .watch
+            .add(HOST_NS + 30_000_000_000 + frame * 100_000_000, 5_000_000_000 + frame * 100_000_000);
+    }
+    let report = network.watch.report().unwrap();
+    assert_eq!((report.jumps.len(), report.steps_back), (1, 1), "{report:?}");
+    assert!(report.drift_ppm.unwrap().abs() < 0.1, "{report:?}");
+}
+
+/// A network that is 5 ms slower for half a minute moves no clock.
+#[test]
+fn a_slow_network_is_no_jump() {
+    let mut network = Network::new(5, 10.0);
+    network.run(60, 0, 0, 0.0);
+    network.run(30, 0, 0, 5e6);
+    network.run(60, 0, 0, 0.0);
+    let report = network.watch.report().unwrap();
+    assert_eq!(report.jumps.len(), 0, "{report:?}");
+    assert!((report.drift_ppm.unwrap() - 10.0).abs() < 2.0, "{report:?}");
+}
+
+#[test]
+fn any_times_are_taken() {
+    let mut watch = ClockWatch::default();
+    let mut rng = Rng::new(1, 9);
+    for _ in 0..5000 {
+        watch.add(rng.bits() >> (rng.bits() % 64), rng.bits() >> (rng.bits() % 64));
+    }
+    assert!(watch.report().is_some());
+    let _ = watch.host_ns(u64::MAX);
+}
+
+#[test]
+fn what_a_clock_was_told_and_what_it_shows_are_compared() {
+    assert!(not_as_told(TimestampMode::Ptp1588, ClockState::SincePowerOn).unwrap().contains("no PTP master"));
+    assert!(not_as_told(TimestampMode::SyncPulseIn, ClockState::SincePowerOn).unwrap().contains("no pulse"));
+    assert_eq!(not_as_told(TimestampMode::Ptp1588, ClockState::Tai), None);
+    assert_eq!(not_as_told(TimestampMode::InternalOscillator, ClockState::SincePowerOn), None);
+}

@@ -1,0 +1,67 @@
+//! `outrigger sensor discover`: Ousters by mDNS, Velodynes by what they send.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::time::Duration;
+
+use serde_json::json;
+
+use crate::commands::{Context, Outcome, output};
+use crate::setup::discover::{Found, ousters, velodynes};
+
+/// Arguments of `sensor discover`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// How long to wait for answers, seconds.
+    #[arg(long = "for", value_name = "S", default_value_t = 3.0, value_parser = super::info::parse_seconds)]
+    seconds: f64,
+    /// Ask on the interface with this address only.
+    #[arg(long, value_name = "ADDRESS")]
+    interface: Option<IpAddr>,
+    /// UDP port on which packets of Velodynes are listened for; 0 for none. A port that another program has is left alone.
+    #[arg(long, value_name = "PORT", default_value_t = 2368)]
+    velodyne_port: u16,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let within = Duration::from_secs_f64(args.seconds);
+    let (interface, port) = (args.interface, args.velodyne_port);
+    let listener = std::thread::spawn(move || {
+        let address = interface.unwrap_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        if port == 0 { Ok(Vec::new()) } else { velodynes(within, address, port) }
+    });
+    let mut found = ousters(within, interface)?;
+    let mut remarks = Vec::new();
+    match listener.join() {
+        Ok(Ok(more)) => found.extend(more),
+        Ok(Err(error)) => remarks.push(format!("no Velodynes were looked for: {error}")),
+        Err(_) => remarks.push("no Velodynes were looked for: the listening thread ended".to_owned()),
+    }
+    remarks.iter().for_each(|remark| output::say_notice(remark));
+    if context.json {
+        output::print_json(&json!({ "sensors": found, "remarks": remarks }))?;
+    } else {
+        output::print_text(&text(&found, args.seconds))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn text(found: &[Found], seconds: f64) -> String {
+    if found.is_empty() {
+        return format!(
+            "no sensor answered within {seconds} s: is it powered, on this network segment, and past its start of about half a minute?\n"
+        );
+    }
+    let line = |sensor: &Found| {
+        let addresses: Vec<String> = sensor.addresses.iter().map(ToString::to_string).collect();
+        let vendor = format!("{:?}", sensor.vendor).to_lowercase();
+        let said = [("serial ", &sensor.serial), ("part ", &sensor.part), ("", &sensor.firmware)];
+        let said: Vec<String> = said
+            .iter()
+            .filter(|(_, value)| !value.is_empty())
+            .map(|(key, value)| format!("{key}{value}"))
+            .collect();
+        format!("{vendor} {} {} {}\n", sensor.name, addresses.join(" "), said.join(", "))
+    };
+    found.iter().map(line).collect()
+}

@@ -1,0 +1,103 @@
+//! `outrigger sensor info`: everything that a sensor says of itself.
+
+use std::path::PathBuf;
+
+use anyhow::{Context as _, bail};
+use serde_json::json;
+
+use crate::commands::{Context, Outcome, output};
+use crate::files;
+use crate::setup::{Sensor, SensorState, warnings};
+
+/// Arguments of `sensor info`.
+#[derive(clap::Args, Debug)]
+pub struct Args {
+    /// Addresses of sensors; those of the rig.toml when not given.
+    #[arg(value_name = "HOST[:PORT]")]
+    hosts: Vec<String>,
+    /// Write the metadata of an Ouster to this file.
+    #[arg(long, value_name = "FILE")]
+    save_metadata: Option<PathBuf>,
+    /// Compare the sensor with these metadata, which a recording is, or was, made with.
+    #[arg(long, value_name = "META.json")]
+    meta: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let hosts = hosts(&args.hosts, context)?;
+    if hosts.len() > 1 && (args.save_metadata.is_some() || args.meta.is_some()) {
+        bail!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
+    }
+    let mut states = Vec::new();
+    for host in &hosts {
+        let mut state = Sensor::at(host)?.read()?;
+        if let Some(path) = &args.meta {
+            let Some(metadata) = &state.metadata else { bail!("{host}: it has no metadata to compare with") };
+            let recorded = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let differences =
+                warnings::of_metadata(metadata, &recorded).with_context(|| path.display().to_string())?;
+            state.warnings.extend(differences);
+        }
+        if let Some(path) = &args.save_metadata {
+            let Some(metadata) = &state.metadata else { bail!("{host}: it has no metadata") };
+            sensors::ouster::Metadata::parse(metadata, host)?;
+            files::write_whole(path, metadata.as_bytes()).with_context(|| path.display().to_string())?;
+        }
+        states.push(state);
+    }
+    if context.json {
+        output::print_json(&json!({ "sensors": states }))?;
+    } else {
+        output::print_text(&states.iter().map(text).collect::<String>())?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// The hosts that were typed; otherwise those of the rig's file.
+fn hosts(typed: &[String], context: Context) -> anyhow::Result<Vec<String>> {
+    if !typed.is_empty() {
+        return Ok(typed.to_vec());
+    }
+    let Some(config) = context.config else { bail!("which sensor? give its address, or --config RIG.toml") };
+    let hosts: Vec<String> = config.sensors.iter().filter_map(|sensor| sensor.host.clone()).collect();
+    if hosts.is_empty() {
+        bail!("{}: no [[sensor]] has a `host`", config.path.display());
+    }
+    Ok(hosts)
+}
+
+/// A sensor in words.
+pub(super) fn text(state: &SensorState) -> String {
+    let port = |port: Option<u16>| port.map_or("unsaid".to_owned(), |port| port.to_string());
+    let to = &state.destination;
+    let host = if to.host.is_empty() { "nobody" } else { &to.host };
+    let locked = match state.clock.locked {
+        Some(true) => "locked",
+        Some(false) => "NOT LOCKED",
+        None => "nothing to lock to",
+    };
+    let warm = state.temperature_c.map_or(String::new(), |inside_c| format!(", {inside_c:.0} °C inside"));
+    let mut text = format!(
+        "{}: {} serial {}, firmware {}\n  {}{warm}\n  sends to {host}, lidar port {}, beside it port {}\n  clock {} ({}), {locked}\n",
+        state.address,
+        state.model,
+        state.serial,
+        state.firmware,
+        state.status,
+        port(to.port),
+        port(to.aside_port),
+        state.clock.source,
+        state.clock.detail,
+    );
+    for warning in &state.warnings {
+        text += &format!("  WARNING {}: {}\n", warning.kind, warning.text);
+    }
+    text
+}
+
+/// A time above zero, seconds.
+pub(super) fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds: &f64| (0.01..=3600.0).contains(seconds));
+    seconds.ok_or_else(|| format!("{text:?}: expected seconds, from 0.01 to 3600"))
+}
