@@ -24,6 +24,8 @@ use serde::de::IntoDeserializer as _;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::receive::Listen;
+
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-rig/1";
 
@@ -53,6 +55,29 @@ pub struct SensorConfig {
     pub source: Option<IpAddr>,
     /// Metadata file of an Ouster.
     pub metadata: Option<PathBuf>,
+}
+
+/// One of a sensor's streams of packets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stream {
+    /// Where it is received, and under which name.
+    pub listen: Listen,
+    /// Metadata file of the sensor, for its lidar packets.
+    pub metadata: Option<PathBuf>,
+}
+
+impl SensorConfig {
+    /// Its lidar packets, and what it sends beside them.
+    pub fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
+        let Self { name, listen, listen_aside, source, metadata, .. } = self.clone();
+        let stream = move |name: String, address: SocketAddr, metadata: Option<PathBuf>| Stream {
+            listen: Listen { name, address, source },
+            metadata,
+        };
+        let lidar = listen.map(|address| stream(name.clone(), address, metadata));
+        let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None));
+        lidar.into_iter().chain(aside)
+    }
 }
 
 /// Settings of one verb.

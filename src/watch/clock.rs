@@ -8,6 +8,8 @@ const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
 const TAI_AHEAD_S: f64 = 37.0;
 /// Hosts without a time source are off by less than this.
 const SAME_S: f64 = 1.0;
+/// A change of the difference from one frame to the next that no network makes.
+const JUMP_S: f64 = 0.25;
 /// Shorter recordings do not show drift above the jitter of hosts.
 const DRIFT_NEEDS_S: f64 = 10.0;
 
@@ -19,10 +21,14 @@ pub struct ClockWatch {
     least_offset_ns: Option<i128>,
     greatest_offset_ns: Option<i128>,
     steps_back: u64,
+    jumps: u64,
+    last_jump_s: Option<f64>,
+    /// Device time ran backwards since `first`.
+    stepped: bool,
 }
 
 /// What is said about a clock.
-#[derive(Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClockReport {
     /// `since_power_on`, `utc`, `tai` or `unsynchronised`; `unknown` without host times.
     pub state: &'static str,
@@ -34,13 +40,28 @@ pub struct ClockReport {
     pub drift_ppm: Option<f64>,
     /// Times that device time ran backwards.
     pub steps_back: u64,
+    /// Times that one of the clocks jumped: the numbers above are those since the last time.
+    pub jumps: u64,
+    /// How far host minus device moved in the last of them, s.
+    pub last_jump_s: Option<f64>,
 }
 
 impl ClockWatch {
     /// Takes the arrival and the device time of one frame's start.
     pub fn add(&mut self, host_ns: u64, device_ns: u64) {
         let offset_ns = i128::from(host_ns) - i128::from(device_ns);
-        self.steps_back += u64::from(self.last.is_some_and(|[_, last_ns]| device_ns < last_ns));
+        if let Some([last_host_ns, last_device_ns]) = self.last {
+            let moved_ns = offset_ns - (i128::from(last_host_ns) - i128::from(last_device_ns));
+            let stepped = device_ns < last_device_ns;
+            self.steps_back += u64::from(stepped);
+            self.stepped |= stepped;
+            if moved_ns.unsigned_abs() as f64 * 1e-9 > JUMP_S && host_ns > 0 {
+                self.jumps += 1;
+                self.last_jump_s = Some(moved_ns as f64 * 1e-9);
+                (self.first, self.least_offset_ns, self.greatest_offset_ns) = (None, None, None);
+                self.stepped = false;
+            }
+        }
         self.first.get_or_insert([host_ns, device_ns]);
         self.last = Some([host_ns, device_ns]);
         self.least_offset_ns = Some(self.least_offset_ns.map_or(offset_ns, |least| least.min(offset_ns)));
@@ -64,10 +85,18 @@ impl ClockWatch {
         } else {
             "unsynchronised"
         };
-        let drift_ppm = (host_span_s >= DRIFT_NEEDS_S && self.steps_back == 0)
+        let drift_ppm = (host_span_s >= DRIFT_NEEDS_S && !self.stepped)
             .then(|| (host_span_s - device_span_s) / host_span_s * 1e6);
         let variation_s = (self.greatest_offset_ns? - self.least_offset_ns?) as f64 * 1e-9;
-        Some(ClockReport { state, host_minus_device_s, variation_s, drift_ppm, steps_back: self.steps_back })
+        Some(ClockReport {
+            state,
+            host_minus_device_s,
+            variation_s,
+            drift_ppm,
+            steps_back: self.steps_back,
+            jumps: self.jumps,
+            last_jump_s: self.last_jump_s,
+        })
     }
 }
 
@@ -94,6 +123,9 @@ impl ClockReport {
         if self.steps_back > 0 {
             text.push_str(&format!("; ran backwards {} times", self.steps_back));
         }
+        if self.jumps > 0 {
+            text.push_str(&format!("; jumped {} times", self.jumps));
+        }
         text
     }
 }
@@ -116,6 +148,19 @@ mod tests {
         assert_eq!(state(HOST_NS - 3_000_000), "utc");
         assert_eq!(state(HOST_NS + 37_000_000_000), "tai");
         assert_eq!(state(HOST_NS - 25 * 60_000_000_000), "unsynchronised");
+    }
+
+    #[test]
+    fn a_jump_is_counted_and_begins_anew() {
+        let mut watch = ClockWatch::default();
+        for frame in 0..300_u64 {
+            let jumped_ns = if frame >= 150 { 90_000_000_000 } else { 0 };
+            watch.add(HOST_NS + frame * 100_010_000, 500_000_000_000 - jumped_ns + frame * 100_000_000);
+        }
+        let report = watch.report().unwrap();
+        assert_eq!((report.jumps, report.steps_back), (1, 1));
+        assert!((report.last_jump_s.unwrap() - 90.0).abs() < 1e-3 && report.variation_s < 0.1, "{report:?}");
+        assert!((report.drift_ppm.unwrap() - 100.0).abs() < 0.1, "{report:?}");
     }
 
     #[test]
