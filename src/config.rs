@@ -25,6 +25,8 @@ use serde::de::IntoDeserializer as _;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::receive::Listen;
+
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-rig/1";
 
@@ -56,6 +58,31 @@ pub struct SensorConfig {
     pub metadata: Option<PathBuf>,
     /// Its web interface, `HOST` or `HOST:PORT`: where it is set up, and where metadata come from without a file.
     pub host: Option<String>,
+}
+
+/// One of a sensor's streams of packets.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stream {
+    /// Where it is received, and under which name.
+    pub listen: Listen,
+    /// Metadata file of the sensor, for its lidar packets.
+    pub metadata: Option<PathBuf>,
+    /// Its web interface, which is asked for the metadata where there is no file.
+    pub host: Option<String>,
+}
+
+impl SensorConfig {
+    /// Its lidar packets, and what it sends beside them.
+    pub fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
+        let Self { name, listen, listen_aside, source, metadata, host, .. } = self.clone();
+        let stream =
+            move |name: String, address: SocketAddr, metadata: Option<PathBuf>, host: Option<String>| {
+                Stream { listen: Listen { name, address, source }, metadata, host }
+            };
+        let lidar = listen.map(|address| stream(name.clone(), address, metadata, host));
+        let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None, None));
+        lidar.into_iter().chain(aside)
+    }
 }
 
 /// Settings of one verb.

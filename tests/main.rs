@@ -9,6 +9,7 @@ mod cli;
 mod closed_loop;
 mod compare;
 mod config;
+mod daemon;
 mod decode;
 mod demo;
 mod export;
@@ -35,6 +36,7 @@ fn main() -> std::process::ExitCode {
         ("closed_loop", closed_loop::CASES),
         ("compare", compare::CASES),
         ("config", config::CASES),
+        ("daemon", daemon::CASES),
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),

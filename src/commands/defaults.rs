@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, ArgAction, Command};
 
+use super::daemon::place::FROM_PREDICT;
 use crate::config::{Config, ConfigError, Section, Setting};
 
 /// The file that the command line or the environment names.
@@ -24,7 +25,7 @@ pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> 
 
 /// The command with the file's settings as defaults.
 pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigError> {
-    for section in &config.sections {
+    for section in config.sections.iter().chain(&inherited(config)) {
         let mut verb = &mut command;
         for name in &section.verb {
             let known = names(verb.get_subcommands().map(Command::get_name));
@@ -41,6 +42,17 @@ pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigErr
         }
     }
     Ok(command)
+}
+
+/// What `[daemon]` takes from `[predict]` where it does not say otherwise.
+fn inherited(config: &Config) -> Option<Section> {
+    let named = |name: &str| config.sections.iter().find(|section| section.verb == [name]);
+    let (predict, daemon) = (named("predict")?, named("daemon"));
+    let said =
+        |key: &String| daemon.is_some_and(|section| section.settings.iter().any(|other| other.key == *key));
+    let taken = |setting: &&Setting| FROM_PREDICT.contains(&setting.key.as_str()) && !said(&setting.key);
+    let settings = predict.settings.iter().filter(taken).cloned().collect();
+    Some(Section { verb: vec!["daemon".into()], line: predict.line, settings })
 }
 
 /// Adds to an error about a value that the value stands in the file.

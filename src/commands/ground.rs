@@ -156,12 +156,7 @@ impl TrajectoryArgs {
 
     /// Reads the file.
     pub fn read(&self) -> anyhow::Result<Trajectory> {
-        let text = std::fs::read_to_string(&self.trajectory).with_context(|| self.name())?;
-        let parsed = match self.rate {
-            Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz),
-            None => Trajectory::from_tum(&text),
-        };
-        parsed.with_context(|| self.name())
+        read_trajectory(&self.trajectory, self.rate).with_context(|| self.name())
     }
 
     /// What is odd about the trajectory, alone and within a mesh or room of these bounds.
@@ -186,6 +181,15 @@ impl TrajectoryArgs {
         }
         doubts
     }
+}
+
+/// Reads a trajectory: TUM, or KITTI where a rate is given.
+pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
+    let text = std::fs::read_to_string(path)?;
+    Ok(match rate_hz {
+        Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
+        None => Trajectory::from_tum(&text)?,
+    })
 }
 
 /// Points of the path at the sensors' mean height.

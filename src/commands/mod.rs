@@ -10,6 +10,7 @@ use crate::config::Config;
 
 mod baselines;
 mod compare;
+mod daemon;
 mod decode;
 mod defaults;
 mod demo;
@@ -70,6 +71,8 @@ enum Verb {
     Inspect(inspect::Args),
     /// Record raw packets of live sensors.
     Record(record::Args),
+    /// Sensors, rig and recorder live, with a page to see and steer them by.
+    Daemon(daemon::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
     /// How much of a mesh's surface the sensors see along a trajectory.
@@ -129,6 +132,19 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
+/// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
+fn section<T>(config: &Config, words: &[&str], of_verb: impl FnOnce(Verb) -> Option<T>) -> anyhow::Result<T> {
+    let command = defaults::apply(Cli::command(), config)?;
+    let matches = command.try_get_matches_from(std::iter::once("outrigger").chain(words.iter().copied()));
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = parsed.map_err(|error| {
+        let text = defaults::with_origin(error, config).to_string();
+        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+        anyhow::anyhow!("{}: [{}]: {first}", config.path.display(), words[0])
+    })?;
+    of_verb(cli.verb).ok_or_else(|| anyhow::anyhow!("[{}] is another verb", words[0]))
+}
+
 fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
     output::say_error(&error.into());
     ExitCode::FAILURE
@@ -148,6 +164,7 @@ impl Cli {
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
+            Verb::Daemon(args) => daemon::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),

@@ -11,13 +11,11 @@ use sensors::ouster::Metadata;
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{Context, Outcome, output};
-use crate::config::SensorConfig;
-use crate::receive::{Listen, Monitor, Options, Receiver, now_ns};
+use crate::config::{SensorConfig, Stream};
+use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
 use crate::setup::{Sensor, warnings};
 
-/// A sensor that sent nothing for so long is named.
-const SILENT: Duration = Duration::from_secs(2);
 /// How often counters are looked at.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -27,7 +25,7 @@ pub struct Args {
     /// A sensor: name, local port (or address and port), metadata file of an Ouster, or the address of the sensor, which is
     /// asked for them. Once per sensor; those of the rig.toml when not given.
     #[arg(long = "listen", value_name = "NAME=[ADDRESS:]PORT[:METADATA.json|:http://HOST]", value_parser = parse_listen)]
-    listen: Vec<ListenArg>,
+    listen: Vec<Stream>,
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
     source: Vec<(String, IpAddr)>,
@@ -39,7 +37,7 @@ pub struct Args {
     duration: Option<Duration>,
     /// Kernel receive buffer to ask for, per port, in MiB.
     #[arg(long, value_name = "MIB", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    receive_buffer: u16,
+    pub(super) receive_buffer: u16,
 }
 
 /// Runs the verb.
@@ -78,29 +76,18 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 }
 
 /// The sensors that were typed; otherwise those of the rig's file.
-fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<ListenArg>> {
+fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
     if !args.listen.is_empty() {
         return Ok(args.listen.clone());
     }
     let Some(config) = context.config else {
         bail!("which sensors? --listen NAME=PORT for each, or --config RIG.toml that has them");
     };
-    let wanted: Vec<ListenArg> = config.sensors.iter().flat_map(listens_of).collect();
+    let wanted: Vec<Stream> = config.sensors.iter().flat_map(SensorConfig::streams).collect();
     if wanted.is_empty() {
         bail!("{}: no [[sensor]] has a `listen`", config.path.display());
     }
     Ok(wanted)
-}
-
-/// The streams of a sensor: lidar packets, and what it sends beside them.
-fn listens_of(sensor: &SensorConfig) -> impl Iterator<Item = ListenArg> + use<> {
-    let SensorConfig { name, listen, listen_aside, source, metadata, host, .. } = sensor.clone();
-    let stream = move |name: String, address: SocketAddr, metadata: Option<PathBuf>, host: Option<String>| {
-        ListenArg { listen: Listen { name, address, source }, metadata, host }
-    };
-    let lidar = listen.map(|address| stream(name.clone(), address, metadata, host));
-    let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None, None));
-    lidar.into_iter().chain(aside)
 }
 
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself.
@@ -113,7 +100,7 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
         bar.set_style(style);
     }
-    let mut silence = Silence::new(listens.len());
+    let mut silence = Silence::new(listens.len(), begun);
     let mut said_low_disk = false;
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
         tokio::select! {
@@ -122,8 +109,10 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
             _ = tick.tick() => {}
         }
         bar.set_message(status_line(recording, listens));
-        for (message, event) in silence.look(recording.monitor(), listens) {
-            bar.suspend(|| say(&message));
+        for news in silence.look(recording.monitor(), Instant::now()) {
+            let name = &listens[news.sensor].name;
+            bar.suspend(|| say(&format!("{name}: {}", news.words)));
+            let event = serde_json::json!({"time_ns": now_ns(), "event": news.event, "sensor": name});
             recording.session().write_event(&event)?;
         }
         if let (Some(low), false) = (recording.session().low_disk(), said_low_disk) {
@@ -148,52 +137,6 @@ fn status_line(recording: &Recording, listens: &[Listen]) -> String {
         .map(|(counters, listen)| format!("{} {}", listen.name, HumanCount(counters.packets)))
         .collect();
     format!("{} packets, {}, lost {lost}", sensors.join(", "), HumanBytes(recording.session().packet_bytes()))
-}
-
-/// Which sensors send nothing.
-struct Silence {
-    begun: Instant,
-    /// Packets seen so far, when they last grew, and whether the sensor was already named.
-    sensors: Vec<(u64, Instant, bool)>,
-}
-
-impl Silence {
-    fn new(sensors: usize) -> Self {
-        let begun = Instant::now();
-        Self { begun, sensors: vec![(0, begun, false); sensors] }
-    }
-
-    /// What to say now, and the event to keep.
-    fn look(&mut self, monitor: &Monitor, listens: &[Listen]) -> Vec<(String, serde_json::Value)> {
-        let mut news = Vec::new();
-        for (sensor, counters) in monitor.sensors().iter().enumerate() {
-            let (seen, grown, named) = &mut self.sensors[sensor];
-            let port = monitor.address(sensor).port();
-            let name = &listens[sensor].name;
-            let mut tell = |event: &str, message: String| {
-                news.push((
-                    message,
-                    serde_json::json!({"time_ns": now_ns(), "event": event, "sensor": name}),
-                ));
-            };
-            if counters.packets > *seen {
-                if *named {
-                    let after_s = self.begun.elapsed().as_secs_f64();
-                    tell("sensor_heard", format!("{name}: packets on port {port} since {after_s:.1} s"));
-                }
-                (*seen, *grown, *named) = (counters.packets, Instant::now(), false);
-            } else if !*named && grown.elapsed() >= SILENT {
-                *named = true;
-                let message = if *seen == 0 {
-                    format!("{name}: no packets on port {port}: is it powered, is udp_dest set to this host?")
-                } else {
-                    format!("{name}: no packets on port {port} for {} s, after {seen}", SILENT.as_secs())
-                };
-                tell("sensor_silent", message);
-            }
-        }
-        news
-    }
 }
 
 fn conclude(manifest: &Manifest, monitor: &Monitor, dir: &Path, context: Context) -> anyhow::Result<Outcome> {
@@ -243,7 +186,7 @@ fn say(message: &str) {
 
 /// Metadata of a sensor: from its file, else from itself. What the sensor says of itself is said again, and where it is not
 /// what the file says.
-fn metadata_of(sensor: &ListenArg) -> anyhow::Result<Option<String>> {
+pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
     let file = sensor.metadata.as_deref().map(read_metadata).transpose()?;
     let Some(host) = &sensor.host else { return Ok(file) };
     let name = &sensor.listen.name;
@@ -274,16 +217,7 @@ fn read_metadata(path: &Path) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// A sensor as typed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct ListenArg {
-    listen: Listen,
-    metadata: Option<PathBuf>,
-    /// Its web interface.
-    host: Option<String>,
-}
-
-fn parse_listen(text: &str) -> Result<ListenArg, String> {
+fn parse_listen(text: &str) -> Result<Stream, String> {
     const FORM: &str = "expected NAME=PORT, NAME=ADDRESS:PORT or either with :METADATA.json behind";
     let (name, rest) = text.split_once('=').ok_or(FORM)?;
     let (ip, rest) = match rest.strip_prefix('[') {
@@ -307,7 +241,7 @@ fn parse_listen(text: &str) -> Result<ListenArg, String> {
         None => (None, metadata),
     };
     let port = port.parse::<u16>().map_err(|_| format!("{port:?} is no port (0 to 65535); {FORM}"))?;
-    Ok(ListenArg {
+    Ok(Stream {
         listen: Listen { name: name.into(), address: SocketAddr::new(ip, port), source: None },
         metadata,
         host,

@@ -18,7 +18,7 @@ pub struct Args {
     /// The rig's serial device, usb:SERIAL (of a USB device's serial number), can:INTERFACE, slcan:PATH, dynamixel:PATH@BAUD:ID,ID, feetech:PATH@BAUD:ID,ID,
     /// cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@NODE,NODE.
     #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH", global = true)]
-    port: Option<PathBuf>,
+    pub(super) port: Option<PathBuf>,
     /// Allow motion; without it nothing moves.
     #[arg(long, global = true)]
     arm: bool,
@@ -147,7 +147,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
+pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     let settle_within = Duration::try_from_secs_f64(args.timeout_s)
         .ok()
         .filter(|time| !time.is_zero())

@@ -60,6 +60,52 @@ impl SocketReport {
     }
 }
 
+/// What receiving lost, and where it listened: enough to close a session with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// By sensor, in the order the receiver was given.
+    pub sensors: Vec<ReceiveLoss>,
+    /// Sockets with their counters.
+    pub sockets: Vec<SocketReport>,
+}
+
+/// What one sensor lost on the way to the consumer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReceiveLoss {
+    /// Dropped by the kernel; a socket shared by several sensors counts for its first.
+    pub kernel_dropped: u64,
+    /// Dropped because the queue to the consumer was full.
+    pub queue_dropped: u64,
+}
+
+impl Tally {
+    /// What was added since an earlier tally of the same receiver; the sockets are named as they are now.
+    #[must_use]
+    pub fn since(&self, earlier: &Self) -> Self {
+        let mut since = self.clone();
+        for (loss, before) in since.sensors.iter_mut().zip(&earlier.sensors) {
+            loss.kernel_dropped -= before.kernel_dropped;
+            loss.queue_dropped -= before.queue_dropped;
+        }
+        for (socket, before) in since.sockets.iter_mut().zip(&earlier.sockets) {
+            let (now, before) = (&mut socket.counters, &before.counters);
+            now.kernel_dropped -= before.kernel_dropped;
+            now.foreign_source -= before.foreign_source;
+            now.stamped_late -= before.stamped_late;
+            now.socket_errors -= before.socket_errors;
+            if now.foreign_source == 0 {
+                now.first_foreign_source = None;
+            }
+        }
+        since
+    }
+
+    /// Packets that were lost.
+    pub fn lost(&self) -> u64 {
+        self.sensors.iter().map(|sensor| sensor.kernel_dropped + sensor.queue_dropped).sum()
+    }
+}
+
 /// A view of the counters that can be kept beside the receiver.
 #[derive(Clone, Debug)]
 pub struct Monitor {
@@ -76,6 +122,18 @@ impl Monitor {
     /// Each socket with its counters.
     pub fn sockets(&self) -> Vec<SocketReport> {
         self.sockets.iter().map(SocketCells::read).collect()
+    }
+
+    /// What was lost so far.
+    pub fn tally(&self) -> Tally {
+        let queue = self.sensors.iter().map(|sensor| sensor.queue_dropped.load(Ordering::Relaxed));
+        let losses = self.kernel_drops().into_iter().zip(queue);
+        Tally {
+            sensors: losses
+                .map(|(kernel_dropped, queue_dropped)| ReceiveLoss { kernel_dropped, queue_dropped })
+                .collect(),
+            sockets: self.sockets(),
+        }
     }
 
     /// The local address of a sensor.

@@ -11,11 +11,13 @@
 
 mod buffer;
 mod counters;
+mod silence;
 mod socket;
 mod thread;
 
 pub use buffer::Datagram;
-pub use counters::{Monitor, SensorCounters, SocketCounters, SocketReport};
+pub use counters::{Monitor, ReceiveLoss, SensorCounters, SocketCounters, SocketReport, Tally};
+pub use silence::{Silence, SilenceNews};
 pub use thread::{Receiver, Stop};
 
 use std::net::{IpAddr, SocketAddr};

@@ -37,7 +37,7 @@ pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionE
 }
 
 /// Bytes an ordinary user may still write in the file system of a folder.
-pub(super) fn free_bytes(folder: &Path) -> io::Result<u64> {
+pub fn free_bytes(folder: &Path) -> io::Result<u64> {
     let state = nix::sys::statvfs::statvfs(folder)?;
     Ok(state.blocks_available() * state.fragment_size())
 }

@@ -7,6 +7,7 @@
 //! events.jsonl         what happened meanwhile, one JSON object a line
 //! trajectory.tum       where the platform was
 //! mount.json           where the sensors sit on it
+//! rig.toml             the configuration it was recorded with
 //! metadata/NAME.json   Ouster metadata of the sensor called NAME
 //! ```
 //!
@@ -21,10 +22,11 @@ mod ticker;
 mod whole_file;
 mod writer;
 
+pub use disk::free_bytes;
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
 pub use session::{Session, SessionPackets};
-pub use writer::{SensorInfo, SessionWriter};
+pub use writer::{LOW_DISK_BYTES, LOW_DISK_SECONDS, SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};
 
@@ -47,6 +49,8 @@ pub mod file {
     pub const EVENTS: &str = "events.jsonl";
     /// Trajectory of the platform.
     pub const TRAJECTORY: &str = "trajectory.tum";
+    /// The rig.toml it was recorded with.
+    pub const CONFIG: &str = "rig.toml";
     /// Mounts of the sensors.
     pub const MOUNT: &str = "mount.json";
     /// Folder of sensor metadata.

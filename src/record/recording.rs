@@ -60,7 +60,7 @@ impl Recording {
     pub fn stop(self) -> Result<Manifest, SessionError> {
         self.stop.stop();
         let panicked = self.thread.join().is_err();
-        let manifest = self.session.close(Some(&self.monitor))?;
+        let manifest = self.session.close(Some(&self.monitor.tally()))?;
         if panicked {
             let reason = "the recording thread panicked".into();
             return Err(SessionError::Content { path: self.session.dir().to_owned(), reason });

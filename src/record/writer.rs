@@ -14,15 +14,16 @@ use super::manifest::{Manifest, SensorEntry};
 use super::ticker::Ticker;
 use super::whole_file::WholeFile;
 use super::{FileEntry, SessionError, disk, file};
-use crate::receive::{Datagram, Listen, Monitor, now_ns};
+use crate::receive::{Datagram, Listen, Tally, now_ns};
 use crate::rig::MountFile;
 use crate::trajectory::Trajectory;
 
 /// Kept back on the disk for closing the session: statistics, manifest and some lines need far less.
 const RESERVE_BYTES: usize = 256 << 10;
-/// Free space below which a warning is due, and the recording time left below which one is.
-const LOW_DISK_BYTES: u64 = 512 << 20;
-const LOW_DISK_SECONDS: f64 = 120.0;
+/// Free space below which a warning is due.
+pub const LOW_DISK_BYTES: u64 = 512 << 20;
+/// The recording time left below which a warning is due, s.
+pub const LOW_DISK_SECONDS: f64 = 120.0;
 
 /// What a session is told about a sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -164,6 +165,11 @@ impl SessionWriter {
         self.put(file::TRAJECTORY, trajectory.to_tum().as_bytes())
     }
 
+    /// Keeps a copy of the configuration, a `rig.toml`.
+    pub fn put_config(&self, text: &str) -> Result<(), SessionError> {
+        self.put(file::CONFIG, text.as_bytes())
+    }
+
     /// Whether space runs out.
     pub fn low_disk(&self) -> Option<LowDisk> {
         self.shared.lock().as_ref().and_then(|open| open.low_disk)
@@ -184,7 +190,7 @@ impl SessionWriter {
 
     /// Closes the session: drop counts, checksums and `complete: true` where nothing failed. A session that failed (a
     /// full disk) is closed as far as possible, `complete` stays false, and the failure is returned.
-    pub fn close(&self, received: Option<&Monitor>) -> Result<Manifest, SessionError> {
+    pub fn close(&self, received: Option<&Tally>) -> Result<Manifest, SessionError> {
         let ticker = self.ticker.lock().unwrap_or_else(PoisonError::into_inner).take();
         drop(ticker); // waits for a flush under way
         let dir = &self.shared.dir;
@@ -353,7 +359,7 @@ impl Open {
         self.low_disk = now;
     }
 
-    fn close(mut self, dir: &Path, received: Option<&Monitor>) -> Result<Manifest, SessionError> {
+    fn close(mut self, dir: &Path, received: Option<&Tally>) -> Result<Manifest, SessionError> {
         self.flush();
         let reserve = dir.join(file::RESERVE);
         fs::remove_file(&reserve).map_err(|error| SessionError::io(&reserve, "cannot be removed", error))?;
@@ -361,16 +367,12 @@ impl Open {
         for line_file in [&mut self.servo, &mut self.events] {
             line_file.retry();
         }
-        if let Some(monitor) = received {
-            let sensors = monitor.sensors();
-            let kernel = monitor.kernel_drops();
-            for ((entry, counters), kernel_dropped) in
-                self.manifest.sensors.iter_mut().zip(sensors).zip(kernel)
-            {
-                entry.losses.queue_dropped = counters.queue_dropped;
-                entry.losses.kernel_dropped = kernel_dropped;
+        if let Some(tally) = received {
+            for (entry, lost) in self.manifest.sensors.iter_mut().zip(&tally.sensors) {
+                entry.losses.queue_dropped = lost.queue_dropped;
+                entry.losses.kernel_dropped = lost.kernel_dropped;
             }
-            self.manifest.sockets = monitor.sockets();
+            self.manifest.sockets.clone_from(&tally.sockets);
         }
         for sensor in &mut self.manifest.sensors {
             self.manifest.losses.add(&sensor.losses);

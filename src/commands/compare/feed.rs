@@ -12,6 +12,7 @@ use crate::compare::{Fault, TiltHistory};
 use crate::record::Session;
 use crate::rig::{MountedSensor, Rig};
 use crate::servo::ServoReport;
+use crate::watch::is_model;
 
 /// One sensor's packets.
 #[derive(Debug, Default, Serialize)]
@@ -261,11 +262,7 @@ fn foreign(sensor: &MountedSensor, reason: &str) -> Fault {
 /// The mount file and the packets name different sensors.
 fn wrong_model(mounted: &MountedSensor, sensor: &sensors::router::Sensor) -> Option<Fault> {
     let model = sensor.model()?;
-    let plain = |name: &str| -> String {
-        name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase()
-    };
-    let (said, found) = (plain(&mounted.model.name), plain(&sensor.product()));
-    if found.starts_with(&said) || plain(&model.name).starts_with(&said) {
+    if is_model(&mounted.model.name, &sensor.product(), &model.name) {
         return None;
     }
     Some(Fault {

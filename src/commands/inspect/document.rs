@@ -7,9 +7,9 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
-use super::sensor::{SensorReport, Watch};
 use crate::commands::recording::{Ending, Recording};
 use crate::commands::{sensor_ids, unread};
+use crate::watch::{SensorReport, Watch};
 
 /// The document.
 #[derive(Serialize)]

@@ -8,6 +8,8 @@ use sensors::ouster::wire::{Header, PacketFormat};
 use sensors::router::Guess;
 use serde::Serialize;
 
+use crate::watch::rate_hz;
+
 /// Streams kept apart; the packets of more are counted together.
 const MOST_FLOWS: usize = 1000;
 
@@ -115,12 +117,6 @@ impl Flows {
             })
             .collect()
     }
-}
-
-/// Events per second between the first and the last.
-pub fn rate_hz(count: u64, [first_ns, last_ns]: [u64; 2]) -> Option<f64> {
-    let span_s = last_ns.saturating_sub(first_ns) as f64 * 1e-9;
-    (count > 1 && span_s > 0.0).then(|| (count - 1) as f64 / span_s)
 }
 
 impl Flow {

@@ -2,16 +2,15 @@
 
 mod document;
 mod flows;
-mod sensor;
 
 use std::path::PathBuf;
 
 use self::document::Document;
 use self::flows::Flows;
-use self::sensor::Watch;
 use super::output::{print_json, print_text};
 use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome};
+use crate::watch::Watch;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \

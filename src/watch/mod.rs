@@ -1,12 +1,11 @@
-//! What is watched of one sensor while it is decoded.
+//! What is watched of one sensor while it is decoded: rates, losses, its clock, its own warnings.
+
+use crate::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};
 use sensors::velodyne::{Fix, Position, PulseState};
 use sensors::{DecodeStats, Decoded, Health};
 use serde::Serialize;
-
-use super::flows::rate_hz;
-use crate::clocks::{ClockReport, ClockWatch};
 
 /// Running numbers of one sensor.
 #[derive(Default)]
@@ -25,7 +24,7 @@ pub struct Watch {
 }
 
 /// One sensor as it is reported.
-#[derive(Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct SensorReport {
     /// As in the documents of `decode`.
     pub id: String,
@@ -169,4 +168,19 @@ fn warnings(health: Health) -> Vec<String> {
         level => warnings.push(format!("limits its shots for heat, level {}", level - 1)),
     }
     warnings
+}
+
+/// Whether a product of packets or metadata, or the model made from it, is what a configuration calls it.
+pub fn is_model(said: &str, product: &str, model: &str) -> bool {
+    let plain = |name: &str| -> String {
+        name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase()
+    };
+    let said = plain(said);
+    plain(product).starts_with(&said) || plain(model).starts_with(&said)
+}
+
+/// Events per second between the first and the last.
+pub fn rate_hz(count: u64, [first_ns, last_ns]: [u64; 2]) -> Option<f64> {
+    let span_s = last_ns.saturating_sub(first_ns) as f64 * 1e-9;
+    (count > 1 && span_s > 0.0).then(|| (count - 1) as f64 / span_s)
 }

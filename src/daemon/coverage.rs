@@ -1,0 +1,168 @@
+//! What was seen so far, beside what was promised.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use glam::DVec3;
+
+use super::picture;
+use super::status::CoverageStatus;
+use crate::coverage::Coverage;
+
+/// Cells sent to a page at most; more are merged by eights.
+const MOST_CELLS: usize = 40_000;
+
+/// How a cell is drawn.
+const MISSING: u8 = 0;
+const KEPT: u8 = 1;
+const SEEN: u8 = 2;
+
+/// Coverage that live threads add to.
+#[derive(Debug)]
+pub(super) struct LiveCoverage {
+    inner: Mutex<Inner>,
+    pose: &'static str,
+}
+
+#[derive(Debug)]
+struct Inner {
+    seen: Coverage,
+    /// Cells of the prediction, ascending.
+    predicted: Option<Vec<usize>>,
+    predicting: bool,
+    without_pose: u64,
+    /// Grows with every addition.
+    version: u64,
+    /// Of the last counting.
+    counted: (u64, CoverageStatus),
+}
+
+impl LiveCoverage {
+    /// Nothing seen yet.
+    pub fn new(seen: Coverage, pose: &'static str, predicting: bool) -> Self {
+        let counted = (u64::MAX, CoverageStatus::default());
+        let inner = Inner { seen, predicted: None, predicting, without_pose: 0, version: 0, counted };
+        Self { inner: Mutex::new(inner), pose }
+    }
+
+    /// The prediction is ready.
+    pub fn promise(&self, predicted: Option<&Coverage>) {
+        let cells = predicted.map(Coverage::union_cells);
+        let mut inner = self.lock();
+        inner.predicted = cells;
+        inner.predicting = false;
+        inner.version += 1;
+    }
+
+    /// A sensor saw these points, world, m; so many more had no pose.
+    pub fn add(&self, sensor: usize, points_m: &[DVec3], without_pose: u64) {
+        let mut inner = self.lock();
+        points_m.iter().for_each(|point_m| inner.seen.add(sensor, *point_m));
+        inner.without_pose += without_pose;
+        inner.version += 1;
+    }
+
+    /// Begins anew.
+    pub fn clear(&self) {
+        let mut inner = self.lock();
+        inner.seen = Coverage::new(inner.seen.grid().clone(), inner.seen.sensors());
+        inner.without_pose = 0;
+        inner.version += 1;
+    }
+
+    /// Grows when there is something new to draw.
+    pub fn version(&self) -> u64 {
+        self.lock().version
+    }
+
+    /// In numbers.
+    pub fn status(&self) -> CoverageStatus {
+        let mut inner = self.lock();
+        if inner.counted.0 != inner.version {
+            let union = inner.seen.union();
+            let is_seen = |cell: &&usize| union[**cell / 64] >> (**cell % 64) & 1 == 1;
+            let kept = inner.predicted.as_ref().map(|cells| cells.iter().filter(is_seen).count() as u64);
+            let status = CoverageStatus {
+                voxel_m: inner.seen.grid().voxel_m,
+                seen: union.iter().map(|word| u64::from(word.count_ones())).sum(),
+                predicted: inner.predicted.as_ref().map(|cells| cells.len() as u64),
+                seen_of_predicted: kept,
+                outside: inner.seen.outside(),
+                pose: self.pose,
+                without_pose: inner.without_pose,
+                predicting: inner.predicting,
+            };
+            inner.counted = (inner.version, status);
+        }
+        inner.counted.1.clone()
+    }
+
+    /// As the page draws it.
+    pub fn message(&self, time_ns: u64) -> Vec<u8> {
+        let (grid, seen, predicted) = {
+            let inner = self.lock();
+            (inner.seen.grid().clone(), inner.seen.union_cells(), inner.predicted.clone())
+        };
+        let mut merge = 1;
+        loop {
+            let place = |cell: usize| grid.place(cell).map(|at| (at / merge) as u16);
+            let mut cells: HashMap<[u16; 3], u8> = HashMap::new();
+            let missing = predicted.iter().flatten().map(|cell| (place(*cell), MISSING));
+            cells.extend(missing);
+            for cell in &seen {
+                let state = cells.entry(place(*cell)).or_insert(SEEN);
+                *state = if *state == MISSING { KEPT } else { *state };
+            }
+            if cells.len() <= MOST_CELLS || merge >= 64 {
+                let mut cells: Vec<_> = cells.into_iter().take(MOST_CELLS).collect();
+                cells.sort_unstable();
+                return picture::cells(time_ns, grid.origin_m, grid.voxel_m * merge as f64, &cells);
+            }
+            merge *= 2;
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coverage::VoxelGrid;
+
+    #[test]
+    fn cells_are_missing_kept_or_merely_seen() {
+        let grid = VoxelGrid { origin_m: DVec3::ZERO, voxel_m: 0.5, cells: [8, 4, 2] };
+        let live = LiveCoverage::new(Coverage::new(grid.clone(), 2), "standing", true);
+        assert!(live.status().predicting && live.status().predicted.is_none());
+        let mut promised = Coverage::new(grid, 1);
+        for at in [[0.1, 0.1, 0.1], [1.1, 0.1, 0.1]] {
+            promised.add(0, DVec3::from(at));
+        }
+        live.promise(Some(&promised));
+        live.add(1, &[DVec3::splat(0.2), DVec3::new(2.1, 1.1, 0.6), DVec3::splat(99.0)], 3);
+        let CoverageStatus { seen, predicted, seen_of_predicted, outside, without_pose, .. } = live.status();
+        assert_eq!((seen, predicted, seen_of_predicted, outside, without_pose), (2, Some(2), Some(1), 1, 3));
+        let message = live.message(7);
+        let cells: Vec<_> =
+            message[picture::HEADER_BYTES..].chunks(8).map(|cell| (cell[0], cell[6])).collect();
+        assert_eq!(cells, [(0, KEPT), (2, MISSING), (4, SEEN)]);
+        let before = live.version();
+        live.clear();
+        assert!(live.version() > before);
+        assert_eq!((live.status().seen, live.status().predicted), (0, Some(2)));
+    }
+
+    #[test]
+    fn many_cells_are_merged() {
+        let grid = VoxelGrid { origin_m: DVec3::ZERO, voxel_m: 1.0, cells: [100, 100, 10] };
+        let live = LiveCoverage::new(Coverage::new(grid.clone(), 1), "standing", false);
+        let all: Vec<DVec3> = (0..grid.len()).map(|cell| grid.centre_m(cell)).collect();
+        live.add(0, &all, 0);
+        let message = live.message(0);
+        assert_eq!((message.len() - picture::HEADER_BYTES) / 8, 50 * 50 * 5);
+        assert_eq!(f32::from_le_bytes(message[28..32].try_into().unwrap()), 2.0);
+    }
+}

@@ -1,0 +1,330 @@
+//! The daemon itself: everything put together, looked at several times a second, and ended in order.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use sensors::ouster::Metadata;
+use tokio::sync::{broadcast, watch};
+
+use super::coverage::LiveCoverage;
+use super::intake::Intake;
+use super::journal::Journal;
+use super::live::{self, Inlet, Subject, Surroundings};
+use super::place::{Motion, Place};
+use super::recorder::{Papers, Recorder, RecorderError, RecorderSettings};
+use super::rig::{RigCommandError, RigHost, RigSettings};
+use super::status::{LastSession, RecorderStatus, RigState, Status};
+use super::tap::Tap;
+use crate::config::SensorConfig;
+use crate::coverage::Coverage;
+use crate::receive::{self, Listen, ReceiveError, now_ns};
+use crate::record::SensorInfo;
+use crate::servo::RigError;
+
+mod look;
+
+use look::Look;
+
+/// How often the state is put together.
+const LOOK: Duration = Duration::from_millis(200);
+/// How often changed cells are sent to pages.
+const SEND_CELLS: Duration = Duration::from_secs(1);
+/// Messages that a slow page may be behind before it misses some.
+const PAGE_BACKLOG: usize = 64;
+
+/// A sensor, as configured.
+#[derive(Clone, Debug)]
+pub struct SensorSettings {
+    /// Name, model and addresses.
+    pub config: SensorConfig,
+    /// Metadata of an Ouster, its text.
+    pub metadata: Option<String>,
+}
+
+/// Everything the daemon is told.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Sensors.
+    pub sensors: Vec<SensorSettings>,
+    /// Kernel buffers and queues.
+    pub receive: receive::Options,
+    /// Sessions.
+    pub recorder: RecorderSettings,
+    /// The rig, where there is one.
+    pub rig: Option<RigSettings>,
+    /// Mounts, scene and way.
+    pub place: Place,
+    /// Text of the rig.toml, kept with each session.
+    pub config: Option<String>,
+}
+
+/// Why the daemon cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// A port cannot be had.
+    #[error(transparent)]
+    Receive(#[from] ReceiveError),
+    /// The rig is another program's.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// Sessions cannot be written.
+    #[error(transparent)]
+    Recorder(#[from] RecorderError),
+    /// Metadata that are none.
+    #[error("metadata of {name}: {reason}")]
+    Metadata {
+        /// The sensor.
+        name: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The system refuses a thread.
+    #[error("cannot start a thread: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// How the daemon ended.
+#[derive(Clone, Debug)]
+pub struct Ending {
+    /// The recorder's last state.
+    pub recorder: RecorderStatus,
+    /// Packets were lost while recording, or a recording ended that nobody ended.
+    pub data_lost: bool,
+}
+
+/// A running daemon.
+pub struct Daemon {
+    core: Arc<Core>,
+    recorder: Recorder,
+    threads: Mutex<Vec<JoinHandle<()>>>,
+}
+
+/// What the threads of the daemon share.
+pub(super) struct Core {
+    pub(super) sensors: Vec<SensorSettings>,
+    pub(super) intake: Arc<Intake>,
+    /// One per sensor.
+    pub(super) inlets: Mutex<Vec<Inlet>>,
+    /// Streams of each sensor.
+    pub(super) streams: Vec<Vec<usize>>,
+    pub(super) rig: Option<RigHost>,
+    pub(super) journal: Arc<Journal>,
+    pub(super) coverage: Arc<LiveCoverage>,
+    place: Arc<Place>,
+    motion: Arc<Motion>,
+    pages: broadcast::Sender<Bytes>,
+    status: watch::Sender<Arc<Status>>,
+    quit: AtomicBool,
+    /// When the state was last put together, UTC ns: the watchdog looks at it.
+    looked_ns: AtomicU64,
+}
+
+impl Daemon {
+    /// Binds every port, finds the rig, opens the folder of sessions; all or nothing.
+    pub fn start(settings: Settings) -> Result<Self, DaemonError> {
+        let Settings { sensors, receive, recorder, rig, place, config } = settings;
+        let (journal, lines) = Journal::new();
+        let journal = Arc::new(journal);
+        let place = Arc::new(place);
+        let motion = Arc::new(Motion::new(place.rig.sensors.len()));
+        let pose = if place.trajectory.is_some() { "trajectory" } else { "standing" };
+        let seen = Coverage::new(place.grid(), sensors.len());
+        let coverage = Arc::new(LiveCoverage::new(seen, pose, place.scene.is_some()));
+        let (pages, _) = broadcast::channel(PAGE_BACKLOG);
+        let mut listens: Vec<Listen> = Vec::new();
+        let (mut sensor_of, mut streams, mut infos) = (Vec::new(), Vec::new(), Vec::new());
+        for (sensor, SensorSettings { config, metadata }) in sensors.iter().enumerate() {
+            let mut mine = Vec::new();
+            for stream in config.streams() {
+                mine.push(listens.len());
+                sensor_of.push(sensor);
+                let metadata = stream.metadata.is_some().then(|| metadata.clone()).flatten();
+                infos.push((stream.listen.clone(), metadata));
+                listens.push(stream.listen);
+            }
+            streams.push(mine);
+        }
+        let around = Surroundings {
+            place: Arc::clone(&place),
+            motion: Arc::clone(&motion),
+            coverage: Arc::clone(&coverage),
+            journal: Arc::clone(&journal),
+            pages: pages.clone(),
+        };
+        let mut threads = Vec::new();
+        let mut inlets = Vec::new();
+        for (sensor, settings) in sensors.iter().enumerate() {
+            let subject = Subject {
+                sensor,
+                name: settings.config.name.clone(),
+                model: settings.config.model.clone(),
+                metadata: metadata_of(settings)?,
+            };
+            let (inlet, thread) = live::start(subject, around.clone())?;
+            inlets.push(inlet);
+            threads.push(thread);
+        }
+        let of_streams: Vec<Inlet> = sensor_of.iter().map(|sensor| inlets[*sensor].clone()).collect();
+        let tap = Arc::new(Tap::new(recorder.held_up));
+        let intake = Arc::new(Intake::start(&listens, &sensor_of, receive, &tap, &of_streams)?);
+        drop(of_streams);
+        let rig =
+            rig.map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion))).transpose()?;
+        let papers = Papers {
+            sensors: infos
+                .into_iter()
+                .enumerate()
+                .map(|(stream, (listen, metadata))| SensorInfo::of(&listen, intake.address(stream), metadata))
+                .collect(),
+            config,
+            mount: place.mount.clone(),
+            trajectory: place.trajectory.clone().filter(|_| !place.starts_with_recording),
+        };
+        let recorder =
+            Recorder::start(recorder, papers, Arc::clone(&intake), tap, Arc::clone(&journal), lines)?;
+        if recorder.status().recording {
+            begin_way(&place, &motion);
+        }
+        let first = look::empty(&recorder.status());
+        let core = Arc::new(Core {
+            sensors,
+            intake,
+            inlets: Mutex::new(inlets),
+            streams,
+            rig,
+            journal,
+            coverage,
+            place,
+            motion,
+            pages,
+            status: watch::Sender::new(Arc::new(first)),
+            quit: AtomicBool::new(false),
+            looked_ns: AtomicU64::new(now_ns()),
+        });
+        drop(spawn("predict", &core, Core::predict)?); // it ends by itself, and nobody waits for it
+        let recorder_status = recorder.reader();
+        threads.push(spawn("look", &core, move |core| core.watch(&recorder_status))?);
+        Ok(Self { core, recorder, threads: Mutex::new(threads) })
+    }
+
+    /// The state, put together at most a fifth of a second ago.
+    pub fn status(&self) -> Arc<Status> {
+        self.core.status.borrow().clone()
+    }
+
+    /// Every new state.
+    pub fn states(&self) -> watch::Receiver<Arc<Status>> {
+        self.core.status.subscribe()
+    }
+
+    /// Messages of points and cells for a page; the first are the cells as they are now.
+    pub fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
+        let messages = self.core.pages.subscribe();
+        (self.core.coverage.message(now_ns()).into(), messages)
+    }
+
+    /// Since the state was last put together: a daemon that hangs does not.
+    pub fn last_look(&self) -> Duration {
+        Duration::from_nanos(now_ns().saturating_sub(self.core.looked_ns.load(Ordering::Relaxed)))
+    }
+
+    /// Begins to record; the session's name.
+    pub fn begin_recording(&self, label: String) -> Result<String, RecorderError> {
+        let name = self.recorder.begin(label)?;
+        self.core.coverage.clear();
+        begin_way(&self.core.place, &self.core.motion);
+        Ok(name)
+    }
+
+    /// Ends the recording.
+    pub fn end_recording(&self) -> Result<LastSession, RecorderError> {
+        self.recorder.end()
+    }
+
+    /// The rig does something; `work` is given it.
+    pub(super) fn rig(&self) -> Result<&RigHost, RigCommandError> {
+        self.core.rig.as_ref().ok_or(RigCommandError::NoRig)
+    }
+
+    /// The rig now, not as of the last look.
+    pub fn rig_state(&self) -> Option<RigState> {
+        self.core.rig.as_ref().map(RigHost::state)
+    }
+
+    /// Latency from the kernel's stamp to the points' way to the page, by sensor.
+    pub fn picture_latency(&self) -> Vec<super::Percentiles> {
+        self.core.inlets().iter().map(|inlet| inlet.latency().percentiles()).collect()
+    }
+
+    /// Ends everything: what was received is written, the session closed, the rig disarmed.
+    pub fn stop(&self) -> Ending {
+        self.core.journal.tell("stopping", "the daemon ends");
+        self.core.intake.stop();
+        let recorder = self.recorder.quit();
+        self.core.quit.store(true, Ordering::Relaxed);
+        self.core.inlets().clear();
+        if let Some(rig) = &self.core.rig {
+            rig.quit();
+        }
+        for thread in self.threads.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+            let _ = thread.join(); // a panic there was told on stderr
+        }
+        let data_lost = recorder.lost > 0 || recorder.failed || recorder.ended_early;
+        Ending { recorder, data_lost }
+    }
+}
+
+impl Core {
+    pub(super) fn inlets(&self) -> std::sync::MutexGuard<'_, Vec<Inlet>> {
+        self.inlets.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn predict(&self) {
+        live::give_way();
+        // its own, single thread: the pool of the process would take every core from the recorder
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::give_way()).build();
+        let predicted = pool.ok().and_then(|pool| pool.install(|| self.place.predict()));
+        self.coverage.promise(predicted.as_ref());
+    }
+
+    fn watch(&self, recorder: &dyn Fn() -> RecorderStatus) {
+        let mut look = Look::new(self);
+        let mut sent = (Instant::now(), 0);
+        while !self.quit.load(Ordering::Relaxed) {
+            std::thread::sleep(LOOK);
+            self.status.send_replace(Arc::new(look.look(self, recorder())));
+            self.looked_ns.store(now_ns(), Ordering::Relaxed);
+            let version = self.coverage.version();
+            if self.pages.receiver_count() > 0 && version != sent.1 && sent.0.elapsed() >= SEND_CELLS {
+                sent = (Instant::now(), version);
+                let _ = self.pages.send(self.coverage.message(now_ns()).into()); // the last page may just have gone
+            }
+        }
+    }
+}
+
+fn spawn(
+    name: &str,
+    core: &Arc<Core>,
+    work: impl FnOnce(&Core) + Send + 'static,
+) -> Result<JoinHandle<()>, std::io::Error> {
+    let core = Arc::clone(core);
+    std::thread::Builder::new().name(name.into()).spawn(move || work(&core))
+}
+
+fn begin_way(place: &Place, motion: &Motion) {
+    if let Some(trajectory) = place.trajectory.as_ref().filter(|_| place.starts_with_recording) {
+        motion.begin(trajectory, now_ns());
+    }
+}
+
+fn metadata_of(sensor: &SensorSettings) -> Result<Option<(Metadata, String)>, DaemonError> {
+    let Some(text) = &sensor.metadata else { return Ok(None) };
+    let name = &sensor.config.name;
+    let metadata = Metadata::parse(text, name)
+        .map_err(|error| DaemonError::Metadata { name: name.clone(), reason: error.to_string() })?;
+    Ok(Some((metadata, name.clone())))
+}

@@ -1,0 +1,167 @@
+//! Sockets to session and live threads: one lane per sensor, so that a storm on one port is that sensor's loss alone.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use super::live::Inlet;
+use super::tap::Tap;
+use crate::receive::{
+    Datagram, Listen, Monitor, Options, ReceiveError, Receiver, SensorCounters, Stop, Tally, now_ns,
+};
+
+/// Datagrams written under one lock of the session.
+const BATCH: usize = 64;
+
+/// All lanes. Streams are numbered over all of them, in the order of the configuration.
+pub(super) struct Intake {
+    lanes: Vec<Lane>,
+    /// Lane of each stream and its place there.
+    places: Vec<(usize, usize)>,
+}
+
+struct Lane {
+    monitor: Monitor,
+    stop: Stop,
+    /// When the write under way began, UTC ns; 0 while none is.
+    writing_since_ns: Arc<AtomicU64>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// A bound lane that does not run yet.
+struct Bound {
+    receiver: Receiver,
+    streams: Vec<usize>,
+}
+
+impl Intake {
+    /// Binds every socket, all or none, and starts to receive. `inlets` has the live thread of each stream.
+    pub fn start(
+        listens: &[Listen],
+        sensor_of: &[usize],
+        options: Options,
+        tap: &Arc<Tap>,
+        inlets: &[Inlet],
+    ) -> Result<Self, ReceiveError> {
+        let mut places = vec![(0, 0); listens.len()];
+        let mut bound = Vec::new();
+        for (lane, streams) in groups(listens, sensor_of).into_iter().enumerate() {
+            let mine: Vec<Listen> = streams.iter().map(|stream| listens[*stream].clone()).collect();
+            let receiver = Receiver::start(&mine, options)?;
+            for (place, stream) in streams.iter().enumerate() {
+                places[*stream] = (lane, place);
+            }
+            bound.push(Bound { receiver, streams });
+        }
+        let lanes = bound.into_iter().map(|bound| Lane::start(bound, tap, inlets));
+        Ok(Self { lanes: lanes.collect::<Result<_, _>>()?, places })
+    }
+
+    /// Local address of a stream.
+    pub fn address(&self, stream: usize) -> std::net::SocketAddr {
+        let (lane, place) = self.places[stream];
+        self.lanes[lane].monitor.address(place)
+    }
+
+    /// Counters of each stream.
+    pub fn counters(&self) -> Vec<SensorCounters> {
+        let lanes: Vec<_> = self.lanes.iter().map(|lane| lane.monitor.sensors()).collect();
+        self.places.iter().map(|(lane, place)| lanes[*lane][*place]).collect()
+    }
+
+    /// What was lost so far, by stream, and every socket.
+    pub fn tally(&self) -> Tally {
+        let lanes: Vec<Tally> = self.lanes.iter().map(|lane| lane.monitor.tally()).collect();
+        Tally {
+            sensors: self.places.iter().map(|(lane, place)| lanes[*lane].sensors[*place]).collect(),
+            sockets: lanes.iter().flat_map(|lane| lane.sockets.iter().cloned()).collect(),
+        }
+    }
+
+    /// How long the longest write under way has taken so far, s.
+    pub fn stalled_s(&self) -> f64 {
+        let now = now_ns();
+        let since = |lane: &Lane| lane.writing_since_ns.load(Ordering::Relaxed);
+        let begun = self.lanes.iter().map(since).filter(|since_ns| *since_ns > 0);
+        begun.map(|since_ns| now.saturating_sub(since_ns) as f64 * 1e-9).fold(0.0, f64::max)
+    }
+
+    /// Ends receiving with what the kernel holds now, and waits until everything received was handed on.
+    pub fn stop(&self) {
+        self.lanes.iter().for_each(|lane| lane.stop.stop());
+        let take = |lane: &Lane| lane.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
+        for thread in self.lanes.iter().filter_map(take) {
+            // a panic there is a defect that its counters cannot tell; the session closes all the same
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Intake {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+impl Lane {
+    fn start(bound: Bound, tap: &Arc<Tap>, inlets: &[Inlet]) -> Result<Self, ReceiveError> {
+        let Bound { mut receiver, streams } = bound;
+        let (monitor, stop) = (receiver.monitor(), receiver.stop_handle());
+        let inlets: Vec<Inlet> = streams.iter().map(|stream| inlets[*stream].clone()).collect();
+        let tap = Arc::clone(tap);
+        let writing_since_ns = Arc::new(AtomicU64::new(0));
+        let since_ns = Arc::clone(&writing_since_ns);
+        let work = move || {
+            let mut batch: Vec<Datagram> = Vec::with_capacity(BATCH);
+            while receiver.recv_many_blocking(&mut batch, BATCH) > 0 {
+                let places: Vec<usize> = batch.iter().map(|datagram| datagram.sensor).collect();
+                for datagram in &mut batch {
+                    datagram.sensor = streams[datagram.sensor];
+                }
+                since_ns.store(now_ns(), Ordering::Relaxed);
+                tap.take(&batch);
+                since_ns.store(0, Ordering::Relaxed);
+                for (datagram, place) in batch.drain(..).zip(places) {
+                    inlets[place].offer(datagram);
+                }
+            }
+        };
+        let thread =
+            std::thread::Builder::new().name("lane".into()).spawn(work).map_err(ReceiveError::Thread)?;
+        Ok(Self { monitor, stop, writing_since_ns, thread: Mutex::new(Some(thread)) })
+    }
+}
+
+/// Streams that one receiver takes: those of a sensor, and those of sensors that share an address.
+fn groups(listens: &[Listen], sensor_of: &[usize]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for stream in 0..listens.len() {
+        let related = |other: &usize| {
+            let same_address = listens[*other].address == listens[stream].address;
+            sensor_of[*other] == sensor_of[stream] || (same_address && listens[stream].address.port() != 0)
+        };
+        let (mut mine, others): (Vec<_>, Vec<_>) =
+            groups.into_iter().partition(|group| group.iter().any(related));
+        let mut joined = mine.drain(..).flatten().collect::<Vec<_>>();
+        joined.push(stream);
+        groups = others;
+        groups.push(joined);
+    }
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sensors_that_share_a_port_share_a_lane() {
+        let listen = |port: u16| Listen {
+            name: port.to_string(),
+            address: ([127, 0, 0, 1], port).into(),
+            source: None,
+        };
+        let listens = [7502, 7503, 7502, 7504, 2368, 0, 0].map(listen);
+        assert_eq!(groups(&listens, &[0, 0, 1, 1, 2, 3, 4]), [vec![0, 1, 2, 3], vec![4], vec![5], vec![6]]);
+    }
+}

@@ -1,0 +1,82 @@
+//! What happened: to the session, to the log, and the newest to the page.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Mutex, PoisonError};
+
+use crate::receive::now_ns;
+use crate::servo::ServoReport;
+
+/// Events kept for the page.
+const KEPT: usize = 100;
+/// Lines that may wait for the recorder before they are dropped and counted.
+const WAITING: usize = 4096;
+
+/// Something that happened, in words and for programs.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Event {
+    /// When, UTC nanoseconds since 1970.
+    pub time_ns: u64,
+    /// What, for programs: `sensor_silent`, `rig_lost`.
+    pub event: &'static str,
+    /// Whom it concerns, where it is one sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
+    /// What, for people.
+    pub words: String,
+}
+
+/// A line for the session.
+#[derive(Debug)]
+pub(super) enum Line {
+    Event(Event),
+    Servo(ServoReport),
+}
+
+/// Takes events and servo reports from any thread, never waiting.
+#[derive(Debug)]
+pub(super) struct Journal {
+    newest: Mutex<VecDeque<Event>>,
+    lines: SyncSender<Line>,
+}
+
+impl Journal {
+    /// The journal, and the lines that the recorder is to write.
+    pub fn new() -> (Self, Receiver<Line>) {
+        let (lines, waiting) = sync_channel(WAITING);
+        (Self { newest: Mutex::default(), lines }, waiting)
+    }
+
+    /// Something happened to the daemon, the rig or the recorder.
+    pub fn tell(&self, event: &'static str, words: impl Into<String>) {
+        self.take(Event { time_ns: now_ns(), event, sensor: None, words: words.into() });
+    }
+
+    /// Something happened to a sensor.
+    pub fn tell_of(&self, sensor: &str, event: &'static str, words: impl Into<String>) {
+        let words = words.into();
+        self.take(Event { time_ns: now_ns(), event, sensor: Some(sensor.to_owned()), words });
+    }
+
+    /// A reading of the rig, for the session only.
+    pub fn servo(&self, report: ServoReport) {
+        // a recorder that is that far behind is stalled by its disk, and says so
+        let _ = self.lines.try_send(Line::Servo(report));
+    }
+
+    /// The newest events, oldest first.
+    pub fn newest(&self) -> Vec<Event> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
+    }
+
+    fn take(&self, event: Event) {
+        tracing::info!(event = event.event, sensor = event.sensor, "{}", event.words);
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        if newest.len() == KEPT {
+            newest.pop_front();
+        }
+        newest.push_back(event.clone());
+        drop(newest);
+        let _ = self.lines.try_send(Line::Event(event)); // as with a reading
+    }
+}

@@ -1,0 +1,335 @@
+//! One thread per sensor that decodes what comes, counts, and makes the picture. It gives way to everything else.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use glam::DVec3;
+use sensors::ouster::Metadata;
+use sensors::projection::{Projector, sample_azimuth_rad};
+use sensors::router::{Routed, Router, Sensor, Unclaimed};
+use sensors::{Decoded, Frame, SensorModel};
+use tokio::sync::broadcast;
+
+use super::coverage::LiveCoverage;
+use super::journal::Journal;
+use super::latency::Latency;
+use super::picture;
+use super::place::{Motion, Place};
+use crate::geometry::Pose;
+use crate::receive::{Datagram, now_ns};
+use crate::watch::{SensorReport, Watch, is_model};
+
+/// Datagrams that may wait: a revolution and more of the busiest sensor.
+const WAITING: usize = 1024;
+/// With more than this waiting, revolutions are decoded and counted, and not drawn.
+const BUSY: u64 = WAITING as u64 / 2;
+/// Points drawn of one revolution.
+const POINTS: usize = 6000;
+/// How often the numbers are put out.
+const PUBLISH: Duration = Duration::from_millis(250);
+/// Priority of these threads (`nice`).
+const NICE: i32 = 10;
+/// Kinds of strange packets that are named.
+const STRANGERS: usize = 3;
+
+/// Makes the present thread give way to those that receive and record.
+pub(super) fn give_way() {
+    // a system without priorities runs it like the others
+    let _ = rustix::process::setpriority_process(None, NICE);
+}
+
+/// Where a lane hands over packets.
+#[derive(Clone)]
+pub(super) struct Inlet {
+    queue: SyncSender<Datagram>,
+    shared: Arc<Shared>,
+}
+
+#[derive(Default)]
+struct Shared {
+    dropped: AtomicU64,
+    waiting: AtomicU64,
+    numbers: Mutex<Numbers>,
+    /// From the kernel's stamp until points were handed to the page's connections.
+    latency: Latency,
+}
+
+/// What the thread found out.
+#[derive(Clone, Default)]
+pub(super) struct Numbers {
+    pub report: Option<SensorReport>,
+    /// Returns so far.
+    pub points: u64,
+    pub unclaimed: Vec<Unclaimed>,
+    pub not_its_own: u64,
+    pub first_damage: Option<String>,
+    /// Revolutions that were not drawn.
+    pub frames_not_drawn: u64,
+    /// The packets are those of another model than configured.
+    pub is_other_model: bool,
+}
+
+impl Inlet {
+    /// Takes a packet if there is room; counts it otherwise.
+    pub fn offer(&self, datagram: Datagram) {
+        self.shared.waiting.fetch_add(1, Ordering::Relaxed);
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.queue.try_send(datagram) {
+            self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
+            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Packets that were left out.
+    pub fn dropped(&self) -> u64 {
+        self.shared.dropped.load(Ordering::Relaxed)
+    }
+
+    /// What the thread found out.
+    pub fn numbers(&self) -> Numbers {
+        self.shared.numbers.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// From the kernel's stamp until points were handed to the page's connections.
+    pub fn latency(&self) -> &Latency {
+        &self.shared.latency
+    }
+}
+
+/// What a live thread is told.
+pub(super) struct Subject {
+    /// Number of the sensor.
+    pub sensor: usize,
+    pub name: String,
+    /// As configured.
+    pub model: String,
+    /// Of an Ouster, with the name of its file.
+    pub metadata: Option<(Metadata, String)>,
+}
+
+/// What live threads share.
+#[derive(Clone)]
+pub(super) struct Surroundings {
+    pub place: Arc<Place>,
+    pub motion: Arc<Motion>,
+    pub coverage: Arc<LiveCoverage>,
+    pub journal: Arc<Journal>,
+    /// Messages to every page.
+    pub pages: broadcast::Sender<axum::body::Bytes>,
+}
+
+/// Starts the thread; it ends when every inlet is gone.
+pub(super) fn start(subject: Subject, around: Surroundings) -> std::io::Result<(Inlet, JoinHandle<()>)> {
+    let (queue, waiting) = sync_channel(WAITING);
+    let shared = Arc::new(Shared::default());
+    let inlet = Inlet { queue, shared: Arc::clone(&shared) };
+    let mut router = Router::new();
+    if let Some((metadata, name)) = subject.metadata {
+        router.add_ouster(metadata, name);
+    }
+    let mounted = around.place.mounted(&subject.name);
+    let painter = Painter {
+        sensor: subject.sensor,
+        axis: mounted.map(|(axis, _)| axis),
+        around: around.clone(),
+        projector: None,
+        frames: 0,
+        points_m: Vec::new(),
+        placed_m: Vec::new(),
+    };
+    let live = Live {
+        name: subject.name,
+        model: subject.model,
+        router,
+        watch: Watch::default(),
+        painter,
+        journal: around.journal,
+        shared,
+        points: 0,
+        not_its_own: 0,
+        frames_not_drawn: 0,
+        seen: [0; 2],
+    };
+    let thread = std::thread::Builder::new().name("live".into()).spawn(move || live.run(&waiting))?;
+    Ok((inlet, thread))
+}
+
+struct Live {
+    name: String,
+    model: String,
+    router: Router,
+    watch: Watch,
+    painter: Painter,
+    journal: Arc<Journal>,
+    shared: Arc<Shared>,
+    points: u64,
+    not_its_own: u64,
+    frames_not_drawn: u64,
+    /// Restarts and clock jumps that were told.
+    seen: [u64; 2],
+}
+
+impl Live {
+    fn run(mut self, waiting: &Receiver<Datagram>) {
+        give_way();
+        let mut published = Instant::now();
+        loop {
+            match waiting.recv_timeout(PUBLISH) {
+                Ok(datagram) => {
+                    self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
+                    self.take(&datagram);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return self.publish(),
+            }
+            if published.elapsed() >= PUBLISH {
+                published = Instant::now();
+                self.publish();
+            }
+        }
+    }
+
+    fn take(&mut self, datagram: &Datagram) {
+        let busy = self.shared.waiting.load(Ordering::Relaxed) > BUSY;
+        let Self { router, watch, painter, points, frames_not_drawn, shared, .. } = self;
+        let routed = router.push(&datagram.packet(), &mut |at, sensor: &Sensor, decoded| {
+            if at != 0 {
+                return; // a second Velodyne on this port: counted below
+            }
+            watch.take(&decoded);
+            let Decoded::Frame(frame) = decoded else { return };
+            let returns = frame.first.points() + frame.second.as_ref().map_or(0, |layer| layer.points());
+            *points += returns as u64;
+            match sensor.model() {
+                Some(model) if !busy => {
+                    painter.draw(model, frame);
+                    shared.latency.add(frame.host_time_ns[1], now_ns());
+                }
+                _ => *frames_not_drawn += 1,
+            }
+        });
+        self.not_its_own += u64::from(!matches!(routed, Routed::Taken(0) | Routed::Damaged(0)));
+    }
+
+    fn publish(&mut self) {
+        let sensor = self.router.sensors().first();
+        let report = sensor.map(|sensor| self.watch.report(self.name.clone(), sensor));
+        let mut unclaimed: Vec<Unclaimed> = self.router.unclaimed().cloned().collect();
+        unclaimed.sort_by_key(|entry| std::cmp::Reverse(entry.packets));
+        unclaimed.truncate(STRANGERS);
+        if let Some(report) = &report {
+            let jumps = report.clock.as_ref().map_or(0, |clock| clock.jump_count);
+            let [restarts_told, jumps_told] = self.seen;
+            let restarts = report.counters.init_id_changes;
+            if restarts > restarts_told {
+                self.journal.tell_of(&self.name, "sensor_restarted", "the sensor was initialised again");
+            }
+            if jumps > jumps_told && restarts == restarts_told {
+                let by_s = report
+                    .clock
+                    .as_ref()
+                    .and_then(|clock| clock.jumps.last())
+                    .map_or(0.0, |jump| jump.change_s);
+                let words = format!("its clock and this host's moved apart by {by_s:.3} s at once");
+                self.journal.tell_of(&self.name, "clock_jump", words);
+            }
+            self.seen = [restarts, jumps];
+        }
+        let numbers = Numbers {
+            report,
+            points: self.points,
+            unclaimed,
+            not_its_own: self.not_its_own,
+            first_damage: sensor.and_then(Sensor::first_damage).map(str::to_owned),
+            frames_not_drawn: self.frames_not_drawn,
+            is_other_model: sensor.is_some_and(|sensor| {
+                let found = sensor.model();
+                found.is_some_and(|found| !is_model(&self.model, &sensor.product(), &found.name))
+            }),
+        };
+        *self.shared.numbers.lock().unwrap_or_else(PoisonError::into_inner) = numbers;
+    }
+}
+
+/// Points of a frame for the page, and all of them for coverage.
+struct Painter {
+    sensor: usize,
+    axis: Option<usize>,
+    around: Surroundings,
+    projector: Option<Projector>,
+    frames: u64,
+    points_m: Vec<[f64; 3]>,
+    placed_m: Vec<DVec3>,
+}
+
+impl Painter {
+    fn draw(&mut self, model: &SensorModel, frame: &Frame) {
+        self.frames += 1;
+        let Surroundings { place, motion, .. } = &self.around;
+        let mount = self.axis.and_then(|axis| Some((axis, place.rig.sensors.get(axis)?)));
+        let body_from_sensor =
+            mount.map_or(Pose::IDENTITY, |(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
+        if self.around.pages.receiver_count() > 0 {
+            self.paint(model, frame, &body_from_sensor);
+        }
+        self.cover(model, frame, &body_from_sensor);
+    }
+
+    /// A few points of the frame, others each time.
+    fn paint(&self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
+        let Surroundings { place, motion, pages, .. } = &self.around;
+        let samples = frame.first.range_mm.len();
+        // odd, so that it shares no factor with the number of channels
+        let stride = samples.div_ceil(POINTS) | 1;
+        let time_ns = frame.host_time_ns[1];
+        let world_from_body =
+            motion.world_from_body(place.trajectory.as_ref(), time_ns).unwrap_or(Pose::IDENTITY);
+        let world_from_sensor = world_from_body * *body_from_sensor;
+        let mut points_m = Vec::with_capacity(POINTS);
+        for index in (self.frames as usize % stride..samples).step_by(stride) {
+            let range_mm = frame.first.range_mm[index];
+            if range_mm == 0 {
+                continue;
+            }
+            let (column, channel) = (index / frame.channels, index % frame.channels);
+            let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+            let in_sensor_m = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
+            let reflectivity = frame.first.reflectivity.get(index).copied().unwrap_or(128);
+            points_m.push((world_from_sensor.transform_point(in_sensor_m), reflectivity));
+        }
+        let message = picture::points(self.sensor, time_ns, world_from_body.translation_m, &points_m);
+        let _ = pages.send(message.into()); // the last page may just have gone
+    }
+
+    /// Every point of the frame, each where the platform was when it was measured.
+    fn cover(&mut self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
+        let Surroundings { place, motion, coverage, .. } = &self.around;
+        let projector = self.projector.get_or_insert_with(|| Projector::new(model));
+        projector.follow(model);
+        let Some([first_ns, _]) = frame.time_span_ns() else { return };
+        let begun_ns = frame.host_time_ns[0];
+        let mut without_pose = 0;
+        self.placed_m.clear();
+        for layer in std::iter::once(&frame.first).chain(&frame.second) {
+            projector.points_f64(frame, layer, &mut self.points_m);
+            for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
+                let samples = frame.index(column, 0)..frame.index(column + 1, 0);
+                let hits = layer.range_mm[samples.clone()].iter().zip(&self.points_m[samples]);
+                let hits = hits.filter(|(range_mm, _)| **range_mm > 0);
+                let since_ns = frame.column_time_ns[column].saturating_sub(first_ns);
+                match motion.world_from_body(place.trajectory.as_ref(), begun_ns + since_ns) {
+                    Some(world_from_body) => {
+                        let world_from_sensor = world_from_body * *body_from_sensor;
+                        let placed =
+                            hits.map(|(_, point_m)| world_from_sensor.transform_point(DVec3::from(*point_m)));
+                        self.placed_m.extend(placed);
+                    }
+                    None => without_pose += hits.count() as u64,
+                }
+            }
+        }
+        coverage.add(self.sensor, &self.placed_m, without_pose);
+    }
+}

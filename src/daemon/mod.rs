@@ -1,0 +1,42 @@
+//! The daemon: sensors, rig and recorder of one `rig.toml`, live, with a page to see and steer them by.
+//!
+//! ```text
+//! socket -> receive thread -> lane thread -> session on the disk     (first; a slow disk holds up the lane alone)
+//!                                       \-> live thread -> Status     (gives way, and counts what it left out)
+//!                                                     \-> points, coverage -> page
+//! rig <-> servo::Rig's thread <-> rig thread -> Status, session
+//! ```
+//!
+//! Three things never wait for each other: receiving, the rig's conversation, and the page. The recorder comes before
+//! the picture: a lane hands its packets to the session first and to the live thread after that, and there without
+//! waiting. Everything that happens is an [`Event`]: a line of the session, a line of the log, a line on the page.
+
+mod coverage;
+mod engine;
+mod intake;
+mod journal;
+mod latency;
+mod live;
+mod picture;
+mod place;
+mod problems;
+mod recorder;
+mod rig;
+mod status;
+mod steady;
+mod tap;
+mod web;
+
+pub use engine::{Daemon, DaemonError, Ending, SensorSettings, Settings};
+pub use journal::Event;
+pub use latency::Percentiles;
+pub use picture::{COVERAGE_KIND, POINTS_KIND};
+pub use place::Place;
+pub use recorder::{RecorderError, RecorderSettings};
+pub use rig::{RigCommandError, RigSettings};
+pub use status::{
+    CoverageStatus, LastSession, Problem, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus,
+    Severity, Status,
+};
+pub use steady::HostClock;
+pub use web::{Token, Web, WebError, WebSettings};

@@ -1,0 +1,381 @@
+//! The rig: found, lost and found again; told what to do by one operator at a time.
+//!
+//! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nobody.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::journal::Journal;
+use super::place::Motion;
+use super::status::RigState;
+use crate::servo::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
+
+/// Time between two tries to find a rig.
+const RETRY: Duration = Duration::from_secs(1);
+/// How often its state is read while nothing moves.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// A heartbeat comes within this time.
+const HEARTBEAT: Duration = Duration::from_secs(1);
+
+/// Which rig, and how to talk to it.
+#[derive(Clone, Debug)]
+pub struct RigSettings {
+    /// Its address, as [`crate::servo::open`] knows them.
+    pub port: PathBuf,
+    /// Limits, tolerance, times.
+    pub options: Options,
+    /// Pitch of each axis in the configured mount, degrees.
+    pub mount_pitches_deg: Vec<f64>,
+    /// Disarm when no command came for so long.
+    pub disarm_after: Duration,
+}
+
+/// Why a command was not carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum RigCommandError {
+    /// The configuration names none.
+    #[error("no rig is configured: give [rig] a port in rig.toml")]
+    NoRig,
+    /// It does not answer.
+    #[error("the rig is not connected: {0}")]
+    NotConnected(String),
+    /// Something else is under way.
+    #[error("the rig is busy with `{0}`: wait for its end, or hold")]
+    Busy(&'static str),
+    /// Motion was not allowed.
+    #[error("this moves the rig: arm it first")]
+    NotArmed,
+    /// No mount is configured.
+    #[error("no mount is configured: give [daemon] or [predict] a mount in rig.toml")]
+    NoMount,
+    /// The rig refused or failed.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+}
+
+/// A handle on the rig's thread.
+pub(super) struct RigHost {
+    shared: Arc<Shared>,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+struct Shared {
+    settings: RigSettings,
+    journal: Arc<Journal>,
+    motion: Arc<Motion>,
+    state: Mutex<RigState>,
+    rig: Mutex<Option<Arc<Rig>>>,
+    /// Apart from the rig's own lock, so that nothing delays a stop.
+    interrupt: Mutex<Option<Interrupt>>,
+    last_command: Mutex<Instant>,
+    quit: AtomicBool,
+}
+
+impl RigHost {
+    /// Connects. A rig in use by another program is an error; one that is not there may still come.
+    pub fn start(
+        settings: RigSettings,
+        journal: Arc<Journal>,
+        motion: Arc<Motion>,
+    ) -> Result<Self, RigError> {
+        let state = RigState {
+            port: settings.port.display().to_string(),
+            mount_pitches_deg: settings.mount_pitches_deg.clone(),
+            ..RigState::default()
+        };
+        let shared = Arc::new(Shared {
+            settings,
+            journal,
+            motion,
+            state: Mutex::new(state),
+            rig: Mutex::default(),
+            interrupt: Mutex::default(),
+            last_command: Mutex::new(Instant::now()),
+            quit: AtomicBool::new(false),
+        });
+        match shared.connect() {
+            Err(error @ RigError::Link(LinkError::InUse { .. })) => return Err(error),
+            Err(error) => shared.lost(&error),
+            Ok(()) => {}
+        }
+        let worker = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("rig-watch".into())
+            .spawn(move || worker.run())
+            .map_err(|_| RigError::Closed)?;
+        Ok(Self { shared, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// What it does now.
+    pub fn state(&self) -> RigState {
+        let mut state = lock(&self.shared.state).clone();
+        if state.status.as_ref().is_some_and(|status| status.armed) {
+            let idle = lock(&self.shared.last_command).elapsed();
+            let left = self.shared.settings.disarm_after.saturating_sub(idle);
+            state.disarms_in_s = Some(left.as_secs_f64());
+        }
+        state
+    }
+
+    /// Allows motion, or forbids it.
+    pub fn arm(&self, armed: bool) -> Result<(), RigCommandError> {
+        let word = if armed { "arm" } else { "disarm" };
+        self.shared.command(word, false, |rig| {
+            if armed { rig.arm() } else { rig.disarm() }?;
+            // the rig has agreed; that it is so comes with its next heartbeat
+            let asked = Instant::now();
+            while rig.status()?.armed != armed && asked.elapsed() < HEARTBEAT {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            Ok(())
+        })
+    }
+
+    /// Makes positions trusted.
+    pub fn home(&self) -> Result<(), RigCommandError> {
+        self.shared.command("home", true, Rig::home)
+    }
+
+    /// Moves every axis to its pitch.
+    pub fn apply(&self, pitches_deg: &[f64]) -> Result<(), RigCommandError> {
+        let pitches_rad: Vec<f64> = pitches_deg.iter().map(|pitch_deg| pitch_deg.to_radians()).collect();
+        let shared = &self.shared;
+        shared.command("apply", true, |rig| {
+            let follow =
+                |step: &crate::servo::Progress| shared.show_progress(&step.measured_rad, &step.target_rad);
+            rig.apply_with(&pitches_rad, follow).map(drop)
+        })
+    }
+
+    /// Moves every axis to the pitch of the configured mount.
+    pub fn apply_mount(&self) -> Result<(), RigCommandError> {
+        let pitches_deg = &self.shared.settings.mount_pitches_deg;
+        if pitches_deg.is_empty() {
+            return Err(RigCommandError::NoMount);
+        }
+        self.apply(pitches_deg)
+    }
+
+    /// Decelerates and holds, whatever is under way.
+    pub fn hold(&self) -> Result<(), RigCommandError> {
+        self.shared.stop(1)
+    }
+
+    /// Stops as fast as the rig can and latches that.
+    pub fn e_stop(&self) -> Result<(), RigCommandError> {
+        self.shared.stop(2)
+    }
+
+    /// Takes latched faults away whose causes are gone.
+    pub fn clear(&self) -> Result<(), RigCommandError> {
+        self.shared.command("clear", false, Rig::clear_faults)
+    }
+
+    /// Disarms and lets go of the line.
+    pub fn quit(&self) {
+        self.shared.quit.store(true, Ordering::Relaxed);
+        if let (Some(_), Some(interrupt)) = (self.state().busy, &*lock(&self.shared.interrupt)) {
+            interrupt.raise(); // what is under way ends with a hold
+        }
+        if let Some(thread) = lock(&self.thread).take() {
+            let _ = thread.join();
+        }
+        *lock(&self.shared.rig) = None;
+    }
+}
+
+impl Drop for RigHost {
+    fn drop(&mut self) {
+        self.quit();
+    }
+}
+
+impl Shared {
+    fn connect(&self) -> Result<(), RigError> {
+        // a session of its own each time: the rig knows an old one from a new one
+        let options = Options { session: Options::new_session().session, ..self.settings.options.clone() };
+        let rig = Rig::connect_with(&self.settings.port, options)?;
+        *lock(&self.interrupt) = Some(rig.interrupt());
+        let status = rig.status()?;
+        *lock(&self.rig) = Some(Arc::new(rig));
+        let mut state = lock(&self.state);
+        (state.connected, state.error, state.status) = (true, None, Some(status));
+        Ok(())
+    }
+
+    fn lost(&self, error: &RigError) {
+        *lock(&self.rig) = None;
+        *lock(&self.interrupt) = None;
+        self.motion.forget_pitches();
+        let mut state = lock(&self.state);
+        (state.connected, state.error) = (false, Some(error.to_string()));
+        if let Some(status) = &mut state.status {
+            status.armed = false;
+            status.axes.iter_mut().for_each(|axis| axis.source = "stale".into());
+        }
+    }
+
+    fn run(&self) {
+        while !self.quit.load(Ordering::Relaxed) {
+            let rig = lock(&self.rig).clone();
+            let Some(rig) = rig else {
+                self.pause(RETRY);
+                if !self.quit.load(Ordering::Relaxed) {
+                    match self.connect() {
+                        Ok(()) => {
+                            self.journal.tell("rig_back", "the rig is connected; home it before it moves")
+                        }
+                        Err(error) => lock(&self.state).error = Some(error.to_string()),
+                    }
+                }
+                continue;
+            };
+            if let Err(error) = self.watch(&rig) {
+                self.journal.tell("rig_lost", error.to_string());
+                self.lost(&error);
+            }
+        }
+    }
+
+    /// Follows the rig until it is lost or the daemon ends.
+    fn watch(&self, rig: &Rig) -> Result<(), RigError> {
+        let reports = rig.reports();
+        let mut looked = Instant::now();
+        while !self.quit.load(Ordering::Relaxed) {
+            match reports.recv_timeout(LOOK) {
+                Ok(report) => self.take(report),
+                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
+                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => {
+                    return Err(rig.status().err().unwrap_or(RigError::Closed));
+                }
+            }
+            // a rig that carries out a command answers after it; its reports come all the same
+            if looked.elapsed() >= LOOK && lock(&self.state).busy.is_none() {
+                looked = Instant::now();
+                let status = rig.status()?;
+                self.disarm_idle(rig, &status)?;
+                lock(&self.state).status = Some(status);
+            }
+        }
+        Ok(())
+    }
+
+    fn disarm_idle(&self, rig: &Rig, status: &RigStatus) -> Result<(), RigError> {
+        if status.armed && lock(&self.last_command).elapsed() >= self.settings.disarm_after {
+            rig.disarm()?;
+            self.journal.tell("rig_disarmed", "disarmed: no command came for a while");
+        }
+        Ok(())
+    }
+
+    fn take(&self, report: ServoReport) {
+        if report.source == "measured" {
+            self.motion.set_pitch_rad(report.axis, f64::from(report.position_urad) * 1e-6);
+        }
+        let deg = |urad: i32| (f64::from(urad) * 1e-6).to_degrees();
+        let mut state = lock(&self.state);
+        if let Some(axis) = state.status.as_mut().and_then(|status| status.axes.get_mut(report.axis)) {
+            axis.position_deg = deg(report.position_urad);
+            axis.target_deg = deg(report.target_urad);
+            axis.state.clone_from(&report.state);
+            axis.source.clone_from(&report.source);
+            axis.faults.clone_from(&report.faults);
+            axis.age_ms = 0.0;
+        }
+        drop(state);
+        self.journal.servo(report);
+    }
+
+    fn show_progress(&self, measured_rad: &[f64], target_rad: &[f64]) {
+        let mut state = lock(&self.state);
+        let axes = state.status.iter_mut().flat_map(|status| &mut status.axes);
+        for ((axis, measured_rad), target_rad) in axes.zip(measured_rad).zip(target_rad) {
+            (axis.position_deg, axis.target_deg) = (measured_rad.to_degrees(), target_rad.to_degrees());
+        }
+    }
+
+    /// Carries out a command, one at a time.
+    fn command(
+        &self,
+        word: &'static str,
+        moves: bool,
+        work: impl FnOnce(&Rig) -> Result<(), RigError>,
+    ) -> Result<(), RigCommandError> {
+        let rig = self.connected()?;
+        {
+            let mut state = lock(&self.state);
+            if let Some(other) = state.busy {
+                return Err(RigCommandError::Busy(other));
+            }
+            if moves && !state.status.as_ref().is_some_and(|status| status.armed) {
+                return Err(RigCommandError::NotArmed);
+            }
+            state.busy = Some(word);
+        }
+        *lock(&self.last_command) = Instant::now();
+        let outcome = work(&rig);
+        *lock(&self.last_command) = Instant::now();
+        let status = rig.status();
+        let words = match &outcome {
+            Ok(()) => format!("{word}: done"),
+            Err(error) => format!("{word}: {error}"),
+        };
+        let mut state = lock(&self.state);
+        state.busy = None;
+        state.last_command = Some(words.clone());
+        if let Ok(status) = status {
+            state.status = Some(status);
+        }
+        drop(state);
+        self.journal.tell("rig_command", words);
+        Ok(outcome?)
+    }
+
+    /// Interrupts what is under way: once to hold, twice for an emergency stop.
+    fn stop(&self, level: u8) -> Result<(), RigCommandError> {
+        let interrupt = lock(&self.interrupt).clone();
+        let Some(interrupt) = interrupt else { return Err(self.not_connected()) };
+        // two who say hold at once must not make an emergency stop
+        while interrupt.level() < level {
+            interrupt.raise();
+        }
+        let rig = self.connected()?;
+        // the rig's thread obeys the interrupt first; this waits for it, and does it once more: both are idempotent
+        let outcome = if level >= 2 { rig.e_stop() } else { rig.hold() };
+        interrupt.reset();
+        let word = if level >= 2 { "e-stop" } else { "hold" };
+        let words = match &outcome {
+            Ok(()) => format!("{word}: done"),
+            Err(error) => format!("{word}: {error}"),
+        };
+        lock(&self.state).last_command = Some(words.clone());
+        self.journal.tell("rig_command", words);
+        if let Ok(status) = rig.status() {
+            lock(&self.state).status = Some(status);
+        }
+        Ok(outcome?)
+    }
+
+    fn connected(&self) -> Result<Arc<Rig>, RigCommandError> {
+        lock(&self.rig).clone().ok_or_else(|| self.not_connected())
+    }
+
+    fn not_connected(&self) -> RigCommandError {
+        RigCommandError::NotConnected(lock(&self.state).error.clone().unwrap_or_default())
+    }
+
+    fn pause(&self, time: Duration) {
+        let until = Instant::now() + time;
+        while Instant::now() < until && !self.quit.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,52 @@
+//! The daemon as its users meet it: the program, its requests, and everything that goes wrong around it.
+
+#[path = "daemon/faults.rs"]
+mod faults;
+#[path = "daemon/program.rs"]
+mod program;
+#[path = "daemon/rig.rs"]
+mod rig;
+#[path = "daemon/security.rs"]
+mod security;
+#[path = "daemon/sensor.rs"]
+mod sensor;
+#[path = "daemon/storage.rs"]
+mod storage;
+#[path = "daemon/walk.rs"]
+mod walk;
+
+use crate::support::{Case, case, with_machine};
+
+pub const CASES: &[Case] = &[
+    case("two_sensors_and_a_rig_are_recorded_and_shown", walk::two_sensors_and_a_rig_are_recorded_and_shown),
+    case(
+        "a_recording_is_cut_into_sessions_without_a_gap",
+        walk::a_recording_is_cut_into_sessions_without_a_gap,
+    ),
+    case("the_end_is_told_to_the_service_manager", walk::the_end_is_told_to_the_service_manager),
+    case("a_sensor_is_unplugged_and_comes_back", faults::a_sensor_is_unplugged_and_comes_back),
+    case("a_sensor_starts_again", faults::a_sensor_starts_again),
+    case("a_clock_jumps", faults::a_clock_jumps),
+    case("metadata_of_another_sensor", faults::metadata_of_another_sensor),
+    case("foreign_packets_and_a_storm_of_garbage", faults::foreign_packets_and_a_storm_of_garbage),
+    case("a_second_daemon_says_why_it_cannot_start", faults::a_second_daemon_says_why_it_cannot_start),
+    case("a_killed_daemon_leaves_a_session_that_opens", storage::a_killed_daemon_leaves_a_session_that_opens),
+    case("a_slow_disk_is_named_and_its_losses_counted", storage::a_slow_disk_is_named_and_its_losses_counted),
+    with_machine(
+        "a_disk_that_fills_up_ends_the_recording_in_order",
+        "no small file system can be mounted here (unshare, mount)",
+        storage::can_mount,
+        storage::a_disk_that_fills_up_ends_the_recording_in_order,
+    ),
+    with_machine(
+        "a_full_disk_keeps_what_was_recorded",
+        "no small file system can be mounted here (unshare, mount)",
+        storage::can_mount,
+        storage::a_full_disk_keeps_what_was_recorded,
+    ),
+    case("the_rig_moves_when_armed_and_stops_when_told", rig::the_rig_moves_when_armed_and_stops_when_told),
+    case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
+    case("strangers_are_refused", security::strangers_are_refused),
+    case("a_token_opens_the_daemon_to_others", security::a_token_opens_the_daemon_to_others),
+    case("nonsense_does_no_harm", security::nonsense_does_no_harm),
+];

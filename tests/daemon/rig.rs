@@ -1,0 +1,120 @@
+//! The rig behind the daemon: armed, moved, stopped, unplugged.
+
+use std::os::unix::fs::symlink;
+use std::time::{Duration, Instant};
+
+use outrigger::mock::rig::{MockConfig, MockRig};
+use outrigger::rig::{MountFile, SensorEntry};
+use serde_json::Value;
+
+use super::program::{Bench, Running};
+
+/// A bench whose mount has these pitches, and whose rig is found under `rig` in its folder.
+fn bench(pitches_deg: [f64; 2]) -> Bench {
+    let bench = Bench::new(
+        &["left", "right"],
+        "[rig]\nport = \"rig\"\nlimits_deg = [[-45, 45]]\ntimeout_s = 60\n[predict]\nmount = \"mount.json\"\n",
+    );
+    let entry = |name: &str, model: &str, x_m: f64, pitch_deg: f64| SensorEntry {
+        name: name.into(),
+        model: model.into(),
+        x_m,
+        y_m: 0.0,
+        z_m: 0.0,
+        pitch_deg,
+        roll_deg: 0.0,
+    };
+    let sensors =
+        vec![entry("left", "os1-16", -0.1, pitches_deg[0]), entry("right", "vlp-16", 0.1, pitches_deg[1])];
+    MountFile::new(sensors).write(&bench.path("mount.json")).unwrap();
+    bench
+}
+
+fn plug(bench: &Bench, rig: &MockRig) {
+    let name = bench.path("rig");
+    let _ = std::fs::remove_file(&name); // the first time there is none
+    symlink(rig.path(), name).unwrap();
+}
+
+fn axes(status: &Value) -> Vec<(f64, f64)> {
+    let axes = status["rig"]["status"]["axes"].as_array().unwrap();
+    axes.iter()
+        .map(|axis| (axis["position_deg"].as_f64().unwrap(), axis["target_deg"].as_f64().unwrap()))
+        .collect()
+}
+
+fn refused(daemon: &Running, path: &str, body: &str, words: &str) {
+    let (code, answer) = daemon.post(path, body);
+    assert_eq!(code, 409, "{path}: {answer}");
+    assert!(answer["error"].as_str().unwrap().contains(words), "{answer}");
+}
+
+pub fn the_rig_moves_when_armed_and_stops_when_told() {
+    let rig = MockRig::start(MockConfig::default(), 3).unwrap();
+    let bench = bench([-20.0, 20.0]);
+    plug(&bench, &rig);
+    let daemon = bench.start(&["--record"]);
+    daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
+    assert!(daemon.wait_for_problem("not_homed").contains("not homed"));
+    refused(&daemon, "/api/v1/rig/home", "", "arm it first");
+    refused(&daemon, "/api/v1/rig/apply", "", "arm it first");
+    daemon.order("/api/v1/rig/arm", "");
+    refused(&daemon, "/api/v1/rig/apply", "", "not homed");
+    daemon.order("/api/v1/rig/home", "");
+    refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [80, 0]}", "limits");
+    refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [1]}", "1 pitches for a rig with 2 axes");
+    daemon.order("/api/v1/rig/apply", "");
+    daemon.wait("the mount's pitches", |status| {
+        axes(status).iter().zip([-20.0, 20.0]).all(|((at, _), to)| (at - to).abs() < 0.5)
+    });
+
+    // a move is stopped on its way
+    std::thread::scope(|scope| {
+        let moving = scope.spawn(|| daemon.post("/api/v1/rig/apply", "{\"pitches_deg\": [30, -30]}"));
+        daemon.wait("it moves", |status| status["rig"]["busy"] == "apply" && axes(status)[0].0 > -19.0);
+        refused(&daemon, "/api/v1/rig/apply", "", "busy with `apply`");
+        let pressed = Instant::now();
+        daemon.order("/api/v1/rig/e-stop", "");
+        let (code, answer) = moving.join().unwrap();
+        assert_eq!(code, 409, "{answer}");
+        assert!(pressed.elapsed() < Duration::from_secs(20), "it did not wait for the end of the move");
+    });
+    assert!(daemon.wait_for_problem("e_stop").contains("latched"));
+    assert!(axes(&daemon.status())[0].0 < 29.0, "it did not arrive");
+    let (code, _) = daemon.post("/api/v1/rig/arm", "");
+    assert_eq!(code, 409, "a latched stop keeps it from being armed");
+    daemon.order("/api/v1/rig/clear", "");
+    daemon.order("/api/v1/rig/arm", "");
+    daemon.order("/api/v1/rig/hold", "");
+    daemon.order("/api/v1/rig/disarm", "");
+    assert_eq!(daemon.status()["rig"]["status"]["armed"], false);
+    let (_, log) = daemon.end();
+    let servo: Vec<Value> = bench.sessions()[0].servo().unwrap();
+    assert!(
+        servo.len() > 20 && servo.iter().any(|report| report["state"] == "moving"),
+        "{}: {log}",
+        servo.len()
+    );
+}
+
+pub fn the_rig_is_unplugged_and_comes_back() {
+    let first = MockRig::start(MockConfig::default(), 3).unwrap();
+    let bench = bench([-20.0, 20.0]);
+    plug(&bench, &first);
+    let daemon = bench.start(&[]);
+    daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
+    daemon.order("/api/v1/rig/arm", "");
+    first.close();
+    assert!(daemon.wait_for_problem("rig_lost").contains("hung up"));
+    let (code, answer) = daemon.post("/api/v1/rig/e-stop", "");
+    assert_eq!(code, 503, "{answer}");
+    assert_eq!(daemon.status()["rig"]["status"]["armed"], false);
+    let second = MockRig::start(MockConfig::default(), 3).unwrap();
+    plug(&bench, &second);
+    let status = daemon.wait("it is back", |status| status["rig"]["connected"] == true);
+    assert_eq!(status["rig"]["status"]["armed"], false, "it comes back disarmed");
+    let events = status["events"].as_array().unwrap();
+    let place = |name: &str| events.iter().position(|event| event["event"] == name).unwrap();
+    assert!(place("rig_lost") < place("rig_back"));
+    assert_eq!(daemon.end().0, Some(0));
+}

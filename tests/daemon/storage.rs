@@ -1,0 +1,129 @@
+//! Disks that are slow, fill up, or outlive the daemon.
+
+use std::process::{Command, Stdio};
+
+use nix::sys::signal::Signal;
+use outrigger::record::Session;
+
+use super::program::{Bench, Running, sessions_in};
+use super::sensor::Sending;
+
+pub fn a_killed_daemon_leaves_a_session_that_opens() {
+    let bench = Bench::new(&["left"], "");
+    let mut daemon = bench.start(&["--record"]);
+    let sensor = Sending::ouster(daemon.sensor(0));
+    daemon
+        .wait("a hundred packets were recorded", |status| status["recorder"]["packets"].as_u64() > Some(100));
+    std::thread::sleep(std::time::Duration::from_millis(1100)); // what a crash may cost at most
+    daemon.signal(Signal::SIGKILL);
+    daemon.child.wait().unwrap();
+    let sent = sensor.unplug();
+    let session = bench.sessions().remove(0);
+    assert!(!session.manifest().complete && session.problems()[0].contains("not closed"));
+    let mut packets = session.packets().unwrap();
+    let mut found = 0;
+    while packets.next().unwrap().is_some() {
+        found += 1;
+    }
+    assert!(found > 100 && found <= sent, "{found} of {sent}");
+}
+
+pub fn a_slow_disk_is_named_and_its_losses_counted() {
+    let bench = Bench::new(&["left"], "");
+    let daemon = bench.start(&["--record", "--hold-up-writes-ms", "700"]);
+    let sensor = Sending::ouster(daemon.sensor(0));
+    assert!(daemon.wait_for_problem("disk_slow").contains("wait in memory"));
+    let status =
+        daemon.wait("the picture goes on", |status| status["sensors"][0]["frames"].as_u64() > Some(1));
+    assert_eq!(status["recorder"]["session_lost"], 0, "they wait, none is lost yet");
+    let sent = sensor.unplug();
+    let (code, log) = daemon.end();
+    assert_eq!(code, Some(0), "{log}");
+    assert_eq!(bench.sessions()[0].manifest().sensors[0].packets, sent, "all of them came to the disk");
+}
+
+/// In a mount name space of its own, as root or as a user who may be root there.
+fn unshared(script: &str) -> Command {
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "--map-root-user", "sh", "-ec", script]);
+    command
+}
+
+/// Whether a small file system can be mounted.
+pub fn can_mount() -> bool {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = unshared("mount -t tmpfs -o size=1m tmpfs \"$0\"");
+    command.arg(folder.path()).stderr(Stdio::null()).status().is_ok_and(|status| status.success())
+}
+
+/// A daemon whose sessions lie on a disk of 6 MiB; they are copied out when it ends.
+fn on_a_small_disk(bench: &Bench, arguments: &[&str]) -> Running {
+    std::fs::create_dir(bench.path("disk")).unwrap();
+    let script = "mount -t tmpfs -o size=6m tmpfs \"$0\"; saved=$1; shift; set +e
+        trap : TERM
+        \"$@\" & child=$!; trap 'kill -TERM $child' TERM
+        wait $child; code=$?; while kill -0 $child 2>/dev/null; do wait $child; code=$?; done
+        cp -r \"$0/sessions\" \"$saved\"; exit $code";
+    let mut command = unshared(script);
+    command.arg(bench.path("disk")).arg(bench.path("saved")).arg(env!("CARGO_BIN_EXE_outrigger"));
+    command.args(bench.arguments(&bench.path("disk/sessions"), arguments));
+    Running::start(command)
+}
+
+/// Fills the disk with so many packets a moment.
+fn end_of_a_small_disk(bench: &Bench, arguments: &[&str], packets: usize, kind: &str) -> (String, Session) {
+    let daemon = on_a_small_disk(bench, arguments);
+    let sensor = Sending::ouster(daemon.sensor(0));
+    // faster than the sensor alone: the same packets' size from a second sender on its port
+    let (to, other) = (daemon.sensor(0), std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let begun = std::time::Instant::now();
+    let status = loop {
+        for _ in 0..packets {
+            other.send_to(&[7; 8000], to).unwrap();
+        }
+        assert!(begun.elapsed() < std::time::Duration::from_secs(40), "the disk fills up");
+        let status = daemon.status();
+        if super::program::has_problem(&status, kind) {
+            break status;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(30));
+    };
+    assert_eq!(status["recorder"]["recording"], false, "{status}");
+    assert_eq!(status["recorder"]["ended_early"], true, "{status}");
+    let said = daemon.wait_for_problem(kind);
+    daemon.wait("the daemon goes on without recording", |status| status["sensors"][0]["state"] == "ok");
+    drop(sensor);
+    let (code, log) = daemon.end();
+    assert_eq!(code, Some(3), "a recording that ended by itself: {log}");
+    (said, sessions_in(&bench.path("saved")).remove(0))
+}
+
+pub fn a_disk_that_fills_up_ends_the_recording_in_order() {
+    let bench = Bench::new(&["left"], "");
+    let (said, session) = end_of_a_small_disk(&bench, &["--record", "--warn-below-mib", "3"], 5, "disk_full");
+    assert!(said.contains("nearly full"), "{said}");
+    assert!(session.problems().is_empty() && session.manifest().complete, "{:?}", session.problems());
+    assert_eq!(session.manifest().losses.not_written, 0);
+    let events: Vec<serde_json::Value> = session.events().unwrap();
+    let order: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
+    let place = |event: &str| {
+        order.iter().position(|other| *other == event).unwrap_or_else(|| panic!("{event}: {order:?}"))
+    };
+    assert!(place("low_disk") < place("disk_full"), "a warning before: {order:?}");
+}
+
+pub fn a_full_disk_keeps_what_was_recorded() {
+    let bench = Bench::new(&["left"], "");
+    let arguments = ["--record", "--stop-below-mib", "0", "--warn-below-mib", "0"];
+    let (said, session) = end_of_a_small_disk(&bench, &arguments, 40, "recording_failed");
+    assert!(said.contains("disk full"), "{said}");
+    let manifest = session.manifest();
+    assert!(!manifest.complete && manifest.losses.not_written > 0, "{manifest:?}");
+    let mut packets = session.packets().unwrap();
+    let mut found = 0;
+    while packets.next().unwrap().is_some() {
+        found += 1;
+    }
+    assert_eq!(manifest.sensors[0].packets, found);
+    assert!(found > 100, "{found}");
+}
