@@ -41,7 +41,7 @@ class Scene {
     this.clouds = new Map();
     this.cells = null;
     this.begin();
-    this.gl = canvas.getContext("webgl2", { antialias: true, preserveDrawingBuffer: true });
+    this.gl = canvas.getContext("webgl2", { alpha: false, antialias: true, preserveDrawingBuffer: true });
     this.drawn = 0;
     if (!this.gl) return;
     this.points = this.program(POINT_SHADER);
@@ -170,14 +170,18 @@ class Scene {
     this.ask();
   }
 
-  // draws once, with the next picture of the screen
+  // draws once, soon; where drawing is slow (no graphics card), more seldom, so that the buttons stay quick
   ask() {
     if (this.asked || !this.gl) return;
     this.asked = true;
-    requestAnimationFrame(() => {
-      this.asked = false;
-      this.draw();
-    });
+    setTimeout(() => {
+      const wanted = performance.now();
+      requestAnimationFrame(() => {
+        this.pause = Math.min(600, Math.max(50, 3 * (performance.now() - wanted)));
+        this.asked = false;
+        this.draw();
+      });
+    }, this.pause ?? 0);
   }
 
   draw() {
