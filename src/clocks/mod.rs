@@ -31,6 +31,8 @@ const LATE_WINDOWS: usize = 3;
 const KEPT_JUMPS: usize = 64;
 /// Least change that is a jump, ns.
 const JUMP_NS: f64 = 10e6;
+/// A change that no network makes: one such pair is enough, ns.
+const SUDDEN_NS: f64 = 1e9;
 /// Clocks drift by less than this, ns per ns (100 ppm each).
 const MOST_DRIFT: f64 = 200e-6;
 
@@ -113,7 +115,8 @@ impl ClockWatch {
         self.greatest_offset_ns = Some(self.greatest_offset_ns.map_or(offset_ns, |most| most.max(offset_ns)));
         let (origin_ns, origin_offset_ns) = *self.origin.get_or_insert((host_ns, offset_ns));
         let point = [host_ns as f64 - origin_ns as f64, (offset_ns.saturating_sub(origin_offset_ns)) as f64];
-        if host_ns < origin_ns || (stepped_back && self.is_off(point)) || self.is_early(point) {
+        let is_jump = self.is_sudden(point) || self.is_early(point) || (stepped_back && self.is_off(point));
+        if host_ns < origin_ns || is_jump {
             return self.begin_anew(host_ns, offset_ns, point);
         }
         if host_ns.abs_diff(self.opened_ns) >= WINDOW_NS || self.open.is_none() {
@@ -182,6 +185,11 @@ impl ClockWatch {
 
     fn is_off(&self, point: [f64; 2]) -> bool {
         self.expected_ns().is_some_and(|expected| (point[1] - expected).abs() > self.margin_ns(point[0]))
+    }
+
+    fn is_sudden(&self, point: [f64; 2]) -> bool {
+        let margin_ns = SUDDEN_NS + self.margin_ns(point[0]);
+        self.expected_ns().is_some_and(|expected| (point[1] - expected).abs() > margin_ns)
     }
 
     /// Whether a packet came before it can have been sent. The first seconds are too few to tell a slow start.

@@ -124,6 +124,24 @@ fn a_sensor_that_starts_anew_is_a_jump() {
     assert!(report.drift_ppm.unwrap().abs() < 0.1, "{report:?}");
 }
 
+/// A clock that is set in its first second: too early for a line, too far for any delay.
+#[test]
+fn a_far_jump_needs_no_seconds_before_it() {
+    for change_ns in [90_000_000_000_i64, -90_000_000_000] {
+        let mut watch = ClockWatch::default();
+        for frame in 0..12_u64 {
+            let shift_ns = if frame < 4 { 0 } else { change_ns };
+            watch.add(
+                HOST_NS + frame * 100_000_000,
+                (500_000_000_000 + frame * 100_000_000).saturating_add_signed(shift_ns),
+            );
+        }
+        let report = watch.report().unwrap();
+        let [jump] = report.jumps[..] else { panic!("{report:?}") };
+        assert!((jump.change_s + change_ns as f64 * 1e-9).abs() < 1e-6, "{report:?}");
+    }
+}
+
 /// A network that is 5 ms slower for half a minute moves no clock.
 #[test]
 fn a_slow_network_is_no_jump() {

@@ -3,7 +3,7 @@
 //! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nobody.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -72,6 +72,8 @@ struct Shared {
     /// Apart from the rig's own lock, so that nothing delays a stop.
     interrupt: Mutex<Option<Interrupt>>,
     last_command: Mutex<Instant>,
+    /// Commands that have ended.
+    commands: AtomicU64,
     quit: AtomicBool,
 }
 
@@ -95,6 +97,7 @@ impl RigHost {
             rig: Mutex::default(),
             interrupt: Mutex::default(),
             last_command: Mutex::new(Instant::now()),
+            commands: AtomicU64::new(0),
             quit: AtomicBool::new(false),
         });
         match shared.connect() {
@@ -256,9 +259,14 @@ impl Shared {
             // a rig that carries out a command answers after it; its reports come all the same
             if looked.elapsed() >= LOOK && lock(&self.state).busy.is_none() {
                 looked = Instant::now();
+                let commands = self.commands.load(Ordering::SeqCst);
                 let status = rig.status()?;
                 self.disarm_idle(rig, &status)?;
-                lock(&self.state).status = Some(status);
+                let mut state = lock(&self.state);
+                // a command that ended since has shown what is newer
+                if self.commands.load(Ordering::SeqCst) == commands {
+                    state.status = Some(status);
+                }
             }
         }
         Ok(())
@@ -325,6 +333,7 @@ impl Shared {
             Err(error) => format!("{word}: {error}"),
         };
         let mut state = lock(&self.state);
+        self.commands.fetch_add(1, Ordering::SeqCst);
         state.busy = None;
         state.last_command = Some(words.clone());
         if let Ok(status) = status {
