@@ -148,9 +148,10 @@ impl OusterWeb {
         match (request.method.as_str(), path) {
             ("GET", "sensor/metadata") => Answer::json(&self.document(request.fault)),
             ("GET", "system/firmware") => Answer::json(&json!({ "fw": self.firmware })),
-            ("GET", "sensor/config") if self.is_old() => Answer::error(404, "no such page"),
             ("GET", "sensor/config") => {
-                let settings = if is("staging", false) { &self.staged } else { &self.active };
+                // old firmware has the page, but no staging in it
+                let staged = is("staging", false) && !self.is_old();
+                let settings = if staged { &self.staged } else { &self.active };
                 Answer::json(&Value::Object(settings.clone()))
             }
             ("POST", "sensor/config") => {
