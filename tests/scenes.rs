@@ -20,6 +20,7 @@ pub const CASES: &[Case] = &[
     case("validate_refuses_what_it_cannot_use", validate_refuses_what_it_cannot_use),
     case("validate_reports_and_repeats_itself", validate_reports_and_repeats_itself),
     with_shared("check_rays_of_the_house", check_rays_of_the_house),
+    with_shared("rays_in_the_house_hit_the_same_in_company", rays_in_the_house_hit_the_same_in_company),
     with_shared("second_readers_agree_on_the_house", second_readers_agree_on_the_house),
     with_shared("the_trajectory_of_the_house_reads", the_trajectory_of_the_house_reads),
     with_shared("completeness_of_the_house_as_computed_with_embree", completeness_of_the_house),
@@ -78,6 +79,29 @@ fn check_rays_of_the_house() {
         }
     });
     assert!(packets >= 1998, "{packets} of 2000 rays within 1 mm");
+}
+
+/// To the bit, from places along the walk: the beams of an OS1-64, column by column.
+fn rays_in_the_house_hit_the_same_in_company() {
+    let (mesh, walk) = (house(), house_walk());
+    let model = sensors::catalogue::nominal("os1-64").unwrap();
+    let (mut origins, mut directions) = (Vec::new(), Vec::new());
+    for second in (0..39).step_by(4) {
+        let world_from_body = walk.at(second * 1_000_000_000).unwrap();
+        for azimuth in 0..128 {
+            for channel in 0..model.channels() {
+                let ray = model.ray(channel, f64::from(azimuth) * std::f64::consts::TAU / 128.0);
+                origins.push(world_from_body.transform_point(ray.origin_m));
+                directions.push(world_from_body.rotate(ray.direction));
+            }
+        }
+    }
+    let mut hits = 0;
+    mesh.cast_many(&origins, &directions, |index, hit| {
+        assert_eq!(hit, mesh.cast(origins[index], directions[index]), "ray {index}");
+        hits += usize::from(hit.is_some());
+    });
+    assert!(hits > origins.len() * 9 / 10, "{hits}");
 }
 
 /// The house written as OBJ and STL, read by this program and by others.

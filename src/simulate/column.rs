@@ -8,23 +8,44 @@ use sensors::SensorModel;
 use crate::geometry::Pose;
 use crate::scene::{Hit, Scene};
 
-/// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's limits.
-/// `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that fire later.
-/// `ranges_m` holds one place per channel.
-pub fn cast_column(
-    scene: &Scene,
-    world_from_sensor: Pose,
-    model: &SensorModel,
-    azimuth_rad: f64,
-    spin_rad_s: f64,
-    ranges_m: &mut [Option<f64>],
-) {
-    for (channel, range_m) in ranges_m.iter_mut().enumerate() {
-        let beam = beam_at(model, channel, azimuth_rad, spin_rad_s, &world_from_sensor);
-        *range_m = scene
-            .cast(beam.origin_m, beam.direction)
-            .map(|hit| hit.distance_m + beam.range_offset_m)
-            .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
+/// Casts columns of one sensor model, all beams of a column together.
+pub struct ColumnCaster<'a> {
+    model: &'a SensorModel,
+    /// Channels from the lowest beam to the highest.
+    order: Vec<usize>,
+}
+
+impl<'a> ColumnCaster<'a> {
+    /// For a model.
+    pub fn new(model: &'a SensorModel) -> Self {
+        Self { model, order: by_elevation(model) }
+    }
+
+    /// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's
+    /// limits. `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that
+    /// fire later.
+    pub fn cast(
+        &self,
+        scene: &Scene,
+        world_from_sensor: Pose,
+        azimuth_rad: f64,
+        spin_rad_s: f64,
+    ) -> Vec<Option<f64>> {
+        let model = self.model;
+        let beams: Vec<FiredBeam> = self
+            .order
+            .iter()
+            .map(|channel| beam_at(model, *channel, azimuth_rad, spin_rad_s, &world_from_sensor))
+            .collect();
+        let origins_m: Vec<DVec3> = beams.iter().map(|beam| beam.origin_m).collect();
+        let directions: Vec<DVec3> = beams.iter().map(|beam| beam.direction).collect();
+        let mut ranges_m = vec![None; model.channels()];
+        scene.cast_many(&origins_m, &directions, |ray, hit| {
+            ranges_m[self.order[ray]] = hit
+                .map(|hit| hit.distance_m + beams[ray].range_offset_m)
+                .filter(|range_m| *range_m >= model.min_range_m && *range_m <= model.max_range_m);
+        });
+        ranges_m
     }
 }
 
@@ -38,8 +59,8 @@ pub(super) fn by_elevation(model: &SensorModel) -> Vec<usize> {
 
 /// Rays around a beam's central one, at half the half-angle of its cone.
 pub(super) fn ring(direction: DVec3, divergence_rad: f64, rays: u32) -> impl Iterator<Item = DVec3> {
+    let spread = if rays > 0 { (0.25 * divergence_rad).tan() } else { 0.0 };
     let (u, v) = direction.any_orthonormal_pair();
-    let spread = (0.25 * divergence_rad).tan();
     (0..rays).map(move |index| {
         let (sin, cos) = (TAU * f64::from(index) / f64::from(rays)).sin_cos();
         (direction + spread * (cos * u + sin * v)).normalize()
@@ -57,6 +78,7 @@ pub(super) fn median(met: &[Option<Hit>]) -> Option<Hit> {
 }
 
 /// A channel's ray where the sensor frame was placed.
+#[derive(Clone, Copy)]
 pub(super) struct FiredBeam {
     pub origin_m: DVec3,
     pub direction: DVec3,

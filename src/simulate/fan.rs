@@ -10,6 +10,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use sensors::SensorModel;
 
+use super::rounds::{is_worth_settling, rounds};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::Mount;
@@ -19,8 +20,6 @@ use crate::trajectory::Trajectory;
 
 /// Beams and columns that are cast together: neighbours on the sphere.
 const TILE: usize = 4;
-/// Scans are taken in this many rounds, each spread over the whole path, so that most of the surface is found early.
-const ROUNDS: u64 = 16;
 
 /// Beams of an ideal sensor and how it spins.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,22 +150,16 @@ impl BeamFan {
         completeness: &mut Completeness,
     ) -> u64 {
         let scans: Vec<u64> = (0..self.scans(trajectory)).step_by(step.max(1) as usize).collect();
-        let mut round_scans: Vec<Vec<u64>> = vec![Vec::new(); ROUNDS as usize];
-        for (index, scan) in (0_u64..).zip(&scans) {
-            // the bits of the index backwards: each round lies in the largest gaps of those before it
-            let round = (index % ROUNDS).reverse_bits() >> (64 - ROUNDS.trailing_zeros());
-            round_scans[round as usize].push(*scan);
-        }
-        for (round, chosen) in round_scans.iter().enumerate() {
+        for (round, chosen) in rounds(scans.len() as u64).iter().enumerate() {
+            let scans = chosen.iter().map(|index| scans[*index as usize]);
             let jobs: Vec<(u64, &Mount)> =
-                chosen.iter().flat_map(|scan| mounts.iter().map(|mount| (*scan, mount))).collect();
+                scans.flat_map(|scan| mounts.iter().map(move |mount| (scan, mount))).collect();
             let shared = &*completeness;
             jobs.par_iter().for_each(|(scan, mount)| {
                 let mut adder = shared.adder();
                 self.cast_scan(scene, trajectory, mount, *scan, |hit_m| shared.add(&mut adder, hit_m));
             });
-            // later rounds find little: settling pays after the first, second, fourth ... of them
-            if (round + 1).is_power_of_two() {
+            if is_worth_settling(round) {
                 completeness.settle();
             }
         }

@@ -5,4 +5,6 @@ pub mod detection;
 pub mod fan;
 pub mod occluder;
 pub mod published;
+pub(crate) mod rounds;
 pub mod scan;
+pub mod sweep;

@@ -9,14 +9,12 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::column::{FiredBeam, beam_at, by_elevation, median, ring};
 use super::detection::Detection;
 use super::occluder::Occluder;
+use super::sweep::Sweep;
 use crate::coverage::Coverage;
-use crate::geometry::Pose;
 use crate::rig::Rig;
-use crate::rng::Rng;
-use crate::scene::{Hit, Scene};
+use crate::scene::Scene;
 use crate::trajectory::Trajectory;
 
 /// How a sensor spins.
@@ -155,40 +153,16 @@ impl<'a> Scanner<'a> {
         columns
     }
 
+    /// A sensor made ready for many columns.
+    pub fn sweep(&self, sensor: usize) -> Sweep<'_> {
+        Sweep::new(self, sensor, false)
+    }
+
     /// One column of a sensor; nothing past the trajectory's end.
     pub fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
-        let spin = &self.spins[sensor];
-        let time_ns = self.trajectory.time_span_ns()[0] + spin.offset_ns(column);
-        let world_from_body = self.trajectory.at(time_ns)?;
-        let mounted = &self.rig.sensors[sensor];
-        let body_from_sensor = mounted.mount.body_from_sensor();
-        let azimuth_rad = spin.azimuth_rad(column);
-        let beams: Vec<FiredBeam> = (0..mounted.model.channels())
-            .map(|channel| beam_at(&mounted.model, channel, azimuth_rad, spin.rad_s(), &body_from_sensor))
-            .collect();
-        let hits = self.hits(sensor, &world_from_body, &beams);
-        let mut rng = Rng::new(self.seed, (sensor as u64) << 48 | column);
-        let returns = beams
-            .iter()
-            .enumerate()
-            .zip(hits)
-            .filter_map(|((channel, in_body), hit)| {
-                let range_m = self.range_m(sensor, in_body, &world_from_body, hit, &mut rng)?;
-                let (hit, direction) = (hit?, world_from_body.rotate(in_body.direction));
-                let fire_offset_ns = mounted.model.beams()[channel].fire_offset_ns;
-                let origin_m = world_from_body.transform_point(in_body.origin_m);
-                Some(SimulatedReturn {
-                    channel,
-                    azimuth_rad: in_body.azimuth_rad,
-                    range_m,
-                    time_ns: time_ns + fire_offset_ns.max(0.0).round() as u64,
-                    point_m: origin_m + (range_m - in_body.range_offset_m) * direction,
-                    direction,
-                    normal: hit.normal,
-                })
-            })
-            .collect();
-        Some(SimulatedColumn { column, time_ns, azimuth_rad, returns })
+        let mut made = None;
+        Sweep::new(self, sensor, true).columns(column..column + 1, |column| made = Some(column));
+        made
     }
 
     /// Marks every return of the rig in a coverage with one place per sensor of the rig.
@@ -203,90 +177,37 @@ impl<'a> Scanner<'a> {
     /// Hands every column of every sensor over, in order; columns are made in parallel.
     pub fn for_each_column(&self, mut take: impl FnMut(usize, &SimulatedColumn)) {
         const AT_ONCE: u64 = 4096;
+        const A_THREAD: u64 = 64;
         for sensor in 0..self.rig.sensors.len() {
+            let sweep = self.sweep(sensor);
             let columns = self.columns(sensor);
-            let mut next = 0;
-            while next < columns {
-                let end = (next + AT_ONCE).min(columns);
-                let made: Vec<_> =
-                    (next..end).into_par_iter().filter_map(|column| self.column(sensor, column)).collect();
+            for first in (0..columns).step_by(AT_ONCE as usize) {
+                let parts: Vec<u64> =
+                    (first..columns.min(first + AT_ONCE)).step_by(A_THREAD as usize).collect();
+                let make = |part: &u64| {
+                    let mut made = Vec::new();
+                    sweep.columns(*part..columns.min(part + A_THREAD), |column| made.push(column));
+                    made
+                };
+                let made: Vec<_> = parts.par_iter().flat_map_iter(make).collect();
                 for column in &made {
                     take(sensor, column);
                 }
-                next = end;
             }
         }
-    }
-
-    /// What each beam of a column meets in the scene, by channel.
-    fn hits(&self, sensor: usize, world_from_body: &Pose, beams: &[FiredBeam]) -> Vec<Option<Hit>> {
-        let sub_rays = self.flaws.sub_rays;
-        let model = &self.rig.sensors[sensor].model;
-        let per_beam = 1 + sub_rays as usize;
-        let order = by_elevation(model);
-        let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
-        for channel in &order {
-            let direction = world_from_body.rotate(beams[*channel].direction);
-            directions.push(direction);
-            directions.extend(ring(direction, model.divergence_rad, sub_rays));
-            let origin_m = world_from_body.transform_point(beams[*channel].origin_m);
-            origins_m.extend(std::iter::repeat_n(origin_m, per_beam));
-        }
-        let mut met: Vec<Option<Hit>> = vec![None; directions.len()];
-        self.scene.cast_many(&origins_m, &directions, |ray, hit| met[ray] = hit);
-        let mut hits = vec![None; beams.len()];
-        for (channel, met) in order.iter().zip(met.chunks(per_beam)) {
-            hits[*channel] = median(met);
-        }
-        hits
-    }
-
-    /// The range that a beam reports, m: none where drop-out, obliqueness, an occluder or the limits take the return.
-    fn range_m(
-        &self,
-        sensor: usize,
-        beam: &FiredBeam,
-        world_from_body: &Pose,
-        hit: Option<Hit>,
-        rng: &mut Rng,
-    ) -> Option<f64> {
-        let model = &self.rig.sensors[sensor].model;
-        let flaws = &self.flaws;
-        // drawn for every beam, so that one beam's fate does not change another's
-        let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
-        let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
-        let luck = if flaws.detection.is_some() { rng.uniform() } else { 0.0 };
-        let hit = hit.filter(|_| kept)?;
-        let direction = world_from_body.rotate(beam.direction);
-        if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
-            return None;
-        }
-        let occluded = |occluder: &Occluder| {
-            occluder.distance_m(beam.origin_m, beam.direction).is_some_and(|stop_m| stop_m < hit.distance_m)
-        };
-        if self.occluders[sensor].iter().any(occluded) {
-            return None;
-        }
-        let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
-        let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
-        let detected = |detection: Detection| {
-            luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
-        };
-        if !flaws.detection.is_none_or(detected) {
-            return None;
-        }
-        let range_m = hit.distance_m + beam.range_offset_m + noise_m;
-        (range_m >= min_range_m && range_m <= max_range_m).then_some(range_m)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::column::cast_column;
+    use std::sync::Arc;
+
+    use super::super::column::{ColumnCaster, beam_at};
     use super::*;
     use crate::coverage::VoxelGrid;
     use crate::rig::{Mount, MountedSensor};
-    use crate::scene::BoxScene;
+    use crate::rng::Rng;
+    use crate::scene::{BoxScene, Mesh};
 
     fn room() -> Scene {
         Scene::Box(BoxScene::closed(DVec3::new(-5.0, -4.0, 0.0), DVec3::new(5.0, 4.0, 3.0)))
@@ -336,20 +257,61 @@ mod tests {
         let column = scanner.column(1, 200).unwrap();
         let world_from_sensor =
             trajectory.at(column.time_ns).unwrap() * rig.sensors[1].mount.body_from_sensor();
-        let mut ranges_m = [None; 16];
-        let model = &rig.sensors[1].model;
-        cast_column(
-            &scene,
-            world_from_sensor,
-            model,
-            column.azimuth_rad,
-            scanner.spins[1].rad_s(),
-            &mut ranges_m,
-        );
+        let caster = ColumnCaster::new(&rig.sensors[1].model);
+        let ranges_m = caster.cast(&scene, world_from_sensor, column.azimuth_rad, scanner.spins[1].rad_s());
         assert_eq!(column.returns.len(), 16);
         for back in &column.returns {
             assert!((ranges_m[back.channel].unwrap() - back.range_m).abs() < 1e-9);
         }
+    }
+
+    /// Triangles everywhere, so that neighbouring rays meet different ones.
+    fn scatter() -> Scene {
+        let mut rng = Rng::new(3, 0);
+        let mut point = |spread: f64| spread * DVec3::new(rng.normal(), rng.normal(), rng.normal());
+        let corners: Vec<DVec3> = (0..3000)
+            .flat_map(|_| {
+                let at = point(5.0);
+                [at, at + point(0.7), at + point(0.7)]
+            })
+            .collect();
+        let triangles = (0..3000).map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
+        Scene::Mesh(Arc::new(Mesh::new(corners, triangles).unwrap()))
+    }
+
+    #[test]
+    fn beams_return_the_same_alone_in_a_column_and_in_company() {
+        let (scene, rig, trajectory) = (scatter(), pair(), walk());
+        let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
+        scanner.occluders = vec![Vec::new(); 2];
+        let mut seen = 0;
+        scanner.for_each_column(|sensor, column| {
+            assert_eq!(scanner.column(sensor, column.column).as_ref(), Some(column));
+            let world_from_body = trajectory.at(column.time_ns).unwrap();
+            let (model, mount) = (&rig.sensors[sensor].model, rig.sensors[sensor].mount.body_from_sensor());
+            let spin_rad_s = scanner.spins[sensor].rad_s();
+            let alone: Vec<_> = (0..model.channels())
+                .filter_map(|channel| {
+                    let beam = beam_at(model, channel, column.azimuth_rad, spin_rad_s, &mount);
+                    let direction = world_from_body.rotate(beam.direction);
+                    let hit = scene.cast(world_from_body.transform_point(beam.origin_m), direction)?;
+                    let range_m = hit.distance_m + beam.range_offset_m;
+                    let in_limits = (model.min_range_m..=model.max_range_m).contains(&range_m);
+                    in_limits.then_some((channel, range_m, hit.normal, direction))
+                })
+                .collect();
+            let back = |back: &SimulatedReturn| (back.channel, back.range_m, back.normal, back.direction);
+            assert_eq!(column.returns.iter().map(back).collect::<Vec<_>>(), alone);
+            let ranges_m = ColumnCaster::new(model).cast(
+                &scene,
+                world_from_body * mount,
+                column.azimuth_rad,
+                spin_rad_s,
+            );
+            assert_eq!(ranges_m.iter().flatten().count(), alone.len());
+            seen += alone.len();
+        });
+        assert!(seen > 361 * 16, "{seen}");
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The scans of a prediction: those of the rig, and those of the single sensors beside it.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -8,6 +10,7 @@ use crate::commands::surface::{Covered, MAIN_RANK, Surface};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::occluder::Occluder;
+use crate::simulate::rounds::{is_worth_settling, rounds};
 use crate::simulate::scan::Scanner;
 use crate::surface::{Completeness, THRESHOLDS_M};
 
@@ -22,26 +25,54 @@ pub struct Scanned {
 /// Scans the whole way.
 pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> Scanned {
     let sensors = scanner.rig.sensors.len();
+    let sweeps: Vec<_> = (0..sensors).map(|sensor| scanner.sweep(sensor)).collect();
+    let turns: Vec<_> = (0..sensors).flat_map(|sensor| turns(scanner, sensor)).collect();
+    let mut completeness = surface.map(|surface| Completeness::new(&surface.samples, &THRESHOLDS_M));
+    let parts = 2 * rayon::current_num_threads();
+    let mut seen: Vec<_> =
+        (0..parts).map(|_| (Coverage::new(grid.clone(), sensors), vec![0; sensors])).collect();
+    for (round, chosen) in rounds(turns.len() as u64).iter().enumerate() {
+        let shares = chosen.par_chunks(chosen.len().div_ceil(parts).max(1));
+        seen.par_iter_mut().zip(shares).for_each(|((coverage, returns), share)| {
+            let mut found = completeness.as_ref().map(|completeness| (completeness, completeness.adder()));
+            for (sensor, columns) in share.iter().map(|turn| turns[*turn as usize].clone()) {
+                sweeps[sensor].columns(columns, |column| {
+                    returns[sensor] += column.returns.len() as u64;
+                    for back in &column.returns {
+                        coverage.add(sensor, back.point_m);
+                        found
+                            .iter_mut()
+                            .for_each(|(completeness, adder)| completeness.add(adder, back.point_m));
+                    }
+                });
+            }
+        });
+        if is_worth_settling(round) {
+            completeness.iter_mut().for_each(Completeness::settle);
+        }
+    }
     let mut coverage = Coverage::new(grid.clone(), sensors);
     let mut returns = vec![0; sensors];
-    let mut completeness = surface.map(|surface| Completeness::new(&surface.samples, &THRESHOLDS_M));
-    let mut adder = completeness.as_ref().map(Completeness::adder);
-    let mut last_sensor = 0;
-    scanner.for_each_column(|sensor, column| {
-        returns[sensor] += column.returns.len() as u64;
-        if let (Some(completeness), Some(adder)) = (&mut completeness, &mut adder) {
-            if sensor != last_sensor {
-                last_sensor = sensor;
-                completeness.settle();
-            }
-            column.returns.iter().for_each(|back| completeness.add(adder, back.point_m));
-        }
-        for back in &column.returns {
-            coverage.add(sensor, back.point_m);
-        }
-    });
+    for (more, counts) in &seen {
+        coverage.join(more);
+        returns.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
+    }
     let covered = surface.zip(completeness.as_ref()).map(|(surface, found)| surface.covered(found));
     Scanned { coverage, returns, covered }
+}
+
+/// The revolutions of a sensor, the last one as far as it goes.
+fn turns(scanner: &Scanner<'_>, sensor: usize) -> impl Iterator<Item = (usize, Range<u64>)> {
+    let (columns, per_turn) = (scanner.columns(sensor), u64::from(scanner.spins[sensor].columns));
+    (0..columns.div_ceil(per_turn))
+        .map(move |turn| (sensor, turn * per_turn..columns.min((turn + 1) * per_turn)))
+}
+
+/// A revolution in parts for several threads.
+fn quarters(columns: &Range<u64>) -> impl Iterator<Item = Range<u64>> + use<> {
+    let (start, end) = (columns.start, columns.end);
+    let step = (end - start).div_ceil(4).max(1);
+    (start..end).step_by(step as usize).map(move |first| first..end.min(first + step))
 }
 
 /// What one sensor sees.
@@ -114,24 +145,38 @@ fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a>
 
 /// What some revolutions of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
 fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> f64 {
-    let per_turn = u64::from(scanner.spins[0].columns);
-    let columns = scanner.columns(0);
-    let step = search_step(columns / per_turn);
-    let chosen: Vec<u64> = (0..columns).filter(|column| (column / per_turn).is_multiple_of(step)).collect();
+    let turns: Vec<_> = turns(scanner, 0).map(|(_, columns)| columns).collect();
+    // as many whole revolutions as there are speak for the step
+    let step = search_step(scanner.columns(0) / u64::from(scanner.spins[0].columns));
+    let sweep = scanner.sweep(0);
+    let chosen: Vec<_> = turns.into_iter().step_by(step as usize).collect();
     if let Some(surface) = surface {
-        let found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
-        chosen.par_chunks(256).for_each(|part| {
-            let mut adder = found.adder();
-            for column in part.iter().filter_map(|column| scanner.column(0, *column)) {
-                column.returns.iter().for_each(|back| found.add(&mut adder, back.point_m));
+        let mut found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
+        for (round, numbers) in rounds(chosen.len() as u64).iter().enumerate() {
+            let parts: Vec<_> =
+                numbers.iter().flat_map(|number| quarters(&chosen[*number as usize])).collect();
+            parts.par_iter().for_each(|columns| {
+                let mut adder = found.adder();
+                sweep.columns(columns.clone(), |column| {
+                    column.returns.iter().for_each(|back| found.add(&mut adder, back.point_m));
+                });
+            });
+            if is_worth_settling(round) {
+                found.settle();
             }
-        });
+        }
         return found.shares()[0];
     }
-    let mut coverage = Coverage::new(grid.clone(), 1);
-    for part in chosen.chunks(4096) {
-        let made: Vec<_> = part.par_iter().filter_map(|column| scanner.column(0, *column)).collect();
-        made.iter().flat_map(|column| &column.returns).for_each(|back| coverage.add(0, back.point_m));
-    }
-    coverage.union_count() as f64
+    let cover = |columns: &Range<u64>| {
+        let mut coverage = Coverage::new(grid.clone(), 1);
+        sweep.columns(columns.clone(), |column| {
+            column.returns.iter().for_each(|back| coverage.add(0, back.point_m));
+        });
+        coverage
+    };
+    let join = |mut all: Coverage, more: Coverage| {
+        all.join(&more);
+        all
+    };
+    chosen.par_iter().map(cover).reduce_with(join).map_or(0.0, |seen| seen.union_count() as f64)
 }

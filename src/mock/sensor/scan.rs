@@ -6,7 +6,7 @@ use sensors::{Frame, Layer, SensorModel};
 use crate::geometry::Pose;
 use crate::rng::Rng;
 use crate::scene::Scene;
-use crate::simulate::column::cast_column;
+use crate::simulate::column::ColumnCaster;
 use crate::trajectory::Trajectory;
 
 /// A sensor on its way through a scene.
@@ -55,9 +55,10 @@ impl Scan<'_> {
             complete: true,
             ..Frame::default()
         };
+        let caster = ColumnCaster::new(self.model);
         let samples: Vec<Sample> = columns
             .par_iter()
-            .flat_map_iter(|column| self.column(column, azimuth_rate_rad_per_ns * 1e9))
+            .flat_map_iter(|column| self.column(&caster, column, azimuth_rate_rad_per_ns * 1e9))
             .collect();
         frame.first = Layer {
             range_mm: samples.iter().map(|sample| sample.range_mm).collect(),
@@ -69,13 +70,19 @@ impl Scan<'_> {
         frame
     }
 
-    fn column(&self, column: &Column, spin_rad_s: f64) -> impl Iterator<Item = Sample> + use<> {
-        let mut ranges_m = vec![None; self.model.channels()];
-        if let Some(world_from_body) = self.trajectory.at(column.time_ns) {
-            let world_from_sensor = world_from_body * (self.body_from_sensor)(column.time_ns);
-            let azimuth_rad = column.azimuth_rad;
-            cast_column(self.scene, world_from_sensor, self.model, azimuth_rad, spin_rad_s, &mut ranges_m);
-        }
+    fn column(
+        &self,
+        caster: &ColumnCaster<'_>,
+        column: &Column,
+        spin_rad_s: f64,
+    ) -> impl Iterator<Item = Sample> + use<> {
+        let ranges_m = match self.trajectory.at(column.time_ns) {
+            Some(world_from_body) => {
+                let world_from_sensor = world_from_body * (self.body_from_sensor)(column.time_ns);
+                caster.cast(self.scene, world_from_sensor, column.azimuth_rad, spin_rad_s)
+            }
+            None => vec![None; self.model.channels()],
+        };
         let mut noise = Rng::new(self.seed, column.time_ns);
         let (noise_m, step_mm) = (self.noise_m, f64::from(self.range_step_mm.max(1)));
         ranges_m.into_iter().map(move |range_m| {

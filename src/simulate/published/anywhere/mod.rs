@@ -4,7 +4,7 @@
 //! the ends of a block of beams say which faces the block can hit; where it crosses a face takes three fused
 //! multiplications and a division. Each place comes with a bound of its error (`view.rs`), and a place that is further
 //! than that from every voxel's face is what exact arithmetic would give. Second, whatever is nearer is left to the f64
-//! definition (`brute.rs`), ray by ray: about one ray in two thousand. So every bit of the result is the definition's.
+//! definition (`brute.rs`), ray by ray: about one ray in five thousand. So every bit of the result is the definition's.
 
 mod ends;
 mod sweep;
