@@ -43,6 +43,27 @@ pub struct Weights {
 const LEAST_EIGENVALUE: f64 = 1e-6;
 
 impl Weights {
+    /// The term of J for the share of the cells seen that several sensors see.
+    pub fn overlap_term(&self, ratio: f64) -> f64 {
+        if ratio < self.overlap_min {
+            -self.overlap_too_little * (self.overlap_min - ratio)
+        } else if ratio > self.overlap_max {
+            -self.overlap_too_much * (ratio - self.overlap_max)
+        } else {
+            self.overlap_reward
+        }
+    }
+
+    /// The term of J for the least angle between two spin axes; none for a single sensor.
+    pub fn angular_term(&self, min_angle_deg: Option<f64>) -> f64 {
+        match min_angle_deg {
+            Some(angle_deg) if angle_deg < self.angle_min_deg => {
+                -self.angle_penalty * (self.angle_min_deg - angle_deg) / self.angle_min_deg
+            }
+            _ => self.angle_reward,
+        }
+    }
+
     /// The term of J for how well scans are tied down: a logarithm, because the eigenvalue has no scale of its own.
     fn registration_term(&self, quality: &RegistrationQuality) -> f64 {
         self.registration * (quality.translation_p5.max(LEAST_EIGENVALUE) / DEGENERATE).log10()
@@ -98,20 +119,8 @@ impl Terms {
 /// The terms of J from what was seen, the least angle between spin axes (none for a single sensor) and the number of
 /// sensors.
 pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, sensors: usize) -> Terms {
-    let ratio = counts.overlap_ratio();
-    let overlap = if ratio < weights.overlap_min {
-        -weights.overlap_too_little * (weights.overlap_min - ratio)
-    } else if ratio > weights.overlap_max {
-        -weights.overlap_too_much * (ratio - weights.overlap_max)
-    } else {
-        weights.overlap_reward
-    };
-    let angular = match min_angle_deg {
-        Some(angle_deg) if angle_deg < weights.angle_min_deg => {
-            -weights.angle_penalty * (weights.angle_min_deg - angle_deg) / weights.angle_min_deg
-        }
-        _ => weights.angle_reward,
-    };
+    let overlap = weights.overlap_term(counts.overlap_ratio());
+    let angular = weights.angular_term(min_angle_deg);
     let cost = -weights.sensor_cost * sensors as f64;
     Terms { coverage: counts.union as f64, overlap, angular, cost, registration: 0.0 }
 }

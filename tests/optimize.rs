@@ -58,6 +58,10 @@ pub const CASES: &[Case] = &[
         "batches_and_acquisitions_are_chosen_by_flags",
         command::batches_and_acquisitions_are_chosen_by_flags,
     ),
+    case(
+        "a_certificate_lies_between_what_was_found_and_the_plain_bound",
+        command::a_certificate_lies_between_what_was_found_and_the_plain_bound,
+    ),
     case("small_budgets_are_kept_to_the_evaluation", small_budgets_are_kept_to_the_evaluation),
 ];
 

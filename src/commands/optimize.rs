@@ -18,7 +18,9 @@ use args::{Corners, Range};
 
 use super::{Context, Outcome, output, signals};
 use crate::objective::{Evaluation, Objective};
-use crate::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial};
+use crate::optimize::{
+    Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
+};
 use crate::robustness::{Robustness, Spread, Tolerance};
 use crate::simulate::published::{Path, Roll};
 
@@ -44,8 +46,11 @@ struct Document {
     /// J over mount errors, where the search was for it.
     robust: Option<Spread>,
     best: Best,
-    /// No mount of this space can score above this: all reachable voxels with every reward, for the fewest sensors.
+    /// No mount of this space can score above this: all reachable voxels with every reward for each number of sensors,
+    /// or what was proved of one master.
     bound: Option<f64>,
+    /// What was proved of rigs of one master; null unless asked for.
+    certificate: Option<Proved>,
     command: String,
     /// Evaluation that found the best, from 1.
     best_at: usize,
@@ -55,6 +60,25 @@ struct Document {
     masters_max: u32,
     /// `[evaluation, best objective so far]`; null while nothing feasible was found.
     history: Vec<(usize, Option<f64>)>,
+}
+
+/// A proof and what it took.
+#[derive(Clone, Copy, Serialize)]
+struct Proved {
+    #[serde(flatten)]
+    certificate: Certificate,
+    wall_s: f64,
+}
+
+/// A search that has ended.
+struct Ended<'a> {
+    search: &'a Search,
+    best: &'a Trial,
+    stopped_by: StoppedBy,
+    wall_s: f64,
+    /// Part of it during which the objective was at work.
+    objective_s: f64,
+    proved: Option<Proved>,
 }
 
 #[derive(Serialize)]
@@ -116,7 +140,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         save_error.map_or_else(|| state::write(path, &question, &search), Err)?;
     }
     let Some(best) = search.best() else { bail!("stopped before the first evaluation: no mount was scored") };
-    report(args, context, &problem, &search, best, stopped_by, [wall_s, busy.seconds()])
+    if stopped_by == StoppedBy::Rays {
+        stop.store(false, Ordering::Relaxed);
+    }
+    let start = Instant::now();
+    let certificate =
+        args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?;
+    let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
+    let objective_s = busy.seconds();
+    report(args, context, &problem, &Ended { search: &search, best, stopped_by, wall_s, objective_s, proved })
 }
 
 /// What is searched, as asked for.
@@ -124,6 +156,9 @@ fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
     let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
     if args.masters_min > args.masters_max {
         bail!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
+    }
+    if args.certify.is_some() && args.masters_min > 1 {
+        bail!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
     }
     search.masters_min = args.masters_min;
     search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
@@ -187,15 +222,8 @@ fn progress_bar(budget: usize) -> indicatif::ProgressBar {
     bar
 }
 
-fn report(
-    args: &Args,
-    context: Context,
-    problem: &MountProblem,
-    search: &Search,
-    best: &Trial,
-    stopped_by: StoppedBy,
-    [wall_s, objective_s]: [f64; 2],
-) -> anyhow::Result<Outcome> {
+fn report(args: &Args, context: Context, problem: &MountProblem, ended: &Ended) -> anyhow::Result<Outcome> {
+    let &Ended { search, best, stopped_by, wall_s, objective_s, proved } = ended;
     if best.violation > 0.0 {
         bail!(
             "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
@@ -207,6 +235,12 @@ fn report(
     let masters = problem.masters(&best.candidate.values);
     let evaluation = problem.objective().evaluate(&masters)?;
     let experiment = problem.objective().simulator().experiment();
+    let bound = match &proved {
+        // more masters are bounded by their price alone
+        Some(proved) if args.masters_max > 1 => Some(proved.certificate.bound.max(problem.ceiling(2))),
+        Some(proved) => Some(proved.certificate.bound),
+        None => search.space().ceiling(),
+    };
     let document = Document {
         method: search.kind(),
         seed: search.settings().seed,
@@ -217,7 +251,8 @@ fn report(
         search_s: (wall_s - objective_s).max(0.0),
         stopped_by,
         robust: problem.spread(&masters)?,
-        bound: search.space().ceiling(),
+        bound,
+        certificate: proved,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
         best_at: search.best_at(),
@@ -289,6 +324,14 @@ fn summary(document: &Document) -> String {
         text += &format!(
             "bound          no mount can score above {bound:.1}, {:.1} more than this one\n",
             bound - evaluation.objective
+        );
+    }
+    if let Some(Proved { certificate, wall_s }) = &document.certificate {
+        text += &format!(
+            "proved         of one master: {:.1} more at most; {:.1} % of its space closed, {} regions in {wall_s:.1} s\n",
+            certificate.gap,
+            100.0 * certificate.closed_share,
+            certificate.regions
         );
     }
     if let Some(spread) = &document.robust {

@@ -10,6 +10,7 @@ use crate::rng::Rng;
 
 mod ascent;
 mod bayesian;
+mod certificate;
 mod cma_es;
 mod differential_evolution;
 mod gaussian_process;
@@ -27,6 +28,7 @@ mod space;
 mod staged;
 
 pub use bayesian::Bayesian;
+pub use certificate::{Certificate, certify};
 pub use cma_es::CmaEs;
 pub use differential_evolution::DifferentialEvolution;
 pub use genetic::Genetic;

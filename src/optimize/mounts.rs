@@ -218,15 +218,19 @@ impl MountProblem {
 
     /// What is searched, with its symmetries and with what each number of masters could reach at most.
     pub fn space(&self) -> Result<Space, SpaceError> {
+        let counts = self.search.masters_min..=self.search.masters_max;
+        Ok(self.search.space()?.with_ceilings(counts.map(|masters| self.ceiling(masters)).collect()))
+    }
+
+    /// What no rig of so many masters can exceed: every voxel that can be hit, and every reward.
+    pub fn ceiling(&self, masters: u32) -> f64 {
         let weights = self.objective.weights();
         let reachable = self.objective.simulator().reachable() as f64;
         let per_master = if self.search.is_mirrored { 2.0 } else { 1.0 };
         let rewards = weights.overlap_reward.max(0.0)
             + weights.angle_reward.max(0.0)
             + weights.best_registration_term();
-        let ceiling = |masters| reachable + rewards - weights.sensor_cost * per_master * f64::from(masters);
-        let counts = self.search.masters_min..=self.search.masters_max;
-        Ok(self.search.space()?.with_ceilings(counts.map(ceiling).collect()))
+        reachable + rewards - weights.sensor_cost * per_master * f64::from(masters)
     }
 
     /// The masters of a point.

@@ -248,3 +248,20 @@ pub fn batches_and_acquisitions_are_chosen_by_flags() {
         assert_ne!(plain, other, "{more:?}");
     }
 }
+
+pub fn a_certificate_lies_between_what_was_found_and_the_plain_bound() {
+    let arguments =
+        ["optimize", "--preset", "paper-vlp-16", "--evals", "40", "--method", "pattern", "--json"];
+    let masters = ["--masters-max", "1"];
+    let plain = json(&[&arguments[..], &masters].concat());
+    assert!(plain["certificate"].is_null());
+    let proved = json(&[&arguments[..], &masters, &["--certify", "40"]].concat());
+    let number = |of: &serde_json::Value, at: &str| of.pointer(at).unwrap().as_f64().unwrap();
+    let (found, bound) = (number(&proved, "/best/objective"), number(&proved, "/bound"));
+    assert!(found < bound && bound < number(&plain, "/bound"), "{found} {bound}");
+    assert_eq!(number(&proved, "/certificate/gap"), bound - found);
+    assert!(number(&proved, "/certificate/regions") <= 40.0);
+    let two = outrigger(&["optimize", "--certify", "9", "--masters-min", "2", "--preset", "paper-vlp-16"]);
+    let error = String::from_utf8_lossy(&two.stderr).into_owned();
+    assert!(two.status.code() == Some(1) && error.contains("one master"), "{error}");
+}

@@ -77,6 +77,9 @@ pub struct Args {
     /// End when so many rays are cast (the batch under way is finished).
     #[arg(long, value_name = "N")]
     pub(super) max_rays: Option<u64>,
+    /// Then bound the J of all rigs of one master in at most N regions of mounts: a proof of how much better any could be.
+    #[arg(long, value_name = "N", conflicts_with = "robust")]
+    pub(super) certify: Option<usize>,
     /// Write the best mount to this file.
     #[arg(long, value_name = "FILE")]
     pub(super) out: Option<PathBuf>,

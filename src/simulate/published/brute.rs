@@ -65,7 +65,6 @@ pub(super) fn direction_at(
 /// Linear index of the voxel that a ray hits; none where the quirk loses the ray.
 pub(super) fn voxel(simulator: &Simulator, origin_m: [f64; 3], direction: [f64; 3]) -> Option<usize> {
     let preset = &simulator.experiment.preset;
-    let voxel_m = simulator.experiment.voxel_m;
     let mut exit_m = f64::INFINITY;
     for axis in 0..3 {
         if direction[axis] == 0.0 {
@@ -79,12 +78,15 @@ pub(super) fn voxel(simulator: &Simulator, origin_m: [f64; 3], direction: [f64; 
         let far = (preset.box_max_m[axis] - origin_m[axis]) * inverse;
         exit_m = exit_m.min(near.max(far));
     }
-    let mut cell = [0; 3];
-    for axis in 0..3 {
-        let low_m = preset.box_min_m[axis] + 0.25 * voxel_m;
-        let high_m = preset.box_max_m[axis] - 0.25 * voxel_m;
-        let hit_m = (origin_m[axis] + exit_m * direction[axis]).max(low_m).min(high_m);
-        cell[axis] = ((hit_m / voxel_m).floor() - simulator.base[axis]) as usize;
-    }
+    let cell: [usize; 3] =
+        std::array::from_fn(|axis| cell(simulator, axis, origin_m[axis] + exit_m * direction[axis]));
     Some(cell[0] + simulator.cells[0] * (cell[1] + simulator.cells[1] * cell[2]))
+}
+
+/// Cell of a hit along one axis: a quarter voxel inside at the walls.
+pub(super) fn cell(simulator: &Simulator, axis: usize, hit_m: f64) -> usize {
+    let (preset, voxel_m) = (&simulator.experiment.preset, simulator.experiment.voxel_m);
+    let low_m = preset.box_min_m[axis] + 0.25 * voxel_m;
+    let high_m = preset.box_max_m[axis] - 0.25 * voxel_m;
+    ((hit_m.max(low_m).min(high_m) / voxel_m).floor() - simulator.base[axis]) as usize
 }

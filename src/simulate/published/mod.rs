@@ -13,6 +13,7 @@ mod experiment;
 mod fast;
 mod lanes;
 mod placement;
+mod region;
 mod shell;
 mod sparse;
 mod spread;
@@ -21,6 +22,7 @@ pub use spread::PUBLISHED_SPREAD_DEG;
 
 pub use experiment::{Experiment, ExperimentError, PRESETS, Path, Phase, Preset, Roll};
 pub use placement::Placement;
+pub use region::{Reach, Region};
 
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
