@@ -18,8 +18,8 @@ const RETRY: Duration = Duration::from_secs(1);
 /// How often its state is read while nothing moves.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// A heartbeat comes within this time.
-const HEARTBEAT: Duration = Duration::from_secs(1);
+/// A heartbeat comes within this time, on a busy machine too.
+const HEARTBEAT: Duration = Duration::from_secs(3);
 
 /// Which rig, and how to talk to it.
 #[derive(Clone, Debug)]

@@ -87,7 +87,7 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
     daemon.order("/api/v1/rig/arm", "");
     daemon.order("/api/v1/rig/hold", "");
     daemon.order("/api/v1/rig/disarm", "");
-    assert_eq!(daemon.status()["rig"]["status"]["armed"], false);
+    daemon.wait("it is disarmed", |status| status["rig"]["status"]["armed"] == false);
     let (_, log) = daemon.end();
     let servo: Vec<Value> = bench.sessions()[0].servo().unwrap();
     assert!(
