@@ -25,4 +25,4 @@ pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
 pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
 };
-pub use tilt::TiltHistory;
+pub use tilt::{TiltHistory, TiltReading};

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::commands::recording::Recording;
 use crate::commands::unread;
-use crate::compare::{Fault, TiltHistory};
+use crate::compare::{Fault, TiltHistory, TiltReading};
 use crate::record::Session;
 use crate::rig::{MountedSensor, Rig};
 use crate::servo::ServoReport;
@@ -172,13 +172,19 @@ pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, 
     let reports: Vec<ServoReport> = session.servo()?;
     let (mut tilts, mut axes) = (Vec::new(), Vec::new());
     for (axis, sensor) in rig.sensors.iter().enumerate() {
-        let measured: Vec<(u64, f64)> = reports
+        let rad = |urad: i32| f64::from(urad) * 1e-6;
+        let measured: Vec<TiltReading> = reports
             .iter()
             .filter(|report| report.axis == axis && report.source == "measured")
-            .map(|report| (report.time_ns, f64::from(report.position_urad) * 1e-6))
+            .map(|report| TiltReading {
+                time_ns: report.time_ns,
+                pitch_rad: rad(report.position_urad),
+                uncertainty_rad: report.uncertainty_urad.map(rad),
+                held_rad: (report.state == "holding").then(|| rad(report.target_urad)),
+            })
             .collect();
         let count = measured.len();
-        let sum: f64 = measured.iter().map(|(_, pitch_rad)| pitch_rad).sum();
+        let sum: f64 = measured.iter().map(|reading| reading.pitch_rad).sum();
         let tilt = TiltHistory::new(measured);
         if let Some([least, greatest]) = tilt.span_rad() {
             axes.push(AxisSummary {
