@@ -14,8 +14,10 @@ mod decode;
 mod demo;
 mod export;
 mod firmware;
+mod damaged_files;
 mod fuzz;
 mod inspect;
+mod maps;
 mod optimize;
 mod ouster;
 mod rig;
@@ -41,8 +43,10 @@ fn main() -> std::process::ExitCode {
         ("demo", demo::CASES),
         ("export", export::CASES),
         ("firmware", firmware::CASES),
+        ("damaged_files", damaged_files::CASES),
         ("fuzz", fuzz::CASES),
         ("inspect", inspect::CASES),
+        ("maps", maps::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),

@@ -295,9 +295,22 @@ fn sensors_on_their_side_and_in_walls() {
             assert_eq!(returns(scene, &inside, pitch_deg, roll_deg), 16 * 360, "{pitch_deg} {roll_deg}");
         }
     }
-    // in the plane of a wall: the mesh is met at once, nearer than the least range, but for the one column that runs in
-    // that very plane, which meets the next wall on its edge; the box lets the ray inside
-    let in_wall = standing(DVec3::new(3.0, 0.0, 1.5));
+    // In the plane of a wall. A surface has no thickness, so that a ray in its very plane passes it by and meets what
+    // crosses the plane: the next wall, on the edge that both walls own. Anything else would let a ray's answer hang on
+    // whether a wall's two triangles, or two rooms' walls in one plane, are told apart. A ray that leaves the plane by
+    // however little starts on the wall: a mesh has two sides and is met at once; of the box a ray may go inside.
+    let at_wall = DVec3::new(3.0, 0.0, 1.5);
+    for (scene, inward_m) in [(&scenes[0], 0.0), (&scenes[1], 2.0)] {
+        for side in [-DVec3::Y, DVec3::Y] {
+            let along = |x: f64| scene.cast(at_wall, (side + x * DVec3::X).normalize()).unwrap();
+            assert_eq!((along(0.0).distance_m, along(0.0).normal), (2.0, -side));
+            assert_eq!(along(1e-9).distance_m, 0.0, "outward");
+            assert!((along(-1e-9).distance_m - inward_m).abs() < 1e-6, "inward: {}", along(-1e-9).distance_m);
+        }
+    }
+    // So of a sensor there only column 0 returns anything from the mesh: the hits of all others are nearer than its
+    // least range. Column 180 is off the plane by the rounding of its sine, 1.2e-16.
+    let in_wall = standing(at_wall);
     assert_eq!(returns(&scenes[0], &in_wall, 0.0, 0.0), 16);
     let seen = returns(&scenes[1], &in_wall, 0.0, 0.0);
     assert!((16 * 170..=16 * 181).contains(&seen), "{seen}");

@@ -29,6 +29,7 @@ mod recording;
 mod registration;
 mod replay;
 mod rig;
+mod scene_file;
 mod sensor;
 mod sensor_ids;
 mod signals;

@@ -58,7 +58,7 @@ impl Patches {
             Scene::Mesh(mesh) => observable(mesh, &samples, stations_m, tolerance_m),
             Scene::Box(_) | Scene::Voxels(_) => {
                 let sees = |point_m: &DVec3| {
-                    stations_m.iter().any(|station| sees(scene, *station, *point_m, tolerance_m))
+                    stations_m.iter().any(|station| scene.sees(*station, *point_m, tolerance_m))
                 };
                 samples.points_m().par_iter().map(sees).collect()
             }
@@ -147,13 +147,6 @@ impl Patches {
 fn key(point_m: DVec3, normal: DVec3, patch_m: f64) -> Key {
     let cell = ((point_m - CORNER_M) / patch_m).floor();
     ([cell.x as i32, cell.y as i32, cell.z as i32], normal.abs().max_position() as u8)
-}
-
-fn sees(scene: &Scene, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
-    let way = to_m - from_m;
-    let length_m = way.length();
-    length_m > 0.0
-        && scene.cast(from_m, way / length_m).is_none_or(|hit| hit.distance_m >= length_m - tolerance_m)
 }
 
 /// Faces that exist: axis, and 0 for the lesser side.

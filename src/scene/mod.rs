@@ -2,12 +2,14 @@
 
 mod box_scene;
 pub(crate) mod bricks;
+mod cloud_file;
 mod mesh;
 mod mesh_file;
 mod tree;
 mod voxels;
 
 pub use box_scene::BoxScene;
+pub use cloud_file::{CloudFileError, CloudPoint, is_cloud, read_cloud};
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
 pub use voxels::{Cell, VoxelMap, VoxelMapError};
@@ -62,6 +64,14 @@ impl Scene {
                 }
             }
         }
+    }
+
+    /// Whether nothing stands between two points, but for what is nearer than `tolerance_m` to the second.
+    pub fn sees(&self, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
+        let way = to_m - from_m;
+        let length_m = way.length();
+        length_m > 0.0
+            && self.cast(from_m, way / length_m).is_none_or(|hit| hit.distance_m >= length_m - tolerance_m)
     }
 
     /// Least axis-aligned box around every surface, m.

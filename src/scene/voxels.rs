@@ -80,9 +80,19 @@ impl VoxelMap {
 
     /// A return: free from the sensor to the point, occupied there.
     pub fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
-        if !self.cross(origin_m, point_m) {
-            return;
+        if self.cross(origin_m, point_m) {
+            self.occupy(point_m);
         }
+    }
+
+    /// A return of which nobody knows where the sensor was: occupied at the point, unknown before it.
+    pub fn add_point(&mut self, point_m: DVec3) {
+        if self.cross(point_m, point_m) {
+            self.occupy(point_m);
+        }
+    }
+
+    fn occupy(&mut self, point_m: DVec3) {
         let cell = self.cell_at(point_m);
         let (brick, inside) = split(cell);
         let Some(number) = self.brick(brick, &mut LastRegion::default()) else { return };
@@ -149,6 +159,23 @@ impl VoxelMap {
     /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
     /// occupied cell hits it.
     pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
+        self.first_occupied(origin_m, direction, |_| ())
+    }
+
+    /// Whether the map does not know where a ray ends: it crosses an unknown cell before it hits something, or leaves
+    /// [`VoxelMap::bounds_m`] without a hit.
+    pub fn is_unknown(&self, origin_m: DVec3, direction: DVec3) -> bool {
+        let mut unknown = false;
+        let hit = self.first_occupied(origin_m, direction, |cell| unknown |= cell == Cell::Unknown);
+        unknown || hit.is_none()
+    }
+
+    fn first_occupied(
+        &self,
+        origin_m: DVec3,
+        direction: DVec3,
+        mut crossed: impl FnMut(Cell),
+    ) -> Option<Hit> {
         let (enter_m, leave_m) = clip(origin_m, direction, self.bounds_m())?;
         // a hair inside, so that the first cell lies within the bounds
         let start_m = origin_m + (enter_m + 1e-9 * self.voxel_m) * direction;
@@ -158,14 +185,20 @@ impl VoxelMap {
         let mut entered_m = 0.0;
         let mut axis = direction.abs().max_position();
         while entered_m <= length_m {
-            if self.state(walk.cell, &mut last) == Cell::Occupied {
-                let left_m = walk.next_m();
+            let state = self.state(walk.cell, &mut last);
+            if state == Cell::Occupied {
+                let left_m = walk.next_m().max(entered_m);
                 let along_m = self.mean_m(walk.cell).map_or(entered_m, |mean| direction.dot(mean - start_m));
                 let mut normal = DVec3::ZERO;
                 normal[axis] = -direction[axis].signum();
-                let distance_m = enter_m + along_m.clamp(entered_m, left_m.max(entered_m));
+                // off the cell's faces, so that the point is surely one of this cell
+                let hair_m = (1e-6 * self.voxel_m).min(0.5 * (left_m - entered_m));
+                let begins_here = enter_m + entered_m == 0.0;
+                let low_m = if begins_here { 0.0 } else { entered_m + hair_m };
+                let distance_m = enter_m + along_m.clamp(low_m, left_m - hair_m);
                 return Some(Hit { distance_m, normal });
             }
+            crossed(state);
             (entered_m, axis) = walk.step();
         }
         None
@@ -367,7 +400,7 @@ mod tests {
             assert!(hit.normal.dot(direction) < 0.0);
             // perpendicular to the wall the map is no worse than half a voxel
             let off_m = (hit.distance_m - truth.distance_m).abs() * truth.normal.dot(direction).abs();
-            within += usize::from(off_m <= 0.05 + 1e-9);
+            within += usize::from(off_m <= 0.05 + 1e-6);
         }
         assert!(met >= 1990, "{met} of 2000 rays met the walls");
         assert!(within as f64 >= 0.99 * f64::from(met), "{within} of {met}");

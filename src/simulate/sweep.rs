@@ -74,6 +74,20 @@ impl<'a> Sweep<'a> {
         }
     }
 
+    /// Origin (m) and direction, world, of the beams of a column that leave the rig; none past the trajectory's end.
+    pub fn rays(&self, column: u64) -> Vec<(DVec3, DVec3)> {
+        let scanner = self.scanner;
+        let start_ns = scanner.trajectory.time_span_ns()[0];
+        let time_ns = start_ns + scanner.spins[self.sensor].offset_ns(column);
+        let Some(world_from_body) = scanner.trajectory.at(time_ns) else { return Vec::new() };
+        let beams = self.beams(column);
+        let leaving = beams.iter().filter(|beam| beam.stop_m == f64::INFINITY);
+        let placed = leaving.map(|BodyBeam { fired, .. }| {
+            (world_from_body.transform_point(fired.origin_m), world_from_body.rotate(fired.direction))
+        });
+        placed.collect()
+    }
+
     /// At most [`TILE`] columns.
     fn tile(&self, columns: Range<u64>, scratch: &mut Scratch, take: &mut impl FnMut(SimulatedColumn)) {
         let scanner = self.scanner;

@@ -9,21 +9,18 @@ use glam::DVec3;
 
 use super::Source;
 use crate::commands::ground::MeshArgs;
+use crate::commands::scene_file::{self, Making, MapArgs};
 use crate::geometry::Pose;
 use crate::rig::Rig;
 use crate::scene::{BoxScene, Scene, VoxelMap};
 use crate::trajectory::{Trajectory, WalkLimits};
 
-/// Edge of a cell of a map of the recording itself, m.
-const MAP_VOXEL_M: f64 = 0.1;
-/// Rays longer than this are not mapped, m.
-const MAP_RANGE_M: f64 = 150.0;
-
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
 pub struct PlaceArgs {
-    /// Surface: .ply, .obj, .stl, .gltf or .glb.
-    #[arg(long, group = "place", value_name = "FILE")]
+    /// Surface (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: another session, or a point cloud in the
+    /// trajectory's frame (.ply without faces, .pcd, .las or .laz).
+    #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
@@ -33,6 +30,8 @@ pub struct PlaceArgs {
     map_frames: Option<Frames>,
     #[command(flatten)]
     mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
     /// Way of the body: TUM format, KITTI poses with --rate, or `still` for a rig that does not move; without it the
     /// session's own.
     #[arg(long, value_name = "FILE")]
@@ -135,12 +134,14 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
     let scene = match (&args.scene, &args.room) {
         (Some(path), _) => {
-            let loaded = args.mesh.read(path)?;
-            notices.extend(loaded.warnings);
-            Scene::Mesh(Arc::new(loaded.mesh))
+            let read = scene_file::read(path, &args.mesh, &args.map)?;
+            notices.extend(read.warnings);
+            read.scene
         }
         (None, Some(Corners([low, high]))) => Scene::Box(BoxScene::closed(*low, *high)),
-        (None, None) => Scene::Voxels(Arc::new(map(source, rig, &trajectory, time_offset_ns, &mapped)?)),
+        (None, None) => {
+            Scene::Voxels(Arc::new(map(args, source, rig, &trajectory, time_offset_ns, &mapped)?))
+        }
     };
     let [low, high] = scene.bounds_m();
     let stations = trajectory.stations_m(0.5);
@@ -198,35 +199,20 @@ fn recorded_span(source: &Source, rig: &Rig) -> anyhow::Result<Option<[u64; 2]>>
 }
 
 fn map(
+    args: &PlaceArgs,
     source: &Source,
     rig: &Rig,
     trajectory: &Trajectory,
     time_offset_ns: i64,
     frames: &std::ops::Range<u64>,
 ) -> anyhow::Result<VoxelMap> {
-    let mut map = VoxelMap::new(MAP_VOXEL_M, 1, MAP_RANGE_M)?;
+    let mut making = Making::new(&args.map)?;
     source.feed(rig, &mut |taken| {
-        if !frames.contains(&taken.number) {
-            return;
-        }
-        let mut mount = rig.sensors[taken.sensor].mount;
-        mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
-        let body_from_sensor = mount.body_from_sensor();
-        let (model, frame) = (taken.model, taken.frame);
-        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-            for channel in 0..frame.channels.min(model.channels()) {
-                let range_mm = frame.first.range_mm[frame.index(column, channel)];
-                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64 + time_offset_ns;
-                let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
-                let Some(world_from_body) = trajectory.at(time_ns).filter(|_| range_mm > 0) else { continue };
-                let world_from_sensor = world_from_body * body_from_sensor;
-                let azimuth_rad = sensors::projection::sample_azimuth_rad(model, frame, column, channel);
-                let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
-                let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
-                map.add_return(origin_m, world_from_sensor.transform_point(point));
-            }
+        if frames.contains(&taken.number) {
+            making.add_frame(rig, trajectory, time_offset_ns, &taken);
         }
     })?;
+    let map = making.into_map();
     ensure!(
         map.counts()[1] > 0,
         "--map-frames {}..{}: no return of these frames lies within the trajectory's time",

@@ -3,7 +3,6 @@
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
@@ -13,6 +12,7 @@ use sensors::velodyne::{Product, ReturnMode};
 
 use super::web::{Web, WebArgs};
 use crate::commands::ground::{MeshArgs, Numbers};
+use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, Outcome, output};
 use crate::geometry::Pose;
 use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
@@ -62,11 +62,14 @@ pub struct Args {
     /// Write the metadata of an Ouster to this file.
     #[arg(long, value_name = "FILE")]
     metadata: Option<PathBuf>,
-    /// Mesh around the sensor (OBJ, PLY, STL, glTF).
-    #[arg(long, value_name = "FILE", conflicts_with = "hall")]
+    /// What is around the sensor: a mesh (OBJ, PLY, STL, glTF), or what a map is made of: a session, or a point cloud
+    /// (PLY without faces, PCD, LAS, LAZ).
+    #[arg(long, value_name = "PATH", conflicts_with = "hall")]
     scene: Option<PathBuf>,
     #[command(flatten)]
     mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
     /// Box around the sensor: least and greatest corner, m.
     #[arg(
         long = "box",
@@ -310,9 +313,9 @@ fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
 
 fn build_scene(args: &Args) -> anyhow::Result<Scene> {
     if let Some(path) = &args.scene {
-        let read = args.mesh.read(path)?;
+        let read = scene_file::read(path, &args.mesh, &args.map)?;
         read.warnings.iter().for_each(|warning| output::say_notice(warning));
-        return Ok(Scene::Mesh(Arc::new(read.mesh)));
+        return Ok(read.scene);
     }
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
     let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));

@@ -3,16 +3,18 @@
 use serde::Serialize;
 
 use super::Place;
-use super::scan::{Alone, Scanned};
+use super::scan::{Alone, Scanned, unknown_share};
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
 use crate::commands::output;
 use crate::commands::registration::{Tied, along_way};
+use crate::commands::scene_file::MapTaken;
 use crate::commands::surface::{Covered, Surface};
 use crate::coverage::Coverage;
 use crate::registration::RegistrationQuality;
 use crate::report::{BlindSpot, blind_spots};
 use crate::rig::{Clearance, MountedSensor, Rig, Touching};
+use crate::scene::{Scene, VoxelMap};
 use crate::simulate::scan::Scanner;
 
 /// Union bitmaps are hashed up to this many cells.
@@ -25,7 +27,8 @@ const MOST_BLIND_SPOTS: usize = 10;
 pub struct Document {
     pub sensors: Vec<SensorDocument>,
     pub unique_voxels: u64,
-    /// Voxels that could be seen from the path: the walls of a room; of a mesh what has an observable surface sample.
+    /// Voxels that could be seen from the path: the walls of a room; of a mesh what has an observable surface
+    /// sample; of a map its occupied cells with a line of sight.
     pub reachable_voxels: u64,
     pub overlap_ratio: f64,
     /// Neighbouring voxels that could be seen and are not, the largest groups first.
@@ -35,6 +38,9 @@ pub struct Document {
     /// Of a mesh.
     #[serde(flatten)]
     pub surface: Option<SurfaceDocument>,
+    /// Of a recording or a cloud.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map: Option<MapDocument>,
     rays: u64,
     returns: u64,
     /// Returns beyond the scene's bounds by more than half a voxel: range noise.
@@ -83,6 +89,31 @@ pub struct SurfaceDocument {
     mesh: MeshTaken,
 }
 
+/// What is known of the place.
+#[derive(Serialize)]
+pub struct MapDocument {
+    #[serde(flatten)]
+    pub taken: MapTaken,
+    /// Share of the beams that cross a cell of which the map knows nothing before they hit something, or leave the map;
+    /// null where the map does not tell free cells from unknown ones.
+    pub unknown_share: Option<f64>,
+}
+
+impl MapDocument {
+    fn new(scanner: &Scanner<'_>, map: &VoxelMap, taken: &MapTaken) -> Self {
+        let unknown_share = taken.knows_free().then(|| unknown_share(scanner, map));
+        Self { taken: taken.clone(), unknown_share }
+    }
+
+    /// In words.
+    pub fn line(&self) -> String {
+        let unknown = self.unknown_share.map_or(String::new(), |share| {
+            format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
+        });
+        self.taken.line() + &unknown
+    }
+}
+
 impl Document {
     /// Counts everything.
     pub fn new(
@@ -124,6 +155,10 @@ impl Document {
                 samples: surface.samples.len(),
                 mesh: mesh.clone(),
             }),
+            map: match (&place.scene, &place.map) {
+                (Scene::Voxels(map), Some(taken)) => Some(MapDocument::new(scanner, map, taken)),
+                _ => None,
+            },
             rays: sensors.iter().map(|sensor| sensor.rays).sum(),
             returns: scanned.returns.iter().sum(),
             outside_grid: coverage.outside(),
@@ -189,6 +224,7 @@ impl Document {
                 text += &single.seen.covered.as_ref().map_or(String::new(), |covered| line(name, covered));
             }
         }
+        text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
         text += &output::cannot_be_built(&self.violations, &self.touching);
         text + &format!("{:.2} s\n", self.wall_s)

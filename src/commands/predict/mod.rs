@@ -11,9 +11,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, bail};
 use glam::DVec3;
+use rayon::prelude::*;
 
 use self::document::Document;
 use super::ground::{MeshArgs, MeshTaken, Numbers, TrajectoryArgs, stations};
+use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
 use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
 use crate::coverage::{Coverage, VoxelGrid};
@@ -27,7 +29,7 @@ use crate::trajectory::Trajectory;
 #[command(
     group = clap::ArgGroup::new("place").required(true),
     after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \n\
-                  flat walls of the scene's bounds. The coverage file is a PLY cloud of voxel centres, in metres, with one \n\
+                  flat walls of the scene's bounds; those of a map are its cells. The coverage file is a PLY cloud of voxel centres, in metres, with one \n\
                   bit per sensor; its header says the grid.\n\n\
                   Each sensor is of the model that the mount file names, as calibrated where calibrations or --sensor name \n\
                   a file. Beside the rig stand one level sensor and the best single one (pitch in steps of 5 degrees, \n\
@@ -41,14 +43,17 @@ pub struct Args {
     /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
     #[arg(long, value_name = "[NAME=]MODEL")]
     sensor: Vec<UnitChoice>,
-    /// Surface: .ply, .obj, .stl, .gltf or .glb.
-    #[arg(long, group = "place", value_name = "FILE")]
+    /// Surface (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: a recorded session, or a point cloud in the
+    /// trajectory's frame (.ply without faces, .pcd, .las or .laz).
+    #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
     room: Option<Numbers<6>>,
     #[command(flatten)]
     mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
     #[command(flatten)]
     trajectory: TrajectoryArgs,
     /// Edge of a voxel.
@@ -77,6 +82,7 @@ struct Place {
     scene: Scene,
     /// Of the scene, where it is one.
     mesh: Option<(Arc<Mesh>, MeshTaken)>,
+    map: Option<MapTaken>,
     trajectory: Trajectory,
     grid: VoxelGrid,
     warnings: Vec<String>,
@@ -103,7 +109,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let wall_s = start.elapsed().as_secs_f64();
     let baselines =
         (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
-    let reachable = reachable(&place, surface.as_ref(), &scanned.coverage);
+    let reachable =
+        reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
     if let Some(path) = &args.out {
         let bytes = document::ply(&scanned.coverage, &rig);
         crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
@@ -132,29 +139,33 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
 }
 
 fn place(args: &Args) -> anyhow::Result<Place> {
-    let (scene, mesh, mut warnings) = match (&args.scene, &args.room) {
-        (Some(path), _) => {
-            let read = args.mesh.read(path)?;
-            let mesh = Arc::new(read.mesh);
-            (Scene::Mesh(mesh.clone()), Some((mesh, read.taken)), read.warnings)
-        }
+    let ReadScene { scene, mesh, map, mut warnings } = match (&args.scene, &args.room) {
+        (Some(path), _) => scene_file::read(path, &args.mesh, &args.map)?,
         (None, Some(Numbers([x0, y0, z0, x1, y1, z1]))) => {
             let (low, high) = (DVec3::new(*x0, *y0, *z0), DVec3::new(*x1, *y1, *z1));
             if !low.cmplt(high).all() {
                 bail!("--room: the first corner must lie below the second in x, y and z");
             }
-            if args.mesh.is_stated() || args.samples.is_file() {
-                bail!("--mesh-unit, --up and --samples are about a mesh: give --scene, or leave them out");
+            if args.mesh.is_stated() {
+                bail!("--mesh-unit and --up are about a mesh: give --scene, or leave them out");
             }
-            (Scene::Box(BoxScene::closed(low, high)), None, Vec::new())
+            let scene = Scene::Box(BoxScene::closed(low, high));
+            ReadScene { scene, mesh: None, map: None, warnings: Vec::new() }
         }
         (None, None) => bail!("give --scene or --room"),
     };
+    if mesh.is_none() && args.samples.is_file() {
+        bail!("--samples is about the surface of a mesh: give one behind --scene, or leave it out");
+    }
     let trajectory = args.trajectory.read()?;
-    let what = if mesh.is_some() { "mesh" } else { "room" };
+    let what = match &scene {
+        Scene::Mesh(_) => "mesh",
+        Scene::Box(_) => "room",
+        Scene::Voxels(_) => "map",
+    };
     warnings.extend(args.trajectory.doubts(what, scene.bounds_m(), &trajectory));
     let grid = grid(args.voxel, &scene)?;
-    Ok(Place { scene, mesh, trajectory, grid, warnings })
+    Ok(Place { scene, mesh, map, trajectory, grid, warnings })
 }
 
 fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
@@ -167,18 +178,39 @@ fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
     if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(60) {
         bail!("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered");
     }
-    Ok(VoxelGrid::centred_on(bounds_m, voxel_m))
+    Ok(match scene {
+        // the map's cells are where its points are: a cell of the grid is a cell of the map
+        Scene::Voxels(map) => map_grid(map, voxel_m),
+        Scene::Mesh(_) | Scene::Box(_) => VoxelGrid::centred_on(bounds_m, voxel_m),
+    })
 }
 
-/// The cells that could be seen from the path, ascending: the walls of a room, or where a mesh has an observable sample
-/// or was seen.
-fn reachable(place: &Place, surface: Option<&Surface>, coverage: &Coverage) -> Vec<usize> {
-    let Some(surface) = surface else {
-        return place.grid.outer_cells().collect();
+/// The cells that could be seen from the path, ascending: the walls of a room, where a mesh has an observable sample or
+/// was seen, or the occupied cells of a map that have a line of sight to the path or were seen.
+fn reachable(
+    place: &Place,
+    surface: Option<&Surface>,
+    coverage: &Coverage,
+    stations_m: &[DVec3],
+) -> Vec<usize> {
+    let mut cells = match (surface, &place.scene) {
+        (Some(surface), _) => {
+            let points = surface.samples.points_m().iter().zip(&surface.visible);
+            points
+                .filter(|(_, visible)| **visible)
+                .filter_map(|(at, _)| place.grid.index(*at))
+                .collect::<Vec<usize>>()
+        }
+        (None, Scene::Voxels(map)) => {
+            let tolerance_m = 2.0 * map.voxel_m();
+            let sees = |at: &DVec3| stations_m.iter().any(|from| place.scene.sees(*from, *at, tolerance_m));
+            let points_m: Vec<DVec3> = map.occupied_m().collect();
+            let seen = points_m.par_iter().filter(|at| sees(at));
+            seen.filter_map(|at| place.grid.index(*at)).collect()
+        }
+        (None, _) => return place.grid.outer_cells().collect(),
     };
-    let points = surface.samples.points_m().iter().zip(&surface.visible);
-    let observable = points.filter(|(_, visible)| **visible).filter_map(|(at, _)| place.grid.index(*at));
-    let mut cells: Vec<usize> = observable.chain(coverage.union_cells()).collect();
+    cells.extend(coverage.union_cells());
     cells.sort_unstable();
     cells.dedup();
     cells

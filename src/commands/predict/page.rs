@@ -6,6 +6,7 @@ use crate::chart::number;
 use crate::commands::{figures, output};
 use crate::coverage::Coverage;
 use crate::report::{FromAbove, Report, unfold_box};
+use crate::scene::Scene;
 
 /// What the rig will see, and what it will not.
 pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: &[usize]) -> Report {
@@ -36,6 +37,10 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
     }
     sensors(&mut report, document);
     surface(&mut report, document);
+    if let Some(map) = &document.map {
+        report.heading("The map");
+        report.paragraph(&map.line());
+    }
     beside(&mut report, document);
     pictures(&mut report, document, place, coverage, reachable);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
@@ -120,7 +125,7 @@ fn pictures(
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "can be seen, but nobody did");
     report.heading("Who saw what");
-    if place.mesh.is_none() {
+    if matches!(place.scene, Scene::Box(_)) {
         report.maps(
             "Voxels by who saw them",
             &unfold_box(coverage.grid(), &|cell| Some(figures::who_covers(coverage, cell))),

@@ -9,6 +9,7 @@ use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch
 use crate::commands::surface::{Covered, MAIN_RANK, Surface};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
+use crate::scene::VoxelMap;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::rounds::{is_worth_settling, rounds};
 use crate::simulate::scan::Scanner;
@@ -73,6 +74,27 @@ fn quarters(columns: &Range<u64>) -> impl Iterator<Item = Range<u64>> + use<> {
     let (start, end) = (columns.start, columns.end);
     let step = (end - start).div_ceil(4).max(1);
     (start..end).step_by(step as usize).map(move |first| first..end.min(first + step))
+}
+
+/// Share of the beams, every 8th column of about 24 revolutions, of which a map does not know where they end: they cross
+/// a cell that nobody has looked into, or leave the map.
+pub fn unknown_share(scanner: &Scanner<'_>, map: &VoxelMap) -> f64 {
+    const COLUMN_STEP: usize = 8;
+    let count = |sensor: usize| {
+        let sweep = scanner.sweep(sensor);
+        let turns: Vec<_> = turns(scanner, sensor).map(|(_, columns)| columns).collect();
+        let step = search_step(turns.len() as u64) as usize;
+        let columns: Vec<u64> = turns.into_iter().step_by(step).flatten().step_by(COLUMN_STEP).collect();
+        let of_column = |column: &u64| {
+            let rays = sweep.rays(*column);
+            let unknown = rays.iter().filter(|(origin_m, way)| map.is_unknown(*origin_m, *way)).count();
+            [unknown as u64, rays.len() as u64]
+        };
+        columns.par_iter().map(of_column).reduce(|| [0, 0], |a, b| [a[0] + b[0], a[1] + b[1]])
+    };
+    let counts = (0..scanner.rig.sensors.len()).map(count);
+    let [unknown, all] = counts.fold([0, 0], |a, b| [a[0] + b[0], a[1] + b[1]]);
+    unknown as f64 / all.max(1) as f64
 }
 
 /// What one sensor sees.

@@ -8,6 +8,8 @@ mod obj;
 mod ply;
 mod stl;
 
+pub(super) use ply::{Passed, element_fault, whole_number};
+
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -158,15 +160,15 @@ pub struct Fault {
 }
 
 impl Fault {
-    fn line(line: usize, reason: impl Into<String>) -> Self {
+    pub(super) fn line(line: usize, reason: impl Into<String>) -> Self {
         Self { place: format!("line {line}"), reason: reason.into() }
     }
 
-    fn byte(byte: usize, reason: impl Into<String>) -> Self {
+    pub(super) fn byte(byte: usize, reason: impl Into<String>) -> Self {
         Self { place: format!("byte {byte}"), reason: reason.into() }
     }
 
-    fn at(place: impl Into<String>, reason: impl Into<String>) -> Self {
+    pub(super) fn at(place: impl Into<String>, reason: impl Into<String>) -> Self {
         Self { place: place.into(), reason: reason.into() }
     }
 }

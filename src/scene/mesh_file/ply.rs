@@ -75,7 +75,7 @@ fn check(header: &Header) -> Result<(), Fault> {
     }
 }
 
-fn element_fault(
+pub(in crate::scene) fn element_fault(
     header: &Header,
     name: &str,
     reader: &Reader<Cursor<&[u8]>>,
@@ -116,7 +116,7 @@ impl PropertyAccess for Vertex {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        match number(&property) {
+        match whole_number(&property) {
             Some(value) => self.set_double(name, value as f64),
             None => PropertyAccessResult::Ignored,
         }
@@ -149,7 +149,7 @@ impl PropertyAccess for Face {
 }
 
 /// An element of no interest.
-struct Passed;
+pub(in crate::scene) struct Passed;
 
 impl PropertyAccess for Passed {
     fn new() -> Self {
@@ -157,7 +157,8 @@ impl PropertyAccess for Passed {
     }
 }
 
-fn number(property: &Property) -> Option<i64> {
+/// A whole number of any size.
+pub(in crate::scene) fn whole_number(property: &Property) -> Option<i64> {
     match property {
         Property::Char(value) => Some(i64::from(*value)),
         Property::UChar(value) => Some(i64::from(*value)),
