@@ -32,8 +32,9 @@ done
 "$busybox" depmod -b "$root" "$version"
 (cd "$root" && find . | "$busybox" cpio -o -H newc 2>/dev/null | gzip -1) >"$work/initrd"
 
-# KVM answers here and there and then hangs: the emulator's own processor always works
-timeout "${CAN_VM_SECONDS:-420}" qemu-system-x86_64 -accel tcg -m 768 -smp 2 -nodefaults -no-user-config -display none \
+# KVM answers here and there and then hangs: the emulator's own processor always works. Its time goes on with its instructions:
+# a busy machine makes it slow, never late
+timeout "${CAN_VM_SECONDS:-600}" qemu-system-x86_64 -accel tcg -icount shift=0,sleep=on -m 768 -smp 1 -nodefaults -no-user-config -display none \
     -no-reboot -serial stdio -kernel "$kernel"/boot/vmlinuz-* -initrd "$work/initrd" \
     -virtfs local,path=/,mount_tag=hostroot,security_model=none,readonly=on,multidevs=remap \
     -append "console=ttyS0 quiet panic=-1 rig.folder=$folder rig.program=$program rig.python=$python" \

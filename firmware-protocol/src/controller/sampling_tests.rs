@@ -248,3 +248,26 @@ fn nothing_is_moved_further_while_an_encoder_is_silent() {
     }
     assert_eq!((bench.servo().setpoint.position_urad, bench.controller.state()), (900_000, State::Holding));
 }
+
+/// A device that answers the questions of long ago, one by one: the set points wait for what it shows, and it did not stall.
+#[test]
+fn old_news_neither_stall_a_shaft_nor_let_it_run_ahead() {
+    let mut bench = Bench::holding();
+    bench.order(Order::MoveTo { axis: 0, position_urad: 900_000 });
+    let mut shown = 0;
+    for _ in 0..20 {
+        shown = bench.servo().setpoint.position_urad;
+        bench.poll(10_000, 1000, Some(shown));
+    }
+    for round in 1..30 {
+        bench.poll(10_000, 10_000 * round, Some(shown)); // a sample of the time when it fell behind
+    }
+    let ahead = bench.servo().setpoint.position_urad - shown;
+    assert!((0..60_000).contains(&ahead), "{ahead} urad ahead of what is seen");
+    assert!(bench.controller.faults().is_empty(), "{:?}", bench.controller.faults());
+    // news again, and it still stands there: that is a stall
+    for _ in 0..60 {
+        bench.poll(5000, 1000, Some(shown));
+    }
+    assert!(!bench.controller.faults().is_empty());
+}

@@ -19,6 +19,8 @@ const TORQUE_US: u64 = 50_000;
 /// Readings in a row that must stay away before an encoder is missing: one poll may be lost, and time may pass because the
 /// host, not the encoder, was kept from its work.
 const MISSING_POLLS: u32 = 3;
+/// Set points do not go on by readings older than this: a slow poll of one servo of two.
+const BLIND_US: u64 = 60_000;
 /// How fast a shaft without torque may be turned, by hand or by its load, µrad/s.
 const FREE_SPEED_URAD_S: i64 = 6_283_185;
 /// A shaft that lags catches up at most at this many times its top speed.
@@ -105,7 +107,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let following_us =
             since(error > config.following_urad && driven.is_some(), &mut axis.following_since);
         let away_us = since(error > config.stall_urad && driven.is_some() && measured, &mut axis.stall_since);
-        let still_us = now.saturating_sub(axis.quiet_us);
+        // until the last sample, not until now: what a slow bus has not told yet may have moved
+        let still_us = axis.asked_us.saturating_sub(axis.quiet_us);
         let over = |time: Option<u64>, longest: u64| time.is_some_and(|time| time > longest);
         if sense.temperature_c > config.temperature_limit_c {
             Some((Fault::OverTemperature, sense.temperature_c.into()))
@@ -130,10 +133,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    /// Whether an encoder stayed away too often to move on: the set points wait for it, so what is moved unseen is little
-    /// however long the rest of the patience is.
+    /// Whether an encoder stayed away too often, or tells of too long ago, to move on: the set points wait for it, so what is
+    /// moved unseen is little however long the rest of the patience is.
     pub(super) fn is_blind(&self) -> bool {
-        self.axes.iter().any(|axis| axis.unanswered >= MISSING_POLLS)
+        let old = |axis: &Axis| self.now_us.saturating_sub(axis.asked_us) > BLIND_US;
+        self.axes.iter().any(|axis| axis.unanswered >= MISSING_POLLS || old(axis))
     }
 
     /// Whether an encoder stayed away for too long and too often.

@@ -120,6 +120,8 @@ pub struct Drive {
     pub status: u16,
     /// How far it is with finding its zero.
     pub zero: Zero,
+    /// Answers to the question what it is: more than questions mean two devices of one number.
+    pub kinds: u32,
     /// A slow reading that was asked for, and when.
     pub asked: Option<(Object, Instant)>,
     /// It started anew: what it counts from is not known, and its configuration is gone.
@@ -151,6 +153,7 @@ impl Drive {
             syncs: Questions::default(),
             status: 0,
             zero: Zero::Idle,
+            kinds: 0,
             asked: None,
             restarted: false,
             error: 0,
@@ -176,6 +179,7 @@ impl Drive {
             (Some(0x080), [low, high, ..]) => self.error = u16::from_le_bytes([*low, *high]),
             (Some(0x700), [0]) => self.restarted = true,
             (Some(0x580), data) => {
+                self.kinds += u32::from(object::answer(object::DEVICE_TYPE, data).is_some());
                 if let Some((object, _)) = self.asked
                     && let Some(answer) = object::answer(object, data)
                 {

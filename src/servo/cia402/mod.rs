@@ -27,6 +27,8 @@ const READINGS_WITHIN: Duration = Duration::from_millis(15);
 const LONGEST_ROUNDS: u32 = 8;
 /// How long is looked for messages that are there already.
 const LATE_WITHIN: Duration = Duration::from_micros(200);
+/// How long after a drive another of the same number may answer.
+const TWIN_WITHIN: Duration = Duration::from_millis(50);
 /// How long leaving a fault may take.
 const RESET_WITHIN: Duration = Duration::from_secs(2);
 /// Rounds between two questions for slow readings, and what is asked in turn. Their answers are not waited for: a drive
@@ -50,7 +52,7 @@ pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkErro
     let bus = CanBus::open(address)?;
     let name = bus.name().to_owned();
     let drives = nodes.map(Drive::new);
-    let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), watched: [true; 2] };
+    let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), questions: 0, watched: [true; 2] };
     let ranges_urad = [rig.start(0)?, rig.start(1)?];
     let homes = [rig.home_of(0)?, rig.home_of(1)?];
     let make = Make {
@@ -69,6 +71,8 @@ struct Cia402 {
     bus: CanBus,
     drives: [Drive; 2],
     heartbeat: Instant,
+    /// How often the drive that is being started was asked what it is.
+    questions: u32,
     /// Whether each drive watches the host's heartbeat.
     watched: [bool; 2],
 }
@@ -92,6 +96,7 @@ impl Cia402 {
     fn ask(&mut self, axis: usize, object: Object, question: [u8; 8]) -> Result<Option<Answer>, LinkError> {
         let node = u16::from(self.drives[axis].node);
         self.bus.send(0x600 + node, &question)?;
+        self.questions += u32::from(object == object::DEVICE_TYPE);
         let end = Instant::now() + ANSWER_WITHIN;
         while let Some((identifier, data)) = self.hear(end)? {
             if identifier == 0x580 + node
@@ -136,10 +141,14 @@ impl Cia402 {
     /// Looks at a drive, configures and starts it; its range, µrad.
     fn start(&mut self, axis: usize) -> Result<(i32, i32), LinkError> {
         let node = self.drives[axis].node;
+        (self.questions, self.drives[axis].kinds) = (0, 0);
         self.bus.send(0, &[0x80, node])?; // configuration is for the pre-operational
         let Some(kind) = self.read(axis, object::DEVICE_TYPE)? else {
             return Err(self.wrong(axis, "it has no device type".into()));
         };
+        // its twin's answer comes right after
+        let end = Instant::now() + TWIN_WITHIN;
+        while self.hear(end)?.is_some() {}
         self.refuse_a_second(axis)?;
         if kind & 0xFFFF != 402 {
             return Err(self.wrong(axis, format!("device type {}, expected 402 (a drive)", kind & 0xFFFF)));
@@ -170,6 +179,7 @@ impl Cia402 {
             }
         };
         self.look_slowly(axis)?;
+        self.refuse_a_second(axis)?; // or after a while
         self.drives[axis].restarted = false;
         self.drives[axis].zero = Zero::Idle;
         self.drives[axis].position = None;
@@ -184,14 +194,10 @@ impl Cia402 {
         Ok((clamp(low), clamp(high)))
     }
 
-    /// Two nodes of one number both answer; the second one comes right after the first.
-    fn refuse_a_second(&mut self, axis: usize) -> Result<(), LinkError> {
-        let node = u16::from(self.drives[axis].node);
-        let end = Instant::now() + Duration::from_millis(50);
-        while let Some((identifier, data)) = self.hear(end)? {
-            if identifier == 0x580 + node && object::answer(object::DEVICE_TYPE, &data).is_some() {
-                return Err(self.wrong(axis, "two devices answer with this node number".into()));
-            }
+    /// Two nodes of one number both answer.
+    fn refuse_a_second(&self, axis: usize) -> Result<(), LinkError> {
+        if self.drives[axis].kinds > self.questions {
+            return Err(self.wrong(axis, "two devices answer with this node number".into()));
         }
         Ok(())
     }
