@@ -12,7 +12,7 @@ use outrigger::scene::Mesh;
 use support::median_cpu_s;
 
 const VOXEL_M: f64 = 0.1;
-const STYLE: &str = "body{font:14px sans-serif;max-width:760px;margin:2em auto}text{font-size:12px;fill:#333}\
+const STYLE: &str = "body{font:14px sans-serif;max-width:760px;margin:2em auto}text{font-size:12px;fill:#333;stroke:none!important}\
     .grid{stroke:#ccc;fill:none}.line{stroke:#1667a8;fill:none;stroke-width:2}.chart path{fill:none}\
     .s0{stroke:#1667a8;fill:none;stroke-width:2}.s1{stroke:#b5481d;fill:none;stroke-width:2}";
 
@@ -71,20 +71,35 @@ fn rays() -> LineChart {
     chart("Time grows with rays", "rays, million", "processor time, ms", points)
 }
 
+/// Where triangles are smaller than what lies between two rays, neighbours no longer meet the same ones: what they share
+/// fades, and the curve of few rays bends up sooner than that of many.
 fn triangles() -> LineChart {
-    println!("a quarter of a million rays through halls");
-    let mut points = Vec::new();
+    const RAYS: [(&str, usize); 2] = [("0.25 M rays", 250_000), ("2 M rays", 2_000_000)];
+    println!("rays through halls, ns for {} and for {}", RAYS[0].0, RAYS[1].0);
+    let mut series = RAYS.map(|(name, _)| Series { name: name.into(), points: Vec::new() });
     for power in 12..=22 {
         let mesh = mesh(1 << power);
-        let ns = cast(&mesh, 250_000) / 250_000.0 * 1e9;
+        let ns = RAYS.map(|(_, rays)| cast(&mesh, rays) / rays as f64 * 1e9);
         println!(
-            "  {:8} triangles: {ns:6.1} ns/ray, {:6.1} bytes/triangle",
+            "  {:8} triangles: {:6.1} {:6.1} ns/ray, {:6.1} bytes/triangle",
             mesh.triangles(),
+            ns[0],
+            ns[1],
             mesh.bytes() as f64 / mesh.triangles() as f64
         );
-        points.push([(mesh.triangles() as f64).log2(), ns]);
+        for (series, ns) in series.iter_mut().zip(ns) {
+            series.points.push([(mesh.triangles() as f64).log2(), ns]);
+        }
     }
-    chart("Time grows with the logarithm of the triangles", "log2 of triangles", "ns per ray", points)
+    LineChart {
+        series: series.into(),
+        ..chart(
+            "Time grows with the logarithm of the triangles",
+            "log2 of triangles",
+            "ns per ray",
+            Vec::new(),
+        )
+    }
 }
 
 /// A yard with a wall around it: every brick of its surface is touched.
