@@ -180,6 +180,22 @@ pub enum Violation {
     },
 }
 
+impl Evaluation {
+    /// What is to be said when coverage no longer tells mounts apart.
+    pub fn saturation(&self) -> Option<String> {
+        let left = self.reachable_voxels.saturating_sub(self.unique_voxels);
+        (self.reachable_voxels > 0 && left * SATURATED_WITHIN <= self.reachable_voxels).then(|| {
+            format!(
+                "{} of {} voxels that can be reached are seen: coverage no longer tells mounts apart, finer voxels would",
+                self.unique_voxels, self.reachable_voxels
+            )
+        })
+    }
+}
+
+/// One voxel of so many may be missed where coverage counts as saturated.
+const SATURATED_WITHIN: u64 = 1000;
+
 impl std::fmt::Display for Violation {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {

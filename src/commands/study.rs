@@ -21,7 +21,7 @@ use crate::study::{Findings, STUDIES, Size, named};
 )]
 pub struct Args {
     /// plan, run, merge or submit and a study, or a study alone for all three: published, methods, sensor-count, pareto,
-    /// joint, speed-accuracy.
+    /// joint, speed-accuracy, stability.
     #[arg(value_name = "ACTION|NAME", num_args = 1..=2, required = true)]
     what: Vec<String>,
     /// Seeds of each search.

@@ -3,6 +3,7 @@
 pub mod column;
 pub mod detection;
 pub mod fan;
+pub mod frames;
 pub mod occluder;
 pub mod published;
 pub(crate) mod rounds;

@@ -15,6 +15,7 @@ mod sensor_count;
 pub mod shard;
 mod speed_accuracy;
 mod spread;
+mod stability;
 pub mod submit;
 
 pub use page::{csv, findings_page};
@@ -69,6 +70,7 @@ pub const STUDIES: &[&dyn Study] = &[
     &pareto::Pareto,
     &joint::Joint,
     &speed_accuracy::SpeedAccuracy,
+    &stability::Stability,
 ];
 
 /// The study of a name.

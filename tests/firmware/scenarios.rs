@@ -41,7 +41,8 @@ fn patient() -> Options {
     Options {
         heartbeat_timeout: Duration::from_secs(3),
         silence: Duration::from_secs(3), // the emulator looks for a reopened pty once a second
-        answer_within: Duration::from_secs(10),
+        answer_within: Duration::from_secs(30),
+        settle_within: Duration::from_secs(120),
         ..Options::new_session()
     }
 }
@@ -73,7 +74,7 @@ impl Talk {
 
     /// Hears until something fits; repeats the question.
     fn ask<T>(&mut self, question: &Command, fits: impl Fn(&Report) -> Option<T>) -> T {
-        let end = Instant::now() + Duration::from_secs(20);
+        let end = Instant::now() + Duration::from_secs(120);
         while Instant::now() < end {
             self.send(question);
             let repeat = Instant::now() + Duration::from_millis(500);

@@ -262,6 +262,7 @@ fn summary(document: &Document) -> String {
     if evaluation.feasible {
         text += "allowed        yes: every pair of sensors keeps its distance\n";
     }
+    text += &evaluation.saturation().map_or(String::new(), |words| format!("{words}\n"));
     for violation in &evaluation.violations {
         text += &format!("allowed        no: {violation}\n");
     }

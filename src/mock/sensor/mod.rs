@@ -3,11 +3,9 @@
 mod aside;
 mod device;
 mod faults;
-mod scan;
-mod spin;
 
+pub use crate::simulate::frames::Spin;
 pub use device::{Line, MockSensor, Surroundings};
 pub use faults::{FaultCounts, FaultInjector, Faults};
-pub use spin::Spin;
 
-use scan::{Column, Scan};
+use crate::simulate::frames::Scan;

@@ -1,12 +1,16 @@
 //! What a moving sensor measures in a scene: ranges, column by column, each at its own time and azimuth.
 
+mod spin;
+
+pub use spin::Spin;
+
 use rayon::prelude::*;
 use sensors::{Frame, Layer, SensorModel};
 
+use super::column::ColumnCaster;
 use crate::geometry::Pose;
 use crate::rng::Rng;
 use crate::scene::Scene;
-use crate::simulate::column::ColumnCaster;
 use crate::trajectory::Trajectory;
 
 /// A sensor on its way through a scene.
