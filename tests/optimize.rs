@@ -49,6 +49,7 @@ pub const CASES: &[Case] = &[
     case("optima_on_a_border_are_hit", optima_on_a_border_are_hit),
     case("a_servo_s_steps_and_limits_are_kept", command::a_servo_s_steps_and_limits_are_kept),
     case("robust_searches_report_what_is_built", command::robust_searches_report_what_is_built),
+    case("a_search_looks_again_at_what_it_liked", command::a_search_looks_again_at_what_it_liked),
     case("a_budget_of_rays_and_all_outputs", command::a_budget_of_rays_and_all_outputs),
     case(
         "the_published_export_is_read_as_it_was_found",

@@ -4,6 +4,7 @@ mod args;
 mod busy;
 mod outputs;
 mod published;
+mod refine;
 mod state;
 
 use std::io::IsTerminal as _;
@@ -16,13 +17,14 @@ use serde::Serialize;
 pub use args::Args;
 use args::{Corners, Range};
 
+use super::evaluate::FidelityArg;
 use super::{Context, Outcome, output, signals};
 use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
 };
 use crate::robustness::{Robustness, Spread, Tolerance};
-use crate::simulate::published::{Path, Roll};
+use crate::simulate::published::{ExperimentError, Path, Roll};
 
 /// Seconds between two writings of the state file.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
@@ -49,6 +51,9 @@ struct Document {
     /// No mount of this space can score above this: all reachable voxels with every reward for each number of sensors,
     /// or what was proved of one master.
     bound: Option<f64>,
+    /// The mount under finer models; null unless asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fidelity: Option<refine::Refined>,
     /// What was proved of rigs of one master; null unless asked for.
     certificate: Option<Proved>,
     command: String,
@@ -79,6 +84,7 @@ struct Ended<'a> {
     /// Part of it during which the objective was at work.
     objective_s: f64,
     proved: Option<Proved>,
+    refined: Option<refine::Refined>,
 }
 
 #[derive(Serialize)]
@@ -91,8 +97,9 @@ struct Best {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
-    let problem = problem(args, objective)?;
+    let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
+    let problem = problem(args, refine::objective(args, given.clone())?)?;
+    let seen = refine::Seen::default();
     let question = state::question(&problem, args.clearance.0)?;
     let mut search =
         match args.resume.as_deref().map(|path| state::read(path, &question)).transpose()?.flatten() {
@@ -110,7 +117,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let are_rays_spent = AtomicBool::new(false);
     let stopped_by = search.run(
         budget,
-        |values| busy.during(|| problem.measure(values)),
+        |values| {
+            let measured = busy.during(|| problem.measure(values))?;
+            seen.note(values, &measured);
+            Ok::<_, ExperimentError>(measured)
+        },
         |search| {
             if args.max_rays.is_some_and(|most| search.rays() >= most) {
                 are_rays_spent.store(true, Ordering::Relaxed);
@@ -148,7 +159,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?;
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
-    report(args, context, &problem, &Ended { search: &search, best, stopped_by, wall_s, objective_s, proved })
+    let refined = match args.fidelity {
+        FidelityArg::Given => None,
+        FidelityArg::Auto => refine::refine(&given, &problem, seen, args.regret / 100.0)?,
+    };
+    let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined };
+    report(args, context, &problem, ended)
 }
 
 /// What is searched, as asked for.
@@ -222,8 +238,13 @@ fn progress_bar(budget: usize) -> indicatif::ProgressBar {
     bar
 }
 
-fn report(args: &Args, context: Context, problem: &MountProblem, ended: &Ended) -> anyhow::Result<Outcome> {
-    let &Ended { search, best, stopped_by, wall_s, objective_s, proved } = ended;
+fn report(
+    args: &Args,
+    context: Context,
+    problem: &MountProblem,
+    ended: Ended<'_>,
+) -> anyhow::Result<Outcome> {
+    let Ended { search, best, stopped_by, wall_s, objective_s, proved, refined } = ended;
     if best.violation > 0.0 {
         bail!(
             "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
@@ -232,7 +253,8 @@ fn report(args: &Args, context: Context, problem: &MountProblem, ended: &Ended) 
             best.violation
         );
     }
-    let masters = problem.masters(&best.candidate.values);
+    let chosen = refined.as_ref().map_or(&best.candidate.values, |refined| &refined.values);
+    let masters = problem.masters(chosen);
     let evaluation = problem.objective().evaluate(&masters)?;
     let experiment = problem.objective().simulator().experiment();
     let bound = match &proved {
@@ -252,6 +274,7 @@ fn report(args: &Args, context: Context, problem: &MountProblem, ended: &Ended) 
         stopped_by,
         robust: problem.spread(&masters)?,
         bound,
+        fidelity: refined,
         certificate: proved,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
@@ -334,6 +357,7 @@ fn summary(document: &Document) -> String {
             certificate.regions
         );
     }
+    text += &document.fidelity.as_ref().map_or(String::new(), refine::Refined::lines);
     if let Some(spread) = &document.robust {
         text += &format!(
             "as built       J {:.1} on average, {:.1} at worst, standard deviation {:.1} over {} draws\n",

@@ -265,3 +265,37 @@ pub fn a_certificate_lies_between_what_was_found_and_the_plain_bound() {
     let error = String::from_utf8_lossy(&two.stderr).into_owned();
     assert!(two.status.code() == Some(1) && error.contains("one master"), "{error}");
 }
+
+pub fn a_search_looks_again_at_what_it_liked() {
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().join("mount.json").to_str().unwrap().to_owned();
+    let arguments = ["optimize", "--preset", "paper-os1-64", "--masters-max", "1", "--evals", "40", "--json"];
+    let auto = [&arguments[..], &["--fidelity", "auto", "--out", &mount]].concat();
+    let found = json(&auto);
+    let fidelity = &found["fidelity"];
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    assert!(fidelity["looked_at"].as_u64().unwrap() > 5, "{fidelity}");
+    assert!(number(&fidelity["regret_bound"]) <= 1e-3 * number(&fidelity["value"]), "{fidelity}");
+    assert!(number(&fidelity["value"]) >= number(&fidelity["favourite"]["value"]), "{fidelity}");
+    // judged alone and to the end, the mount is worth what was said
+    let settled =
+        json(&["evaluate", "--mount", &mount, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
+    let settled = &settled["fidelity"];
+    let apart = (number(&settled["value"]) - number(&fidelity["value"])).abs();
+    assert!(apart <= number(&settled["bound"]) + number(&fidelity["bound"]), "{fidelity} {settled}");
+    // better than what the published pattern likes, under the converged model
+    let plain = folder.path().join("plain.json").to_str().unwrap().to_owned();
+    json(&[&arguments[..], &["--out", &plain]].concat());
+    let of_plain =
+        json(&["evaluate", "--mount", &plain, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
+    let of_plain = &of_plain["fidelity"];
+    assert!(
+        number(&settled["value"]) + number(&settled["bound"])
+            >= number(&of_plain["value"]) - number(&of_plain["bound"]),
+        "{settled} {of_plain}"
+    );
+    assert_eq!(json(&auto)["fidelity"], *fidelity, "same seed, same choice");
+    let refused = outrigger(&[&auto[..], &["--robust", "worst"]].concat());
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("--robust"));
+}

@@ -73,8 +73,10 @@ pub struct Args {
 
 /// How finely is looked.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-enum FidelityArg {
+pub(super) enum FidelityArg {
+    /// As the other arguments say.
     Given,
+    /// As finely as the question needs.
     Auto,
 }
 

@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use crate::commands::evaluate::ExperimentArgs;
+use crate::commands::evaluate::{ExperimentArgs, FidelityArg};
 use crate::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
 use crate::robustness::Criterion;
 
@@ -74,6 +74,13 @@ pub struct Args {
     /// Draws of mount errors, the same for every mount.
     #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(super) draws: u32,
+    /// auto: search with four poses per metre whose phases differ, then look at the best mounts ever more finely until the
+    /// choice can lose no more than --regret.
+    #[arg(long, value_enum, default_value = "given")]
+    pub(super) fidelity: FidelityArg,
+    /// Share of J that the choice may lose, %.
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.1, value_parser = percent)]
+    pub(super) regret: f64,
     /// End when so many rays are cast (the batch under way is finished).
     #[arg(long, value_name = "N")]
     pub(super) max_rays: Option<u64>,
@@ -150,4 +157,9 @@ impl FromStr for ClearanceArg {
             },
         }
     }
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    let value: Option<f64> = text.parse().ok().filter(|value: &f64| *value > 0.0 && *value < 100.0);
+    value.ok_or_else(|| format!("{text:?}: give percent above 0 and below 100"))
 }
