@@ -32,6 +32,10 @@ pub const CASES: &[Case] = &[
     case("a_second_daemon_says_why_it_cannot_start", faults::a_second_daemon_says_why_it_cannot_start),
     case("a_killed_daemon_leaves_a_session_that_opens", storage::a_killed_daemon_leaves_a_session_that_opens),
     case("a_slow_disk_is_named_and_its_losses_counted", storage::a_slow_disk_is_named_and_its_losses_counted),
+    case(
+        "a_flood_fills_memory_to_its_bound_and_no_further",
+        storage::a_flood_fills_memory_to_its_bound_and_no_further,
+    ),
     with_machine(
         "a_disk_that_fills_up_ends_the_recording_in_order",
         "no small file system can be mounted here (unshare, mount)",

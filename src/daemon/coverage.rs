@@ -70,6 +70,12 @@ impl LiveCoverage {
         inner.version += 1;
     }
 
+    /// Memory of the cells, bytes.
+    pub fn bytes(&self) -> usize {
+        let inner = self.lock();
+        inner.seen.bytes() + inner.predicted.as_ref().map_or(0, |cells| std::mem::size_of_val(&cells[..]))
+    }
+
     /// Grows when there is something new to draw.
     pub fn version(&self) -> u64 {
         self.lock().version

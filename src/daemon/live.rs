@@ -1,7 +1,7 @@
 //! One thread per sensor that decodes what comes, counts, and makes the picture. It gives way to everything else.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -24,8 +24,8 @@ use crate::watch::{SensorReport, Watch, is_model};
 
 /// Datagrams that may wait: a revolution and more of the busiest sensor.
 const WAITING: usize = 1024;
-/// With more than this waiting, revolutions are decoded and counted, and not drawn.
-const BUSY: u64 = WAITING as u64 / 2;
+/// The same in bytes of memory: 0.8 s of the busiest Ouster (OS1-128 at 1024x10, dual return).
+pub(super) const WAITING_BYTES: usize = 16 << 20;
 /// Points drawn of one revolution.
 const POINTS: usize = 6000;
 /// How often the numbers are put out.
@@ -51,10 +51,30 @@ pub(super) struct Inlet {
 #[derive(Default)]
 struct Shared {
     dropped: AtomicU64,
-    waiting: AtomicU64,
+    waiting: AtomicUsize,
+    waiting_bytes: AtomicUsize,
+    most_waiting_bytes: AtomicUsize,
     numbers: Mutex<Numbers>,
     /// From the kernel's stamp until points were handed to the page's connections.
     latency: Latency,
+}
+
+impl Shared {
+    fn add(&self, held: usize) {
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        self.waiting_bytes.fetch_add(held, Ordering::Relaxed);
+    }
+
+    fn take(&self, held: usize) {
+        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        self.waiting_bytes.fetch_sub(held, Ordering::Relaxed);
+    }
+
+    /// With half of what may wait waiting, revolutions are decoded and counted, and not drawn.
+    fn is_busy(&self) -> bool {
+        self.waiting.load(Ordering::Relaxed) > WAITING / 2
+            || self.waiting_bytes.load(Ordering::Relaxed) > WAITING_BYTES / 2
+    }
 }
 
 /// What the thread found out.
@@ -75,11 +95,23 @@ pub(super) struct Numbers {
 impl Inlet {
     /// Takes a packet if there is room; counts it otherwise.
     pub fn offer(&self, datagram: Datagram) {
-        self.shared.waiting.fetch_add(1, Ordering::Relaxed);
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.queue.try_send(datagram) {
-            self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
-            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        let (shared, held) = (&self.shared, datagram.held_bytes());
+        // a sensor has one lane: nobody else adds meanwhile
+        let bytes = shared.waiting_bytes.load(Ordering::Relaxed) + held;
+        if bytes <= WAITING_BYTES {
+            shared.add(held);
+            if self.queue.try_send(datagram).is_ok() {
+                shared.most_waiting_bytes.fetch_max(bytes, Ordering::Relaxed);
+                return;
+            }
+            shared.take(held);
         }
+        shared.dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The most bytes of packets that ever waited here.
+    pub fn most_waiting_bytes(&self) -> usize {
+        self.shared.most_waiting_bytes.load(Ordering::Relaxed)
     }
 
     /// Packets that were left out.
@@ -178,7 +210,7 @@ impl Live {
         loop {
             match waiting.recv_timeout(PUBLISH) {
                 Ok(datagram) => {
-                    self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
+                    self.shared.take(datagram.held_bytes());
                     self.take(&datagram);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -192,7 +224,7 @@ impl Live {
     }
 
     fn take(&mut self, datagram: &Datagram) {
-        let busy = self.shared.waiting.load(Ordering::Relaxed) > BUSY;
+        let busy = self.shared.is_busy();
         let Self { router, watch, painter, points, frames_not_drawn, shared, .. } = self;
         let routed = router.push(&datagram.packet(), &mut |at, sensor: &Sensor, decoded| {
             if at != 0 {

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
+use super::memory::MemoryStatus;
 use crate::clocks::ClockReport;
 use crate::record::Manifest;
 use crate::servo::RigStatus;
@@ -29,6 +30,8 @@ pub struct Status {
     pub rig: Option<RigState>,
     /// Of the recorder.
     pub recorder: RecorderStatus,
+    /// Where the memory is.
+    pub memory: MemoryStatus,
     /// What was seen since recording began.
     pub coverage: Option<CoverageStatus>,
     /// What is wrong and what to do, worst first.

@@ -42,6 +42,29 @@ pub fn a_slow_disk_is_named_and_its_losses_counted() {
     assert_eq!(bench.sessions()[0].manifest().sensors[0].packets, sent, "all of them came to the disk");
 }
 
+/// A disk that takes nearly nothing, and packets until no more may wait: memory ends at the bound that the state names.
+pub fn a_flood_fills_memory_to_its_bound_and_no_further() {
+    let bench = Bench::new(&["left"], "");
+    let daemon = bench.start(&["--record", "--hold-up-writes-ms", "3000"]);
+    let (to, sender) = (daemon.sensor(0), std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let of = |status: &serde_json::Value, name: &str| status["memory"][name].as_u64().unwrap();
+    let mut sent = 0;
+    let status = daemon.wait("no more may wait", |status| {
+        for _ in 0..200 {
+            sent += u64::from(sender.send_to(&[9; 30_000], to).is_ok());
+        }
+        status["sensors"][0]["losses"]["queue_dropped"].as_u64() > Some(0)
+    });
+    let (queue, limit) = (of(&status, "queue_most"), of(&status, "queue_limit"));
+    assert!(queue <= limit && queue > limit - 100_000, "{}", status["memory"]);
+    // beside what waits: what the recorder and the live thread hold, a batch of 64 each, and one being read into
+    let packets = of(&status, "packets");
+    assert!(packets <= limit + of(&status, "picture_limit") + 130 * 30_208, "{}", status["memory"]);
+    assert!(of(&status, "resident") < packets + (100 << 20), "{}", status["memory"]);
+    daemon.signal(Signal::SIGKILL); // writing all that at this pace would take minutes
+    assert!(sent > 2000);
+}
+
 /// In a mount name space of its own, as root or as a user who may be root there.
 fn unshared(script: &str) -> Command {
     let mut command = Command::new("unshare");

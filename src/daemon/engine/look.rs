@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::Core;
 use crate::daemon::live::Numbers;
+use crate::daemon::memory::{self, MemoryStatus};
 use crate::daemon::problems;
 use crate::daemon::status::{RecorderStatus, SensorLosses, SensorState, SensorStatus, Status};
 use crate::daemon::steady::HostClock;
@@ -52,6 +53,7 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
         sensors: Vec::new(),
         rig: None,
         recorder: recorder.clone(),
+        memory: MemoryStatus::default(),
         coverage: None,
         problems: Vec::new(),
         events: Vec::new(),
@@ -103,6 +105,7 @@ impl Look {
                 .map(|(_, jump_s)| jump_s),
             sensors,
             rig: core.rig.as_ref().map(|rig| rig.state()),
+            memory: memory::memory(core),
             coverage: Some(core.coverage.status()),
             events: core.journal.newest(),
             ..empty(&recorder)
