@@ -2,6 +2,8 @@
 
 #[path = "daemon/faults.rs"]
 mod faults;
+#[path = "daemon/foxglove.rs"]
+mod foxglove;
 #[path = "daemon/program.rs"]
 mod program;
 #[path = "daemon/rig.rs"]
@@ -50,6 +52,8 @@ pub const CASES: &[Case] = &[
     ),
     case("the_rig_moves_when_armed_and_stops_when_told", rig::the_rig_moves_when_armed_and_stops_when_told),
     case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
+    case("foxglove_sees_points_cells_frames_and_axes", foxglove::foxglove_sees_points_cells_frames_and_axes),
+    case("foxglove_asks_wrongly_and_is_told", foxglove::foxglove_asks_wrongly_and_is_told),
     case("strangers_are_refused", security::strangers_are_refused),
     case("a_token_opens_the_daemon_to_others", security::a_token_opens_the_daemon_to_others),
     case("nonsense_does_no_harm", security::nonsense_does_no_harm),

@@ -10,6 +10,7 @@ use sensors::ouster::Metadata;
 use tokio::sync::{broadcast, watch};
 
 use super::coverage::LiveCoverage;
+use super::hub::Hub;
 use super::intake::Intake;
 use super::journal::Journal;
 use super::live::{self, Inlet, Subject, Surroundings};
@@ -20,6 +21,8 @@ use super::status::{LastSession, RecorderStatus, RigState, Status};
 use super::tap::Tap;
 use crate::config::SensorConfig;
 use crate::coverage::Coverage;
+use crate::export::foxglove::Voxels;
+use crate::geometry::Pose;
 use crate::receive::{self, Listen, ReceiveError, now_ns};
 use crate::record::SensorInfo;
 use crate::servo::RigError;
@@ -116,6 +119,7 @@ pub(super) struct Core {
     place: Arc<Place>,
     motion: Arc<Motion>,
     pages: broadcast::Sender<Bytes>,
+    hub: Arc<Hub>,
     status: watch::Sender<Arc<Status>>,
     quit: AtomicBool,
     /// When the state was last put together, UTC ns: the watchdog looks at it.
@@ -134,6 +138,7 @@ impl Daemon {
         let seen = Coverage::new(place.grid(), sensors.len());
         let coverage = Arc::new(LiveCoverage::new(seen, pose, place.scene.is_some()));
         let (pages, _) = broadcast::channel(PAGE_BACKLOG);
+        let hub = Arc::new(Hub::new(sensors.iter().map(|sensor| sensor.config.name.clone())));
         let mut listens: Vec<Listen> = Vec::new();
         let (mut sensor_of, mut streams, mut infos) = (Vec::new(), Vec::new(), Vec::new());
         for (sensor, SensorSettings { config, metadata }) in sensors.iter().enumerate() {
@@ -153,6 +158,7 @@ impl Daemon {
             coverage: Arc::clone(&coverage),
             journal: Arc::clone(&journal),
             pages: pages.clone(),
+            hub: Arc::clone(&hub),
         };
         let mut threads = Vec::new();
         let mut inlets = Vec::new();
@@ -200,6 +206,7 @@ impl Daemon {
             place,
             motion,
             pages,
+            hub,
             status: watch::Sender::new(Arc::new(first)),
             quit: AtomicBool::new(false),
             looked_ns: AtomicU64::new(now_ns()),
@@ -224,6 +231,35 @@ impl Daemon {
     pub fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
         let messages = self.core.pages.subscribe();
         (self.core.coverage.message(now_ns()).into(), messages)
+    }
+
+    /// Points for those who listen in Foxglove's way.
+    pub(super) fn hub(&self) -> &Arc<Hub> {
+        &self.core.hub
+    }
+
+    /// Grows when the coverage changes.
+    pub(super) fn coverage_version(&self) -> u64 {
+        self.core.coverage.version()
+    }
+
+    /// The coverage as Foxglove draws it.
+    pub(super) fn voxels(&self) -> Voxels {
+        self.core.coverage.voxels()
+    }
+
+    /// Where body and sensors stand now: name of the outer frame, of the inner one, pose. Without a pose of the platform
+    /// `body` has none.
+    pub(super) fn transforms(&self) -> Vec<(&str, &str, Pose)> {
+        let Core { place, motion, hub, .. } = &*self.core;
+        let world_from_body = motion.world_from_body(place.trajectory.as_ref(), now_ns());
+        let body = world_from_body.map(|pose| ("world", "body", pose));
+        let sensors = hub.names().map(|name| {
+            let mounted = place.mounted(name);
+            let pose = mounted.map(|(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
+            ("body", name, pose.unwrap_or(Pose::IDENTITY))
+        });
+        body.into_iter().chain(sensors).collect()
     }
 
     /// Since the state was last put together: a daemon that hangs does not.

@@ -13,11 +13,13 @@
 
 mod coverage;
 mod engine;
+mod hub;
 mod intake;
 mod journal;
 mod latency;
 mod live;
 mod memory;
+mod painter;
 mod picture;
 mod place;
 mod problems;

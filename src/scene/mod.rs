@@ -10,7 +10,7 @@ mod voxels;
 pub use box_scene::BoxScene;
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
-pub use voxels::{Cell, VoxelMap, VoxelMapError};
+pub use voxels::{Cell, Sight, VoxelMap, VoxelMapError};
 
 use std::sync::Arc;
 

@@ -11,7 +11,7 @@ use axum::{Extension, Json, Router};
 use serde::{Deserialize, Serialize};
 
 use super::guard::{COOKIE, Peer};
-use super::{App, metrics, stream};
+use super::{App, foxglove, metrics, stream};
 use crate::daemon::Daemon;
 use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::{RigCommandError, RigHost};
@@ -100,6 +100,7 @@ pub(super) fn routes() -> Router<App> {
         .route("/api/v1/login", post(login))
         .route("/api/v1/status", get(status))
         .route("/api/v1/stream", get(stream::open))
+        .route("/api/v1/foxglove", get(foxglove::open))
         .route("/api/v1/recording/start", post(start))
         .route("/api/v1/recording/stop", post(stop))
         .route("/api/v1/rig/arm", post(|app: State<App>| rig(app, |rig| rig.arm(true))))
