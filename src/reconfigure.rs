@@ -240,6 +240,19 @@ mod tests {
     }
 
     #[test]
+    fn two_that_see_the_same_are_spread() {
+        let (map, mut rig) = half_seen(0.5);
+        rig.sensors.push(MountedSensor { name: "b".into(), ..rig.sensors[0].clone() });
+        rig.sensors[1].mount.x_m = 0.4;
+        let (free, poses, limits_rad) = (|_: &[f64]| false, [Pose::IDENTITY], [[-0.7, 0.7]; 2]);
+        let question =
+            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_kept_out: &free };
+        let answer = propose(&question, 1, 60).unwrap();
+        assert!(answer.best.score() as f64 > 1.05 * answer.now.score() as f64, "{answer:?}");
+        assert!((answer.pitches_rad[0] - answer.pitches_rad[1]).abs() > 0.02, "{answer:?}");
+    }
+
+    #[test]
     fn questions_without_an_answer_are_refused() {
         let (_, rig) = half_seen(0.0);
         let empty = VoxelMap::new(0.25, 1, 100.0).unwrap();

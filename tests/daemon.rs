@@ -6,6 +6,8 @@ mod faults;
 mod foxglove;
 #[path = "daemon/program.rs"]
 mod program;
+#[path = "daemon/reconfiguration.rs"]
+mod reconfiguration;
 #[path = "daemon/rig.rs"]
 mod rig;
 #[path = "daemon/security.rs"]
@@ -51,6 +53,11 @@ pub const CASES: &[Case] = &[
         storage::a_full_disk_keeps_what_was_recorded,
     ),
     case("the_rig_moves_when_armed_and_stops_when_told", rig::the_rig_moves_when_armed_and_stops_when_told),
+    case(
+        "better_pitches_are_proposed_and_driven_to_when_agreed",
+        reconfiguration::better_pitches_are_proposed_and_driven_to_when_agreed,
+    ),
+    case("points_without_a_pose_are_named", reconfiguration::points_without_a_pose_are_named),
     case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
     case("foxglove_sees_points_cells_frames_and_axes", foxglove::foxglove_sees_points_cells_frames_and_axes),
     case("foxglove_asks_wrongly_and_is_told", foxglove::foxglove_asks_wrongly_and_is_told),

@@ -82,6 +82,11 @@ impl LiveCoverage {
         inner.seen.bytes() + inner.predicted.as_ref().map_or(0, |cells| std::mem::size_of_val(&cells[..]))
     }
 
+    /// Where the platform is taken to be.
+    pub fn pose(&self) -> &'static str {
+        self.pose
+    }
+
     /// Grows when there is something new to draw.
     pub fn version(&self) -> u64 {
         self.lock().version
@@ -102,6 +107,7 @@ impl LiveCoverage {
                 outside: inner.seen.outside(),
                 pose: self.pose,
                 without_pose: inner.without_pose,
+                about_pose: about_pose(self.pose, inner.without_pose),
                 predicting: inner.predicting,
             };
             inner.counted = (inner.version, status);
@@ -168,6 +174,22 @@ impl LiveCoverage {
     }
 }
 
+/// What is known of where the platform is, and what that means for coverage.
+fn about_pose(pose: &str, without_pose: u64) -> String {
+    let known = if pose == "standing" {
+        "No trajectory is given, so where the platform is is not known: it is taken to stand at the origin, and coverage is \
+         right only while it does."
+    } else {
+        "The platform is taken to be where the given trajectory says."
+    };
+    match without_pose {
+        0 => known.into(),
+        count => format!(
+            "{known} {count} points came at times that the trajectory does not cover: they are not counted here."
+        ),
+    }
+}
+
 /// Least and greatest place; the first cell where there is none.
 fn bounds(cells: &HashMap<[u16; 3], u8>) -> [[u16; 3]; 2] {
     let mut bounds = cells.keys().next().map_or([[0; 3]; 2], |first| [*first; 2]);
@@ -196,6 +218,8 @@ mod tests {
         }
         live.promise(Some(&promised));
         live.add(1, &[DVec3::splat(0.2), DVec3::new(2.1, 1.1, 0.6), DVec3::splat(99.0)], 3);
+        assert!(live.status().about_pose.contains("3 points"), "{}", live.status().about_pose);
+        assert!(live.status().about_pose.contains("not known"));
         let CoverageStatus { seen, predicted, seen_of_predicted, outside, without_pose, .. } = live.status();
         assert_eq!((seen, predicted, seen_of_predicted, outside, without_pose), (2, Some(2), Some(1), 1, 3));
         let message = live.message(7);

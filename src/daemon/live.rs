@@ -17,6 +17,7 @@ use super::journal::Journal;
 use super::latency::Latency;
 use super::painter::Painter;
 use super::place::{Motion, Place};
+use super::survey::Survey;
 use crate::receive::{Datagram, now_ns};
 use crate::watch::{SensorReport, Watch, is_model};
 
@@ -148,6 +149,8 @@ pub(super) struct Surroundings {
     pub pages: broadcast::Sender<axum::body::Bytes>,
     /// Who listens in Foxglove's way.
     pub hub: Arc<Hub>,
+    /// The map that proposals are made from.
+    pub survey: Arc<Survey>,
 }
 
 /// Starts the thread; it ends when every inlet is gone.

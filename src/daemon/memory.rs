@@ -24,6 +24,8 @@ pub struct MemoryStatus {
     pub picture_limit: u64,
     /// Cells of the coverage.
     pub coverage: u64,
+    /// The map that pitches are proposed from.
+    pub map: u64,
 }
 
 /// As it is now.
@@ -39,6 +41,7 @@ pub(super) fn memory(core: &Core) -> MemoryStatus {
         picture_most: inlets.iter().map(|inlet| inlet.most_waiting_bytes() as u64).sum(),
         picture_limit: (inlets.len() * live::WAITING_BYTES) as u64,
         coverage: core.coverage.bytes() as u64,
+        map: core.survey.bytes() as u64,
     }
 }
 

@@ -9,6 +9,7 @@ use sensors::{Frame, SensorModel};
 
 use super::live::Surroundings;
 use super::picture;
+use super::survey::RAYS;
 use crate::export::{Cloud, Source, foxglove};
 use crate::geometry::Pose;
 
@@ -26,6 +27,8 @@ pub(super) struct Painter {
     frames: u64,
     points_m: Vec<[f64; 3]>,
     placed_m: Vec<DVec3>,
+    /// Sensor and point of those that are mapped.
+    rays_m: Vec<[DVec3; 2]>,
     /// For those who listen in Foxglove's way, while there are any.
     cloud: Option<Cloud>,
 }
@@ -42,6 +45,7 @@ impl Painter {
             frames: 0,
             points_m: Vec::new(),
             placed_m: Vec::new(),
+            rays_m: Vec::new(),
             cloud: None,
         }
     }
@@ -116,13 +120,21 @@ impl Painter {
 
     /// Every point of the frame, each where the platform was when it was measured.
     fn cover(&mut self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
-        let Surroundings { place, motion, coverage, .. } = &self.around;
+        let Surroundings { place, motion, coverage, survey, .. } = &self.around;
         let projector = self.projector.get_or_insert_with(|| Projector::new(model));
         projector.follow(model);
         let Some([first_ns, _]) = frame.time_span_ns() else { return };
         let begun_ns = frame.host_time_ns[0];
         let mut without_pose = 0;
         self.placed_m.clear();
+        self.rays_m.clear();
+        let mut last_pose = None;
+        let is_mapped = survey.is_open();
+        let lidar_m = model.sensor_from_lidar().translation;
+        let layers = 1 + usize::from(frame.second.is_some());
+        // odd, so that it shares no factor with the number of channels; others each time
+        let stride = (layers * frame.first.range_mm.len()).div_ceil(RAYS) | 1;
+        let mut number = self.frames as usize;
         for layer in std::iter::once(&frame.first).chain(&frame.second) {
             projector.points_f64(frame, layer, &mut self.points_m);
             for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
@@ -133,14 +145,24 @@ impl Painter {
                 match motion.world_from_body(place.trajectory.as_ref(), begun_ns + since_ns) {
                     Some(world_from_body) => {
                         let world_from_sensor = world_from_body * *body_from_sensor;
-                        let placed =
-                            hits.map(|(_, point_m)| world_from_sensor.transform_point(DVec3::from(*point_m)));
-                        self.placed_m.extend(placed);
+                        let origin_m = world_from_sensor.transform_point(lidar_m);
+                        last_pose = Some(world_from_body);
+                        for (_, point_m) in hits {
+                            let point_m = world_from_sensor.transform_point(DVec3::from(*point_m));
+                            self.placed_m.push(point_m);
+                            number += 1;
+                            if is_mapped && number.is_multiple_of(stride) {
+                                self.rays_m.push([origin_m, point_m]);
+                            }
+                        }
                     }
                     None => without_pose += hits.count() as u64,
                 }
             }
         }
         coverage.add(self.sensor, &self.placed_m, without_pose);
+        if let Some(world_from_body) = last_pose {
+            survey.add(&self.rays_m, &world_from_body);
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::TcpStream;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use foxglove::Decode as _;
 use foxglove::messages::{FrameTransforms, JointStates, PointCloud, VoxelGrid};
@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
-use super::program::{Bench, Running};
+use super::program::{Bench, PATIENCE, Running};
 use super::sensor::{ROOM, SERIAL, Sending, metadata};
 
 /// Degrees; positive turns the sensor to its right.
@@ -23,7 +23,7 @@ const PITCH_DEG: f64 = 15.0;
 
 fn connect(daemon: &Running, protocol: Option<&str>) -> Result<WebSocket<TcpStream>, u16> {
     let stream = TcpStream::connect(daemon.address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut request = format!("ws://{}/api/v1/foxglove", daemon.address).into_client_request().unwrap();
     if let Some(protocol) = protocol {
         request.headers_mut().insert("Sec-WebSocket-Protocol", protocol.parse().unwrap());
@@ -62,7 +62,7 @@ fn newest(
 ) -> BTreeMap<u32, Vec<u8>> {
     let (begun, mut newest) = (Instant::now(), BTreeMap::new());
     while newest.len() < ids.len() || !enough(&newest) {
-        assert!(begun.elapsed() < Duration::from_secs(60), "only {:?} came", newest.keys());
+        assert!(begun.elapsed() < PATIENCE, "only {:?} came", newest.keys());
         if let Message::Binary(bytes) = socket.read().unwrap() {
             let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
             assert!(bytes[0] == 1 && ids.contains(&id), "{:?}", &bytes[..13]);

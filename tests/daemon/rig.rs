@@ -1,7 +1,6 @@
 //! The rig behind the daemon: armed, moved, stopped, unplugged.
 
 use std::os::unix::fs::symlink;
-use std::time::{Duration, Instant};
 
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::rig::{MountFile, SensorEntry};
@@ -73,14 +72,15 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
         let moving = scope.spawn(|| daemon.post("/api/v1/rig/apply", "{\"pitches_deg\": [30, -30]}"));
         daemon.wait("it moves", |status| status["rig"]["busy"] == "apply" && axes(status)[0].0 > -19.0);
         refused(&daemon, "/api/v1/rig/apply", "", "busy with `apply`");
-        let pressed = Instant::now();
         daemon.order("/api/v1/rig/e-stop", "");
         let (code, answer) = moving.join().unwrap();
         assert_eq!(code, 409, "{answer}");
-        assert!(pressed.elapsed() < Duration::from_secs(20), "it did not wait for the end of the move");
     });
     assert!(daemon.wait_for_problem("e_stop").contains("latched"));
-    assert!(axes(&daemon.status())[0].0 < 29.0, "it did not arrive");
+    assert!(
+        axes(&daemon.status())[0].0 < 29.0,
+        "it did not arrive: the stop did not wait for the end of the move"
+    );
     let (code, _) = daemon.post("/api/v1/rig/arm", "");
     assert_eq!(code, 409, "a latched stop keeps it from being armed");
     daemon.order("/api/v1/rig/clear", "");

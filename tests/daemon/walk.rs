@@ -2,7 +2,6 @@
 
 use std::net::TcpStream;
 use std::os::unix::net::UnixDatagram;
-use std::time::Duration;
 
 use outrigger::daemon::{COVERAGE_KIND, POINTS_KIND};
 use outrigger::mock::rig::{MockConfig, MockRig};
@@ -11,13 +10,13 @@ use outrigger::rig::{Mount, MountFile, SensorEntry};
 use serde_json::Value;
 use tungstenite::Message;
 
-use super::program::{Bench, Running};
+use super::program::{Bench, PATIENCE, Running};
 use super::sensor::{ROOM, SERIAL, Sending, metadata};
 
 /// Reads the stream until a text and both kinds of pictures came: the text, and coordinates of the points.
 fn listen(daemon: &Running) -> (Value, Vec<[f64; 3]>, usize) {
     let stream = TcpStream::connect(daemon.address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let url = format!("ws://{}/api/v1/stream", daemon.address);
     let (mut socket, _) = tungstenite::client(url, stream).unwrap();
     let (mut state, mut points_m, mut cells) = (None, Vec::new(), 0);
@@ -181,7 +180,7 @@ pub fn a_recording_is_cut_into_sessions_without_a_gap() {
 pub fn the_end_is_told_to_the_service_manager() {
     let bench = Bench::new(&["left"], "");
     let manager = UnixDatagram::bind(bench.path("notify")).unwrap();
-    manager.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    manager.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut command = bench.command(&["--log-format", "json"]);
     command
         .env("NOTIFY_SOCKET", bench.path("notify"))

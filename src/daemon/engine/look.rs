@@ -7,7 +7,9 @@ use super::Core;
 use crate::daemon::live::Numbers;
 use crate::daemon::memory::{self, MemoryStatus};
 use crate::daemon::problems;
-use crate::daemon::status::{RecorderStatus, SensorLosses, SensorState, SensorStatus, Status};
+use crate::daemon::status::{
+    Reconfiguration, RecorderStatus, SensorLosses, SensorState, SensorStatus, Status,
+};
 use crate::daemon::steady::HostClock;
 use crate::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
 
@@ -55,6 +57,7 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
         recorder: recorder.clone(),
         memory: MemoryStatus::default(),
         coverage: None,
+        reconfiguration: Reconfiguration::default(),
         problems: Vec::new(),
         events: Vec::new(),
     }
@@ -107,6 +110,10 @@ impl Look {
             rig: core.rig.as_ref().map(|rig| rig.state()),
             memory: memory::memory(core),
             coverage: Some(core.coverage.status()),
+            reconfiguration: Reconfiguration {
+                thinking: core.proposals.is_thinking(),
+                proposal: core.proposals.newest(),
+            },
             events: core.journal.newest(),
             ..empty(&recorder)
         };
