@@ -177,7 +177,7 @@ impl LiveCoverage {
 /// What is known of where the platform is, and what that means for coverage.
 fn about_pose(pose: &str, without_pose: u64) -> String {
     let known = if pose == "standing" {
-        "No trajectory is given, so where the platform is is not known: it is taken to stand at the origin, and coverage is \
+        "No trajectory is given, so the platform's place is not known: it is taken to stand at the origin, and coverage is \
          right only while it does."
     } else {
         "The platform is taken to be where the given trajectory says."

@@ -10,13 +10,13 @@ use glam::{DQuat, DVec3};
 use outrigger::geometry::Pose;
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::MockSensor;
-use outrigger::rig::{MountFile, SensorEntry};
+use outrigger::rig::MountFile;
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest as _;
 use tungstenite::{Message, WebSocket};
 
 use super::program::{Bench, PATIENCE, Running};
-use super::sensor::{ROOM, SERIAL, Sending, metadata};
+use super::sensor::{ROOM, SERIAL, Sending, entry, metadata};
 
 /// Degrees; positive turns the sensor to its right.
 const PITCH_DEG: f64 = 15.0;
@@ -88,15 +88,7 @@ pub fn foxglove_sees_points_cells_frames_and_axes() {
         rig.path().display()
     );
     let bench = Bench::new(&["left"], &sections);
-    let entry = SensorEntry {
-        name: "left".into(),
-        model: "os1-16".into(),
-        x_m: -0.2,
-        y_m: 0.0,
-        z_m: 0.1,
-        pitch_deg: PITCH_DEG,
-        roll_deg: 0.0,
-    };
+    let entry = entry("left", "os1-16", [-0.2, 0.1], PITCH_DEG);
     let mount = entry.mount();
     MountFile::new(vec![entry]).write(&bench.path("mount.json")).unwrap();
     let daemon = bench.start(&[]);

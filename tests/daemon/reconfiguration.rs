@@ -2,12 +2,12 @@
 
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::MockSensor;
-use outrigger::rig::{Mount, MountFile, SensorEntry};
+use outrigger::rig::{Mount, MountFile};
 use sensors::velodyne::{Product, ReturnMode};
 use serde_json::Value;
 
 use super::program::{Bench, Running, has_problem};
-use super::sensor::{SERIAL, Sending, metadata};
+use super::sensor::{SERIAL, Sending, entry, metadata};
 
 /// Both sensors lean to the same side: two that see nearly the same.
 const PITCH_DEG: f64 = 25.0;
@@ -29,18 +29,12 @@ pub fn better_pitches_are_proposed_and_driven_to_when_agreed() {
         rig.path().display()
     );
     let bench = Bench::new(&["left", "right"], &sections);
-    let entry = |name: &str, model: &str, x_m: f64| SensorEntry {
-        name: name.into(),
-        model: model.into(),
-        x_m,
-        y_m: 0.0,
-        z_m: 0.0,
-        pitch_deg: PITCH_DEG,
-        roll_deg: 0.0,
-    };
-    MountFile::new(vec![entry("left", "os1-16", -0.3), entry("right", "vlp-16", 0.3)])
-        .write(&bench.path("mount.json"))
-        .unwrap();
+    MountFile::new(vec![
+        entry("left", "os1-16", [-0.3, 0.0], PITCH_DEG),
+        entry("right", "vlp-16", [0.3, 0.0], PITCH_DEG),
+    ])
+    .write(&bench.path("mount.json"))
+    .unwrap();
     let daemon = bench.start(&[]);
     daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
     refused(&daemon, "propose", "", "not recording");
@@ -63,7 +57,7 @@ pub fn better_pitches_are_proposed_and_driven_to_when_agreed() {
             .as_array()
             .unwrap()
             .iter()
-            .all(|sensor| sensor["frames"].as_u64() > Some(begun + 30))
+            .all(|sensor| sensor["frames"].as_u64() > Some(begun + 15))
             && status["memory"]["map"].as_u64() > Some(100_000)
     });
     let proposal = daemon.order("/api/v1/reconfiguration/propose", "");

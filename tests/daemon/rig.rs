@@ -3,10 +3,11 @@
 use std::os::unix::fs::symlink;
 
 use outrigger::mock::rig::{MockConfig, MockRig};
-use outrigger::rig::{MountFile, SensorEntry};
+use outrigger::rig::MountFile;
 use serde_json::Value;
 
 use super::program::{Bench, Running};
+use super::sensor::entry;
 
 /// A bench whose mount has these pitches, and whose rig is found under `rig` in its folder.
 fn bench(pitches_deg: [f64; 2]) -> Bench {
@@ -14,17 +15,10 @@ fn bench(pitches_deg: [f64; 2]) -> Bench {
         &["left", "right"],
         "[rig]\nport = \"rig\"\nlimits_deg = [[-45, 45]]\ntimeout_s = 60\n[predict]\nmount = \"mount.json\"\n",
     );
-    let entry = |name: &str, model: &str, x_m: f64, pitch_deg: f64| SensorEntry {
-        name: name.into(),
-        model: model.into(),
-        x_m,
-        y_m: 0.0,
-        z_m: 0.0,
-        pitch_deg,
-        roll_deg: 0.0,
-    };
-    let sensors =
-        vec![entry("left", "os1-16", -0.1, pitches_deg[0]), entry("right", "vlp-16", 0.1, pitches_deg[1])];
+    let sensors = vec![
+        entry("left", "os1-16", [-0.1, 0.0], pitches_deg[0]),
+        entry("right", "vlp-16", [0.1, 0.0], pitches_deg[1]),
+    ];
     MountFile::new(sensors).write(&bench.path("mount.json")).unwrap();
     bench
 }
