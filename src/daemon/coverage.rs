@@ -107,7 +107,7 @@ impl LiveCoverage {
                 outside: inner.seen.outside(),
                 pose: self.pose,
                 without_pose: inner.without_pose,
-                about_pose: about_pose(self.pose, inner.without_pose),
+                about: about_pose(self.pose, inner.without_pose),
                 predicting: inner.predicting,
             };
             inner.counted = (inner.version, status);
@@ -218,8 +218,8 @@ mod tests {
         }
         live.promise(Some(&promised));
         live.add(1, &[DVec3::splat(0.2), DVec3::new(2.1, 1.1, 0.6), DVec3::splat(99.0)], 3);
-        assert!(live.status().about_pose.contains("3 points"), "{}", live.status().about_pose);
-        assert!(live.status().about_pose.contains("not known"));
+        assert!(live.status().about.contains("3 points"), "{}", live.status().about);
+        assert!(live.status().about.contains("not known"));
         let CoverageStatus { seen, predicted, seen_of_predicted, outside, without_pose, .. } = live.status();
         assert_eq!((seen, predicted, seen_of_predicted, outside, without_pose), (2, Some(2), Some(1), 1, 3));
         let message = live.message(7);

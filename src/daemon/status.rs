@@ -305,8 +305,8 @@ pub struct CoverageStatus {
     pub pose: &'static str,
     /// Points whose time the trajectory does not cover.
     pub without_pose: u64,
-    /// What that means, for people.
-    pub about_pose: String,
+    /// What to know about these numbers, for people.
+    pub about: String,
     /// The prediction is still being made.
     pub predicting: bool,
 }

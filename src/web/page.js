@@ -308,7 +308,7 @@ function showCoverage(coverage) {
   let words = `${count(seen)} ${cells} seen.`;
   if (predicted) words = `${share.toFixed(1)} % of what is predicted: ${count(kept)} of ${count(predicted)} ${cells}; ${count(seen - kept)} seen that were not predicted.`;
   else if (coverage.predicting) words += " The prediction is being made.";
-  words += ` ${coverage.about_pose}`;
+  words += ` ${coverage.about}`;
   say($("coverage-text"), words);
   bar.setAttribute("aria-label", words);
   $("cell-legend").hidden = !predicted;

@@ -7,7 +7,7 @@ use sensors::velodyne::{Product, ReturnMode};
 use serde_json::Value;
 
 use super::program::{Bench, Running, has_problem};
-use super::sensor::{SERIAL, Sending, entry, metadata};
+use super::sensor::{ROOM, SERIAL, Sending, entry, metadata};
 
 /// Both sensors lean to the same side: two that see nearly the same.
 const PITCH_DEG: f64 = 25.0;
@@ -25,7 +25,7 @@ fn numbers(list: &Value) -> Vec<f64> {
 pub fn better_pitches_are_proposed_and_driven_to_when_agreed() {
     let rig = MockRig::start(MockConfig::default(), 3).unwrap();
     let sections = format!(
-        "[rig]\nport = \"{}\"\nlimits_deg = [[-45, 45]]\ntimeout_s = 60\n[predict]\nmount = \"mount.json\"\n",
+        "[rig]\nport = \"{}\"\nlimits_deg = [[-45, 45]]\ntimeout_s = 60\n[predict]\nmount = \"mount.json\"\nroom = \"{ROOM}\"\n",
         rig.path().display()
     );
     let bench = Bench::new(&["left", "right"], &sections);
@@ -84,6 +84,9 @@ pub fn better_pitches_are_proposed_and_driven_to_when_agreed() {
     }
     assert_eq!(status["recorder"]["last"]["why"], "reconfigured");
     refused(&daemon, "agree", &agree, "not the newest");
+    daemon.wait("what the prediction is for is said", |status| {
+        status["coverage"]["about"].as_str().unwrap().contains("the rig stands at others")
+    });
 
     daemon.order("/api/v1/reconfiguration/propose", "");
     daemon.order("/api/v1/rig/apply", ""); // back, on its own
@@ -118,7 +121,7 @@ pub fn points_without_a_pose_are_named() {
     assert!(said.contains("does not say where the platform was"), "{said}");
     let coverage = daemon.status()["coverage"].clone();
     assert_eq!((&coverage["seen"], &coverage["pose"]), (&0.into(), &"trajectory".into()));
-    assert!(coverage["about_pose"].as_str().unwrap().contains("does not cover"), "{coverage}");
+    assert!(coverage["about"].as_str().unwrap().contains("does not cover"), "{coverage}");
     drop(sensor);
     assert_eq!(daemon.end().0, Some(0), "all of it is recorded");
 
@@ -126,11 +129,7 @@ pub fn points_without_a_pose_are_named() {
     let daemon = bench.start(&["--record"]);
     let sensor = Sending::ouster(daemon.sensor(0));
     let status = daemon.wait("something is seen", |status| status["coverage"]["seen"].as_u64() > Some(100));
-    assert!(
-        status["coverage"]["about_pose"].as_str().unwrap().contains("not known"),
-        "{}",
-        status["coverage"]
-    );
+    assert!(status["coverage"]["about"].as_str().unwrap().contains("not known"), "{}", status["coverage"]);
     assert!(!has_problem(&status, "no_pose"), "a platform may well stand");
     drop(sensor);
     assert_eq!(daemon.end().0, Some(0));

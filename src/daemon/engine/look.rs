@@ -8,15 +8,19 @@ use crate::daemon::live::Numbers;
 use crate::daemon::memory::{self, MemoryStatus};
 use crate::daemon::problems;
 use crate::daemon::status::{
-    Reconfiguration, RecorderStatus, SensorLosses, SensorState, SensorStatus, Status,
+    Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
 };
 use crate::daemon::steady::HostClock;
 use crate::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
+use crate::servo::AxisStatus;
 
 /// Rates are taken over this time.
 const RATE_OVER: Duration = Duration::from_millis(1000);
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(15);
+
+/// An axis this far from the mount's pitch sees other cells than were promised.
+const ELSEWHERE_DEG: f64 = 1.0;
 
 /// What is remembered from look to look.
 pub(super) struct Look {
@@ -100,6 +104,12 @@ impl Look {
         }
         drop(inlets);
         recorder.stalled_s = core.intake.stalled_s();
+        let rig = core.rig.as_ref().map(|rig| rig.state());
+        let mut coverage = core.coverage.status();
+        if coverage.predicted.is_some() && rig.as_ref().is_some_and(stands_elsewhere) {
+            coverage.about +=
+                " The prediction is for the pitches of the configured mount, and the rig stands at others.";
+        }
         let mut status = Status {
             uptime_s: self.begun.elapsed().as_secs_f64(),
             host_clock_jump_s: self
@@ -107,9 +117,9 @@ impl Look {
                 .filter(|(at, _)| at.elapsed() < RECENT)
                 .map(|(_, jump_s)| jump_s),
             sensors,
-            rig: core.rig.as_ref().map(|rig| rig.state()),
+            rig,
             memory: memory::memory(core),
-            coverage: Some(core.coverage.status()),
+            coverage: Some(coverage),
             reconfiguration: Reconfiguration {
                 thinking: core.proposals.is_thinking(),
                 proposal: core.proposals.newest(),
@@ -240,6 +250,14 @@ impl Look {
             is_other_model: numbers.is_other_model,
         }
     }
+}
+
+/// Whether an axis stands at another pitch than the configured mount's.
+fn stands_elsewhere(rig: &RigState) -> bool {
+    let axes = rig.status.iter().flat_map(|status| &status.axes);
+    let is_off =
+        |(axis, pitch_deg): (&AxisStatus, &f64)| (axis.position_deg - pitch_deg).abs() > ELSEWHERE_DEG;
+    rig.connected && axes.zip(&rig.mount_pitches_deg).any(is_off)
 }
 
 impl Past {
