@@ -24,6 +24,7 @@ pub mod objective;
 pub mod robustness;
 pub mod fidelity;
 pub mod optimize;
+pub mod reconfigure;
 pub mod compare;
 pub mod calibrate;
 pub mod servo;

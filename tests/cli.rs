@@ -8,6 +8,7 @@ pub const CASES: &[Case] = &[
     case("wrong_usage_is_exit_code_2", wrong_usage_is_exit_code_2),
     case("every_verb_explains_itself", every_verb_explains_itself),
     case("manual_and_completions_are_printed", manual_and_completions_are_printed),
+    case("pages_that_the_service_names_are_printed", pages_that_the_service_names_are_printed),
     case("a_missing_or_wrong_file_is_named", a_missing_or_wrong_file_is_named),
     case("a_closed_pipe_is_no_panic", a_closed_pipe_is_no_panic),
 ];
@@ -60,6 +61,26 @@ fn manual_and_completions_are_printed() {
         assert!(completions.contains(&verb), "{verb}");
         assert!(manual.contains(&verb), "{verb}");
     }
+}
+
+fn pages_that_the_service_names_are_printed() {
+    let unit = include_str!("../src/packaging/outrigger.service");
+    let named: Vec<&str> = unit
+        .lines()
+        .filter_map(|line| line.strip_prefix("Documentation="))
+        .flat_map(str::split_whitespace)
+        .map(|page| page.strip_prefix("man:").and_then(|page| page.strip_suffix("(1)")).unwrap())
+        .collect();
+    assert!(!named.is_empty());
+    for page in named {
+        let verb = page.strip_prefix("outrigger-").unwrap();
+        let text = String::from_utf8(outrigger(&["man", verb]).stdout).unwrap();
+        assert!(text.contains(&format!(".TH {page} 1")), "{page}: {text:.300}");
+        assert!(unit.contains(&format!("outrigger man {verb} > ")), "how {page} is installed is said");
+    }
+    let wrong = outrigger(&["man", "fly"]);
+    let said = String::from_utf8_lossy(&wrong.stderr).into_owned();
+    assert!(wrong.status.code() == Some(1) && said.contains("fly") && said.contains("daemon"), "{said}");
 }
 
 fn a_missing_or_wrong_file_is_named() {

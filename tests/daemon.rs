@@ -2,8 +2,12 @@
 
 #[path = "daemon/faults.rs"]
 mod faults;
+#[path = "daemon/foxglove.rs"]
+mod foxglove;
 #[path = "daemon/program.rs"]
 mod program;
+#[path = "daemon/reconfiguration.rs"]
+mod reconfiguration;
 #[path = "daemon/rig.rs"]
 mod rig;
 #[path = "daemon/security.rs"]
@@ -32,6 +36,10 @@ pub const CASES: &[Case] = &[
     case("a_second_daemon_says_why_it_cannot_start", faults::a_second_daemon_says_why_it_cannot_start),
     case("a_killed_daemon_leaves_a_session_that_opens", storage::a_killed_daemon_leaves_a_session_that_opens),
     case("a_slow_disk_is_named_and_its_losses_counted", storage::a_slow_disk_is_named_and_its_losses_counted),
+    case(
+        "a_flood_fills_memory_to_its_bound_and_no_further",
+        storage::a_flood_fills_memory_to_its_bound_and_no_further,
+    ),
     with_machine(
         "a_disk_that_fills_up_ends_the_recording_in_order",
         "no small file system can be mounted here (unshare, mount)",
@@ -45,7 +53,14 @@ pub const CASES: &[Case] = &[
         storage::a_full_disk_keeps_what_was_recorded,
     ),
     case("the_rig_moves_when_armed_and_stops_when_told", rig::the_rig_moves_when_armed_and_stops_when_told),
+    case(
+        "better_pitches_are_proposed_and_driven_to_when_agreed",
+        reconfiguration::better_pitches_are_proposed_and_driven_to_when_agreed,
+    ),
+    case("points_without_a_pose_are_named", reconfiguration::points_without_a_pose_are_named),
     case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
+    case("foxglove_sees_points_cells_frames_and_axes", foxglove::foxglove_sees_points_cells_frames_and_axes),
+    case("foxglove_asks_wrongly_and_is_told", foxglove::foxglove_asks_wrongly_and_is_told),
     case("strangers_are_refused", security::strangers_are_refused),
     case("a_token_opens_the_daemon_to_others", security::a_token_opens_the_daemon_to_others),
     case("nonsense_does_no_harm", security::nonsense_does_no_harm),

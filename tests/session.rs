@@ -22,6 +22,7 @@ pub const CASES: &[Case] = &[
     case("long_and_empty_datagrams_are_whole", receive::long_and_empty_datagrams_are_whole),
     case("what_the_kernel_drops_is_counted", receive::what_the_kernel_drops_is_counted),
     case("what_the_queue_drops_is_counted", receive::what_the_queue_drops_is_counted),
+    case("what_waits_is_bounded_in_bytes", receive::what_waits_is_bounded_in_bytes),
     case(
         "sensors_on_one_port_are_told_apart_by_source",
         receive::sensors_on_one_port_are_told_apart_by_source,

@@ -45,6 +45,9 @@ pub struct Args {
     /// Name by which this machine is asked for (rover.lan), beside its addresses and localhost; once per name.
     #[arg(long, value_name = "NAME")]
     host_name: Vec<String>,
+    /// Site whose pages may listen at /api/v1/foxglove and nothing else (https://app.foxglove.dev); once per site.
+    #[arg(long, value_name = "URL")]
+    foxglove_origin: Vec<String>,
     /// Folder in which each recording gets a folder.
     #[arg(long, value_name = "DIR", default_value = "sessions")]
     out: PathBuf,
@@ -102,6 +105,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         listen: args.listen,
         token: token(args)?,
         host_names: args.host_name.clone(),
+        listeners: args.foxglove_origin.clone(),
     })?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)

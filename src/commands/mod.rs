@@ -88,8 +88,8 @@ enum Verb {
     Mock(mock::Args),
     /// Print a completion script for a shell.
     Completions(manual::CompletionsArgs),
-    /// Print the manual page.
-    Man,
+    /// Print a manual page: the program's, or a verb's.
+    Man(manual::ManualArgs),
 }
 
 /// How a verb ended when it did not fail.
@@ -173,7 +173,7 @@ impl Cli {
             Verb::Study(args) => study::run(&args, context),
             Verb::Mock(args) => mock::run(&args, context),
             Verb::Completions(args) => manual::completions(&args),
-            Verb::Man => manual::manual(),
+            Verb::Man(args) => manual::manual(&args),
         };
         match outcome {
             Ok(Outcome::Done) => ExitCode::SUCCESS,

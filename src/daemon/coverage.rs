@@ -8,6 +8,7 @@ use glam::DVec3;
 use super::picture;
 use super::status::CoverageStatus;
 use crate::coverage::Coverage;
+use crate::export::foxglove::Voxels;
 
 /// Cells sent to a page at most; more are merged by eights.
 const MOST_CELLS: usize = 40_000;
@@ -16,6 +17,11 @@ const MOST_CELLS: usize = 40_000;
 const MISSING: u8 = 0;
 const KEPT: u8 = 1;
 const SEEN: u8 = 2;
+
+/// Cells of a Foxglove grid at most, 5 bytes each; more are merged by eights.
+const MOST_VOXELS: usize = 1 << 19;
+/// Of each state: 1 more than on the page (0 is empty), then red, green, blue and opacity.
+const COLOURS: [[u8; 5]; 3] = [[1, 214, 69, 65, 110], [2, 46, 160, 67, 200], [3, 56, 132, 222, 200]];
 
 /// Coverage that live threads add to.
 #[derive(Debug)]
@@ -70,6 +76,17 @@ impl LiveCoverage {
         inner.version += 1;
     }
 
+    /// Memory of the cells, bytes.
+    pub fn bytes(&self) -> usize {
+        let inner = self.lock();
+        inner.seen.bytes() + inner.predicted.as_ref().map_or(0, |cells| std::mem::size_of_val(&cells[..]))
+    }
+
+    /// Where the platform is taken to be.
+    pub fn pose(&self) -> &'static str {
+        self.pose
+    }
+
     /// Grows when there is something new to draw.
     pub fn version(&self) -> u64 {
         self.lock().version
@@ -90,6 +107,7 @@ impl LiveCoverage {
                 outside: inner.seen.outside(),
                 pose: self.pose,
                 without_pose: inner.without_pose,
+                about: about_pose(self.pose, inner.without_pose),
                 predicting: inner.predicting,
             };
             inner.counted = (inner.version, status);
@@ -99,6 +117,37 @@ impl LiveCoverage {
 
     /// As the page draws it.
     pub fn message(&self, time_ns: u64) -> Vec<u8> {
+        let (origin_m, edge_m, cells) = self.merged(|cells| cells.len() <= MOST_CELLS);
+        let mut cells: Vec<_> = cells.into_iter().take(MOST_CELLS).collect();
+        cells.sort_unstable();
+        picture::cells(time_ns, origin_m, edge_m, &cells)
+    }
+
+    /// As Foxglove draws it: the block of cells around all that was seen or promised.
+    pub fn voxels(&self) -> Voxels {
+        let (origin_m, edge_m, cells) = self.merged(|cells| {
+            let [low, high] = bounds(cells);
+            (0..3).map(|axis| usize::from(high[axis] - low[axis]) + 1).product::<usize>() <= MOST_VOXELS
+        });
+        if cells.is_empty() {
+            return Voxels { origin_m, edge_m, ..Voxels::default() };
+        }
+        let [low, high] = bounds(&cells);
+        let counts = [0, 1, 2].map(|axis| usize::from(high[axis] - low[axis]) + 1);
+        let mut values = vec![[0; 5]; counts.iter().product()];
+        for (place, state) in cells {
+            let [x, y, z] = [0, 1, 2].map(|axis| usize::from(place[axis] - low[axis]));
+            // a block of 2^16 cells along an axis is cut where it ends
+            if let Some(value) = values.get_mut((z * counts[1] + y) * counts[0] + x) {
+                *value = COLOURS[usize::from(state)];
+            }
+        }
+        let origin_m = origin_m + edge_m * DVec3::from_array(low.map(f64::from));
+        Voxels { origin_m, edge_m, cells: counts, values }
+    }
+
+    /// Cells with how they are drawn, merged by eights until they fit: least corner of the grid, edge, places.
+    fn merged(&self, fits: impl Fn(&HashMap<[u16; 3], u8>) -> bool) -> (DVec3, f64, HashMap<[u16; 3], u8>) {
         let (grid, seen, predicted) = {
             let inner = self.lock();
             (inner.seen.grid().clone(), inner.seen.union_cells(), inner.predicted.clone())
@@ -113,10 +162,8 @@ impl LiveCoverage {
                 let state = cells.entry(place(*cell)).or_insert(SEEN);
                 *state = if *state == MISSING { KEPT } else { *state };
             }
-            if cells.len() <= MOST_CELLS || merge >= 64 {
-                let mut cells: Vec<_> = cells.into_iter().take(MOST_CELLS).collect();
-                cells.sort_unstable();
-                return picture::cells(time_ns, grid.origin_m, grid.voxel_m * merge as f64, &cells);
+            if fits(&cells) || merge >= 64 {
+                return (grid.origin_m, grid.voxel_m * merge as f64, cells);
             }
             merge *= 2;
         }
@@ -125,6 +172,34 @@ impl LiveCoverage {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// What is known of where the platform is, and what that means for coverage.
+fn about_pose(pose: &str, without_pose: u64) -> String {
+    let known = if pose == "standing" {
+        "No trajectory is given, so the platform's place is not known: it is taken to stand at the origin, and coverage is \
+         right only while it does."
+    } else {
+        "The platform is taken to be where the given trajectory says."
+    };
+    match without_pose {
+        0 => known.into(),
+        count => format!(
+            "{known} {count} points came at times that the trajectory does not cover: they are not counted here."
+        ),
+    }
+}
+
+/// Least and greatest place; the first cell where there is none.
+fn bounds(cells: &HashMap<[u16; 3], u8>) -> [[u16; 3]; 2] {
+    let mut bounds = cells.keys().next().map_or([[0; 3]; 2], |first| [*first; 2]);
+    for place in cells.keys() {
+        for axis in 0..3 {
+            bounds[0][axis] = bounds[0][axis].min(place[axis]);
+            bounds[1][axis] = bounds[1][axis].max(place[axis]);
+        }
+    }
+    bounds
 }
 
 #[cfg(test)]
@@ -143,6 +218,8 @@ mod tests {
         }
         live.promise(Some(&promised));
         live.add(1, &[DVec3::splat(0.2), DVec3::new(2.1, 1.1, 0.6), DVec3::splat(99.0)], 3);
+        assert!(live.status().about.contains("3 points"), "{}", live.status().about);
+        assert!(live.status().about.contains("not known"));
         let CoverageStatus { seen, predicted, seen_of_predicted, outside, without_pose, .. } = live.status();
         assert_eq!((seen, predicted, seen_of_predicted, outside, without_pose), (2, Some(2), Some(1), 1, 3));
         let message = live.message(7);
@@ -153,6 +230,24 @@ mod tests {
         live.clear();
         assert!(live.version() > before);
         assert_eq!((live.status().seen, live.status().predicted), (0, Some(2)));
+    }
+
+    #[test]
+    fn a_block_of_voxels_holds_every_cell() {
+        let grid = VoxelGrid { origin_m: DVec3::new(-1.0, 0.0, 2.0), voxel_m: 0.5, cells: [8, 4, 2] };
+        let live = LiveCoverage::new(Coverage::new(grid.clone(), 1), "standing", false);
+        assert_eq!(live.voxels().cells, [0; 3]);
+        let mut promised = Coverage::new(grid, 1);
+        promised.add(0, DVec3::new(0.1, 0.6, 2.1));
+        live.promise(Some(&promised));
+        live.add(0, &[DVec3::new(1.1, 1.1, 2.6)], 0);
+        let voxels = live.voxels();
+        assert_eq!(
+            (voxels.origin_m, voxels.edge_m, voxels.cells),
+            (DVec3::new(0.0, 0.5, 2.0), 0.5, [3, 2, 2])
+        );
+        let states: Vec<u8> = voxels.values.iter().map(|value| value[0]).collect();
+        assert_eq!(states, [1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 3]);
     }
 
     #[test]

@@ -10,18 +10,25 @@ use sensors::ouster::Metadata;
 use tokio::sync::{broadcast, watch};
 
 use super::coverage::LiveCoverage;
+use super::hub::Hub;
 use super::intake::Intake;
 use super::journal::Journal;
 use super::live::{self, Inlet, Subject, Surroundings};
 use super::place::{Motion, Place};
+use super::proposal::Proposals;
 use super::recorder::{Papers, Recorder, RecorderError, RecorderSettings};
 use super::rig::{RigCommandError, RigHost, RigSettings};
 use super::status::{LastSession, RecorderStatus, RigState, Status};
+use super::survey::Survey;
 use super::tap::Tap;
 use crate::config::SensorConfig;
 use crate::coverage::Coverage;
+use crate::export::foxglove::Voxels;
+use crate::geometry::Pose;
 use crate::receive::{self, Listen, ReceiveError, now_ns};
 use crate::record::SensorInfo;
+use crate::rig::MountFile;
+use crate::scene::VoxelMapError;
 use crate::servo::RigError;
 
 mod look;
@@ -81,6 +88,9 @@ pub enum DaemonError {
         /// What is wrong.
         reason: String,
     },
+    /// Cells that are none.
+    #[error(transparent)]
+    Map(#[from] VoxelMapError),
     /// The system refuses a thread.
     #[error("cannot start a thread: {0}")]
     Thread(#[from] std::io::Error),
@@ -113,9 +123,12 @@ pub(super) struct Core {
     pub(super) rig: Option<RigHost>,
     pub(super) journal: Arc<Journal>,
     pub(super) coverage: Arc<LiveCoverage>,
-    place: Arc<Place>,
+    pub(super) place: Arc<Place>,
     motion: Arc<Motion>,
     pages: broadcast::Sender<Bytes>,
+    hub: Arc<Hub>,
+    pub(super) survey: Arc<Survey>,
+    pub(super) proposals: Proposals,
     status: watch::Sender<Arc<Status>>,
     quit: AtomicBool,
     /// When the state was last put together, UTC ns: the watchdog looks at it.
@@ -134,6 +147,8 @@ impl Daemon {
         let seen = Coverage::new(place.grid(), sensors.len());
         let coverage = Arc::new(LiveCoverage::new(seen, pose, place.scene.is_some()));
         let (pages, _) = broadcast::channel(PAGE_BACKLOG);
+        let hub = Arc::new(Hub::new(sensors.iter().map(|sensor| sensor.config.name.clone())));
+        let survey = Arc::new(Survey::new(place.voxel_m)?);
         let mut listens: Vec<Listen> = Vec::new();
         let (mut sensor_of, mut streams, mut infos) = (Vec::new(), Vec::new(), Vec::new());
         for (sensor, SensorSettings { config, metadata }) in sensors.iter().enumerate() {
@@ -153,6 +168,8 @@ impl Daemon {
             coverage: Arc::clone(&coverage),
             journal: Arc::clone(&journal),
             pages: pages.clone(),
+            hub: Arc::clone(&hub),
+            survey: Arc::clone(&survey),
         };
         let mut threads = Vec::new();
         let mut inlets = Vec::new();
@@ -187,6 +204,7 @@ impl Daemon {
             Recorder::start(recorder, papers, Arc::clone(&intake), tap, Arc::clone(&journal), lines)?;
         if recorder.status().recording {
             begin_way(&place, &motion);
+            survey.begin();
         }
         let first = look::empty(&recorder.status());
         let core = Arc::new(Core {
@@ -200,6 +218,9 @@ impl Daemon {
             place,
             motion,
             pages,
+            hub,
+            survey,
+            proposals: Proposals::default(),
             status: watch::Sender::new(Arc::new(first)),
             quit: AtomicBool::new(false),
             looked_ns: AtomicU64::new(now_ns()),
@@ -226,6 +247,35 @@ impl Daemon {
         (self.core.coverage.message(now_ns()).into(), messages)
     }
 
+    /// Points for those who listen in Foxglove's way.
+    pub(super) fn hub(&self) -> &Arc<Hub> {
+        &self.core.hub
+    }
+
+    /// Grows when the coverage changes.
+    pub(super) fn coverage_version(&self) -> u64 {
+        self.core.coverage.version()
+    }
+
+    /// The coverage as Foxglove draws it.
+    pub(super) fn voxels(&self) -> Voxels {
+        self.core.coverage.voxels()
+    }
+
+    /// Where body and sensors stand now: name of the outer frame, of the inner one, pose. Without a pose of the platform
+    /// `body` has none.
+    pub(super) fn transforms(&self) -> Vec<(&str, &str, Pose)> {
+        let Core { place, motion, hub, .. } = &*self.core;
+        let world_from_body = motion.world_from_body(place.trajectory.as_ref(), now_ns());
+        let body = world_from_body.map(|pose| ("world", "body", pose));
+        let sensors = hub.names().map(|name| {
+            let mounted = place.mounted(name);
+            let pose = mounted.map(|(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
+            ("body", name, pose.unwrap_or(Pose::IDENTITY))
+        });
+        body.into_iter().chain(sensors).collect()
+    }
+
     /// Since the state was last put together: a daemon that hangs does not.
     pub fn last_look(&self) -> Duration {
         Duration::from_nanos(now_ns().saturating_sub(self.core.looked_ns.load(Ordering::Relaxed)))
@@ -236,12 +286,30 @@ impl Daemon {
         let name = self.recorder.begin(label)?;
         self.core.coverage.clear();
         begin_way(&self.core.place, &self.core.motion);
+        self.core.survey.begin();
+        self.core.proposals.forget();
         Ok(name)
     }
 
     /// Ends the recording.
     pub fn end_recording(&self) -> Result<LastSession, RecorderError> {
-        self.recorder.end()
+        let last = self.recorder.end()?;
+        self.core.survey.end();
+        self.core.proposals.forget();
+        Ok(last)
+    }
+
+    pub(super) fn core(&self) -> &Core {
+        &self.core
+    }
+
+    pub(super) fn is_recording(&self) -> bool {
+        self.recorder.status().recording
+    }
+
+    /// Goes on in a new session with this mount; its name.
+    pub(super) fn split(&self, mount: Option<MountFile>) -> Result<String, RecorderError> {
+        self.recorder.split(mount)
     }
 
     /// The rig does something; `work` is given it.

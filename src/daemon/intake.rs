@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use super::live::Inlet;
 use super::tap::Tap;
 use crate::receive::{
-    Datagram, Listen, Monitor, Options, ReceiveError, Receiver, SensorCounters, Stop, Tally, now_ns,
+    Datagram, Listen, Memory, Monitor, Options, ReceiveError, Receiver, SensorCounters, Stop, Tally, now_ns,
 };
 
 /// Datagrams written under one lock of the session.
@@ -18,6 +18,8 @@ pub(super) struct Intake {
     lanes: Vec<Lane>,
     /// Lane of each stream and its place there.
     places: Vec<(usize, usize)>,
+    /// Bytes of packets that may wait in each lane.
+    queue_bytes: usize,
 }
 
 struct Lane {
@@ -54,7 +56,7 @@ impl Intake {
             bound.push(Bound { receiver, streams });
         }
         let lanes = bound.into_iter().map(|bound| Lane::start(bound, tap, inlets));
-        Ok(Self { lanes: lanes.collect::<Result<_, _>>()?, places })
+        Ok(Self { lanes: lanes.collect::<Result<_, _>>()?, places, queue_bytes: options.queue_bytes })
     }
 
     /// Local address of a stream.
@@ -76,6 +78,21 @@ impl Intake {
             sensors: self.places.iter().map(|(lane, place)| lanes[*lane].sensors[*place]).collect(),
             sockets: lanes.iter().flat_map(|lane| lane.sockets.iter().cloned()).collect(),
         }
+    }
+
+    /// Memory of all lanes' packets.
+    pub fn memory(&self) -> Memory {
+        let lanes = self.lanes.iter().map(|lane| lane.monitor.memory());
+        lanes.fold(Memory::default(), |sum, lane| Memory {
+            held_bytes: sum.held_bytes + lane.held_bytes,
+            waiting_bytes: sum.waiting_bytes + lane.waiting_bytes,
+            most_waiting_bytes: sum.most_waiting_bytes + lane.most_waiting_bytes,
+        })
+    }
+
+    /// The most bytes of packets that can wait for the recorder in all lanes.
+    pub fn queue_limit_bytes(&self) -> usize {
+        self.lanes.len() * self.queue_bytes
     }
 
     /// How long the longest write under way has taken so far, s.

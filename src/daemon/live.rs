@@ -1,33 +1,30 @@
 //! One thread per sensor that decodes what comes, counts, and makes the picture. It gives way to everything else.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use glam::DVec3;
+use sensors::Decoded;
 use sensors::ouster::Metadata;
-use sensors::projection::{Projector, sample_azimuth_rad};
 use sensors::router::{Routed, Router, Sensor, Unclaimed};
-use sensors::{Decoded, Frame, SensorModel};
 use tokio::sync::broadcast;
 
 use super::coverage::LiveCoverage;
+use super::hub::Hub;
 use super::journal::Journal;
 use super::latency::Latency;
-use super::picture;
+use super::painter::Painter;
 use super::place::{Motion, Place};
-use crate::geometry::Pose;
+use super::survey::Survey;
 use crate::receive::{Datagram, now_ns};
 use crate::watch::{SensorReport, Watch, is_model};
 
 /// Datagrams that may wait: a revolution and more of the busiest sensor.
 const WAITING: usize = 1024;
-/// With more than this waiting, revolutions are decoded and counted, and not drawn.
-const BUSY: u64 = WAITING as u64 / 2;
-/// Points drawn of one revolution.
-const POINTS: usize = 6000;
+/// The same in bytes of memory: 0.8 s of the busiest Ouster (OS1-128 at 1024x10, dual return).
+pub(super) const WAITING_BYTES: usize = 16 << 20;
 /// How often the numbers are put out.
 const PUBLISH: Duration = Duration::from_millis(250);
 /// Priority of these threads (`nice`).
@@ -51,10 +48,30 @@ pub(super) struct Inlet {
 #[derive(Default)]
 struct Shared {
     dropped: AtomicU64,
-    waiting: AtomicU64,
+    waiting: AtomicUsize,
+    waiting_bytes: AtomicUsize,
+    most_waiting_bytes: AtomicUsize,
     numbers: Mutex<Numbers>,
     /// From the kernel's stamp until points were handed to the page's connections.
     latency: Latency,
+}
+
+impl Shared {
+    fn add(&self, held: usize) {
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        self.waiting_bytes.fetch_add(held, Ordering::Relaxed);
+    }
+
+    fn take(&self, held: usize) {
+        self.waiting.fetch_sub(1, Ordering::Relaxed);
+        self.waiting_bytes.fetch_sub(held, Ordering::Relaxed);
+    }
+
+    /// With half of what may wait waiting, revolutions are decoded and counted, and not drawn.
+    fn is_busy(&self) -> bool {
+        self.waiting.load(Ordering::Relaxed) > WAITING / 2
+            || self.waiting_bytes.load(Ordering::Relaxed) > WAITING_BYTES / 2
+    }
 }
 
 /// What the thread found out.
@@ -75,11 +92,23 @@ pub(super) struct Numbers {
 impl Inlet {
     /// Takes a packet if there is room; counts it otherwise.
     pub fn offer(&self, datagram: Datagram) {
-        self.shared.waiting.fetch_add(1, Ordering::Relaxed);
-        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = self.queue.try_send(datagram) {
-            self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
-            self.shared.dropped.fetch_add(1, Ordering::Relaxed);
+        let (shared, held) = (&self.shared, datagram.held_bytes());
+        // a sensor has one lane: nobody else adds meanwhile
+        let bytes = shared.waiting_bytes.load(Ordering::Relaxed) + held;
+        if bytes <= WAITING_BYTES {
+            shared.add(held);
+            if self.queue.try_send(datagram).is_ok() {
+                shared.most_waiting_bytes.fetch_max(bytes, Ordering::Relaxed);
+                return;
+            }
+            shared.take(held);
         }
+        shared.dropped.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The most bytes of packets that ever waited here.
+    pub fn most_waiting_bytes(&self) -> usize {
+        self.shared.most_waiting_bytes.load(Ordering::Relaxed)
     }
 
     /// Packets that were left out.
@@ -118,6 +147,10 @@ pub(super) struct Surroundings {
     pub journal: Arc<Journal>,
     /// Messages to every page.
     pub pages: broadcast::Sender<axum::body::Bytes>,
+    /// Who listens in Foxglove's way.
+    pub hub: Arc<Hub>,
+    /// The map that proposals are made from.
+    pub survey: Arc<Survey>,
 }
 
 /// Starts the thread; it ends when every inlet is gone.
@@ -129,16 +162,7 @@ pub(super) fn start(subject: Subject, around: Surroundings) -> std::io::Result<(
     if let Some((metadata, name)) = subject.metadata {
         router.add_ouster(metadata, name);
     }
-    let mounted = around.place.mounted(&subject.name);
-    let painter = Painter {
-        sensor: subject.sensor,
-        axis: mounted.map(|(axis, _)| axis),
-        around: around.clone(),
-        projector: None,
-        frames: 0,
-        points_m: Vec::new(),
-        placed_m: Vec::new(),
-    };
+    let painter = Painter::new(subject.sensor, &subject.name, around.clone());
     let live = Live {
         name: subject.name,
         model: subject.model,
@@ -178,7 +202,7 @@ impl Live {
         loop {
             match waiting.recv_timeout(PUBLISH) {
                 Ok(datagram) => {
-                    self.shared.waiting.fetch_sub(1, Ordering::Relaxed);
+                    self.shared.take(datagram.held_bytes());
                     self.take(&datagram);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -192,7 +216,7 @@ impl Live {
     }
 
     fn take(&mut self, datagram: &Datagram) {
-        let busy = self.shared.waiting.load(Ordering::Relaxed) > BUSY;
+        let busy = self.shared.is_busy();
         let Self { router, watch, painter, points, frames_not_drawn, shared, .. } = self;
         let routed = router.push(&datagram.packet(), &mut |at, sensor: &Sensor, decoded| {
             if at != 0 {
@@ -204,7 +228,7 @@ impl Live {
             *points += returns as u64;
             match sensor.model() {
                 Some(model) if !busy => {
-                    painter.draw(model, frame);
+                    painter.draw(sensor, model, frame);
                     shared.latency.add(frame.host_time_ns[1], now_ns());
                 }
                 _ => *frames_not_drawn += 1,
@@ -250,86 +274,5 @@ impl Live {
             }),
         };
         *self.shared.numbers.lock().unwrap_or_else(PoisonError::into_inner) = numbers;
-    }
-}
-
-/// Points of a frame for the page, and all of them for coverage.
-struct Painter {
-    sensor: usize,
-    axis: Option<usize>,
-    around: Surroundings,
-    projector: Option<Projector>,
-    frames: u64,
-    points_m: Vec<[f64; 3]>,
-    placed_m: Vec<DVec3>,
-}
-
-impl Painter {
-    fn draw(&mut self, model: &SensorModel, frame: &Frame) {
-        self.frames += 1;
-        let Surroundings { place, motion, .. } = &self.around;
-        let mount = self.axis.and_then(|axis| Some((axis, place.rig.sensors.get(axis)?)));
-        let body_from_sensor =
-            mount.map_or(Pose::IDENTITY, |(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
-        if self.around.pages.receiver_count() > 0 {
-            self.paint(model, frame, &body_from_sensor);
-        }
-        self.cover(model, frame, &body_from_sensor);
-    }
-
-    /// A few points of the frame, others each time.
-    fn paint(&self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
-        let Surroundings { place, motion, pages, .. } = &self.around;
-        let samples = frame.first.range_mm.len();
-        // odd, so that it shares no factor with the number of channels
-        let stride = samples.div_ceil(POINTS) | 1;
-        let time_ns = frame.host_time_ns[1];
-        let world_from_body =
-            motion.world_from_body(place.trajectory.as_ref(), time_ns).unwrap_or(Pose::IDENTITY);
-        let world_from_sensor = world_from_body * *body_from_sensor;
-        let mut points_m = Vec::with_capacity(POINTS);
-        for index in (self.frames as usize % stride..samples).step_by(stride) {
-            let range_mm = frame.first.range_mm[index];
-            if range_mm == 0 {
-                continue;
-            }
-            let (column, channel) = (index / frame.channels, index % frame.channels);
-            let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-            let in_sensor_m = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
-            let reflectivity = frame.first.reflectivity.get(index).copied().unwrap_or(128);
-            points_m.push((world_from_sensor.transform_point(in_sensor_m), reflectivity));
-        }
-        let message = picture::points(self.sensor, time_ns, world_from_body.translation_m, &points_m);
-        let _ = pages.send(message.into()); // the last page may just have gone
-    }
-
-    /// Every point of the frame, each where the platform was when it was measured.
-    fn cover(&mut self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
-        let Surroundings { place, motion, coverage, .. } = &self.around;
-        let projector = self.projector.get_or_insert_with(|| Projector::new(model));
-        projector.follow(model);
-        let Some([first_ns, _]) = frame.time_span_ns() else { return };
-        let begun_ns = frame.host_time_ns[0];
-        let mut without_pose = 0;
-        self.placed_m.clear();
-        for layer in std::iter::once(&frame.first).chain(&frame.second) {
-            projector.points_f64(frame, layer, &mut self.points_m);
-            for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-                let samples = frame.index(column, 0)..frame.index(column + 1, 0);
-                let hits = layer.range_mm[samples.clone()].iter().zip(&self.points_m[samples]);
-                let hits = hits.filter(|(range_mm, _)| **range_mm > 0);
-                let since_ns = frame.column_time_ns[column].saturating_sub(first_ns);
-                match motion.world_from_body(place.trajectory.as_ref(), begun_ns + since_ns) {
-                    Some(world_from_body) => {
-                        let world_from_sensor = world_from_body * *body_from_sensor;
-                        let placed =
-                            hits.map(|(_, point_m)| world_from_sensor.transform_point(DVec3::from(*point_m)));
-                        self.placed_m.extend(placed);
-                    }
-                    None => without_pose += hits.count() as u64,
-                }
-            }
-        }
-        coverage.add(self.sensor, &self.placed_m, without_pose);
     }
 }

@@ -5,6 +5,7 @@
 //!                                       \-> live thread -> Status     (gives way, and counts what it left out)
 //!                                                     \-> points, coverage -> page
 //! rig <-> servo::Rig's thread <-> rig thread -> Status, session
+//! coverage, map of the place -> better pitches, when asked -> rig and a new session, when agreed to
 //! ```
 //!
 //! Three things never wait for each other: receiving, the rig's conversation, and the page. The recorder comes before
@@ -13,25 +14,32 @@
 
 mod coverage;
 mod engine;
+mod hub;
 mod intake;
 mod journal;
 mod latency;
 mod live;
+mod memory;
+mod painter;
 mod picture;
 mod place;
 mod problems;
+mod proposal;
 mod recorder;
 mod rig;
 mod status;
 mod steady;
+mod survey;
 mod tap;
 mod web;
 
 pub use engine::{Daemon, DaemonError, Ending, SensorSettings, Settings};
 pub use journal::Event;
 pub use latency::Percentiles;
+pub use memory::MemoryStatus;
 pub use picture::{COVERAGE_KIND, POINTS_KIND};
 pub use place::Place;
+pub use proposal::{Proposal, ProposalError};
 pub use recorder::{RecorderError, RecorderSettings};
 pub use rig::{RigCommandError, RigSettings};
 pub use status::{

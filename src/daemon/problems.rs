@@ -1,6 +1,8 @@
 //! What is wrong, in plain words, and what to do about it.
 
-use super::status::{Problem, RecorderStatus, RigState, SensorState, SensorStatus, Severity, Status};
+use super::status::{
+    CoverageStatus, Problem, RecorderStatus, RigState, SensorState, SensorStatus, Severity, Status,
+};
 use crate::clocks::ClockState;
 
 /// An axis this far from its target while it holds is said to be off, degrees.
@@ -14,6 +16,9 @@ pub(super) fn problems(status: &Status) -> Vec<Problem> {
     status.sensors.iter().for_each(|sensor| of_sensor(sensor, &mut list));
     status.rig.iter().for_each(|rig| of_rig(rig, &mut list));
     of_recorder(&status.recorder, &mut list);
+    if status.recorder.recording {
+        status.coverage.iter().for_each(|coverage| of_coverage(coverage, &mut list)); // before, no way has begun
+    }
     if let Some(jump_s) = status.host_clock_jump_s {
         list.warn(
             "host",
@@ -262,6 +267,20 @@ fn of_rig(rig: &RigState, list: &mut List) {
         for error in &axis.device_errors {
             list.error("rig", "device_error", format!("Axis {number}: {error}."), "See the servo's manual.");
         }
+    }
+}
+
+fn of_coverage(coverage: &CoverageStatus, list: &mut List) {
+    if coverage.without_pose > 0 {
+        list.warn(
+            "coverage",
+            "no_pose",
+            format!(
+                "{} points are not in the coverage: the trajectory does not say where the platform was.",
+                coverage.without_pose
+            ),
+            "They are recorded all the same. Give a trajectory of this walk, or none at all for a platform that stands.",
+        );
     }
 }
 

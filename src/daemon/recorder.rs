@@ -80,6 +80,7 @@ type Reply<T> = Sender<Result<T, RecorderError>>;
 enum Order {
     Start(String, Reply<String>),
     Stop(Reply<LastSession>),
+    Split(Option<MountFile>, Reply<String>),
     Quit,
 }
 
@@ -141,6 +142,11 @@ impl Recorder {
     /// Closes the session.
     pub fn end(&self) -> Result<LastSession, RecorderError> {
         self.ask(Order::Stop)
+    }
+
+    /// Goes on in a new session with this mount; its name.
+    pub fn split(&self, mount: Option<MountFile>) -> Result<String, RecorderError> {
+        self.ask(|reply| Order::Split(mount, reply))
     }
 
     /// What it does now.
@@ -212,6 +218,11 @@ impl Worker {
                 Ok(Order::Stop(reply)) => {
                     drop(reply.send(self.end("stopped").ok_or(RecorderError::NotRecording)))
                 }
+                Ok(Order::Split(mount, reply)) => {
+                    self.write_lines(); // what the rig did until now belongs to the session before
+                    self.papers.mount = mount.or(self.papers.mount.take());
+                    drop(reply.send(self.rotate("reconfigured")));
+                }
                 Ok(Order::Quit) | Err(RecvTimeoutError::Disconnected) => {
                     self.write_lines();
                     self.end("stopped");
@@ -273,21 +284,25 @@ impl Worker {
     }
 
     /// Goes on in a new session: every packet is in one of the two.
-    fn rotate(&mut self) {
-        let Some((label, part)) = self.open.as_ref().map(|open| (open.label.clone(), open.part + 1)) else {
-            return;
-        };
+    fn rotate(&mut self, why: &'static str) -> Result<String, RecorderError> {
+        let next = self.open.as_ref().map(|open| (open.label.clone(), open.part + 1));
+        let (label, part) = next.ok_or(RecorderError::NotRecording)?;
         match self.make(&label, part) {
             Ok(next) => {
                 let [packets, bytes] = self.tap.counts();
                 self.tap.exchange(Some(Arc::clone(&next.session)));
                 self.journal.tell("rotated", format!("part {part} goes into {}", next.name));
+                let name = next.name.clone();
                 if let Some(full) = self.open.replace(next) {
-                    self.close(full, "rotated", [packets, bytes]);
+                    self.close(full, why, [packets, bytes]);
                 }
+                Ok(name)
             }
             // the session that is open goes on; the disk will say what is wrong with it
-            Err(error) => self.journal.tell("rotation_failed", format!("no new session: {error}")),
+            Err(error) => {
+                self.journal.tell("rotation_failed", format!("no new session: {error}"));
+                Err(error)
+            }
         }
     }
 
@@ -366,7 +381,7 @@ impl Worker {
             self.journal.tell("disk_full", "recording ends in good order: the disk is nearly full");
             self.end_early("disk_full");
         } else if old || large {
-            self.rotate();
+            let _ = self.rotate("rotated"); // the journal has the failure
         }
     }
 

@@ -8,6 +8,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use firmware_protocol::KeepOut;
+
 use super::journal::Journal;
 use super::place::Motion;
 use super::status::RigState;
@@ -122,6 +124,16 @@ impl RigHost {
             state.disarms_in_s = Some(left.as_secs_f64());
         }
         state
+    }
+
+    /// The configured limits of an axis, rad.
+    pub fn limits_rad(&self, axis: usize) -> Option<(f64, f64)> {
+        self.shared.settings.options.limits_rad.get(axis).copied()
+    }
+
+    /// The configured region that a pair of pitches keeps out of.
+    pub fn keep_out(&self) -> KeepOut {
+        self.shared.settings.options.keep_out
     }
 
     /// Allows motion, or forbids it.

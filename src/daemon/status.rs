@@ -8,6 +8,8 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
+use super::memory::MemoryStatus;
+use super::proposal::Proposal;
 use crate::clocks::ClockReport;
 use crate::record::Manifest;
 use crate::servo::RigStatus;
@@ -29,12 +31,25 @@ pub struct Status {
     pub rig: Option<RigState>,
     /// Of the recorder.
     pub recorder: RecorderStatus,
+    /// Where the memory is.
+    pub memory: MemoryStatus,
     /// What was seen since recording began.
     pub coverage: Option<CoverageStatus>,
+    /// Better pitches for the place seen so far.
+    pub reconfiguration: Reconfiguration,
     /// What is wrong and what to do, worst first.
     pub problems: Vec<Problem>,
     /// The newest events, oldest first.
     pub events: Vec<Event>,
+}
+
+/// Better pitches for the place seen so far.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Reconfiguration {
+    /// A proposal is being made.
+    pub thinking: bool,
+    /// The newest one that nobody agreed to yet.
+    pub proposal: Option<Proposal>,
 }
 
 /// How a sensor does.
@@ -226,7 +241,7 @@ pub struct LastSession {
     /// Its folder on this host.
     #[serde(skip)]
     pub dir: PathBuf,
-    /// Why it was closed: `stopped`, `rotated`, `disk_full`, `failed`.
+    /// Why it was closed: `stopped`, `rotated`, `reconfigured`, `disk_full`, `failed`.
     pub why: &'static str,
     /// Everything received is in it or counted.
     pub complete: bool,
@@ -290,6 +305,8 @@ pub struct CoverageStatus {
     pub pose: &'static str,
     /// Points whose time the trajectory does not cover.
     pub without_pose: u64,
+    /// What to know about these numbers, for people.
+    pub about: String,
     /// The prediction is still being made.
     pub predicting: bool,
 }

@@ -7,12 +7,14 @@
 mod cloud;
 mod csv;
 mod e57;
+pub mod foxglove;
 mod las;
 mod mcap;
 mod pcd;
 mod ply;
 mod record;
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -76,6 +78,28 @@ impl Format {
     pub fn is_per_frame(self) -> bool {
         matches!(self, Self::Pcd | Self::Ply)
     }
+}
+
+/// One kind of message, as files and streams of messages describe it.
+#[derive(Clone, Copy, Debug)]
+pub struct Kind {
+    /// Last part of the topic's name.
+    pub topic: &'static str,
+    /// Name of the schema.
+    pub schema: &'static str,
+    /// How the schema is written: `protobuf`, `ros2msg`.
+    pub schema_encoding: &'static str,
+    /// The schema itself.
+    pub schema_data: fn() -> Cow<'static, [u8]>,
+    /// How messages are written: `protobuf`, `cdr`.
+    pub encoding: &'static str,
+}
+
+/// `/NAME/KIND`, with what a ROS name may not hold turned into underscores.
+pub fn topic(id: &str, kind: &str) -> String {
+    let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    let digit_first = name.starts_with(|c: char| c.is_ascii_digit());
+    format!("/{}{name}/{kind}", if digit_first { "_" } else { "" })
 }
 
 /// Why a point file was not written.

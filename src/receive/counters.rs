@@ -1,7 +1,7 @@
 //! What was received and what was lost, readable while it happens.
 
 use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Counters of one sensor.
@@ -106,11 +106,46 @@ impl Tally {
     }
 }
 
+/// Memory of a receiver's datagrams.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Memory {
+    /// Bytes of all buffers, free, waiting or in the consumer's hands.
+    pub held_bytes: usize,
+    /// Of these, what waits for the consumer now.
+    pub waiting_bytes: usize,
+    /// The most that ever waited.
+    pub most_waiting_bytes: usize,
+}
+
 /// A view of the counters that can be kept beside the receiver.
 #[derive(Clone, Debug)]
 pub struct Monitor {
     pub(super) sockets: Arc<Vec<SocketCells>>,
     pub(super) sensors: Arc<Vec<SensorCells>>,
+    pub(super) held: Arc<AtomicUsize>,
+    pub(super) waiting: Arc<Waiting>,
+}
+
+/// Bytes of buffers in the queue to the consumer.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    now: AtomicUsize,
+    most: AtomicUsize,
+}
+
+impl Waiting {
+    pub(super) fn bytes(&self) -> usize {
+        self.now.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn add(&self, bytes: usize) {
+        let now = self.now.fetch_add(bytes, Ordering::Relaxed) + bytes;
+        self.most.fetch_max(now, Ordering::Relaxed);
+    }
+
+    pub(super) fn take(&self, bytes: usize) {
+        self.now.fetch_sub(bytes, Ordering::Relaxed);
+    }
 }
 
 impl Monitor {
@@ -133,6 +168,15 @@ impl Monitor {
                 .map(|(kernel_dropped, queue_dropped)| ReceiveLoss { kernel_dropped, queue_dropped })
                 .collect(),
             sockets: self.sockets(),
+        }
+    }
+
+    /// Memory of the datagrams.
+    pub fn memory(&self) -> Memory {
+        Memory {
+            held_bytes: self.held.load(Ordering::Relaxed),
+            waiting_bytes: self.waiting.bytes(),
+            most_waiting_bytes: self.waiting.most.load(Ordering::Relaxed),
         }
     }
 

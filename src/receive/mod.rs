@@ -16,7 +16,7 @@ mod socket;
 mod thread;
 
 pub use buffer::Datagram;
-pub use counters::{Monitor, ReceiveLoss, SensorCounters, SocketCounters, SocketReport, Tally};
+pub use counters::{Memory, Monitor, ReceiveLoss, SensorCounters, SocketCounters, SocketReport, Tally};
 pub use silence::{Silence, SilenceNews};
 pub use thread::{Receiver, Stop};
 
@@ -41,13 +41,15 @@ pub struct Options {
     pub receive_buffer_bytes: usize,
     /// Datagrams that may wait for the consumer; one more is dropped and counted.
     pub queue_datagrams: usize,
+    /// The same in bytes of memory.
+    pub queue_bytes: usize,
 }
 
 impl Default for Options {
     /// 8 MiB: 0.4 s of the busiest Ouster (OS1-128 at 1024x20, dual return); 4096 datagrams: above 0.6 s of the
-    /// sensor with the most packets (Alpha Prime, 6250 a second).
+    /// sensor with the most packets (Alpha Prime, 6250 a second); 64 MiB: 3 s of that Ouster.
     fn default() -> Self {
-        Self { receive_buffer_bytes: 8 << 20, queue_datagrams: 4096 }
+        Self { receive_buffer_bytes: 8 << 20, queue_datagrams: 4096, queue_bytes: 64 << 20 }
     }
 }
 

@@ -76,8 +76,8 @@ impl Scratch {
     /// Reads one datagram into `buffer`. One longer than the buffer runs on into the overflow and the buffer grows:
     /// nothing is ever cut off, and the common datagram is copied once, by the kernel.
     pub(super) fn receive(&mut self, descriptor: BorrowedFd<'_>, buffer: &mut Buffer) -> io::Result<Arrival> {
-        let room = buffer.bytes.len();
-        let mut parts = [io::IoSliceMut::new(&mut buffer.bytes), io::IoSliceMut::new(&mut self.overflow)];
+        let room = buffer.held();
+        let mut parts = [io::IoSliceMut::new(buffer.room()), io::IoSliceMut::new(&mut self.overflow)];
         let message = recvmsg::<SockaddrStorage>(
             descriptor.as_raw_fd(),
             &mut parts,
@@ -105,10 +105,7 @@ impl Scratch {
                 _ => {}
             }
         }
-        if length > room {
-            buffer.bytes.extend_from_slice(&self.overflow[..length - room]);
-        }
-        buffer.filled = length;
+        buffer.fill(length, &self.overflow[..length.saturating_sub(room)]);
         Ok(arrival)
     }
 }

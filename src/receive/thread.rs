@@ -72,14 +72,19 @@ impl Receiver {
         }
         let sensor_cells =
             socket_of_sensor.into_iter().map(|socket| SensorCells { socket, ..Default::default() }).collect();
-        let monitor = Monitor { sockets: Arc::new(cells), sensors: Arc::new(sensor_cells) };
+        let pool = Pool::new(options.queue_datagrams.max(1));
+        let monitor = Monitor {
+            sockets: Arc::new(cells),
+            sensors: Arc::new(sensor_cells),
+            held: pool.held(),
+            waiting: Arc::default(),
+        };
         let (sender, queue) = mpsc::channel(options.queue_datagrams.max(1));
         let (stop, stopped) = watch::channel(false);
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_io()
             .build()
             .map_err(ReceiveError::Thread)?;
-        let pool = Pool::new(options.queue_datagrams.max(1));
         let mut tasks = Vec::new();
         for (index, (opened, routes)) in sockets.into_iter().enumerate() {
             let socket = {
@@ -94,6 +99,7 @@ impl Receiver {
                 sender: sender.clone(),
                 stopped: stopped.clone(),
                 pool: Arc::clone(&pool),
+                queue_bytes: options.queue_bytes,
                 dropped_before: 0,
             });
         }
@@ -114,17 +120,27 @@ impl Receiver {
 
     /// The next datagram, waiting for it on this thread (not inside a tokio runtime); `None` after the stop.
     pub fn recv_blocking(&mut self) -> Option<Datagram> {
-        self.queue.blocking_recv()
+        let datagram = self.queue.blocking_recv();
+        self.taken(datagram.as_slice());
+        datagram
     }
 
     /// Appends up to `limit` waiting datagrams, waiting for the first; 0 after the stop.
     pub fn recv_many_blocking(&mut self, into: &mut Vec<Datagram>, limit: usize) -> usize {
-        self.queue.blocking_recv_many(into, limit)
+        let count = self.queue.blocking_recv_many(into, limit);
+        self.taken(&into[into.len() - count..]);
+        count
     }
 
     /// The next datagram; `None` after the stop.
     pub async fn recv(&mut self) -> Option<Datagram> {
-        self.queue.recv().await
+        let datagram = self.queue.recv().await;
+        self.taken(datagram.as_slice());
+        datagram
+    }
+
+    fn taken(&self, datagrams: &[Datagram]) {
+        self.monitor.waiting.take(datagrams.iter().map(Datagram::held_bytes).sum());
     }
 
     /// The counters, to be read at any time, also after the receiver is gone.
@@ -202,6 +218,8 @@ struct Task {
     sender: mpsc::Sender<Datagram>,
     stopped: watch::Receiver<bool>,
     pool: Arc<Pool>,
+    /// Bytes of buffers that may wait.
+    queue_bytes: usize,
     dropped_before: u32,
 }
 
@@ -246,7 +264,7 @@ impl Task {
                         return;
                     }
                 };
-            self.pool.grow(buffer.filled);
+            self.pool.grow(buffer.filled());
             if let Some(total) = arrival.dropped {
                 self.count_kernel_drops(total);
             }
@@ -262,17 +280,20 @@ impl Task {
             let local = cells.about.address;
             let destination = SocketAddr::new(arrival.destination.unwrap_or(local.ip()), local.port());
             let counters = &self.monitor.sensors[sensor];
-            let length = buffer.filled as u64;
+            let (length, held) = (buffer.filled() as u64, buffer.held());
             let datagram =
                 Datagram { sensor, host_time_ns, source: arrival.source, destination, payload: buffer };
-            match self.sender.try_send(datagram) {
-                Ok(()) => {
-                    counters.packets.fetch_add(1, Ordering::Relaxed);
-                    counters.bytes.fetch_add(length, Ordering::Relaxed);
-                }
-                Err(_) => {
-                    counters.queue_dropped.fetch_add(1, Ordering::Relaxed);
-                }
+            let waiting = &self.monitor.waiting;
+            let fits = waiting.bytes() + held <= self.queue_bytes;
+            if fits {
+                waiting.add(held); // before it is sent: the consumer may have it at once
+            }
+            if fits && self.sender.try_send(datagram).is_ok() {
+                counters.packets.fetch_add(1, Ordering::Relaxed);
+                counters.bytes.fetch_add(length, Ordering::Relaxed);
+            } else {
+                counters.queue_dropped.fetch_add(1, Ordering::Relaxed);
+                waiting.take(if fits { held } else { 0 });
             }
             counters.last_time_ns.store(host_time_ns, Ordering::Relaxed);
         }

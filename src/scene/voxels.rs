@@ -20,6 +20,15 @@ pub enum Cell {
     Occupied,
 }
 
+/// What a ray meets that nobody has cast yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// An occupied cell.
+    Surface([i32; 3]),
+    /// A cell beside an occupied one into which nobody has looked; the ray meets no occupied one.
+    Frontier([i32; 3]),
+}
+
 /// A map of cubic cells in a hash of 8 x 8 x 8 bricks; memory grows with the surface seen, not with the volume.
 #[derive(Clone, Debug)]
 pub struct VoxelMap {
@@ -28,6 +37,7 @@ pub struct VoxelMap {
     longest_ray_m: f64,
     index: BrickIndex,
     bricks: Vec<Brick>,
+    bricks_with_ends: usize,
     /// Least and greatest cell that was hit.
     hit_cells: Option<[[i32; 3]; 2]>,
     rejected: u64,
@@ -65,7 +75,16 @@ impl VoxelMap {
             return Err(VoxelMapError { reason: "0 hits make no cell occupied, expected at least 1".into() });
         }
         let (index, bricks) = (BrickIndex::default(), Vec::new());
-        Ok(Self { voxel_m, least_hits, longest_ray_m, index, bricks, hit_cells: None, rejected: 0 })
+        Ok(Self {
+            voxel_m,
+            least_hits,
+            longest_ray_m,
+            index,
+            bricks,
+            bricks_with_ends: 0,
+            hit_cells: None,
+            rejected: 0,
+        })
     }
 
     /// Edge of a cell, m.
@@ -96,6 +115,7 @@ impl VoxelMap {
         let cell = self.cell_at(point_m);
         let (brick, inside) = split(cell);
         let Some(number) = self.brick(brick, &mut LastRegion::default()) else { return };
+        self.bricks_with_ends += usize::from(self.bricks[number].ends.is_none());
         let ends = self.bricks[number].ends.get_or_insert_with(|| Box::new(Ends::NONE));
         let before = ends.hits[inside];
         ends.hits[inside] = before.saturating_add(1);
@@ -202,6 +222,44 @@ impl VoxelMap {
             (entered_m, axis) = walk.step();
         }
         None
+    }
+
+    /// What a ray (unit direction) meets within a range; unknown cells away from surfaces are taken for air.
+    pub fn look(&self, origin_m: DVec3, direction: DVec3, range_m: f64) -> Option<Sight> {
+        let [low, high] = self.bounds_m();
+        let (enter_m, leave_m) = clip(origin_m, direction, [low - self.voxel_m, high + self.voxel_m])?;
+        let length_m = leave_m.min(range_m) - enter_m;
+        let start_m = origin_m + (enter_m + 1e-9 * self.voxel_m) * direction;
+        let mut walk = CellWalk::new(start_m, direction, self.voxel_m);
+        let mut last = LastRegion::default();
+        let (mut entered_m, mut frontier) = (0.0, None);
+        while entered_m <= length_m {
+            match self.state(walk.cell, &mut last) {
+                Cell::Occupied => return Some(Sight::Surface(walk.cell)),
+                Cell::Unknown if frontier.is_none() && self.touches_surface(walk.cell, &mut last) => {
+                    frontier = Some(Sight::Frontier(walk.cell));
+                }
+                Cell::Unknown | Cell::Free => {}
+            }
+            (entered_m, _) = walk.step();
+        }
+        frontier
+    }
+
+    /// Whether one of the 6 cells around is occupied.
+    fn touches_surface(&self, cell: [i32; 3], last: &mut LastRegion) -> bool {
+        (0..6).any(|side| {
+            let mut beside = cell;
+            beside[side / 2] = beside[side / 2].saturating_add(if side % 2 == 0 { 1 } else { -1 });
+            self.state(beside, last) == Cell::Occupied
+        })
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.index.bytes()
+            + std::mem::size_of_val(&self.bricks[..])
+            + self.bricks_with_ends * std::mem::size_of::<Ends>()
     }
 
     /// Marks the cells from one point to before another as crossed. False when the ray is not believed.
@@ -421,6 +479,22 @@ mod tests {
         let hit = map.cast(DVec3::new(1.0, 0.2, 0.3), DVec3::X).unwrap();
         assert!((hit.distance_m - 7.2).abs() < 1e-6, "{}", hit.distance_m);
         assert_eq!(map.cast(DVec3::new(8.1, 0.2, 0.3), DVec3::Y).map(|hit| hit.distance_m), Some(0.0));
+    }
+
+    #[test]
+    fn a_ray_sees_surface_the_edge_of_what_is_known_or_nothing() {
+        let mut map = VoxelMap::new(1.0, 1, 50.0).unwrap();
+        let from_m = DVec3::splat(0.5);
+        let before = map.bytes();
+        map.add_return(from_m, DVec3::new(5.5, 0.5, 0.5));
+        assert!(map.bytes() > before);
+        assert_eq!(map.look(from_m, DVec3::X, 50.0), Some(Sight::Surface([5, 0, 0])));
+        assert_eq!(map.look(from_m, DVec3::X, 4.0), None, "too far");
+        assert_eq!(map.look(from_m, -DVec3::X, 50.0), None);
+        let beside_m = DVec3::new(0.5, 1.5, 0.5);
+        assert_eq!(map.look(beside_m, DVec3::X, 50.0), Some(Sight::Frontier([5, 1, 0])));
+        let two_off_m = DVec3::new(0.5, 2.5, 0.5);
+        assert_eq!(map.look(two_off_m, DVec3::X, 50.0), None, "away from all surface");
     }
 
     #[test]

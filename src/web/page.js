@@ -275,6 +275,27 @@ function showPitches(axes, mount, enabled) {
   if (button) button.disabled = !enabled;
 }
 
+function showReconfiguration({ reconfiguration, recorder, rig }) {
+  if (rig === null) return;
+  const { proposal, thinking } = reconfiguration;
+  const armed = rig.connected && rig.status?.armed;
+  let words = "While recording, the daemon looks for pitches that would see more of the place mapped so far.";
+  if (!recorder.recording) words += " It needs a recording that goes on.";
+  if (proposal) {
+    words = `${proposal.words[0].toUpperCase()}${proposal.words.slice(1)}.`;
+    if (proposal.pose === "standing") words += " No trajectory is given: this holds while the platform stands.";
+    if (proposal.map_is_full) words += " The map is full: it is of the first part of the recording only.";
+    if (proposal.is_better && !armed) words += " Arm the rig to move there.";
+  }
+  if (thinking) words = "Looking for better pitches …";
+  say($("proposal-text"), words);
+  $("propose").disabled = !recorder.recording || !rig.connected || thinking;
+  const agree = $("agree");
+  agree.hidden = !proposal?.is_better;
+  agree.disabled = !armed || rig.busy !== null || thinking || !recorder.recording;
+  agree.dataset.id = proposal?.id ?? "";
+}
+
 function showCoverage(coverage) {
   $("coverage").hidden = !coverage;
   if (!coverage) return;
@@ -287,8 +308,7 @@ function showCoverage(coverage) {
   let words = `${count(seen)} ${cells} seen.`;
   if (predicted) words = `${share.toFixed(1)} % of what is predicted: ${count(kept)} of ${count(predicted)} ${cells}; ${count(seen - kept)} seen that were not predicted.`;
   else if (coverage.predicting) words += " The prediction is being made.";
-  words += coverage.pose === "standing" ? " The platform is taken to stand at the origin." : "";
-  if (coverage.without_pose) words += ` ${count(coverage.without_pose)} points came at times that the trajectory does not cover.`;
+  words += ` ${coverage.about}`;
   say($("coverage-text"), words);
   bar.setAttribute("aria-label", words);
   $("cell-legend").hidden = !predicted;
@@ -319,6 +339,7 @@ function show(status) {
   showSensors(status.sensors);
   showRecorder(status.recorder, status.time_ns);
   showRig(status.rig);
+  showReconfiguration(status);
   showCoverage(status.coverage);
   showEvents(status.events);
 }
@@ -403,6 +424,9 @@ $("e-stop").addEventListener("click", async () => {
     await new Promise((done) => setTimeout(done, 300));
   }
 });
+
+$("propose").addEventListener("click", () => order($("rig-answer"), "Propose better pitches", "reconfiguration/propose"));
+$("agree").addEventListener("click", () => order($("rig-answer"), "Move to the proposed pitches", "reconfiguration/agree", { id: Number($("agree").dataset.id) }));
 
 $("pitches").addEventListener("submit", (event) => {
   event.preventDefault();

@@ -10,7 +10,7 @@
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::net::{SocketAddr, TcpStream};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -30,6 +30,10 @@ use sensors::ouster::{Metadata, OusterDecoder, OusterEncoder, Profile, Synthetic
 use sensors::velodyne::{Product, ReturnMode};
 use sensors::{Decoded, Decoder as _, Frame, Packet};
 use serde_json::Value;
+
+#[path = "support.rs"]
+mod support;
+use support::{Usage, environment, median};
 
 const SERIALS: [u64; 2] = [992_000_000_001, 992_000_000_002];
 
@@ -147,26 +151,8 @@ fn page(address: SocketAddr, stop: &AtomicBool) -> Vec<f64> {
     times_ms
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
-/// Resident memory of a process, MiB, and its processor time, s.
-fn usage(child: &Child) -> (f64, f64) {
-    let read = |name: &str| std::fs::read_to_string(format!("/proc/{}/{name}", child.id())).unwrap();
-    let status = read("status");
-    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
-    let resident_kib: f64 = resident.trim().trim_end_matches(" kB").parse().unwrap();
-    let stat = read("stat");
-    let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
-    let ticks: f64 = fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap();
-    (resident_kib / 1024.0, ticks / 100.0)
-}
-
 fn main() {
-    let seconds: u64 =
-        std::env::var("OUTRIGGER_BENCH_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(20);
+    let seconds = environment("OUTRIGGER_BENCH_SECONDS", 20.0);
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let mut config = "format = \"outrigger-rig/1\"\n".to_owned();
@@ -210,12 +196,12 @@ fn main() {
         let page = scope.spawn(|| page(web, &stop));
         let begun = Instant::now();
         let mut memory = Vec::new();
-        while begun.elapsed() < Duration::from_secs(seconds) {
+        while begun.elapsed() < Duration::from_secs_f64(seconds) {
             std::thread::sleep(Duration::from_millis(500));
-            memory.push(usage(&child).0);
+            memory.push(Usage::of(&child).resident_mib);
         }
         let status = status(web);
-        let cpu_s = usage(&child).1;
+        let cpu_s = Usage::of(&child).cpu_s;
         stop.store(true, Ordering::Relaxed);
         let sent: Vec<u64> = senders.map(|sender| sender.join().unwrap()).to_vec();
         (sent, page.join().unwrap(), memory, status, cpu_s)
@@ -258,14 +244,30 @@ fn main() {
         share(0.99),
         page_ms.len()
     );
-    let quarter = &memory[memory.len() / 4..memory.len() / 2];
+    // around each moment: the median of a twentieth of all readings
+    let around = |share: f64| {
+        let (middle, half) = ((memory.len() as f64 * share) as usize, (memory.len() / 40).max(1));
+        median(memory[middle.saturating_sub(half)..(middle + half).min(memory.len())].to_vec())
+    };
     println!(
-        "memory: {:.0} MiB after a quarter, {:.0} MiB at the end; processor {:.2} cores; exit code {}",
-        median(quarter.to_vec()),
-        median(memory[3 * memory.len() / 4..].to_vec()),
-        cpu_s / seconds as f64,
-        code.unwrap_or(-1)
+        "resident: {:.0} MiB after a quarter, {:.0} MiB after half, {:.0} MiB at the end, {:.0} MiB at most",
+        around(0.25),
+        around(0.5),
+        around(1.0),
+        memory.iter().copied().fold(0.0, f64::max)
     );
+    let mib = |name: &str| status["memory"][name].as_f64().unwrap() / f64::from(1 << 20);
+    println!(
+        "of which packets {:.1} MiB, coverage {:.1} MiB; at most waited for the recorder {:.1} of {:.0} MiB, for the \
+         picture {:.1} of {:.0} MiB",
+        mib("packets"),
+        mib("coverage"),
+        mib("queue_most"),
+        mib("queue_limit"),
+        mib("picture_most"),
+        mib("picture_limit")
+    );
+    println!("processor {:.2} cores; exit code {}", cpu_s / seconds, code.unwrap_or(-1));
     println!("missing and not counted: {unexplained} packets; session problems: {:?}", session.problems());
     if unexplained > 0 || !session.problems().is_empty() {
         std::process::exit(1);

@@ -145,6 +145,10 @@ room = "-6,-4,-1.5,6,4,2"
   await press("Stop recording");
   check("and is told when it ends", await sees(/session-.*: [\d,]+ packets, nothing lost/));
 
+  // better pitches
+  check("proposals wait for a recording", await page.getByRole("button", { name: "Propose better pitches" }).isDisabled());
+  check("and that is said", await sees(/It needs a recording that goes on/));
+
   // the rig
   check("what is not homed is said", await sees("The rig is not homed"));
   check("nothing moves unarmed", await page.getByRole("button", { name: "Apply the mount" }).isDisabled());
@@ -155,6 +159,24 @@ room = "-6,-4,-1.5,6,4,2"
   await press("Apply the mount");
   check("the mount is applied", await sees("Apply the mount: done."));
   check("achieved and target pitch stand beside each other", (await sees(/Axis 0: −1[12]\.\d\d°/)) && (await sees("target −12.00°")));
+  await press("Start recording");
+  await sees(/^recording 0:/);
+  for (let attempt = 0; attempt < 40; attempt++) { // until the sensors have looked around
+    await press("Propose better pitches");
+    await page.getByText(/^Propose better pitches: (?!…)/).waitFor();
+    if (await page.getByText("Propose better pitches: done.").isVisible()) break;
+    await page.waitForTimeout(500);
+  }
+  check("a proposal is told in words", await sees(/would see \d+ cells of the surface mapped so far|No pitches were found that see clearly more/));
+  const agree = page.getByRole("button", { name: "Move there, new session" });
+  if (await agree.isVisible()) {
+    await agree.click();
+    check("who agrees is driven there", await sees("Move to the proposed pitches: done."));
+    check("and recording goes on in a new session", await sees(/\(part 2\)/));
+  } else {
+    check("nothing better, nothing to agree to", await sees(/see clearly more than the present/));
+  }
+  await press("Stop recording");
   await press("Emergency stop");
   check("the emergency stop is told", (await sees("Emergency stop: done.")) && (await sees("The emergency stop is latched.")));
   await press("Clear faults");

@@ -11,6 +11,9 @@ use nix::unistd::Pid;
 use outrigger::record::Session;
 use serde_json::Value;
 
+/// How long a test waits for what must come: only a daemon that never does it fails.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
 /// A folder with a rig.toml.
 pub struct Bench {
     pub folder: tempfile::TempDir,
@@ -125,7 +128,7 @@ impl Running {
         serde_json::from_str(&body).unwrap()
     }
 
-    /// Waits for a state; the state.
+    /// Waits for a state, longer than the busiest machine needs; the state.
     pub fn wait(&self, what: &str, mut is_so: impl FnMut(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
@@ -133,7 +136,7 @@ impl Running {
             if is_so(&status) {
                 return status;
             }
-            assert!(begun.elapsed() < Duration::from_secs(40), "waited in vain until {what}: {status:#}");
+            assert!(begun.elapsed() < PATIENCE, "waited in vain until {what}: {status:#}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -202,7 +205,7 @@ pub fn exchange(address: SocketAddr, request: &str) -> (u16, String) {
 
 pub fn exchange_bytes(address: SocketAddr, request: &[u8]) -> (u16, String) {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let _ = stream.write_all(request); // a daemon that had enough closes before the end
     let _ = stream.shutdown(std::net::Shutdown::Write);
     let mut answer = Vec::new();

@@ -10,7 +10,7 @@ use outrigger::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
 use outrigger::receive::now_ns;
-use outrigger::rig::Mount;
+use outrigger::rig::{Mount, SensorEntry};
 use outrigger::scene::{BoxScene, Scene};
 use outrigger::trajectory::Trajectory;
 use sensors::ouster::{Metadata, Profile, Synthetic};
@@ -25,6 +25,11 @@ pub fn metadata(serial: u64, init_id: u32) -> Metadata {
     let mut wanted = Synthetic::new("os1-16", serial, Profile::Rng19Rfl8Sig16Nir16).columns(512, 16);
     wanted.init_id = init_id;
     Metadata::synthetic(&wanted).unwrap()
+}
+
+/// A sensor in a mount file, beside the middle of the platform, so high.
+pub fn entry(name: &str, model: &str, [x_m, z_m]: [f64; 2], pitch_deg: f64) -> SensorEntry {
+    SensorEntry { name: name.into(), model: model.into(), x_m, y_m: 0.0, z_m, pitch_deg, roll_deg: 0.0 }
 }
 
 /// An Ouster that sends until it is unplugged.

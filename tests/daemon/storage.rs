@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 use nix::sys::signal::Signal;
 use outrigger::record::Session;
 
-use super::program::{Bench, Running, sessions_in};
+use super::program::{Bench, PATIENCE, Running, sessions_in};
 use super::sensor::Sending;
 
 pub fn a_killed_daemon_leaves_a_session_that_opens() {
@@ -14,18 +14,25 @@ pub fn a_killed_daemon_leaves_a_session_that_opens() {
     let sensor = Sending::ouster(daemon.sensor(0));
     daemon
         .wait("a hundred packets were recorded", |status| status["recorder"]["packets"].as_u64() > Some(100));
-    std::thread::sleep(std::time::Duration::from_millis(1100)); // what a crash may cost at most
+    // what was taken comes to the file by itself, while it is being written
+    let begun = std::time::Instant::now();
+    while packets_in(&bench) <= 100 {
+        assert!(begun.elapsed() < PATIENCE, "the session is flushed");
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
     daemon.signal(Signal::SIGKILL);
     daemon.child.wait().unwrap();
     let sent = sensor.unplug();
     let session = bench.sessions().remove(0);
     assert!(!session.manifest().complete && session.problems()[0].contains("not closed"));
-    let mut packets = session.packets().unwrap();
-    let mut found = 0;
-    while packets.next().unwrap().is_some() {
-        found += 1;
-    }
+    let found = packets_in(&bench);
     assert!(found > 100 && found <= sent, "{found} of {sent}");
+}
+
+/// Packets in the file of the only session, as far as it is written.
+fn packets_in(bench: &Bench) -> u64 {
+    let mut packets = bench.sessions()[0].packets().unwrap();
+    std::iter::from_fn(|| packets.next().unwrap().map(drop)).count() as u64
 }
 
 pub fn a_slow_disk_is_named_and_its_losses_counted() {
@@ -40,6 +47,29 @@ pub fn a_slow_disk_is_named_and_its_losses_counted() {
     let (code, log) = daemon.end();
     assert_eq!(code, Some(0), "{log}");
     assert_eq!(bench.sessions()[0].manifest().sensors[0].packets, sent, "all of them came to the disk");
+}
+
+/// A disk that takes nearly nothing, and packets until no more may wait: memory ends at the bound that the state names.
+pub fn a_flood_fills_memory_to_its_bound_and_no_further() {
+    let bench = Bench::new(&["left"], "");
+    let daemon = bench.start(&["--record", "--hold-up-writes-ms", "3000"]);
+    let (to, sender) = (daemon.sensor(0), std::net::UdpSocket::bind("127.0.0.1:0").unwrap());
+    let of = |status: &serde_json::Value, name: &str| status["memory"][name].as_u64().unwrap();
+    let mut sent = 0;
+    let status = daemon.wait("no more may wait", |status| {
+        for _ in 0..200 {
+            sent += u64::from(sender.send_to(&[9; 30_000], to).is_ok());
+        }
+        status["sensors"][0]["losses"]["queue_dropped"].as_u64() > Some(0)
+    });
+    let (queue, limit) = (of(&status, "queue_most"), of(&status, "queue_limit"));
+    assert!(queue <= limit && queue > limit - 100_000, "{}", status["memory"]);
+    // beside what waits: what the recorder and the live thread hold, a batch of 64 each, and one being read into
+    let packets = of(&status, "packets");
+    assert!(packets <= limit + of(&status, "picture_limit") + 130 * 30_208, "{}", status["memory"]);
+    assert!(of(&status, "resident") < packets + (100 << 20), "{}", status["memory"]);
+    daemon.signal(Signal::SIGKILL); // writing all that at this pace would take minutes
+    assert!(sent > 2000);
 }
 
 /// In a mount name space of its own, as root or as a user who may be root there.
@@ -81,7 +111,7 @@ fn end_of_a_small_disk(bench: &Bench, arguments: &[&str], packets: usize, kind: 
         for _ in 0..packets {
             other.send_to(&[7; 8000], to).unwrap();
         }
-        assert!(begun.elapsed() < std::time::Duration::from_secs(40), "the disk fills up");
+        assert!(begun.elapsed() < PATIENCE, "the disk fills up");
         let status = daemon.status();
         if super::program::has_problem(&status, kind) {
             break status;

@@ -2,22 +2,21 @@
 
 use std::net::TcpStream;
 use std::os::unix::net::UnixDatagram;
-use std::time::Duration;
 
 use outrigger::daemon::{COVERAGE_KIND, POINTS_KIND};
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::MockSensor;
-use outrigger::rig::{Mount, MountFile, SensorEntry};
+use outrigger::rig::{Mount, MountFile};
 use serde_json::Value;
 use tungstenite::Message;
 
-use super::program::{Bench, Running};
-use super::sensor::{ROOM, SERIAL, Sending, metadata};
+use super::program::{Bench, PATIENCE, Running};
+use super::sensor::{ROOM, SERIAL, Sending, entry, metadata};
 
 /// Reads the stream until a text and both kinds of pictures came: the text, and coordinates of the points.
 fn listen(daemon: &Running) -> (Value, Vec<[f64; 3]>, usize) {
     let stream = TcpStream::connect(daemon.address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
     let url = format!("ws://{}/api/v1/stream", daemon.address);
     let (mut socket, _) = tungstenite::client(url, stream).unwrap();
     let (mut state, mut points_m, mut cells) = (None, Vec::new(), 0);
@@ -55,18 +54,12 @@ pub fn two_sensors_and_a_rig_are_recorded_and_shown() {
         rig.path().display()
     );
     let bench = Bench::new(&["left", "right"], &sections);
-    let entry = |name: &str, model: &str, x_m: f64| SensorEntry {
-        name: name.into(),
-        model: model.into(),
-        x_m,
-        y_m: 0.0,
-        z_m: 0.1,
-        pitch_deg: 0.0,
-        roll_deg: 0.0,
-    };
-    MountFile::new(vec![entry("left", "os1-16", -0.2), entry("right", "vlp-16", 0.2)])
-        .write(&bench.path("mount.json"))
-        .unwrap();
+    MountFile::new(vec![
+        entry("left", "os1-16", [-0.2, 0.1], 0.0),
+        entry("right", "vlp-16", [0.2, 0.1], 0.0),
+    ])
+    .write(&bench.path("mount.json"))
+    .unwrap();
     let daemon = bench.start(&[]);
     let mount = |x_m: f64| Mount { x_m, z_m: 0.1, ..Mount::default() };
     let left =
@@ -181,7 +174,7 @@ pub fn a_recording_is_cut_into_sessions_without_a_gap() {
 pub fn the_end_is_told_to_the_service_manager() {
     let bench = Bench::new(&["left"], "");
     let manager = UnixDatagram::bind(bench.path("notify")).unwrap();
-    manager.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    manager.set_read_timeout(Some(PATIENCE)).unwrap();
     let mut command = bench.command(&["--log-format", "json"]);
     command
         .env("NOTIFY_SOCKET", bench.path("notify"))

@@ -73,6 +73,36 @@ pub fn what_the_queue_drops_is_counted() {
     }
 }
 
+pub fn what_waits_is_bounded_in_bytes() {
+    let options = Options { queue_bytes: 100_000, ..Options::default() };
+    let mut receiver = Receiver::start(&[listen("a")], options).unwrap();
+    let (to, from, monitor) = (receiver.address(0), sender(), receiver.monitor());
+    let counted = || monitor.sensors()[0].packets + monitor.sensors()[0].queue_dropped;
+    for sent in 1..=50 {
+        from.send_to(&[1; 9_000], to).unwrap();
+        wait_until("it was received", || counted() == sent);
+    }
+    let memory = monitor.memory();
+    assert!(memory.waiting_bytes <= 100_000 && memory.waiting_bytes > 90_000, "{memory:?}");
+    assert!(memory.held_bytes <= memory.waiting_bytes + 2 * 9_216, "one more is being read into: {memory:?}");
+    let waiting = monitor.sensors()[0].packets;
+    for _ in 0..waiting {
+        receiver.recv_blocking().unwrap();
+    }
+    let after = monitor.memory();
+    assert_eq!((after.waiting_bytes, after.most_waiting_bytes), (0, memory.most_waiting_bytes));
+    for sent in 51..=60 {
+        from.send_to(&[1; 9_000], to).unwrap();
+        wait_until("it was received", || counted() == sent);
+    }
+    let again = monitor.memory().held_bytes;
+    // the very first buffer was short and grew by what did not fit
+    assert!(
+        again <= memory.held_bytes.next_multiple_of(9_216),
+        "the same buffers again: {again}, {memory:?}"
+    );
+}
+
 pub fn sensors_on_one_port_are_told_apart_by_source() {
     // all of 127.0.0.0/8 is this host
     let first = Receiver::start(&[listen("probe")], Options::default()).unwrap().address(0);

@@ -5,15 +5,22 @@ use std::time::{Duration, Instant};
 
 use super::Core;
 use crate::daemon::live::Numbers;
+use crate::daemon::memory::{self, MemoryStatus};
 use crate::daemon::problems;
-use crate::daemon::status::{RecorderStatus, SensorLosses, SensorState, SensorStatus, Status};
+use crate::daemon::status::{
+    Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
+};
 use crate::daemon::steady::HostClock;
 use crate::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
+use crate::servo::AxisStatus;
 
 /// Rates are taken over this time.
 const RATE_OVER: Duration = Duration::from_millis(1000);
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(15);
+
+/// An axis this far from the mount's pitch sees other cells than were promised.
+const ELSEWHERE_DEG: f64 = 1.0;
 
 /// What is remembered from look to look.
 pub(super) struct Look {
@@ -52,7 +59,9 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
         sensors: Vec::new(),
         rig: None,
         recorder: recorder.clone(),
+        memory: MemoryStatus::default(),
         coverage: None,
+        reconfiguration: Reconfiguration::default(),
         problems: Vec::new(),
         events: Vec::new(),
     }
@@ -95,6 +104,12 @@ impl Look {
         }
         drop(inlets);
         recorder.stalled_s = core.intake.stalled_s();
+        let rig = core.rig.as_ref().map(|rig| rig.state());
+        let mut coverage = core.coverage.status();
+        if coverage.predicted.is_some() && rig.as_ref().is_some_and(stands_elsewhere) {
+            coverage.about +=
+                " The prediction is for the pitches of the configured mount, and the rig stands at others.";
+        }
         let mut status = Status {
             uptime_s: self.begun.elapsed().as_secs_f64(),
             host_clock_jump_s: self
@@ -102,8 +117,13 @@ impl Look {
                 .filter(|(at, _)| at.elapsed() < RECENT)
                 .map(|(_, jump_s)| jump_s),
             sensors,
-            rig: core.rig.as_ref().map(|rig| rig.state()),
-            coverage: Some(core.coverage.status()),
+            rig,
+            memory: memory::memory(core),
+            coverage: Some(coverage),
+            reconfiguration: Reconfiguration {
+                thinking: core.proposals.is_thinking(),
+                proposal: core.proposals.newest(),
+            },
             events: core.journal.newest(),
             ..empty(&recorder)
         };
@@ -230,6 +250,14 @@ impl Look {
             is_other_model: numbers.is_other_model,
         }
     }
+}
+
+/// Whether an axis stands at another pitch than the configured mount's.
+fn stands_elsewhere(rig: &RigState) -> bool {
+    let axes = rig.status.iter().flat_map(|status| &status.axes);
+    let is_off =
+        |(axis, pitch_deg): (&AxisStatus, &f64)| (axis.position_deg - pitch_deg).abs() > ELSEWHERE_DEG;
+    rig.connected && axes.zip(&rig.mount_pitches_deg).any(is_off)
 }
 
 impl Past {

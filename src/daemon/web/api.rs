@@ -11,10 +11,10 @@ use axum::{Extension, Json, Router};
 use serde::{Deserialize, Serialize};
 
 use super::guard::{COOKIE, Peer};
-use super::{App, metrics, stream};
-use crate::daemon::Daemon;
+use super::{App, foxglove, metrics, stream};
 use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::{RigCommandError, RigHost};
+use crate::daemon::{Daemon, Proposal, ProposalError};
 
 /// A daemon that has not looked at itself for so long hangs.
 const HANGS: std::time::Duration = std::time::Duration::from_secs(5);
@@ -66,6 +66,17 @@ impl From<RigCommandError> for Problem {
     }
 }
 
+impl From<ProposalError> for Problem {
+    fn from(error: ProposalError) -> Self {
+        let code = match error {
+            ProposalError::Rig(error) => return error.into(),
+            ProposalError::NotSplit(_) | ProposalError::Thread(_) => StatusCode::INTERNAL_SERVER_ERROR,
+            _ => StatusCode::CONFLICT,
+        };
+        Self::new(code, error.to_string())
+    }
+}
+
 /// A body of JSON, or none at all for what needs nothing.
 struct Body<T>(T);
 
@@ -100,8 +111,11 @@ pub(super) fn routes() -> Router<App> {
         .route("/api/v1/login", post(login))
         .route("/api/v1/status", get(status))
         .route("/api/v1/stream", get(stream::open))
+        .route("/api/v1/foxglove", get(foxglove::open))
         .route("/api/v1/recording/start", post(start))
         .route("/api/v1/recording/stop", post(stop))
+        .route("/api/v1/reconfiguration/propose", post(propose))
+        .route("/api/v1/reconfiguration/agree", post(agree))
         .route("/api/v1/rig/arm", post(|app: State<App>| rig(app, |rig| rig.arm(true))))
         .route("/api/v1/rig/disarm", post(|app: State<App>| rig(app, |rig| rig.arm(false))))
         .route("/api/v1/rig/home", post(|app: State<App>| rig(app, RigHost::home)))
@@ -182,6 +196,21 @@ async fn start(
 async fn stop(State(app): State<App>) -> Result<Response, Problem> {
     let last = blocking(app.daemon, Daemon::end_recording).await??;
     Ok(Json(last).into_response())
+}
+
+async fn propose(State(app): State<App>) -> Result<Json<Proposal>, Problem> {
+    Ok(Json(blocking(app.daemon, Daemon::propose).await??))
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct Agree {
+    #[serde(default)]
+    id: u64,
+}
+
+async fn agree(State(app): State<App>, Body(Agree { id }): Body<Agree>) -> Result<Json<Proposal>, Problem> {
+    Ok(Json(blocking(app.daemon, move |daemon| daemon.agree(id)).await??))
 }
 
 #[derive(Deserialize, Default)]

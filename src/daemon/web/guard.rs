@@ -28,6 +28,8 @@ const SHORTEST_TOKEN: usize = 16;
 pub(super) const COOKIE: &str = "outrigger_token";
 /// What stops the rig is never held up.
 const ALWAYS: [&str; 2] = ["/api/v1/rig/hold", "/api/v1/rig/e-stop"];
+/// Where pages of other sites may listen, if they were named.
+const FOXGLOVE: &str = "/api/v1/foxglove";
 /// What needs no token: it tells nothing.
 const OPEN: [&str; 6] = ["/", "/page.css", "/page.js", "/scene.js", "/healthz", "/api/v1/login"];
 
@@ -69,12 +71,18 @@ pub(super) struct Guard {
     address: SocketAddr,
     token: Option<Token>,
     host_names: Vec<String>,
+    listeners: Vec<String>,
     buckets: Mutex<HashMap<IpAddr, (f64, Instant)>>,
 }
 
 impl Guard {
-    pub fn new(address: SocketAddr, token: Option<Token>, host_names: Vec<String>) -> Self {
-        Self { address, token, host_names, buckets: Mutex::default() }
+    pub fn new(
+        address: SocketAddr,
+        token: Option<Token>,
+        host_names: Vec<String>,
+        listeners: Vec<String>,
+    ) -> Self {
+        Self { address, token, host_names, listeners, buckets: Mutex::default() }
     }
 
     /// Whether the page has to ask for a token.
@@ -95,7 +103,9 @@ impl Guard {
     /// Whether a request may pass; why not.
     fn look(&self, method: &Method, path: &str, headers: &HeaderMap, peer: IpAddr) -> Result<(), Problem> {
         let host = self.host(headers)?;
-        self.origin(method, headers, &host)?;
+        if !self.is_listener(method, path, headers) {
+            self.origin(method, headers, &host)?;
+        }
         if !ALWAYS.contains(&path) && !self.take(peer, 1.0, Instant::now()) {
             return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests from this address"));
         }
@@ -123,6 +133,13 @@ impl Guard {
             }
         };
         if known { Ok(host.to_ascii_lowercase()) } else { refuse("this host is not served under that name") }
+    }
+
+    /// A page of a site that was named, which wants to listen and nothing else.
+    fn is_listener(&self, method: &Method, path: &str, headers: &HeaderMap) -> bool {
+        let origin = one(headers, header::ORIGIN);
+        let named = |origin: &str| self.listeners.iter().any(|known| known.eq_ignore_ascii_case(origin));
+        *method == Method::GET && path == FOXGLOVE && origin.is_some_and(named)
     }
 
     /// Whoever changes something or opens a stream comes from no page, or from the page of this very host.
@@ -232,7 +249,8 @@ mod tests {
 
     fn guard(listen: &str, token: bool) -> Guard {
         let token = token.then(|| Token::new(SECRET).unwrap());
-        Guard::new(listen.parse().unwrap(), token, vec!["rover.lan".into()])
+        let listeners = vec!["https://app.foxglove.dev".into()];
+        Guard::new(listen.parse().unwrap(), token, vec!["rover.lan".into()], listeners)
     }
 
     fn look(guard: &Guard, method: Method, path: &str, headers: &[(&str, &str)]) -> u16 {
@@ -284,6 +302,12 @@ mod tests {
         assert_eq!(look(&local, Method::GET, "/api/v1/stream", &stream), 403, "nor listen");
         let link = [host, ("sec-fetch-site", "cross-site"), ("sec-fetch-mode", "navigate")];
         assert_eq!(look(&local, Method::GET, "/", &link), 200, "a link leads here");
+        let named = [host, ("origin", "https://app.foxglove.dev"), ("sec-fetch-site", "cross-site")];
+        assert_eq!(look(&local, Method::GET, FOXGLOVE, &named), 200, "a site that was named may listen");
+        assert_eq!(look(&local, Method::GET, "/api/v1/stream", &named), 403, "there only");
+        assert_eq!(look(&local, Method::POST, "/api/v1/rig/arm", &named), 403, "and do nothing");
+        let other = [host, ("origin", "https://app.foxglove.dev.evil.example")];
+        assert_eq!(look(&local, Method::GET, FOXGLOVE, &other), 403);
     }
 
     #[test]

@@ -100,6 +100,17 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
         );
     }
     out.one("outrigger_pages_missed_total", "counter", "Messages that slow pages missed.", missed as f64);
+    let memory = &status.memory;
+    let resident = memory.resident.map_or(f64::NAN, |bytes| bytes as f64);
+    out.one("process_resident_memory_bytes", "gauge", "Resident memory.", resident);
+    for (name, help, bytes) in [
+        ("outrigger_packet_buffer_bytes", "Buffers of packets.", memory.packets),
+        ("outrigger_queue_bytes", "Packets that wait for the recorder.", memory.queue),
+        ("outrigger_queue_limit_bytes", "More never waits for it.", memory.queue_limit),
+        ("outrigger_coverage_bytes", "Cells of the coverage.", memory.coverage),
+    ] {
+        out.one(name, "gauge", help, bytes as f64);
+    }
     if let Some(coverage) = &status.coverage {
         out.one("outrigger_coverage_seen_cells", "gauge", "Cells seen.", coverage.seen as f64);
         if let (Some(predicted), Some(kept)) = (coverage.predicted, coverage.seen_of_predicted) {

@@ -5,6 +5,7 @@
 //! in a request names a file.
 
 mod api;
+mod foxglove;
 mod guard;
 mod metrics;
 mod page;
@@ -37,6 +38,8 @@ pub struct WebSettings {
     pub token: Option<Token>,
     /// Host names by which this machine may be asked for, beside its addresses and `localhost`.
     pub host_names: Vec<String>,
+    /// Other sites whose pages may listen in Foxglove's way: `https://app.foxglove.dev`.
+    pub listeners: Vec<String>,
 }
 
 /// Why nothing can be served.
@@ -110,7 +113,7 @@ impl Web {
     /// Serves until `stop` says true, then lets requests under way end. Needs a tokio runtime.
     pub async fn serve(self, daemon: Arc<Daemon>, stop: watch::Receiver<bool>) -> std::io::Result<()> {
         let Self { listener, address, settings } = self;
-        let guard = Arc::new(Guard::new(address, settings.token, settings.host_names));
+        let guard = Arc::new(Guard::new(address, settings.token, settings.host_names, settings.listeners));
         let streams = Arc::new(stream::Streams::new(stop.clone()));
         let app = App { daemon, guard: Arc::clone(&guard), streams };
         let router = router(app);

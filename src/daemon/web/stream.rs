@@ -38,6 +38,21 @@ impl Streams {
         Self { seats: Arc::new(Semaphore::new(STREAMS)), missed: AtomicU64::new(0), stop }
     }
 
+    /// A place for one more, if there is one.
+    pub fn seat(&self) -> Option<OwnedSemaphorePermit> {
+        Arc::clone(&self.seats).try_acquire_owned().ok()
+    }
+
+    /// Says true when the daemon ends.
+    pub fn stop(&self) -> watch::Receiver<bool> {
+        self.stop.clone()
+    }
+
+    /// So many messages were missed.
+    pub fn miss(&self, messages: u64) {
+        self.missed.fetch_add(messages, Ordering::Relaxed);
+    }
+
     /// Messages that slow pages missed.
     pub fn missed(&self) -> u64 {
         self.missed.load(Ordering::Relaxed)
@@ -46,7 +61,7 @@ impl Streams {
 
 /// Opens a stream.
 pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> Response {
-    let Ok(seat) = Arc::clone(&app.streams.seats).try_acquire_owned() else {
+    let Some(seat) = app.streams.seat() else {
         return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
     };
     upgrade
@@ -60,7 +75,7 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
     let mut states = daemon.states();
     let (cells, mut picture) = daemon.picture();
     drop(daemon);
-    let mut stop = streams.stop.clone();
+    let mut stop = streams.stop();
     let mut ping = tokio::time::interval(PING);
     states.mark_changed();
     if send(&mut sink, Message::Binary(cells)).await.is_err() {
@@ -79,7 +94,7 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
             message = picture.recv() => match message {
                 Ok(bytes) => Message::Binary(bytes),
                 Err(RecvError::Lagged(missed)) => {
-                    streams.missed.fetch_add(missed, Ordering::Relaxed);
+                    streams.miss(missed);
                     continue;
                 }
                 Err(RecvError::Closed) => break,
@@ -102,7 +117,8 @@ fn text(status: &Status) -> Message {
     Message::Text(text.unwrap_or_default().into()) // numbers and texts always serialize
 }
 
-async fn send(sink: &mut SplitSink<WebSocket, Message>, message: Message) -> Result<(), ()> {
+/// Hands over a message; an error when the other end takes none.
+pub(super) async fn send(sink: &mut SplitSink<WebSocket, Message>, message: Message) -> Result<(), ()> {
     match tokio::time::timeout(PATIENCE, sink.send(message)).await {
         Ok(Ok(())) => Ok(()),
         _ => Err(()),

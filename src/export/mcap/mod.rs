@@ -4,10 +4,8 @@
 
 mod bag;
 mod cdr;
-mod foxglove;
 mod ros2;
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -16,19 +14,9 @@ use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use sensors::ouster::ImuSample;
 
-use super::{Cause, Cloud, CloudWriter, Source};
+use super::{Cause, Cloud, CloudWriter, Kind, Source, foxglove, topic};
 
 pub use bag::write_metadata;
-
-/// One kind of message in an MCAP file.
-struct Kind {
-    /// Last part of the topic's name.
-    topic: &'static str,
-    schema: &'static str,
-    schema_encoding: &'static str,
-    schema_data: fn() -> Cow<'static, [u8]>,
-    encoding: &'static str,
-}
 
 /// Which messages a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,11 +118,4 @@ impl CloudWriter for McapWriter {
         self.writer.finish()?;
         Ok(())
     }
-}
-
-/// `/NAME/KIND`, with what a ROS name may not hold turned into underscores.
-fn topic(id: &str, kind: &str) -> String {
-    let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
-    let digit_first = name.starts_with(|c: char| c.is_ascii_digit());
-    format!("/{}{name}/{kind}", if digit_first { "_" } else { "" })
 }

@@ -7,8 +7,7 @@ use std::borrow::Cow;
 
 use sensors::ouster::ImuSample;
 
-use super::super::{Cause, Cloud, Point, Source};
-use super::Kind;
+use super::super::{Cause, Cloud, Kind, Point, Source};
 use super::cdr::Cdr;
 
 /// Points of one frame.

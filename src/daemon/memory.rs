@@ -1,0 +1,63 @@
+//! Where the memory is, beside the bounds that keep it there.
+
+use serde::Serialize;
+
+use super::engine::Core;
+use super::live;
+
+/// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MemoryStatus {
+    /// Resident, by the system's own counting; none where it does not say.
+    pub resident: Option<u64>,
+    /// Buffers of packets: free, waiting, being written or decoded.
+    pub packets: u64,
+    /// Packets that wait for the recorder now.
+    pub queue: u64,
+    /// The most that ever waited for it.
+    pub queue_most: u64,
+    /// More than this never waits for it: what comes then is lost and counted.
+    pub queue_limit: u64,
+    /// The most that ever waited to be decoded for the picture, summed over the sensors.
+    pub picture_most: u64,
+    /// More than this never waits for the picture: what comes then is recorded and not shown.
+    pub picture_limit: u64,
+    /// Cells of the coverage.
+    pub coverage: u64,
+    /// The map that pitches are proposed from.
+    pub map: u64,
+}
+
+/// As it is now.
+pub(super) fn memory(core: &Core) -> MemoryStatus {
+    let datagrams = core.intake.memory();
+    let inlets = core.inlets();
+    MemoryStatus {
+        resident: resident_bytes(),
+        packets: datagrams.held_bytes as u64,
+        queue: datagrams.waiting_bytes as u64,
+        queue_most: datagrams.most_waiting_bytes as u64,
+        queue_limit: core.intake.queue_limit_bytes() as u64,
+        picture_most: inlets.iter().map(|inlet| inlet.most_waiting_bytes() as u64).sum(),
+        picture_limit: (inlets.len() * live::WAITING_BYTES) as u64,
+        coverage: core.coverage.bytes() as u64,
+        map: core.survey.bytes() as u64,
+    }
+}
+
+/// Resident memory of this process (proc_pid_status(5), `VmRSS`).
+fn resident_bytes() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_process_knows_what_it_takes() {
+        let resident = super::resident_bytes().unwrap();
+        assert!(resident > 1 << 20 && resident < 1 << 40, "{resident}");
+    }
+}
