@@ -1,5 +1,7 @@
 //! Frames of all sensors of a rig, cut into sweeps of one revolution by the times of their returns.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use sensors::projection::sample_azimuth_rad;
 use sensors::{Frame, SensorModel};
@@ -8,8 +10,8 @@ use crate::geometry::Pose;
 
 /// A revolution where the sensor does not say how fast it turns, ns.
 const USUAL_TURN_NS: u64 = 100_000_000;
-/// A sensor that is so many revolutions behind the others is not waited for.
-const PATIENCE: u64 = 4;
+/// Returns that wait for the other sensors, at most (128 MiB); captures may hold one sensor after the other.
+const MOST_WAITING: usize = 1 << 22;
 
 /// One return.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,11 +58,17 @@ pub struct Limits {
 #[derive(Clone, Debug)]
 pub struct Sweeps {
     limits: Limits,
+    most_waiting: usize,
     turn_ns: u64,
+    /// Begin of sweep 0: of the first frame that came.
     start_ns: Option<u64>,
     /// By sensor, the last time that was seen.
     latest_ns: Vec<Option<u64>>,
-    waiting: Vec<SweepPoint>,
+    /// By number of the sweep.
+    waiting: BTreeMap<i64, Vec<SweepPoint>>,
+    count: usize,
+    /// Number of the last sweep that was given out.
+    given: Option<i64>,
     late: u64,
 }
 
@@ -69,10 +77,13 @@ impl Sweeps {
     pub fn new(sensors: usize, limits: Limits) -> Self {
         Self {
             limits,
+            most_waiting: MOST_WAITING,
             turn_ns: 0,
             start_ns: None,
             latest_ns: vec![None; sensors],
-            waiting: Vec::new(),
+            waiting: BTreeMap::new(),
+            count: 0,
+            given: None,
             late: 0,
         }
     }
@@ -88,7 +99,6 @@ impl Sweeps {
         }
         let known_ns = self.latest_ns[sensor].unwrap_or(0);
         self.latest_ns[sensor] = Some(known_ns.max(last_ns));
-        let start_ns = self.start_ns.unwrap_or(0);
         let nearest_m = self.limits.nearest_m.max(model.min_range_m);
         for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
             for channel in 0..frame.channels.min(model.channels()) {
@@ -98,38 +108,41 @@ impl Sweeps {
                 }
                 let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
                 let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
-                if time_ns < start_ns {
+                let number = self.number(time_ns);
+                if self.given.is_some_and(|given| number <= given) {
                     self.late += 1;
                     continue;
                 }
                 let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-                let point_m = model.point(channel, azimuth_rad, range_m);
-                self.waiting.push(SweepPoint { time_ns, body_m: body_from_sensor.transform_point(point_m) });
+                let body_m = body_from_sensor.transform_point(model.point(channel, azimuth_rad, range_m));
+                self.waiting.entry(number).or_default().push(SweepPoint { time_ns, body_m });
+                self.count += 1;
             }
         }
     }
 
-    /// The next sweep that is whole.
+    /// The next sweep to which no sensor has anything more to add. A sensor that is silent is waited for until too much
+    /// waits with it.
     pub fn next_whole(&mut self) -> Option<Sweep> {
-        let end_ns = self.start_ns? + self.turn_ns;
-        let seen = self.latest_ns.iter().flatten();
-        let newest_ns = *seen.clone().max()?;
-        let waits = |latest_ns: &u64| *latest_ns < end_ns && newest_ns < end_ns + PATIENCE * self.turn_ns;
-        if newest_ns < end_ns || seen.clone().any(waits) {
-            return None;
-        }
-        Some(self.cut(end_ns))
+        let (number, _) = self.waiting.first_key_value()?;
+        let is_over = |latest_ns: &Option<u64>| latest_ns.is_some_and(|at| self.number(at) > *number);
+        let is_whole = self.latest_ns.iter().all(is_over) || self.count > self.most_waiting;
+        let sweep = if is_whole { self.give() } else { return None };
+        // what one sensor saw before the others began
+        if self.is_scrap(&sweep) { self.next_whole() } else { Some(sweep) }
     }
 
-    /// What is left at the end of the recording, call after call: the last sweep ends with its last return, and a rest
-    /// of less than half a revolution is left out.
+    /// What is left at the end of the recording, call after call. The last sweep ends with its last return; less than half
+    /// a revolution at either end is left out.
     pub fn next_rest(&mut self) -> Option<Sweep> {
-        let start_ns = self.start_ns?;
-        let last_ns = self.waiting.iter().map(|point| point.time_ns).max()?;
-        if last_ns >= start_ns + self.turn_ns {
-            return Some(self.cut(start_ns + self.turn_ns));
+        let is_first = self.given.is_none();
+        self.waiting.first_key_value()?;
+        let mut sweep = self.give();
+        if self.waiting.is_empty() {
+            sweep.end_ns = sweep.points.iter().map(|point| point.time_ns + 1).max()?;
         }
-        (last_ns >= start_ns + self.turn_ns / 2).then(|| self.cut(last_ns + 1))
+        let is_short = sweep.end_ns - sweep.start_ns < self.turn_ns / 2;
+        if is_short || is_first && self.is_scrap(&sweep) { self.next_rest() } else { Some(sweep) }
     }
 
     /// Returns that were older than a sweep that was already given out.
@@ -137,19 +150,25 @@ impl Sweeps {
         self.late
     }
 
-    fn cut(&mut self, mut end_ns: u64) -> Sweep {
-        let mut start_ns = self.start_ns.unwrap_or(0);
-        // a hole in the recording is stepped over in whole revolutions
-        if let Some(next_ns) = self.waiting.iter().map(|point| point.time_ns).min()
-            && next_ns >= end_ns
-        {
-            let over_ns = (next_ns - start_ns) / self.turn_ns * self.turn_ns;
-            (start_ns, end_ns) = (start_ns + over_ns, end_ns + over_ns);
-        }
-        let (points, waiting) = self.waiting.drain(..).partition(|point| point.time_ns < end_ns);
-        self.waiting = waiting;
-        self.start_ns = Some(end_ns);
-        Sweep { start_ns, end_ns, points }
+    /// Of the sweep of a time.
+    fn number(&self, time_ns: u64) -> i64 {
+        let start_ns = self.start_ns.unwrap_or(0);
+        (i128::from(time_ns) - i128::from(start_ns)).div_euclid(i128::from(self.turn_ns.max(1))) as i64
+    }
+
+    fn give(&mut self) -> Sweep {
+        let (number, points) = self.waiting.pop_first().unwrap_or_default();
+        self.count -= points.len();
+        self.given = Some(number);
+        let begin = i128::from(self.start_ns.unwrap_or(0)) + i128::from(number) * i128::from(self.turn_ns);
+        let start_ns = begin.max(0) as u64;
+        Sweep { start_ns, end_ns: start_ns + self.turn_ns, points }
+    }
+
+    /// Whether a sweep before the first frame that came holds less than half a revolution.
+    fn is_scrap(&self, sweep: &Sweep) -> bool {
+        let first_ns = sweep.points.iter().map(|point| point.time_ns).min().unwrap_or(sweep.end_ns);
+        self.given.is_some_and(|given| given < 0) && sweep.end_ns - first_ns < self.turn_ns / 2
     }
 }
 
@@ -202,15 +221,40 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_fell_silent_is_not_waited_for() {
+    fn one_sensor_after_the_other_is_put_together_as_long_as_there_is_room() {
         let model = sensors::catalogue::nominal("os1-16").unwrap();
-        let mut sweeps = Sweeps::new(2, Limits { nearest_m: 0.1, farthest_m: 100.0 });
-        sweeps.add_frame(1, &model, &Pose::IDENTITY, &frame(&model, 0));
-        let mut cut = 0;
-        for turn in 0..12 {
-            sweeps.add_frame(0, &model, &Pose::IDENTITY, &frame(&model, turn * 100_000_000));
-            cut += std::iter::from_fn(|| sweeps.next_whole()).count();
+        let start_ns = 1_000_000_000;
+        let run = |most_waiting: usize| {
+            let mut sweeps = Sweeps::new(2, Limits { nearest_m: 0.1, farthest_m: 100.0 });
+            sweeps.most_waiting = most_waiting;
+            let mut counts = Vec::new();
+            for (sensor, early_ns) in [(0, 0), (1, 40_000_000)] {
+                for turn in 0..6 {
+                    let at_ns = start_ns - early_ns + turn * 100_000_000;
+                    sweeps.add_frame(sensor, &model, &Pose::IDENTITY, &frame(&model, at_ns));
+                    counts.extend(
+                        std::iter::from_fn(|| sweeps.next_whole()).map(|sweep| sweep.points.len() / 16),
+                    );
+                }
+            }
+            counts.extend(std::iter::from_fn(|| sweeps.next_rest()).map(|sweep| sweep.points.len() / 16));
+            (counts, sweeps.late())
+        };
+        // the 4 columns that the second saw before the first began are left out
+        assert_eq!(run(MOST_WAITING), (vec![16, 16, 16, 16, 16, 12], 0));
+        let (counts, late) = run(200);
+        assert!(counts.len() == 6 && late > 300, "{counts:?} {late}");
+    }
+
+    #[test]
+    fn a_hole_is_stepped_over() {
+        let model = sensors::catalogue::nominal("os1-16").unwrap();
+        let mut sweeps = Sweeps::new(1, Limits { nearest_m: 0.1, farthest_m: 100.0 });
+        for at_ns in [0, 100_000_000, 3_000_000_000_000_000] {
+            sweeps.add_frame(0, &model, &Pose::IDENTITY, &frame(&model, at_ns));
         }
-        assert!(cut >= 6, "{cut}");
+        let starts: Vec<u64> =
+            std::iter::from_fn(|| sweeps.next_rest()).map(|sweep| sweep.start_ns).collect();
+        assert_eq!(starts, [0, 100_000_000, 3_000_000_000_000_000]);
     }
 }
