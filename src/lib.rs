@@ -20,6 +20,7 @@ pub mod coverage;
 pub mod surface;
 pub mod simulate;
 pub mod registration;
+pub mod odometry;
 pub mod objective;
 pub mod robustness;
 pub mod fidelity;

@@ -25,6 +25,8 @@ pub const CASES: &[Case] = &[
     case("each_fault_has_its_name", rig_faults::each_fault_has_its_name),
     case("a_mesh_in_millimetres_is_named", rig_faults::a_mesh_in_millimetres_is_named),
     case("what_is_wrong_with_the_input_is_said", rig_faults::what_is_wrong_with_the_input_is_said),
+    case("a_walk_is_found_by_odometry", rig_faults::a_walk_is_found_by_odometry),
+    case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
     case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),
     with_machine(
@@ -40,6 +42,7 @@ pub const CASES: &[Case] = &[
         statistics::known_tilts_are_recovered,
     ),
     with_shared("two_frames_of_a_vehicle_predict_the_third", recordings::two_frames_predict_the_third),
+    with_shared("odometry_agrees_with_the_poses_of_a_vehicle", recordings::odometry_agrees_with_the_poses),
     with_shared(
         "a_still_velodyne_agrees_with_its_own_map",
         recordings::a_still_velodyne_agrees_with_its_own_map,

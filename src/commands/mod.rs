@@ -21,6 +21,7 @@ mod init;
 mod inspect;
 mod manual;
 mod mock;
+mod odometry;
 mod optimize;
 mod output;
 mod predict;
@@ -66,6 +67,8 @@ enum Verb {
     Predict(predict::Args),
     /// Whether a recording covers what was promised, and how far the mounts are off.
     Compare(compare::Args),
+    /// Where the rig went, from the recording alone: a trajectory where no SLAM is at hand.
+    Odometry(odometry::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
@@ -162,6 +165,7 @@ impl Cli {
             Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
             Verb::Compare(args) => compare::run(&args, context),
+            Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),

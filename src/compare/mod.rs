@@ -14,6 +14,7 @@ mod rays;
 mod recorded_ray;
 mod surface;
 mod tilt;
+mod time_offset;
 
 pub use agreement::{Agreement, CellKinds, CoverageCounts, Table, cell_kinds, surface_cells};
 pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
@@ -26,3 +27,4 @@ pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
 };
 pub use tilt::{TiltHistory, TiltReading};
+pub use time_offset::{NoTimeOffset, TimeOffset, time_offset};

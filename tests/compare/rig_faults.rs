@@ -279,3 +279,71 @@ pub fn what_is_wrong_with_the_input_is_said() {
     assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
     assert!(document["words"].to_string().contains("--time-offset"), "{:#}", document["words"]);
 }
+
+/// Greatest distance between two ways laid together at their start, m, at the times of the first.
+fn apart_m(found: &Trajectory, truth: &Trajectory) -> f64 {
+    let start = truth.at(found.time_span_ns()[0]).unwrap();
+    let off_m = found.stamped().filter_map(|(time_ns, pose)| {
+        let expected = start.inverse() * truth.at(time_ns)?;
+        Some(pose.translation_m.distance(expected.translation_m))
+    });
+    off_m.fold(0.0, f64::max)
+}
+
+pub fn a_walk_is_found_by_odometry() {
+    let recorded = Recorded::of(&Walk { noise_m: 0.01, ..Walk::default() });
+    let [tum, kitti] = [recorded.path("found.tum"), recorded.path("found.txt")];
+    let run = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        command.arg("odometry").arg(recorded.path("walk.pcap")).arg("--json").args(more);
+        for meta in ["0.json", "1.json"] {
+            command.arg("--meta").arg(recorded.path(meta));
+        }
+        command.output().unwrap()
+    };
+    let mount = recorded.path("mount.json");
+    let files = ["--out", tum.to_str().unwrap(), "--kitti", kitti.to_str().unwrap()];
+    let output = run(&[&["--mount", mount.to_str().unwrap()], &files[..]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&document["format"], &document["sweeps"]), (&"outrigger-odometry/1".into(), &12.into()));
+    assert_eq!(document["loose_sweeps"], 0, "{:#}", document["steps"]);
+    let found = Trajectory::from_tum(&std::fs::read_to_string(&tum).unwrap()).unwrap();
+    let off_m = apart_m(&found, &said());
+    assert!(off_m < 0.03, "{off_m:.4} m apart after {} m", found.length_m());
+    let begun = Trajectory::from_kitti(&std::fs::read_to_string(&kitti).unwrap(), 10.0).unwrap();
+    assert_eq!(begun.stamped().count(), 12, "one pose per revolution");
+    let second = begun.stamped().nth(5).unwrap().1;
+    let same = found.at(START_NS + 500_000_000).unwrap();
+    assert!(second.translation_m.distance(same.translation_m) < 0.005);
+    std::fs::remove_file(&tum).unwrap();
+    for (more, words) in [
+        (vec![], "holds 2 sensors: --mount says where they sit"),
+        (vec!["--odometry-voxel", "0"], "--odometry-voxel 0, expected above 0"),
+        (vec!["--odometry-min-range", "200"], "--odometry-min-range 200"),
+    ] {
+        let output = run(&[&more[..], &files[..]].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && said.contains(words), "{said}");
+        assert!(output.stdout.is_empty() && !tum.exists());
+    }
+}
+
+pub fn clocks_apart_are_put_together() {
+    let recorded = Recorded::of(&Walk { noise_m: 0.01, ..Walk::default() });
+    let early = said().stamped().map(|(time_ns, pose)| (time_ns - 250_000_000, pose)).collect();
+    std::fs::write(recorded.path("walk.tum"), Trajectory::new(early).unwrap().to_tum()).unwrap();
+    let (_, document) = recorded.judged("mount.json", &["--time-offset", "search"]);
+    let told = &document["time_offset"];
+    let [seconds, u95_s] = ["seconds", "u95_s"].map(|name| told[name].as_f64().unwrap());
+    assert!((seconds + 0.25).abs() < 0.004 && u95_s < 0.01, "{told:#}");
+    assert_eq!(document["time_offset_s"].as_f64().map(|s| (s - seconds).abs() < 1e-8), Some(true));
+    for (place, words) in [
+        (["--map-frames", "0..2"], "--time-offset search needs a scene"),
+        (["--room=-40,-30,-20,50,35,30", "--seed=1"], "cannot tell the time offset"),
+    ] {
+        let output = recorded.compare("mount.json", &place, &["--nulls", "0", "--time-offset", "search"]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && said.contains(words), "{said}");
+    }
+}

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome, output};
-use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TiltHistory};
+use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TiltHistory, TimeOffset};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::files::write_json;
 use crate::record::Session;
@@ -97,6 +97,8 @@ pub struct Document {
     /// What is odd or was lost.
     pub problems: Vec<String>,
     pub time_offset_s: f64,
+    /// With how sure it is, where it was looked for.
+    pub time_offset: Option<TimeOffset>,
     pub wall_s: f64,
 }
 
@@ -166,6 +168,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         rig: axes,
         problems,
         time_offset_s: place.time_offset_ns as f64 * 1e-9,
+        time_offset: place.time_offset,
         wall_s: start.elapsed().as_secs_f64(),
     };
     write(args, &document, &replayed, scene, trajectory, file)?;

@@ -9,11 +9,17 @@ use glam::DVec3;
 
 use super::Source;
 use crate::commands::ground::MeshArgs;
+use crate::commands::odometry::{self, OdometryArgs};
 use crate::commands::scene_file::{self, Making, MapArgs};
+use crate::compare::{Field, RecordedRay, Thinning, TimeOffset, time_offset};
 use crate::geometry::Pose;
 use crate::rig::Rig;
 use crate::scene::{BoxScene, Scene, VoxelMap};
 use crate::trajectory::{Trajectory, WalkLimits};
+
+/// Rays among which the time offset is looked for, and how far to each side.
+const SEARCH_RAYS: usize = 20_000;
+const SEARCH_NS: i64 = 2_000_000_000;
 
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
@@ -32,16 +38,19 @@ pub struct PlaceArgs {
     mesh: MeshArgs,
     #[command(flatten)]
     map: MapArgs,
-    /// Way of the body: TUM format, KITTI poses with --rate, or `still` for a rig that does not move; without it the
-    /// session's own.
+    /// Way of the body: TUM format, KITTI poses with --rate, `still` for a rig that does not move, or `odometry` (with
+    /// --map-frames) for the way that the recording itself tells; without it the session's own.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format; the first pose is that of the first column.
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
-    /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together.
+    /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together, `search` looks
+    /// within 2 s for the one at which the rays end where the scene is.
     #[arg(long, value_name = "S", allow_hyphen_values = true, default_value = "0")]
-    time_offset: TimeOffset,
+    time_offset: Offset,
+    #[command(flatten)]
+    odometry: OdometryArgs,
 }
 
 /// The two corners of a room.
@@ -83,20 +92,23 @@ impl FromStr for Frames {
 
 /// How the clocks stand to each other.
 #[derive(Clone, Copy, Debug)]
-enum TimeOffset {
+enum Offset {
     Seconds(f64),
     Start,
+    Search,
 }
 
-impl FromStr for TimeOffset {
+impl FromStr for Offset {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        if text == "start" {
-            return Ok(Self::Start);
+        match text {
+            "start" => return Ok(Self::Start),
+            "search" => return Ok(Self::Search),
+            _ => {}
         }
         let seconds = text.parse().ok().filter(|value: &f64| value.is_finite() && value.abs() < 9e9);
-        seconds.map(Self::Seconds).ok_or_else(|| format!("{text:?}: expected seconds, or start"))
+        seconds.map(Self::Seconds).ok_or_else(|| format!("{text:?}: expected seconds, start or search"))
     }
 }
 
@@ -105,6 +117,8 @@ pub struct Place {
     pub scene: Scene,
     pub trajectory: Trajectory,
     pub time_offset_ns: i64,
+    /// Where it was looked for.
+    pub time_offset: Option<TimeOffset>,
     /// Frames that made the map.
     pub mapped: std::ops::Range<u64>,
     pub notices: Vec<String>,
@@ -118,13 +132,17 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
     );
     let mut notices = Vec::new();
     let span = || recorded_span(source, rig);
-    let trajectory = trajectory(args, source, &span)?;
-    let time_offset_ns = match args.time_offset {
-        TimeOffset::Seconds(seconds) => (seconds * 1e9).round() as i64,
-        TimeOffset::Start => {
-            let first_ns = span()?.context("no frame to take the start from")?[0];
-            trajectory.time_span_ns()[0] as i64 - first_ns as i64
-        }
+    let trajectory = trajectory(args, source, rig, &span, &mut notices)?;
+    let from_start = || -> anyhow::Result<i64> {
+        let first_ns = span()?.context("no frame to take the start from")?[0];
+        Ok(trajectory.time_span_ns()[0] as i64 - first_ns as i64)
+    };
+    let mut time_offset_ns = match args.time_offset {
+        Offset::Seconds(seconds) => (seconds * 1e9).round() as i64,
+        Offset::Start => from_start()?,
+        // clocks that have nothing in common are taken to have begun together
+        Offset::Search if overlap(span()?, trajectory.time_span_ns()) => 0,
+        Offset::Search => from_start()?,
     };
     let suspicions = trajectory.suspicions(&WalkLimits::default());
     notices.extend(suspicions.iter().take(3).map(|suspicion| format!("trajectory: {suspicion}")));
@@ -143,6 +161,17 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
             Scene::Voxels(Arc::new(map(args, source, rig, &trajectory, time_offset_ns, &mapped)?))
         }
     };
+    let mut found = None;
+    if matches!(args.time_offset, Offset::Search) {
+        ensure!(
+            mapped.is_empty(),
+            "--time-offset search needs a scene: a map of the recording itself fits at any"
+        );
+        let told = search(source, rig, &scene, &trajectory, time_offset_ns)?;
+        notices.push(format!("time offset found: {:.4} s +- {:.4} s (95 %)", told.seconds, told.u95_s));
+        time_offset_ns = (told.seconds * 1e9).round() as i64;
+        found = Some(told);
+    }
     let [low, high] = scene.bounds_m();
     let stations = trajectory.stations_m(0.5);
     let outside = stations.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
@@ -152,13 +181,53 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
             stations.len()
         ));
     }
-    Ok(Place { scene, trajectory, time_offset_ns, mapped, notices })
+    Ok(Place { scene, trajectory, time_offset_ns, time_offset: found, mapped, notices })
+}
+
+/// Looks for the time offset with an even share of the recorded rays.
+fn search(
+    source: &Source,
+    rig: &Rig,
+    scene: &Scene,
+    trajectory: &Trajectory,
+    around_ns: i64,
+) -> anyhow::Result<TimeOffset> {
+    let mut sensors = rig.sensors.clone();
+    let mut kept = Thinning::new(SEARCH_RAYS);
+    source.feed(rig, &mut |taken| {
+        let (sensor, model, frame) = (taken.sensor, taken.model, taken.frame);
+        if sensors[sensor].model != *model {
+            sensors[sensor].model = model.clone();
+        }
+        let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
+        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
+            for channel in 0..frame.channels.min(model.channels()) {
+                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
+                let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
+                let range_mm = frame.first.range_mm[frame.index(column, channel)];
+                if range_mm > 0 && kept.wants(sensor, channel, time_ns) {
+                    let azimuth_rad = sensors::projection::sample_azimuth_rad(model, frame, column, channel);
+                    let range_m = Some(f64::from(range_mm) * 1e-3);
+                    kept.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });
+                }
+            }
+        }
+    })?;
+    let rays = Thinning::joined([kept]);
+    let field = Field { scene, trajectory, sensors: &sensors, rays: &rays, agree_within_m: 0.1 };
+    Ok(time_offset(&field, around_ns, SEARCH_NS)?)
+}
+
+fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
+    recorded.is_some_and(|[first_ns, last_ns]| first_ns <= walked[1] && walked[0] <= last_ns)
 }
 
 fn trajectory(
     args: &PlaceArgs,
     source: &Source,
+    rig: &Rig,
     span: &dyn Fn() -> anyhow::Result<Option<[u64; 2]>>,
+    notices: &mut Vec<String>,
 ) -> anyhow::Result<Trajectory> {
     let Some(path) = &args.trajectory else {
         let Source::Session(session, _) = source else { bail!("give --trajectory: a capture holds none") };
@@ -168,6 +237,15 @@ fn trajectory(
     if name == "still" {
         let [first_ns, last_ns] = span()?.context("the recording holds no frame")?;
         return Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?);
+    }
+    if name == "odometry" {
+        ensure!(
+            args.map_frames.is_some(),
+            "--trajectory odometry begins a world of its own, which lies nowhere in a scene: it needs --map-frames"
+        );
+        let way = odometry::of_rig(source, rig, &args.odometry)?;
+        notices.extend(odometry::remarks(&way));
+        return Ok(way.walked.trajectory);
     }
     let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
     let Some(rate_hz) = args.rate else { return Trajectory::from_tum(&text).context(name) };

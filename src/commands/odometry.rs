@@ -1,0 +1,299 @@
+//! `outrigger odometry`: where the rig went, from its own recording.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context as _, ensure};
+use sensors::Decoded;
+use serde::Serialize;
+
+use super::compare::{Source, feed};
+use super::recording::{Recording, SensorArgs};
+use super::{Context, Outcome, output, unread};
+use crate::files::write_whole;
+use crate::geometry::Pose;
+use crate::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
+use crate::record::Session;
+use crate::registration::RegistrationQuality;
+use crate::rig::{MountFile, Rig};
+use crate::trajectory::{Trajectory, WalkLimits};
+
+/// Arguments of `odometry`.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "The world is the body at the first return. A recording of several sensors needs their mounts; with one \n\
+                  sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \n\
+                  before (iterated closest points, each return at its own time). Where the surfaces leave a direction \n\
+                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a way is \n\
+                  no measurement there.\n\
+                  Exit codes: 0 done, 1 failed, 3 done, but data was lost."
+)]
+pub struct Args {
+    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
+    recording: PathBuf,
+    #[command(flatten)]
+    sensors: SensorArgs,
+    /// Where the sensors sit; without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
+    #[command(flatten)]
+    settings: OdometryArgs,
+    /// Write the way in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
+    #[arg(short, long, value_name = "FILE.tum")]
+    out: Option<PathBuf>,
+    /// Write the pose at which every revolution of the first sensor began, in KITTI format.
+    #[arg(long, value_name = "FILE")]
+    kitti: Option<PathBuf>,
+}
+
+/// How the way is looked for.
+#[derive(clap::Args, Debug)]
+pub struct OdometryArgs {
+    /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
+    #[arg(long = "odometry-voxel", value_name = "M")]
+    voxel_m: Option<f64>,
+    /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
+    #[arg(long = "odometry-min-range", value_name = "M", default_value_t = 0.5)]
+    nearest_m: f64,
+    /// Returns farther than this are not used by odometry.
+    #[arg(long = "odometry-max-range", value_name = "M", default_value_t = 100.0)]
+    farthest_m: f64,
+}
+
+impl OdometryArgs {
+    fn check(&self) -> anyhow::Result<()> {
+        for (name, value) in
+            [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
+        {
+            ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+        }
+        let is_below = (0.0..self.farthest_m).contains(&self.nearest_m);
+        ensure!(is_below, "--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
+        Ok(())
+    }
+}
+
+/// The document that `odometry` prints.
+#[derive(Debug, Serialize)]
+struct Document {
+    format: &'static str,
+    sensors: Vec<String>,
+    sweeps: usize,
+    duration_s: f64,
+    length_m: f64,
+    voxel_m: f64,
+    registration: Option<RegistrationQuality>,
+    /// Sweeps along which a direction was a guess.
+    loose_sweeps: usize,
+    steps: Vec<Step>,
+    /// What is odd or was lost.
+    problems: Vec<String>,
+    files: Vec<String>,
+    wall_s: f64,
+}
+
+/// A way with what was lost on it.
+pub struct Way {
+    pub walked: Walked,
+    pub sensors: Vec<String>,
+    /// Begin of every revolution of the first sensor, ns.
+    pub revolutions_ns: Vec<u64>,
+    pub losses: Vec<String>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let start = std::time::Instant::now();
+    args.settings.check()?;
+    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
+    let mount = match &args.mount {
+        Some(path) => Some(MountFile::read(path)?),
+        None => session.as_ref().map(Session::mount).transpose()?.flatten(),
+    };
+    let way = match mount {
+        Some(file) => {
+            let rig = file.rig()?;
+            let source = match session {
+                Some(session) if args.sensors.meta.is_empty() => {
+                    let (tilts, _) = feed::tilts(&session, &rig)?;
+                    Source::Session(Box::new(session), tilts)
+                }
+                _ => Source::Capture(Recording::open(&args.recording, &args.sensors)?),
+            };
+            of_rig(&source, &rig, &args.settings)?
+        }
+        None => of_one(&Recording::open(&args.recording, &args.sensors)?, &args.settings)?,
+    };
+    let trajectory = &way.walked.trajectory;
+    let mut files = Vec::new();
+    let mut problems = remarks(&way);
+    let mut write = |path: &PathBuf, text: String| {
+        files.push(path.display().to_string());
+        write_whole(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+    };
+    if let Some(path) = &args.out {
+        write(path, trajectory.to_tum())?;
+    }
+    if let Some(path) = &args.kitti {
+        let placed = way.revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
+        let begun: Vec<(u64, Pose)> = placed.collect();
+        let missing = way.revolutions_ns.len() - begun.len();
+        if missing > 0 {
+            problems.push(format!("{missing} revolutions have no pose in the KITTI file"));
+        }
+        write(path, Trajectory::new(begun)?.to_kitti())?;
+    }
+    let [first_ns, last_ns] = trajectory.time_span_ns();
+    let document = Document {
+        format: "outrigger-odometry/1",
+        sensors: way.sensors,
+        sweeps: way.walked.steps.len(),
+        duration_s: (last_ns - first_ns) as f64 * 1e-9,
+        length_m: trajectory.length_m(),
+        voxel_m: way.walked.voxel_m,
+        loose_sweeps: way.walked.steps.iter().filter(|step| step.is_loose()).count(),
+        registration: way.walked.quality,
+        steps: way.walked.steps,
+        problems,
+        files,
+        wall_s: start.elapsed().as_secs_f64(),
+    };
+    if context.json {
+        output::print_json(&document)?;
+    } else {
+        output::print_text(&text(&document))?;
+    }
+    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    Ok(if way.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+}
+
+/// Where a rig of known mounts went.
+pub fn of_rig(source: &Source, rig: &Rig, args: &OdometryArgs) -> anyhow::Result<Way> {
+    args.check()?;
+    let mut walk = Walk::new(rig.sensors.len(), args);
+    let fed = source.feed(rig, &mut |taken| {
+        let mut mount = rig.sensors[taken.sensor].mount;
+        mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
+        walk.add(taken.sensor, taken.model, &mount.body_from_sensor(), taken.frame);
+    })?;
+    walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)
+}
+
+/// Where the only sensor of a recording went.
+fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
+    let mut router = recording.router()?;
+    let mut walk = Walk::new(1, args);
+    let mut sensors = 0;
+    let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
+        let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
+        sensors = sensors.max(at + 1);
+        if at == 0 {
+            walk.add(0, model, &Pose::IDENTITY, frame);
+        }
+    };
+    let ending = recording.each_packet(&mut |packet| {
+        router.push(packet, &mut hand);
+        Ok(())
+    })?;
+    router.finish(&mut hand);
+    ensure!(sensors > 0, "{}", unread::why_nothing(recording, &router, &ending));
+    ensure!(sensors == 1, "{} holds {sensors} sensors: --mount says where they sit", recording.name());
+    let mut losses = ending.losses();
+    let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
+    for (sensor, name) in router.sensors().iter().zip(&names) {
+        losses.extend(unread::sensor_losses(name, sensor.stats()));
+    }
+    walk.finish(names, losses)
+}
+
+/// Odometry over a stream of frames.
+struct Walk {
+    sweeps: Sweeps,
+    odometry: Odometry,
+    revolutions_ns: Vec<u64>,
+}
+
+impl Walk {
+    fn new(sensors: usize, args: &OdometryArgs) -> Self {
+        let limits = Limits { nearest_m: args.nearest_m, farthest_m: args.farthest_m };
+        let settings = Settings { voxel_m: args.voxel_m, reach_m: 1.5 * args.farthest_m };
+        Self {
+            sweeps: Sweeps::new(sensors, limits),
+            odometry: Odometry::new(settings),
+            revolutions_ns: Vec::new(),
+        }
+    }
+
+    fn add(&mut self, sensor: usize, model: &sensors::SensorModel, seat: &Pose, frame: &sensors::Frame) {
+        if let Some([first_ns, _]) = frame.time_span_ns().filter(|_| sensor == 0) {
+            self.revolutions_ns.push(first_ns);
+        }
+        self.sweeps.add_frame(sensor, model, seat, frame);
+        while let Some(sweep) = self.sweeps.next_whole() {
+            self.odometry.add(sweep);
+        }
+    }
+
+    fn finish(mut self, sensors: Vec<String>, mut losses: Vec<String>) -> anyhow::Result<Way> {
+        while let Some(sweep) = self.sweeps.next_rest() {
+            self.odometry.add(sweep);
+        }
+        let late = self.sweeps.late();
+        if late > 0 {
+            losses.push(format!(
+                "{late} returns bear times before those already used (clocks of the sensors apart, or a clock set back): \
+                 they were left out"
+            ));
+        }
+        let walked = self.odometry.finish()?;
+        Ok(Way { walked, sensors, revolutions_ns: self.revolutions_ns, losses })
+    }
+}
+
+/// What is odd about a way, in words.
+pub fn remarks(way: &Way) -> Vec<String> {
+    let walked = &way.walked;
+    let mut remarks = way.losses.clone();
+    remarks.extend(walked.problems.iter().cloned());
+    let start_ns = walked.trajectory.time_span_ns()[0];
+    let loose: Vec<&Step> = walked.steps.iter().filter(|step| step.is_loose()).collect();
+    if let (Some(first), Some(last)) = (loose.first(), loose.last()) {
+        let seconds = |step: &Step| step.time_ns.saturating_sub(start_ns) as f64 * 1e-9;
+        let worst = loose.iter().filter_map(|step| Some((step.least_translation?, step.weakest_direction?)));
+        let along = worst
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(String::new(), |(_, [x, y, z])| format!(" along ({x:.2}, {y:.2}, {z:.2})"));
+        remarks.push(format!(
+            "cannot tell the way{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
+             last velocity was kept",
+            loose.len(),
+            walked.steps.len(),
+            seconds(first),
+            seconds(last)
+        ));
+    }
+    let suspicions = walked.trajectory.suspicions(&WalkLimits::default());
+    remarks.extend(suspicions.iter().take(3).map(|suspicion| format!("way found: {suspicion}")));
+    if suspicions.len() > 3 {
+        remarks.push(format!("way found: {} more gaps, jumps or spins", suspicions.len() - 3));
+    }
+    remarks
+}
+
+fn text(document: &Document) -> String {
+    let mut text = format!(
+        "{} revolutions of {} in {:.1} s: {:.3} m of way, map of {:.2} m cells\n",
+        document.sweeps,
+        document.sensors.join(", "),
+        document.duration_s,
+        document.length_m,
+        document.voxel_m
+    );
+    if let Some(quality) = &document.registration {
+        text.push_str(&quality.line());
+    }
+    for file in &document.files {
+        let _ = writeln!(text, "{file}");
+    }
+    text
+}

@@ -1,0 +1,264 @@
+//! A map of points in a hash of cells, each with the plane through its surroundings.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use glam::DVec3;
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use super::SweepPoint;
+use crate::geometry::Pose;
+
+/// Points of a cell; later ones are not taken.
+const POINTS_PER_CELL: usize = 20;
+/// Points that a plane needs.
+const LEAST_OF_PLANE: f64 = 6.0;
+/// Variance across a plane over that along its narrower side, at most.
+const FLATNESS: f64 = 0.04;
+/// Least spread along the narrower side, in cells: points of one scan line lie on a line, not on a plane.
+const LEAST_WIDTH: f64 = 0.3;
+
+/// A cell's place as one number, 21 bits per axis.
+type Key = u64;
+
+/// A plane through points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaneFit {
+    /// Mean of the points, m.
+    pub centre_m: DVec3,
+    /// Unit, either way.
+    pub normal: DVec3,
+    /// Mean square distance of the points from the plane, m^2.
+    pub across_m2: f64,
+}
+
+/// Points in cells.
+#[derive(Clone, Debug)]
+pub struct PointMap {
+    voxel_m: f64,
+    least_apart_m2: f64,
+    cells: HashMap<Key, Cell, BuildHasherDefault<Mixed>>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Cell {
+    points_m: Vec<DVec3>,
+    sums: Moments,
+}
+
+/// Sums of points and of their products.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    count: f64,
+    sum: DVec3,
+    /// xx, yy, zz.
+    squares: DVec3,
+    /// yz, zx, xy.
+    products: DVec3,
+}
+
+impl PointMap {
+    /// Empty, of cells of this edge, m.
+    pub fn new(voxel_m: f64) -> Self {
+        Self {
+            voxel_m,
+            least_apart_m2: voxel_m * voxel_m / POINTS_PER_CELL as f64,
+            cells: HashMap::default(),
+        }
+    }
+
+    /// Edge of a cell, m.
+    pub fn voxel_m(&self) -> f64 {
+        self.voxel_m
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.cells.clear();
+    }
+
+    /// Adds points of the body.
+    pub fn add(&mut self, body_m: &[DVec3], world_from_body: &Pose) {
+        for point in body_m {
+            let point_m = world_from_body.transform_point(*point);
+            let cell = self.cells.entry(key(place(point_m, self.voxel_m))).or_default();
+            let near = |other: &DVec3| other.distance_squared(point_m) < self.least_apart_m2;
+            if cell.points_m.len() < POINTS_PER_CELL && !cell.points_m.iter().any(near) {
+                cell.points_m.push(point_m);
+                cell.sums.add(point_m);
+            }
+        }
+    }
+
+    /// Forgets what is farther than this from a place.
+    pub fn forget(&mut self, place_m: DVec3, beyond_m: f64) {
+        let far = beyond_m * beyond_m;
+        self.cells.retain(|_, cell| cell.points_m[0].distance_squared(place_m) < far);
+    }
+
+    /// The nearest point within so many cells to each side, and no farther than so many metres.
+    pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Option<DVec3> {
+        let middle = place(point_m, self.voxel_m);
+        let (mut best, mut best_m2) = (None, within_m * within_m);
+        around(middle, reach_cells, |at| {
+            let Some(cell) = self.cells.get(&key(at)) else { return };
+            for other in &cell.points_m {
+                let distance_m2 = other.distance_squared(point_m);
+                if distance_m2 < best_m2 {
+                    (best, best_m2) = (Some(*other), distance_m2);
+                }
+            }
+        });
+        best
+    }
+
+    /// The cell around a point, by number.
+    pub fn cell_of(&self, point_m: DVec3) -> u64 {
+        key(place(point_m, self.voxel_m))
+    }
+
+    /// The plane through the points of the cell around a point and its neighbours, where they lie on one.
+    pub fn plane(&self, point_m: DVec3) -> Option<PlaneFit> {
+        let mut all = Moments::default();
+        around(place(point_m, self.voxel_m), 1, |at| {
+            if let Some(cell) = self.cells.get(&key(at)) {
+                all.join(&cell.sums);
+            }
+        });
+        all.plane(LEAST_WIDTH * self.voxel_m)
+    }
+}
+
+impl Moments {
+    fn add(&mut self, p: DVec3) {
+        self.count += 1.0;
+        self.sum += p;
+        self.squares += p * p;
+        self.products += DVec3::new(p.y * p.z, p.z * p.x, p.x * p.y);
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.count += other.count;
+        self.sum += other.sum;
+        self.squares += other.squares;
+        self.products += other.products;
+    }
+
+    fn plane(&self, least_width_m: f64) -> Option<PlaneFit> {
+        if self.count < LEAST_OF_PLANE {
+            return None;
+        }
+        let m = self.sum / self.count;
+        let own = self.squares / self.count - m * m;
+        let mixed = self.products / self.count - DVec3::new(m.y * m.z, m.z * m.x, m.x * m.y);
+        #[rustfmt::skip]
+        let spread = Matrix3::new(
+            own.x, mixed.z, mixed.y,
+            mixed.z, own.y, mixed.x,
+            mixed.y, mixed.x, own.z,
+        );
+        let eigen = SymmetricEigen::new(spread);
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+        let [across_m2, narrow_m2] = [0, 1].map(|at| eigen.eigenvalues[order[at]].max(0.0));
+        if narrow_m2 < least_width_m * least_width_m || across_m2 > FLATNESS * narrow_m2 {
+            return None;
+        }
+        let normal = eigen.eigenvectors.column(order[0]);
+        Some(PlaneFit { centre_m: m, normal: DVec3::new(normal[0], normal[1], normal[2]), across_m2 })
+    }
+}
+
+/// The first of the points in every cell of this edge.
+pub fn thin(points: &[SweepPoint], edge_m: f64) -> Vec<SweepPoint> {
+    let mut taken: HashMap<Key, (), BuildHasherDefault<Mixed>> = HashMap::default();
+    let fresh = |point: &&SweepPoint| taken.insert(key(place(point.body_m, edge_m)), ()).is_none();
+    points.iter().filter(fresh).copied().collect()
+}
+
+fn place(point_m: DVec3, edge_m: f64) -> [i32; 3] {
+    (point_m / edge_m).floor().to_array().map(|value| value as i32)
+}
+
+fn key(place: [i32; 3]) -> Key {
+    place.iter().fold(0, |key, at| key << 21 | (i64::from(*at) as u64 & 0x1f_ffff))
+}
+
+fn around(middle: [i32; 3], reach: i32, mut take: impl FnMut([i32; 3])) {
+    for x in middle[0] - reach..=middle[0] + reach {
+        for y in middle[1] - reach..=middle[1] + reach {
+            for z in middle[2] - reach..=middle[2] + reach {
+                take([x, y, z]);
+            }
+        }
+    }
+}
+
+/// Hash of one number by two multiplications; the same on every machine and in every run.
+#[derive(Default)]
+struct Mixed(u64);
+
+impl Hasher for Mixed {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u64(self.0 ^ u64::from(*byte)));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        let mixed = value.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = (mixed ^ mixed >> 32).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    #[test]
+    fn the_nearest_point_is_that_of_a_search_through_all() {
+        let mut rng = Rng::new(3, 0);
+        let mut any = |half: f64| {
+            DVec3::new(rng.between(-half, half), rng.between(-half, half), rng.between(-half, half))
+        };
+        let points: Vec<DVec3> = (0..400).map(|_| any(2.0)).collect();
+        let mut map = PointMap::new(0.5);
+        map.add(&points, &Pose::IDENTITY);
+        // what lies too near another was not taken
+        let held: Vec<DVec3> = map.cells.values().flat_map(|cell| cell.points_m.clone()).collect();
+        assert!(held.len() > 300);
+        for _ in 0..200 {
+            let at = any(2.2);
+            let near =
+                held.iter().copied().min_by(|a, b| a.distance_squared(at).total_cmp(&b.distance_squared(at)));
+            let expected = near.filter(|point| point.distance(at) < 0.5);
+            assert_eq!(map.nearest(at, 1, 0.5), expected);
+        }
+    }
+
+    #[test]
+    fn planes_are_found_and_lines_and_clouds_are_not() {
+        let normal = DVec3::new(0.3, -0.2, 1.0).normalize();
+        let (along, beside) = normal.any_orthonormal_pair();
+        let mut rng = Rng::new(4, 0);
+        let mut fill = |sizes: [f64; 3]| {
+            let mut map = PointMap::new(0.4);
+            let points: Vec<DVec3> = (0..300)
+                .map(|_| {
+                    let [a, b, c] = sizes.map(|size| rng.between(-size, size));
+                    a * along + b * beside + c * normal
+                })
+                .collect();
+            map.add(&points, &Pose::IDENTITY);
+            map.plane(DVec3::splat(1e-3))
+        };
+        let plane = fill([0.6, 0.6, 0.01]).unwrap();
+        assert!(plane.normal.dot(normal).abs() > 0.9995, "{plane:?}");
+        assert!(plane.across_m2 < 1e-4 && plane.centre_m.dot(normal).abs() < 0.005);
+        assert_eq!(fill([0.6, 0.01, 0.01]), None, "a scan line");
+        assert_eq!(fill([0.6, 0.6, 0.6]), None, "a bush");
+    }
+}
