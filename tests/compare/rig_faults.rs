@@ -275,6 +275,7 @@ pub fn what_is_wrong_with_the_input_is_said() {
     fails(&["--room=5,3,3,-4,-3,0"], &[], "first corner must lie below");
     fails(&["--scene", "none.ply"], &[], "none.ply");
     fails(&[], &[], "--scene");
+    fails(&["--map-frames", "0..9"], &[], "leaves nothing to compare: right recorded 2 revolutions");
     let (code, document) = recorded.judged("mount.json", &["--time-offset", "100"]);
     assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
     assert!(document["words"].to_string().contains("--time-offset"), "{:#}", document["words"]);
