@@ -243,6 +243,14 @@ pub fn replayed(
             replay.settle();
         }
     })?;
+    // silent because nothing of it was left, not because it is dead
+    let used_up = fed.sensors.iter().find(|s| s.frames > 0 && mapped.start == 0 && s.frames <= mapped.end);
+    if let Some(SensorSummary { sensor, frames, .. }) = used_up {
+        bail!(
+            "--map-frames 0..{} leaves nothing to compare: {sensor} recorded {frames} revolutions",
+            mapped.end
+        );
+    }
     Ok((replay.finish(), fed))
 }
 
