@@ -21,7 +21,7 @@ use crate::study::{Findings, STUDIES, Size, named};
 )]
 pub struct Args {
     /// plan, run, merge or submit and a study, or a study alone for all three: published, methods, sensor-count, pareto,
-    /// joint, speed-accuracy, stability.
+    /// joint, speed-accuracy, stability, scenes.
     #[arg(value_name = "ACTION|NAME", num_args = 1..=2, required = true)]
     what: Vec<String>,
     /// Seeds of each search.
@@ -30,7 +30,7 @@ pub struct Args {
     /// Few evaluations: shows that it runs, not what it finds.
     #[arg(long)]
     quick: bool,
-    /// Mesh, for studies in a scene.
+    /// Mesh, for studies in a scene; a folder of meshes for `scenes`.
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Which part to run, as i/N.

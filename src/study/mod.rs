@@ -10,6 +10,7 @@ mod page;
 mod pareto;
 mod published;
 mod rows;
+mod scenes;
 mod searches;
 mod sensor_count;
 pub mod shard;
@@ -17,6 +18,7 @@ mod speed_accuracy;
 mod spread;
 mod stability;
 pub mod submit;
+mod walks;
 
 pub use page::{csv, findings_page};
 pub use rows::{Row, number, text};
@@ -34,7 +36,7 @@ pub struct Size {
     pub seeds: u64,
     /// A tenth of the evaluations and fewer settings: whether it runs, not what it finds.
     pub quick: bool,
-    /// Mesh for studies in a scene.
+    /// Mesh for studies in a scene, or a folder of meshes.
     pub scene: Option<PathBuf>,
 }
 
@@ -71,6 +73,7 @@ pub const STUDIES: &[&dyn Study] = &[
     &joint::Joint,
     &speed_accuracy::SpeedAccuracy,
     &stability::Stability,
+    &scenes::Scenes,
 ];
 
 /// The study of a name.

@@ -1,0 +1,367 @@
+//! The best pair of mounts in each of many scenes and walks, and how well one scene's mount serves another.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::rows::{Row, chosen, row_of, text};
+use super::walks::Walk;
+use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
+use crate::chart::{self, LineChart, Series};
+use crate::coverage::VoxelGrid;
+use crate::rig::Mount;
+use crate::scene::{Scene, load_mesh};
+use crate::simulate::fan::BeamFan;
+
+const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
+const VOXEL_M: f64 = 0.2;
+const COLUMNS: usize = 180;
+const SCANS_PER_S: f64 = 2.5;
+/// Half the distance between the two sensors of a pair, m.
+const ASIDE_M: f64 = 0.1;
+/// Pitches that see less than the best by this share are as good: what a rig built to 1 degree differs by.
+const ALIKE: f64 = 0.005;
+
+/// See the module.
+#[derive(Debug)]
+pub struct Scenes;
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Task {
+    scene: PathBuf,
+    walk: Walk,
+    sensor: String,
+    quick: bool,
+}
+
+impl Study for Scenes {
+    fn name(&self) -> &'static str {
+        "scenes"
+    }
+
+    fn about(&self) -> &'static str {
+        "Which pair of mounts is best in which scene, and how well does one scene's serve another?"
+    }
+
+    fn tasks(&self, size: &Size) -> Result<Vec<Value>, StudyError> {
+        let path = size.scene.as_deref();
+        let path = path.ok_or_else(|| StudyError("which scenes? Give --scene FOLDER of meshes".into()))?;
+        let mut tasks = Vec::new();
+        for scene in meshes(path)? {
+            for walk in Walk::ALL.into_iter().take(if size.quick { 2 } else { 4 }) {
+                for sensor in SENSORS {
+                    let (scene, sensor) = (scene.clone(), sensor.into());
+                    tasks.push(Value::Object(row_of(&Task { scene, walk, sensor, quick: size.quick })));
+                }
+            }
+        }
+        Ok(tasks)
+    }
+
+    fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
+        let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
+        let of_scene = |error: StudyError| StudyError(format!("{}: {error}", task.scene.display()));
+        let mesh = load_mesh(&task.scene, None, None).map_err(StudyError::of)?.mesh;
+        let scene = Scene::Mesh(Arc::new(mesh));
+        let way = task.walk.through(&scene).map_err(of_scene)?;
+        let model = sensors::catalogue::nominal(&task.sensor).map_err(StudyError::of)?;
+        let (columns, rate_hz) = if task.quick { (60, 1.0) } else { (COLUMNS, SCANS_PER_S) };
+        let fan = BeamFan::nominal(&model, columns, rate_hz);
+        let grid = VoxelGrid::centred_on(scene.bounds_m(), VOXEL_M);
+        let voxels = |mounts: &[Mount]| fan.coverage(&scene, &way, mounts, &grid).0.union_count();
+        let at =
+            |x_m: f64, pitch_deg: f64| Mount { x_m, pitch_rad: pitch_deg.to_radians(), ..Mount::default() };
+        let pitches: Vec<f64> = (0..=75).step_by(if task.quick { 15 } else { 3 }).map(f64::from).collect();
+        let pairs: Vec<u64> =
+            pitches.iter().map(|pitch| voxels(&[at(-ASIDE_M, -pitch), at(ASIDE_M, *pitch)])).collect();
+        let single: Vec<u64> = pitches.iter().map(|pitch| voxels(&[at(0.0, *pitch)])).collect();
+        let mut row = row_of(&task);
+        let name = task.scene.file_stem().map(|name| name.to_string_lossy().into_owned());
+        row.insert("scene".into(), json!(name));
+        row.insert("length_m".into(), json!((way.length_m() * 10.0).round() / 10.0));
+        row.insert("pitches_deg".into(), json!(pitches));
+        row.insert("pair_voxels".into(), json!(pairs));
+        row.insert("single_voxels".into(), json!(single));
+        Ok(vec![row])
+    }
+
+    fn findings(&self, rows: &[Row]) -> Findings {
+        let mut findings = Findings::default();
+        let mut advice = Vec::new();
+        for sensor in SENSORS {
+            let places: Vec<Place> =
+                chosen(rows, &[("sensor", sensor)]).into_iter().filter_map(Place::of).collect();
+            if places.is_empty() {
+                continue;
+            }
+            findings.tables.push(best_table(sensor, &places));
+            findings.tables.push(served_table(sensor, &places));
+            findings.figures.push(shares_figure(sensor, &places));
+            let (words, claim) = recommend(sensor, &places);
+            advice.push(words);
+            findings.claims.push(claim);
+        }
+        findings.summary = advice.join(" ");
+        findings
+    }
+}
+
+/// The meshes of a folder, or the one that is named.
+fn meshes(path: &Path) -> Result<Vec<PathBuf>, StudyError> {
+    if path.is_file() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let unreadable = |error| StudyError(format!("{}: {error}", path.display()));
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(path).map_err(unreadable)? {
+        let file = entry.map_err(unreadable)?.path();
+        let ending = file.extension().and_then(|ending| ending.to_str()).map(str::to_ascii_lowercase);
+        if matches!(ending.as_deref(), Some("ply" | "obj" | "stl" | "gltf" | "glb")) {
+            found.push(file);
+        }
+    }
+    found.sort();
+    if found.is_empty() {
+        return Err(StudyError(format!("{}: holds no mesh (.ply, .obj, .stl, .gltf, .glb)", path.display())));
+    }
+    Ok(found)
+}
+
+/// A scene with a walk, and what pairs and single sensors see there.
+struct Place {
+    name: String,
+    pitches_deg: Vec<f64>,
+    pair: Vec<f64>,
+    single: Vec<f64>,
+}
+
+impl Place {
+    fn of(row: &Row) -> Option<Self> {
+        let numbers = |field: &str| -> Option<Vec<f64>> {
+            row.get(field)?.as_array()?.iter().map(Value::as_f64).collect()
+        };
+        Some(Self {
+            name: format!("{}, {}", text(row, "scene"), text(row, "walk").replace('_', "-")),
+            pitches_deg: numbers("pitches_deg")?,
+            pair: numbers("pair_voxels")?,
+            single: numbers("single_voxels")?,
+        })
+    }
+
+    fn best(&self) -> usize {
+        greatest(&self.pair)
+    }
+
+    /// Share of this place's best that a pitch sees.
+    fn share(&self, pitch: usize) -> f64 {
+        self.pair[pitch] / self.pair[self.best()]
+    }
+
+    /// Pitches that are as good as the best, degrees.
+    fn alike_deg(&self) -> [f64; 2] {
+        let alike = (0..self.pair.len()).filter(|pitch| self.share(*pitch) >= 1.0 - ALIKE);
+        let alike: Vec<f64> = alike.map(|pitch| self.pitches_deg[pitch]).collect();
+        [alike.first(), alike.last()].map(|end| end.copied().unwrap_or(f64::NAN))
+    }
+}
+
+/// The first of the greatest.
+fn greatest(values: &[f64]) -> usize {
+    (1..values.len()).fold(0, |best, at| if values[at] > values[best] { at } else { best })
+}
+
+fn percent(share: f64) -> String {
+    format!("{:+.1} %", 100.0 * share)
+}
+
+fn best_table(sensor: &str, places: &[Place]) -> Table {
+    let mut table = Table::new(
+        &format!("best-{sensor}"),
+        &format!("Best mirrored pair of {sensor}"),
+        &format!(
+            "Voxels of {VOXEL_M} m of the scene's surface that are hit. As good: pitches within {} % of the best. Gains of the \
+             pair over one level sensor and over one sensor at its own best pitch.",
+            100.0 * ALIKE
+        ),
+        &[
+            "scene, walk",
+            "voxels",
+            "pitch",
+            "as good",
+            "over a level sensor",
+            "over the best single",
+            "its pitch",
+            "level pair",
+        ],
+    );
+    for place in places {
+        let (best, alone) = (place.best(), greatest(&place.single));
+        let [low, high] = place.alike_deg();
+        table.rows.push(vec![
+            place.name.clone(),
+            chart::number(place.pair[best], 0),
+            chart::number(place.pitches_deg[best], 0),
+            format!("{low:.0} to {high:.0}"),
+            percent(place.pair[best] / place.single[0] - 1.0),
+            percent(place.pair[best] / place.single[alone] - 1.0),
+            chart::number(place.pitches_deg[alone], 0),
+            percent(place.share(0) - 1.0),
+        ]);
+    }
+    table
+}
+
+/// What the pair of one scene sees in another, as a share of that one's best; a scene's walks are taken together.
+fn served_table(sensor: &str, places: &[Place]) -> Table {
+    let scenes = scenes(places);
+    let mut table = Table::new(
+        &format!("served-{sensor}"),
+        &format!("One scene's pair of {sensor} in another"),
+        "Row: whose pair. Column: where it is used; share of what that scene's own best pairs see, the mean over its walks.",
+        &["pair of", "pitch"],
+    );
+    table.columns.extend(scenes.iter().map(|(name, _)| name.clone()));
+    for (name, own) in &scenes {
+        let pitch = fairest(own, mean_share);
+        let mut cells = vec![name.clone(), chart::number(own[0].pitches_deg[pitch], 0)];
+        cells.extend(scenes.iter().map(|(_, there)| format!("{:.1} %", 100.0 * mean_share(there, pitch))));
+        table.rows.push(cells);
+    }
+    table
+}
+
+/// Places by scene, in their order.
+fn scenes(places: &[Place]) -> Vec<(String, Vec<&Place>)> {
+    let mut scenes: Vec<(String, Vec<&Place>)> = Vec::new();
+    for place in places {
+        let name = place.name.split(',').next().unwrap_or_default().to_owned();
+        match scenes.last_mut() {
+            Some((last, own)) if *last == name => own.push(place),
+            _ => scenes.push((name, vec![place])),
+        }
+    }
+    scenes
+}
+
+fn mean_share(places: &[&Place], pitch: usize) -> f64 {
+    places.iter().map(|place| place.share(pitch)).sum::<f64>() / places.len() as f64
+}
+
+fn least_share(places: &[&Place], pitch: usize) -> f64 {
+    places.iter().map(|place| place.share(pitch)).fold(f64::INFINITY, f64::min)
+}
+
+/// The pitch at which a figure over places is greatest.
+fn fairest(places: &[&Place], figure: fn(&[&Place], usize) -> f64) -> usize {
+    let count = places.first().map_or(0, |place| place.pair.len());
+    greatest(&(0..count).map(|pitch| figure(places, pitch)).collect::<Vec<_>>())
+}
+
+fn shares_figure(sensor: &str, places: &[Place]) -> Figure {
+    let scenes = scenes(places);
+    let line = |(name, own): &(String, Vec<&Place>)| Series {
+        name: name.clone(),
+        points: own[0]
+            .pitches_deg
+            .iter()
+            .enumerate()
+            .map(|(pitch, deg)| [*deg, 100.0 * mean_share(own, pitch)])
+            .collect(),
+    };
+    let chart = LineChart {
+        title: format!("{sensor}: what a pair sees of the best pair's"),
+        x_label: "pitch, degrees".into(),
+        y_label: "share of the scene's best, %".into(),
+        series: scenes.iter().map(line).collect(),
+        steps: false,
+    };
+    Figure {
+        svg: chart.svg(),
+        caption: format!(
+            "What a mirrored pair of {sensor} sees over its pitch, as a share of the scene's best pair."
+        ),
+    }
+}
+
+/// The pitch whose worst place is best, with those that are as good.
+fn recommend(sensor: &str, places: &[Place]) -> (String, Claim) {
+    let all: Vec<&Place> = places.iter().collect();
+    let pitch = fairest(&all, least_share);
+    let least = least_share(&all, pitch);
+    let alike: Vec<f64> = (0..all[0].pair.len())
+        .filter(|other| least_share(&all, *other) >= least - ALIKE)
+        .map(|other| all[0].pitches_deg[other])
+        .collect();
+    let (low, high) = (alike.first().copied().unwrap_or(0.0), alike.last().copied().unwrap_or(0.0));
+    let gains: Vec<f64> =
+        all.iter().map(|place| place.pair[pitch] / place.single[greatest(&place.single)] - 1.0).collect();
+    let [least_gain, most_gain] = [
+        gains.iter().copied().fold(f64::INFINITY, f64::min),
+        gains.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    ];
+    let words = format!(
+        "{sensor}: a pair at +-{:.0} degrees ({low:.0} to {high:.0} are as good) sees at least {:.1} % of every scene's best, and \
+         {} to {} more than the best single sensor.",
+        all[0].pitches_deg[pitch],
+        100.0 * least,
+        percent(least_gain),
+        percent(most_gain)
+    );
+    let everywhere = least >= 0.95;
+    let claim = Claim {
+        claim: format!("One pitch of a pair of {sensor} serves every scene within 5 % of its best"),
+        verdict: if everywhere { Verdict::Stands } else { Verdict::DoesNotStand },
+        because: format!("the worst place is left with {:.1} % over {} places", 100.0 * least, all.len()),
+    };
+    (words, claim)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A room as a mesh.
+    fn room(x_m: f64, y_m: f64, z_m: f64) -> String {
+        let mut text = String::new();
+        for corner in 0..8 {
+            let side = |bit: i32, half: f64| if corner >> bit & 1 == 1 { half } else { -half };
+            text += &format!(
+                "v {} {} {}\n",
+                side(0, x_m / 2.0),
+                side(1, y_m / 2.0),
+                if corner >> 2 & 1 == 1 { z_m } else { 0.0 }
+            );
+        }
+        for face in [[1, 2, 4, 3], [5, 7, 8, 6], [1, 5, 6, 2], [3, 4, 8, 7], [1, 3, 7, 5], [2, 6, 8, 4]] {
+            text += &format!("f {} {} {} {}\n", face[0], face[1], face[2], face[3]);
+        }
+        text
+    }
+
+    #[test]
+    fn every_scene_of_a_folder_is_walked_and_judged() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("low.obj"), room(8.0, 6.0, 2.5)).unwrap();
+        std::fs::write(folder.path().join("tall.obj"), room(8.0, 6.0, 12.0)).unwrap();
+        std::fs::write(folder.path().join("notes.txt"), "").unwrap();
+        let size = Size { seeds: 1, quick: true, scene: Some(folder.path().into()) };
+        let tasks = Scenes.tasks(&size).unwrap();
+        assert_eq!(tasks.len(), 2 * 2 * 2);
+        let rows: Vec<Row> = tasks.iter().flat_map(|task| Scenes.run(task).unwrap()).collect();
+        let findings = Scenes.findings(&rows);
+        assert_eq!(findings.tables.len(), 4);
+        let [best, served] = &findings.tables[..2] else { panic!() };
+        assert_eq!((best.rows.len(), served.rows.len()), (4, 2));
+        assert_eq!(served.rows[0][2], "100.0 %", "{served:?}");
+        // who walks under a high ceiling must look up
+        let pitch = |row: usize| best.rows[row][2].parse::<f64>().unwrap();
+        assert!(pitch(2) > pitch(0), "{best:?}");
+        assert!(
+            findings.summary.contains("os1-64: a pair at") && findings.summary.contains("vlp-16: a pair")
+        );
+        let error = Scenes.tasks(&Size { scene: None, ..size }).unwrap_err();
+        assert!(error.to_string().contains("--scene FOLDER"));
+    }
+}
