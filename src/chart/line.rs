@@ -82,7 +82,10 @@ impl LineChart {
         let mut names = Vec::new();
         for (place, series) in self.series.iter().enumerate() {
             let Some(last) = series.points.last() else { continue };
-            let _ = write!(svg, "<path class=\"line s{}\" d=\"{}\"/>", place % 6, self.path(series, &x, &y));
+            // colours come round again: from there on lines are broken
+            let dashes = if place < 6 { "" } else { " stroke-dasharray=\"6 3\"" };
+            let path = self.path(series, &x, &y);
+            let _ = write!(svg, "<path class=\"line s{}\"{dashes} d=\"{path}\"/>", place % 6);
             names.push((y.px(last[1]) + 4.0, place, &series.name));
         }
         names.sort_by(|a, b| a.0.total_cmp(&b.0));
