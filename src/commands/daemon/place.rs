@@ -1,12 +1,12 @@
 //! Mounts, scene and way, as far as they are known.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use glam::DVec3;
 
 use crate::commands::ground::{MeshArgs, Numbers, read_trajectory};
+use crate::commands::scene_file::{self, MapArgs};
 use crate::daemon::Place;
 use crate::files::folder_of;
 use crate::rig::MountFile;
@@ -18,14 +18,17 @@ pub struct PlaceArgs {
     /// Sensors of the rig, in the order of its axes: places their points, and has the pitches to apply.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
-    /// Surface around, for the prediction: .ply, .obj, .stl, .gltf or .glb.
-    #[arg(long, value_name = "FILE", conflicts_with = "room")]
+    /// What is around, for the prediction: a mesh (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: a session, or
+    /// a point cloud (.ply without faces, .pcd, .las or .laz).
+    #[arg(long, value_name = "PATH", conflicts_with = "room")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, allow_hyphen_values = true, value_name = "CORNERS")]
     room: Option<Numbers<6>>,
     #[command(flatten)]
     mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
     /// Way of the platform: TUM format, or KITTI poses with --rate; without it the platform stands at the origin.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -41,7 +44,8 @@ pub struct PlaceArgs {
 }
 
 /// Keys that `[daemon]` takes from `[predict]`.
-pub const FROM_PREDICT: [&str; 7] = ["mount", "scene", "room", "mesh_unit", "up", "trajectory", "rate"];
+pub const FROM_PREDICT: [&str; 10] =
+    ["mount", "scene", "room", "mesh_unit", "up", "map_voxel", "map_hits", "map_path", "trajectory", "rate"];
 
 /// Reads what is named.
 pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
@@ -58,9 +62,9 @@ pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
     place.scene = match (&args.scene, &args.room) {
         (Some(_), Some(_)) => bail!("--scene and --room are both given: which of the two is it?"),
         (Some(path), None) => {
-            let read = args.mesh.read(path)?;
+            let read = scene_file::read(path, &args.mesh, &args.map)?;
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-            Some(Scene::Mesh(Arc::new(read.mesh)))
+            Some(read.scene)
         }
         (None, Some(Numbers([x0, y0, z0, x1, y1, z1]))) => {
             let (low, high) = (DVec3::new(*x0, *y0, *z0), DVec3::new(*x1, *y1, *z1));
