@@ -17,7 +17,7 @@ use crate::rig::Rig;
 use crate::trajectory::{PoseError, Trajectory};
 
 /// Returns that are kept, of all sensors together.
-const RAYS: usize = 1 << 21;
+const RAYS: usize = 1 << 22;
 /// A tilt is called off beyond so many standard deviations and degrees.
 const SURE: f64 = 3.0;
 const NOTABLE_DEG: f64 = 0.1;

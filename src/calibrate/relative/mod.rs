@@ -9,7 +9,9 @@
 //!
 //! Windows are short beside the memory of a pose error, and all of it that two windows share cancels, as both sensors
 //! ride the same body: what differs between windows is what the estimate scatters by. It is left out by turns
-//! (jackknife, doi:10.1214/aos/1176345462), and the interval is Student's.
+//! (jackknife, doi:10.1214/aos/1176345462), and the interval is Student's. What all windows get wrong alike is not in it:
+//! in a simulated room of 9 by 6 m tilts came out 0.015 to 0.045 degrees low, up to twice the interval; in the furnished
+//! house within 0.01 degrees (two walks).
 
 mod window;
 
@@ -154,7 +156,10 @@ pub fn relative_mount(pair: &Pair<'_>, error: &PoseError) -> RelativeMount {
         rounds += 1;
         let Some(found_m) = spread_m(&said) else { break };
         let weight_m = look.scale_m.unwrap_or(0.05);
-        scale_m = Some(found_m);
+        // gates that follow what they let through would shrink without end
+        if rounds <= WIDE_ROUNDS + 1 {
+            scale_m = Some(found_m);
+        }
         let observed = observed(&said, weight_m);
         let basis = &observed.basis;
         let (information, right) = sum(&said);

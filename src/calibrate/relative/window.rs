@@ -14,7 +14,9 @@ use crate::trajectory::PoseError;
 /// Revolutions that may share a window.
 pub const MOST_TURNS: usize = 8;
 /// Points of one sensor and window that are laid into planes, at most; all points make planes.
-const QUERIES: usize = 12_000;
+const QUERIES: usize = 40_000;
+/// Of the distances from a sensor's own planes, which hold the poses and nothing else, one in so many is taken.
+const OWN_EVERY: usize = 8;
 /// Surfaces seen more obliquely than 75 degrees are left out.
 const LEAST_COSINE: f64 = 0.26;
 /// Points that a plane is made of, at least.
@@ -124,7 +126,7 @@ impl Window {
         let mut right = DVector::<f64>::zeros(size);
         let mut said = Said::nothing();
         let mut row = vec![0.0; size];
-        for point in points.iter().step_by(every) {
+        for (number, point) in points.iter().step_by(every).enumerate() {
             let planes: [Option<Found>; 2] = std::array::from_fn(|map| {
                 let seek = || find(&maps[map], point.world_m, look.edge_m, origin_m);
                 known[map].at_mut(point.world_m).get_or_insert_with(seek).clone()
@@ -135,7 +137,8 @@ impl Window {
                 let plane = &found.plane;
                 let residual_m = plane.normal.dot(point.world_m - plane.centre_m);
                 let is_across = point.is_first != (map == 0);
-                if residual_m.abs() > look.gate_m
+                if !is_across && !number.is_multiple_of(OWN_EVERY)
+                    || residual_m.abs() > look.gate_m
                     || plane.across_m2 > look.most_across_m.powi(2)
                     || own_plane.plane.across_m2 > look.most_across_m.powi(2)
                     || point.direction.dot(plane.normal).abs() < LEAST_COSINE
@@ -339,12 +342,11 @@ fn fill(
 }
 
 fn add(sums: &mut DMatrix<f64>, right: &mut DVector<f64>, row: &[f64], residual_m: f64, weight: f64) {
-    let used: Vec<usize> = (0..row.len()).filter(|place| row[*place] != 0.0).collect();
-    for &a in &used {
-        let weighted = weight * row[a];
+    let size = row.len();
+    for (a, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+        let weighted = weight * value;
         right[a] += weighted * residual_m;
-        for &b in &used {
-            sums[(b, a)] += weighted * row[b];
-        }
+        let column = &mut sums.as_mut_slice()[a * size..(a + 1) * size];
+        column.iter_mut().zip(row).for_each(|(sum, other)| *sum += weighted * other);
     }
 }
