@@ -28,6 +28,38 @@ pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0)).sqrt())
 }
 
+/// Chance of a value of Student's t at least this far from zero, either side, for whole degrees of freedom (Abramowitz and
+/// Stegun, 26.7.3 and 26.7.4).
+pub fn student_two_sided(t: f64, freedom: usize) -> f64 {
+    if !t.is_finite() || freedom == 0 {
+        return if t.is_infinite() && freedom > 0 { 0.0 } else { 1.0 };
+    }
+    let angle = (t.abs() / (freedom as f64).sqrt()).atan();
+    let (sine, cosine) = angle.sin_cos();
+    let is_odd = freedom % 2 == 1;
+    let (mut sum, mut term) = (0.0, if is_odd { cosine } else { 1.0 });
+    for step in (if is_odd { 3 } else { 2 }..=freedom).step_by(2) {
+        sum += term;
+        term *= cosine * cosine * (step - 1) as f64 / step as f64;
+    }
+    let inside = if is_odd { (angle + sine * sum) * std::f64::consts::FRAC_2_PI } else { sine * sum };
+    (1.0 - inside).clamp(0.0, 1.0)
+}
+
+/// Where [`student_two_sided`] falls to this chance.
+pub fn student_quantile(chance: f64, freedom: usize) -> f64 {
+    let (mut low, mut high) = (0.0, 1e6);
+    for _ in 0..100 {
+        let middle = 0.5 * (low + high);
+        if student_two_sided(middle, freedom) > chance {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
+}
+
 /// Spearman's rank correlation of two lists of the same length, equal values sharing their mean rank
 /// (doi:10.2307/1412159). None where one of the lists does not vary.
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
@@ -62,6 +94,19 @@ fn ranks(values: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Values of the printed tables.
+    #[test]
+    fn students_t_is_that_of_the_tables() {
+        for (freedom, expected) in
+            [(1, 12.706), (2, 4.303), (5, 2.571), (10, 2.228), (29, 2.045), (120, 1.980)]
+        {
+            let found = student_quantile(0.05, freedom);
+            assert!((found - expected).abs() < 6e-4, "{freedom}: {found}");
+        }
+        assert_eq!(student_two_sided(0.0, 4), 1.0);
+        assert!((student_two_sided(3.747, 4) - 0.02).abs() < 2e-5);
+    }
 
     #[test]
     fn quantiles_lie_on_straight_lines() {

@@ -13,6 +13,7 @@
 mod covariance;
 mod gather;
 mod observed;
+mod relative;
 mod solve;
 
 use glam::DVec3;
@@ -23,6 +24,7 @@ use crate::scene::Scene;
 use crate::trajectory::{PoseError, Trajectory};
 
 pub use observed::UNKNOWNS;
+pub use relative::{Pair, RelativeMount, relative_mount};
 
 /// What is assumed and how long is tried.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,6 +9,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use crate::config::Config;
 
 mod baselines;
+mod boresight;
 mod compare;
 mod daemon;
 mod decode;
@@ -67,6 +68,8 @@ enum Verb {
     Predict(predict::Args),
     /// Whether a recording covers what was promised, and how far the mounts are off.
     Compare(compare::Args),
+    /// How the sensors sit to each other, from the recording alone: no model of the scene.
+    Boresight(boresight::Args),
     /// Where the rig went, from the recording alone: a trajectory where no SLAM is at hand.
     Odometry(odometry::Args),
     /// Packets of a capture to points.
@@ -165,6 +168,7 @@ impl Cli {
             Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
             Verb::Compare(args) => compare::run(&args, context),
+            Verb::Boresight(args) => boresight::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),

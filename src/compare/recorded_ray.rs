@@ -1,6 +1,8 @@
 //! Single rays of a recording, kept to be cast again: under another mount, another pose, another reading of the scene.
 
 use glam::DVec3;
+use sensors::projection::sample_azimuth_rad;
+use sensors::{Frame, SensorModel};
 
 use crate::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
@@ -93,6 +95,29 @@ impl Thinning {
         if self.wants(ray.sensor, ray.channel, ray.time_ns) {
             self.rays.push(ray);
             self.thin();
+        }
+    }
+
+    /// The returns of a frame of a sensor that then had this pitch; `offset_ns` leads from its clock to the trajectory's.
+    pub fn add_frame(
+        &mut self,
+        sensor: usize,
+        model: &SensorModel,
+        pitch_rad: f64,
+        offset_ns: i64,
+        frame: &Frame,
+    ) {
+        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
+            for channel in 0..frame.channels.min(model.channels()) {
+                let range_mm = frame.first.range_mm[frame.index(column, channel)];
+                let fired_ns = model.beams()[channel].fire_offset_ns.round() as i64;
+                let time_ns = frame.column_time_ns[column].saturating_add_signed(fired_ns + offset_ns);
+                if range_mm > 0 && self.wants(sensor, channel, time_ns) {
+                    let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+                    let range_m = Some(f64::from(range_mm) * 1e-3);
+                    self.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });
+                }
+            }
         }
     }
 

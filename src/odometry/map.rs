@@ -30,14 +30,24 @@ pub struct PlaneFit {
     pub normal: DVec3,
     /// Mean square distance of the points from the plane, m^2.
     pub across_m2: f64,
+    /// Variance along the narrower side, m^2.
+    pub narrow_m2: f64,
+    /// Points.
+    pub count: f64,
+}
+
+/// Anything in cells of one edge, by place.
+#[derive(Clone, Debug)]
+pub struct Cells<T> {
+    edge_m: f64,
+    held: HashMap<Key, T, BuildHasherDefault<Mixed>>,
 }
 
 /// Points in cells.
 #[derive(Clone, Debug)]
 pub struct PointMap {
-    voxel_m: f64,
     least_apart_m2: f64,
-    cells: HashMap<Key, Cell, BuildHasherDefault<Mixed>>,
+    cells: Cells<Cell>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -48,7 +58,7 @@ struct Cell {
 
 /// Sums of points and of their products.
 #[derive(Clone, Copy, Debug, Default)]
-struct Moments {
+pub struct Moments {
     count: f64,
     sum: DVec3,
     /// xx, yy, zz.
@@ -57,31 +67,48 @@ struct Moments {
     products: DVec3,
 }
 
+impl<T: Default> Cells<T> {
+    /// Empty, of cells of this edge, m.
+    pub fn new(edge_m: f64) -> Self {
+        Self { edge_m, held: HashMap::default() }
+    }
+
+    /// The cell around a point, made where there is none yet.
+    pub fn at_mut(&mut self, point_m: DVec3) -> &mut T {
+        self.held.entry(key(place(point_m, self.edge_m))).or_default()
+    }
+
+    /// Hands over every cell within so many to each side of that around a point.
+    pub fn around(&self, point_m: DVec3, reach: i32, mut take: impl FnMut(&T)) {
+        around(place(point_m, self.edge_m), reach, |at| {
+            if let Some(cell) = self.held.get(&key(at)) {
+                take(cell);
+            }
+        });
+    }
+}
+
 impl PointMap {
     /// Empty, of cells of this edge, m.
     pub fn new(voxel_m: f64) -> Self {
-        Self {
-            voxel_m,
-            least_apart_m2: voxel_m * voxel_m / POINTS_PER_CELL as f64,
-            cells: HashMap::default(),
-        }
+        Self { least_apart_m2: voxel_m * voxel_m / POINTS_PER_CELL as f64, cells: Cells::new(voxel_m) }
     }
 
     /// Edge of a cell, m.
     pub fn voxel_m(&self) -> f64 {
-        self.voxel_m
+        self.cells.edge_m
     }
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        self.cells.clear();
+        self.cells.held.clear();
     }
 
     /// Adds points of the body.
     pub fn add(&mut self, body_m: &[DVec3], world_from_body: &Pose) {
         for point in body_m {
             let point_m = world_from_body.transform_point(*point);
-            let cell = self.cells.entry(key(place(point_m, self.voxel_m))).or_default();
+            let cell = self.cells.at_mut(point_m);
             let near = |other: &DVec3| other.distance_squared(point_m) < self.least_apart_m2;
             if cell.points_m.len() < POINTS_PER_CELL && !cell.points_m.iter().any(near) {
                 cell.points_m.push(point_m);
@@ -93,15 +120,13 @@ impl PointMap {
     /// Forgets what is farther than this from a place.
     pub fn forget(&mut self, place_m: DVec3, beyond_m: f64) {
         let far = beyond_m * beyond_m;
-        self.cells.retain(|_, cell| cell.points_m[0].distance_squared(place_m) < far);
+        self.cells.held.retain(|_, cell| cell.points_m[0].distance_squared(place_m) < far);
     }
 
     /// The nearest point within so many cells to each side, and no farther than so many metres.
     pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Option<DVec3> {
-        let middle = place(point_m, self.voxel_m);
         let (mut best, mut best_m2) = (None, within_m * within_m);
-        around(middle, reach_cells, |at| {
-            let Some(cell) = self.cells.get(&key(at)) else { return };
+        self.cells.around(point_m, reach_cells, |cell| {
             for other in &cell.points_m {
                 let distance_m2 = other.distance_squared(point_m);
                 if distance_m2 < best_m2 {
@@ -114,37 +139,37 @@ impl PointMap {
 
     /// The cell around a point, by number.
     pub fn cell_of(&self, point_m: DVec3) -> u64 {
-        key(place(point_m, self.voxel_m))
+        key(place(point_m, self.cells.edge_m))
     }
 
     /// The plane through the points of the cell around a point and its neighbours, where they lie on one.
     pub fn plane(&self, point_m: DVec3) -> Option<PlaneFit> {
         let mut all = Moments::default();
-        around(place(point_m, self.voxel_m), 1, |at| {
-            if let Some(cell) = self.cells.get(&key(at)) {
-                all.join(&cell.sums);
-            }
-        });
-        all.plane(LEAST_WIDTH * self.voxel_m)
+        self.cells.around(point_m, 1, |cell| all.join(&cell.sums));
+        all.plane(self.cells.edge_m)
     }
 }
 
 impl Moments {
-    fn add(&mut self, p: DVec3) {
+    /// One more point, m.
+    pub fn add(&mut self, p: DVec3) {
         self.count += 1.0;
         self.sum += p;
         self.squares += p * p;
         self.products += DVec3::new(p.y * p.z, p.z * p.x, p.x * p.y);
     }
 
-    fn join(&mut self, other: &Self) {
+    /// All points of another.
+    pub fn join(&mut self, other: &Self) {
         self.count += other.count;
         self.sum += other.sum;
         self.squares += other.squares;
         self.products += other.products;
     }
 
-    fn plane(&self, least_width_m: f64) -> Option<PlaneFit> {
+    /// The plane through points gathered from cells of this edge, m, where they lie on one.
+    pub fn plane(&self, edge_m: f64) -> Option<PlaneFit> {
+        let least_width_m = LEAST_WIDTH * edge_m;
         if self.count < LEAST_OF_PLANE {
             return None;
         }
@@ -165,7 +190,13 @@ impl Moments {
             return None;
         }
         let normal = eigen.eigenvectors.column(order[0]);
-        Some(PlaneFit { centre_m: m, normal: DVec3::new(normal[0], normal[1], normal[2]), across_m2 })
+        Some(PlaneFit {
+            centre_m: m,
+            normal: DVec3::new(normal[0], normal[1], normal[2]),
+            across_m2,
+            narrow_m2,
+            count: self.count,
+        })
     }
 }
 
@@ -228,7 +259,7 @@ mod tests {
         let mut map = PointMap::new(0.5);
         map.add(&points, &Pose::IDENTITY);
         // what lies too near another was not taken
-        let held: Vec<DVec3> = map.cells.values().flat_map(|cell| cell.points_m.clone()).collect();
+        let held: Vec<DVec3> = map.cells.held.values().flat_map(|cell| cell.points_m.clone()).collect();
         assert!(held.len() > 300);
         for _ in 0..200 {
             let at = any(2.2);

@@ -21,7 +21,7 @@ use crate::registration::{DEGENERATE, Information, RegistrationQuality};
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 use align::{Aligned, Kernel};
-pub use map::{PlaneFit, PointMap, thin};
+pub use map::{Cells, Moments, PlaneFit, PointMap, thin};
 pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};
 
 /// Sweeps of fewer returns say nothing.

@@ -200,6 +200,39 @@ pub fn errors_only_lower_coverage() {
     assert!(tilted < clean - 0.3, "{tilted} after {clean}");
 }
 
+/// How the sensors sit to each other, without a scene; and without a trajectory either.
+pub fn sensors_are_held_against_each_other() {
+    let boresight = |recorded: &Recorded, more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        command.arg("boresight").arg(recorded.path("walk.pcap")).arg("--json").args(more);
+        command.arg("--mount").arg(recorded.path("mount.json"));
+        for meta in ["0.json", "1.json"] {
+            command.arg("--meta").arg(recorded.path(meta));
+        }
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
+        (output.status.code(), document)
+    };
+    for (tilt_deg, way, verdict, code) in [(5.0, "walk.tum", "differs", 3), (0.0, "odometry", "matches", 0)] {
+        let truth = [(0.12, 25.0 + tilt_deg), (-0.12, -25.0)];
+        let pose_error = Some(PoseError::default());
+        let recorded = Recorded::of(&Walk { truth, noise_m: 0.01, pose_error, ..Walk::default() });
+        let way = if way == "odometry" { way.into() } else { recorded.path(way).display().to_string() };
+        let (exit, document) = boresight(&recorded, &["--trajectory", &way]);
+        assert_eq!((exit, &document["verdict"]), (Some(code), &Value::from(verdict)), "{document:#}");
+        let relative = &document["relative"][0];
+        let [found_deg, u95_deg] =
+            ["error_deg", "u95_deg"].map(|name| relative["tilt"][name].as_f64().unwrap());
+        assert!((found_deg - tilt_deg).abs() < f64::max(0.1 * tilt_deg, 2.0 * u95_deg), "{relative:#}");
+        assert!(u95_deg < 0.3, "{relative:#}");
+    }
+    let dead = Recorded::of(&Walk { dead: true, ..Walk::default() });
+    let (exit, document) = boresight(&dead, &["--trajectory", &dead.path("walk.tum").display().to_string()]);
+    assert_eq!((exit, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));
+    assert!(document["words"][0].as_str().unwrap().contains("hardly any surface"), "{document:#}");
+}
+
 fn names(document: &Value) -> Vec<(&str, String)> {
     let faults = document["faults"].as_array().unwrap();
     faults.iter().map(|fault| (fault["name"].as_str().unwrap(), fault["sensors"].to_string())).collect()

@@ -3,7 +3,7 @@
 pub mod feed;
 pub mod judge;
 pub mod page;
-mod place;
+pub mod place;
 pub mod verdict;
 
 use std::path::{Path, PathBuf};
@@ -123,7 +123,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
     let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
-    let file = mount_file(args, session.as_ref())?;
+    let file = mount_file(args.mount.as_ref(), session.as_ref())?;
     let rig = file.rig()?;
     let (source, axes) = match session {
         Some(session) if args.sensors.meta.is_empty() => {
@@ -191,8 +191,9 @@ fn check(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn mount_file(args: &Args, session: Option<&Session>) -> anyhow::Result<MountFile> {
-    if let Some(path) = &args.mount {
+/// Where the sensors sit: as said, or as the session holds.
+pub fn mount_file(said: Option<&PathBuf>, session: Option<&Session>) -> anyhow::Result<MountFile> {
+    if let Some(path) = said {
         return Ok(MountFile::read(path)?);
     }
     let own = session.map(Session::mount).transpose()?.flatten();

@@ -11,7 +11,7 @@ use super::Source;
 use crate::commands::ground::MeshArgs;
 use crate::commands::odometry::{self, OdometryArgs};
 use crate::commands::scene_file::{self, Making, MapArgs};
-use crate::compare::{Field, RecordedRay, Thinning, TimeOffset, time_offset};
+use crate::compare::{Field, Thinning, TimeOffset, time_offset};
 use crate::geometry::Pose;
 use crate::rig::Rig;
 use crate::scene::{BoxScene, Scene, VoxelMap};
@@ -200,18 +200,7 @@ fn search(
             sensors[sensor].model = model.clone();
         }
         let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
-        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-            for channel in 0..frame.channels.min(model.channels()) {
-                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
-                let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
-                let range_mm = frame.first.range_mm[frame.index(column, channel)];
-                if range_mm > 0 && kept.wants(sensor, channel, time_ns) {
-                    let azimuth_rad = sensors::projection::sample_azimuth_rad(model, frame, column, channel);
-                    let range_m = Some(f64::from(range_mm) * 1e-3);
-                    kept.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });
-                }
-            }
-        }
+        kept.add_frame(sensor, model, pitch_rad, 0, frame);
     })?;
     let rays = Thinning::joined([kept]);
     let field = Field { scene, trajectory, sensors: &sensors, rays: &rays, agree_within_m: 0.1 };
@@ -235,8 +224,7 @@ fn trajectory(
     };
     let name = path.display().to_string();
     if name == "still" {
-        let [first_ns, last_ns] = span()?.context("the recording holds no frame")?;
-        return Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?);
+        return still(source, rig);
     }
     if name == "odometry" {
         ensure!(
@@ -254,6 +242,12 @@ fn trajectory(
     let stamped: Vec<(u64, Pose)> =
         poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();
     going_on(stamped)
+}
+
+/// The way of a rig that does not move.
+pub fn still(source: &Source, rig: &Rig) -> anyhow::Result<Trajectory> {
+    let [first_ns, last_ns] = recorded_span(source, rig)?.context("the recording holds no frame")?;
+    Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
 }
 
 /// Poses of revolutions say where each began: during the last one the body goes on as before.

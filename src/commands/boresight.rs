@@ -1,0 +1,228 @@
+//! `outrigger boresight`: how the sensors of a rig sit to each other, from their recording alone.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use anyhow::{Context as _, ensure};
+use serde::Serialize;
+
+use super::compare::{Source, feed, mount_file, place};
+use super::odometry::{self, OdometryArgs};
+use super::recording::{Recording, SensorArgs};
+use super::{Context, Outcome, output};
+use crate::calibrate::{Estimate, Pair, RelativeMount, relative_mount};
+use crate::compare::{RecordedRay, Thinning};
+use crate::record::Session;
+use crate::rig::Rig;
+use crate::trajectory::{PoseError, Trajectory};
+
+/// Returns that are kept, of all sensors together.
+const RAYS: usize = 1 << 22;
+/// A tilt is called off beyond so many standard deviations and degrees.
+const SURE: f64 = 3.0;
+const NOTABLE_DEG: f64 = 0.1;
+
+/// Arguments of `boresight`.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \n\
+                  time. What is left over tells how the first sits to the second beside what the mount file says; no model \n\
+                  of the scene is needed, and an error of the trajectory that both share cancels. Nothing is changed.\n\
+                  Exit codes: 0 the sensors sit as said, 1 failed, 3 they do not, it cannot be told, or data was lost."
+)]
+pub struct Args {
+    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
+    recording: PathBuf,
+    #[command(flatten)]
+    sensors: SensorArgs,
+    /// Where the sensors sit; without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Way of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
+    /// way that the recording itself tells; without it the session's own, and odometry where there is none.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// Standard deviation of the trajectory's position along each axis, m.
+    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    pose_sd: f64,
+    /// Standard deviation of the trajectory's attitude about each axis.
+    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
+    attitude_sd: f64,
+    /// Time in which an error of the trajectory is forgotten.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pose_memory: f64,
+    #[command(flatten)]
+    odometry: OdometryArgs,
+}
+
+/// The document that `boresight` prints.
+#[derive(Debug, Serialize)]
+struct Document {
+    format: &'static str,
+    verdict: &'static str,
+    words: Vec<String>,
+    /// Every two sensors, the first against the second.
+    relative: Vec<RelativeMount>,
+    /// What is odd or was lost.
+    problems: Vec<String>,
+    wall_s: f64,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let start = std::time::Instant::now();
+    let error = error(args)?;
+    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
+    let rig = mount_file(args.mount.as_ref(), session.as_ref())?.rig()?;
+    ensure!(rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
+    let source = match session {
+        Some(session) if args.sensors.meta.is_empty() => {
+            let (tilts, _) = feed::tilts(&session, &rig)?;
+            Source::Session(Box::new(session), tilts)
+        }
+        _ => Source::Capture(Recording::open(&args.recording, &args.sensors)?),
+    };
+    let mut problems = Vec::new();
+    let trajectory = trajectory(args, &source, &rig, &mut problems)?;
+    let mut sensors = rig.sensors.clone();
+    let mut kept = Thinning::new(RAYS);
+    let fed = source.feed(&rig, &mut |taken| {
+        if sensors[taken.sensor].model != *taken.model {
+            sensors[taken.sensor].model = taken.model.clone();
+        }
+        let pitch_rad = taken.pitch_rad.unwrap_or(sensors[taken.sensor].mount.pitch_rad);
+        kept.add_frame(taken.sensor, taken.model, pitch_rad, 0, taken.frame);
+    })?;
+    let rays = Thinning::joined([kept]);
+    let mut relative = Vec::new();
+    for first in 0..sensors.len() {
+        for second in first + 1..sensors.len() {
+            let of_both: Vec<RecordedRay> =
+                rays.iter().filter(|ray| [first, second].contains(&ray.sensor)).copied().collect();
+            let revolution_ns = if fed.revolution_ns > 0 { fed.revolution_ns } else { 100_000_000 };
+            let pair = Pair {
+                trajectory: &trajectory,
+                sensors: &sensors,
+                first,
+                second,
+                rays: &of_both,
+                revolution_ns,
+            };
+            relative.push(relative_mount(&pair, &error));
+        }
+    }
+    let whole = fed.losses.is_empty();
+    problems.extend(fed.losses);
+    let document = Document {
+        format: "outrigger-boresight/1",
+        verdict: verdict(&relative),
+        words: relative.iter().map(words).collect(),
+        relative,
+        problems,
+        wall_s: start.elapsed().as_secs_f64(),
+    };
+    if context.json {
+        output::print_json(&document)?;
+    } else {
+        output::print_text(&text(&document))?;
+    }
+    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    Ok(if document.verdict == "matches" && whole { Outcome::Done } else { Outcome::DataLost })
+}
+
+fn error(args: &Args) -> anyhow::Result<PoseError> {
+    for (name, value) in [
+        ("--pose-sd", args.pose_sd),
+        ("--attitude-sd", args.attitude_sd),
+        ("--pose-memory", args.pose_memory),
+    ] {
+        ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+    }
+    Ok(PoseError {
+        position_sd_m: args.pose_sd,
+        rotation_sd_rad: args.attitude_sd.to_radians(),
+        correlation_s: args.pose_memory,
+    })
+}
+
+fn trajectory(
+    args: &Args,
+    source: &Source,
+    rig: &Rig,
+    problems: &mut Vec<String>,
+) -> anyhow::Result<Trajectory> {
+    let name = args.trajectory.as_ref().map(|path| path.display().to_string());
+    match (name.as_deref(), source) {
+        (Some("still"), _) => return place::still(source, rig),
+        (Some("odometry"), _) => {}
+        (Some(name), _) => {
+            let text = std::fs::read_to_string(name).with_context(|| name.to_owned())?;
+            return Trajectory::from_tum(&text).with_context(|| name.to_owned());
+        }
+        (None, Source::Session(session, _)) => {
+            if let Some(own) = session.trajectory()? {
+                return Ok(own);
+            }
+        }
+        (None, Source::Capture(_)) => {}
+    }
+    let way = odometry::of_rig(source, rig, &args.odometry)?;
+    problems.extend(odometry::remarks(&way));
+    Ok(way.walked.trajectory)
+}
+
+fn is_off(found: &RelativeMount) -> bool {
+    found.tilt.as_ref().is_some_and(|tilt| tilt.error_deg.abs() > (SURE * tilt.sd_deg).max(NOTABLE_DEG))
+}
+
+fn verdict(relative: &[RelativeMount]) -> &'static str {
+    if relative.iter().any(is_off) {
+        "differs"
+    } else if relative.iter().any(|found| found.tilt.is_none()) {
+        "cannot_tell"
+    } else {
+        "matches"
+    }
+}
+
+fn words(found: &RelativeMount) -> String {
+    let [first, second] = &found.sensors;
+    match (&found.tilt, &found.cannot_tell) {
+        (Some(tilt), _) => format!(
+            "{first} against {second}: tilted {:+.3} +- {:.3} degrees (95 %) beside what was said, p {:.3}{}",
+            tilt.error_deg,
+            tilt.u95_deg,
+            tilt.p_value,
+            if is_off(found) { "" } else { ": as said, as far as can be told" }
+        ),
+        (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
+    }
+}
+
+fn text(document: &Document) -> String {
+    let mut text = String::new();
+    for (words, found) in document.words.iter().zip(&document.relative) {
+        let _ = writeln!(text, "{words}");
+        if found.windows == 0 {
+            continue;
+        }
+        let figure = |estimate: &Option<Estimate>, digits: usize| {
+            estimate.map_or("-".into(), |told| format!("{:+.digits$} +- {:.digits$}", told.value, told.u95))
+        };
+        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| figure(&found.rotation_deg[axis], 3));
+        let [x, y, z] = [0, 1, 2].map(|axis| figure(&found.translation_mm[axis], 1));
+        let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
+        let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
+        let _ = writeln!(text, "  range     {} mm", figure(&found.range_offset_mm, 1));
+        let _ = writeln!(
+            text,
+            "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
+            if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
+            found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
+            found.pairs,
+            found.windows,
+            found.residual_sd_mm
+        );
+    }
+    text
+}
