@@ -115,12 +115,13 @@ pub fn foreign_packets_and_a_storm_of_garbage() {
     let status = daemon.wait("all of it was looked at", |status| {
         let losses = &status["sensors"][0]["losses"];
         let of = |name: &str| losses[name].as_u64().unwrap();
-        of("foreign_source") == foreign
-            && of("not_its_own")
-                + of("kernel_dropped")
-                + of("queue_dropped")
-                + status["sensors"][0]["picture_dropped"].as_u64().unwrap()
-                >= garbage
+        // what the kernel drops it drops before anybody asks where it came from
+        of("foreign_source")
+            + of("not_its_own")
+            + of("kernel_dropped")
+            + of("queue_dropped")
+            + status["sensors"][0]["picture_dropped"].as_u64().unwrap()
+            >= foreign + garbage
     });
     assert!(sends(&status), "the sensor is read all the same: {status}");
     let sent = sensor.unplug();
@@ -128,7 +129,12 @@ pub fn foreign_packets_and_a_storm_of_garbage() {
     let manifest = bench.sessions()[0].manifest().clone();
     let losses = manifest.losses;
     assert_eq!(code, Some(if losses.total() > 0 { 3 } else { 0 }), "{log}");
-    assert_eq!(manifest.sensors[0].packets + losses.kernel_dropped + losses.queue_dropped, sent + garbage);
+    let counted = manifest.sensors[0].packets + losses.kernel_dropped + losses.queue_dropped;
+    let unseen = foreign - status["sensors"][0]["losses"]["foreign_source"].as_u64().unwrap();
+    assert!(
+        (sent + garbage..=sent + garbage + unseen).contains(&counted),
+        "{counted}: {sent} {garbage} {unseen}"
+    );
 }
 
 pub fn a_second_daemon_says_why_it_cannot_start() {

@@ -56,7 +56,8 @@ pub const fn with_machine(name: &'static str, what: &'static str, is_there: fn()
 pub fn shared_folder() -> Option<PathBuf> {
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("OUTRIGGER_SHARED").map_or_else(|| root.join("../shared"), PathBuf::from);
-    folder.is_dir().then_some(folder)
+    // programs under test may run in a folder of their own
+    folder.is_dir().then(|| folder.canonicalize().expect("a folder that is there"))
 }
 
 /// A path below that folder; only for cases made by [`with_shared`].
