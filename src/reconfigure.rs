@@ -10,6 +10,9 @@ use std::convert::Infallible;
 use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 
+use glam::DVec3;
+use sensors::SensorModel;
+
 use crate::geometry::Pose;
 use crate::optimize::{Kind, Measured, Search, SearchError, Settings, Space, SpaceError, Variable};
 use crate::rig::{Mount, Rig};
@@ -96,28 +99,34 @@ pub fn outlook(question: &Question<'_>, pitches_rad: &[f64]) -> Outlook {
     let poses = evenly(question.poses, POSES);
     for (sensor, pitch_rad) in question.rig.sensors.iter().zip(pitches_rad) {
         let body_from_sensor = Mount { pitch_rad: *pitch_rad, ..sensor.mount }.body_from_sensor();
-        let channels: Vec<usize> = (0..sensor.model.channels()).collect();
-        let channels = evenly(&channels, BEAMS);
+        let sights_m = sights_m(&sensor.model);
         for world_from_body in &poses {
             let world_from_sensor = **world_from_body * body_from_sensor;
-            for channel in &channels {
-                for column in 0..COLUMNS {
-                    let azimuth_rad = TAU * column as f64 / COLUMNS as f64;
-                    let from = |range_m| sensor.model.point(**channel, azimuth_rad, range_m);
-                    let origin_m = world_from_sensor.transform_point(from(sensor.model.min_range_m));
-                    let end_m = world_from_sensor.transform_point(from(sensor.model.max_range_m));
-                    let way_m = end_m - origin_m;
-                    let length_m = way_m.length();
-                    match question.map.look(origin_m, way_m / length_m, length_m) {
-                        Some(Sight::Surface(cell)) => seen[0].insert(cell),
-                        Some(Sight::Frontier(cell)) => seen[1].insert(cell),
-                        None => false,
-                    };
-                }
+            for ends_m in &sights_m {
+                let [origin_m, end_m] = ends_m.map(|at_m| world_from_sensor.transform_point(at_m));
+                let way_m = end_m - origin_m;
+                let length_m = way_m.length();
+                match question.map.look(origin_m, way_m / length_m, length_m) {
+                    Some(Sight::Surface(cell)) => seen[0].insert(cell),
+                    Some(Sight::Frontier(cell)) => seen[1].insert(cell),
+                    None => false,
+                };
             }
         }
     }
     Outlook { surface: seen[0].len() as u64, frontier: seen[1].len() as u64 }
+}
+
+/// Both ends of what a sensor looks along, in its own frame, m.
+fn sights_m(model: &SensorModel) -> Vec<[DVec3; 2]> {
+    let channels: Vec<usize> = (0..model.channels()).collect();
+    let sights = evenly(&channels, BEAMS).into_iter().flat_map(|channel| {
+        (0..COLUMNS).map(|column| {
+            let azimuth_rad = TAU * column as f64 / COLUMNS as f64;
+            [model.min_range_m, model.max_range_m].map(|range_m| model.point(*channel, azimuth_rad, range_m))
+        })
+    });
+    sights.collect()
 }
 
 /// The best pitches that so many evaluations find. The same question and seed give the same answer.
@@ -186,8 +195,6 @@ fn evenly<T>(of: &[T], most: usize) -> Vec<&T> {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::rig::MountedSensor;
     use crate::scene::BoxScene;

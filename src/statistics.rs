@@ -17,6 +17,17 @@ pub fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
     values
 }
 
+/// The middle value, the upper one of two; none of nothing. Puts the values into another order.
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// 1.4826 times the median size of errors: their standard deviation if they are normal, whatever a few of them are.
+pub fn robust_deviation(sizes: &mut [f64]) -> Option<f64> {
+    median(sizes).map(|middle| 1.4826 * middle)
+}
+
 /// Mean and standard deviation of a sample; the deviation is 0 for fewer than two values, both NaN without any.
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;

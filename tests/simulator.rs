@@ -366,7 +366,7 @@ fn predict_refuses_what_it_cannot_cast() {
     let walk = Walk::new();
     let room = ["--room", "-3,-2,0,3,2,2.5"];
     for (arguments, code, words) in [
-        (&["--room", "3,2,2,-3,-2,0"][..], 1, "--room"),
+        (&["--room", "3,2,2,-3,-2,0"][..], 2, "--room"),
         (&["--room", "3,2,2"], 2, "3 numbers, expected 6"),
         (&["--scene", "no-such-mesh.ply"], 1, "no-such-mesh.ply"),
         (&[], 2, "--scene"),

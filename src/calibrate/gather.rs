@@ -14,7 +14,7 @@ pub const LAST_GATE_M: f64 = 0.3;
 const FIRST_GATE_M: f64 = 1.0;
 const WIDE_ROUNDS: usize = 3;
 /// Surfaces seen more obliquely than 75 degrees are left out.
-const LEAST_COSINE: f64 = 0.26;
+pub const LEAST_COSINE: f64 = 0.26;
 
 /// Gate of a round, m.
 pub fn gate_m(round: usize) -> f64 {

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::gather::{Row, Scan};
 use super::observed::Observed;
+use crate::statistics::robust_deviation;
 use crate::trajectory::PoseError;
 
 /// Residuals beyond so many standard deviations count less (Huber 1964, doi:10.1214/aoms/1177703732).
@@ -12,7 +13,7 @@ const HUBER: f64 = 2.5;
 /// Times the weights are taken anew in one step.
 const REWEIGHTINGS: usize = 4;
 /// Least standard deviation that weights are made with, m: ranges come in millimetres.
-const LEAST_SCALE_M: f64 = 5e-4;
+pub const LEAST_SCALE_M: f64 = 5e-4;
 
 type Block77 = SMatrix<f64, 7, 7>;
 type Block76 = SMatrix<f64, 7, 6>;
@@ -179,18 +180,12 @@ fn left_over(row: &Row, step: &[f64], pose: &Column6) -> f64 {
     row.residual_m - of_mount - of_pose
 }
 
-/// 1.4826 times the median size: the standard deviation of a normal distribution.
 fn spread(scans: &[Scan], residual: &(impl Fn(usize, &Row) -> f64 + Sync)) -> f64 {
     let sizes = scans
         .par_iter()
         .enumerate()
         .flat_map_iter(|(place, scan)| scan.rows.iter().map(move |row| residual(place, row).abs()));
-    let mut sizes: Vec<f64> = sizes.collect();
-    if sizes.is_empty() {
-        return 0.0;
-    }
-    let middle = sizes.len() / 2;
-    1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
+    robust_deviation(&mut sizes.collect::<Vec<f64>>()).unwrap_or(0.0)
 }
 
 fn observed(scans: &[Scan], sensors: usize) -> Vec<Observed> {

@@ -6,15 +6,14 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::compare::{Source, feed, mount_file, place};
+use super::compare::recorded::{Kept, Recorded};
+use super::ground::PoseErrorArgs;
 use super::odometry::{self, OdometryArgs};
-use super::recording::{Recording, SensorArgs};
+use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::calibrate::{Estimate, Pair, RelativeMount, relative_mount};
-use crate::compare::{RecordedRay, Thinning};
-use crate::record::Session;
-use crate::rig::Rig;
-use crate::trajectory::{PoseError, Trajectory};
+use crate::compare::RecordedRay;
+use crate::trajectory::Trajectory;
 
 /// Returns that are kept, of all sensors together.
 const RAYS: usize = 1 << 22;
@@ -42,15 +41,8 @@ pub struct Args {
     /// way that the recording itself tells; without it the session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
-    /// Standard deviation of the trajectory's position along each axis, m.
-    #[arg(long, value_name = "M", default_value_t = 0.02)]
-    pose_sd: f64,
-    /// Standard deviation of the trajectory's attitude about each axis.
-    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
-    attitude_sd: f64,
-    /// Time in which an error of the trajectory is forgotten.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
-    pose_memory: f64,
+    #[command(flatten)]
+    pose_error: PoseErrorArgs,
     #[command(flatten)]
     odometry: OdometryArgs,
 }
@@ -71,29 +63,12 @@ struct Document {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
-    let error = error(args)?;
-    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
-    let rig = mount_file(args.mount.as_ref(), session.as_ref())?.rig()?;
-    ensure!(rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
-    let source = match session {
-        Some(session) if args.sensors.meta.is_empty() => {
-            let (tilts, _) = feed::tilts(&session, &rig)?;
-            Source::Session(Box::new(session), tilts)
-        }
-        _ => Source::Capture(Recording::open(&args.recording, &args.sensors)?),
-    };
+    let error = args.pose_error.error()?;
+    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref())?;
+    ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = Vec::new();
-    let trajectory = trajectory(args, &source, &rig, &mut problems)?;
-    let mut sensors = rig.sensors.clone();
-    let mut kept = Thinning::new(RAYS);
-    let fed = source.feed(&rig, &mut |taken| {
-        if sensors[taken.sensor].model != *taken.model {
-            sensors[taken.sensor].model = taken.model.clone();
-        }
-        let pitch_rad = taken.pitch_rad.unwrap_or(sensors[taken.sensor].mount.pitch_rad);
-        kept.add_frame(taken.sensor, taken.model, pitch_rad, 0, taken.frame);
-    })?;
-    let rays = Thinning::joined([kept]);
+    let trajectory = trajectory(args, &recorded, &mut problems)?;
+    let Kept { rays, sensors, fed } = recorded.rays(RAYS)?;
     let mut relative = Vec::new();
     for first in 0..sensors.len() {
         for second in first + 1..sensors.len() {
@@ -130,43 +105,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if document.verdict == "matches" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 
-fn error(args: &Args) -> anyhow::Result<PoseError> {
-    for (name, value) in [
-        ("--pose-sd", args.pose_sd),
-        ("--attitude-sd", args.attitude_sd),
-        ("--pose-memory", args.pose_memory),
-    ] {
-        ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
-    }
-    Ok(PoseError {
-        position_sd_m: args.pose_sd,
-        rotation_sd_rad: args.attitude_sd.to_radians(),
-        correlation_s: args.pose_memory,
-    })
-}
-
-fn trajectory(
-    args: &Args,
-    source: &Source,
-    rig: &Rig,
-    problems: &mut Vec<String>,
-) -> anyhow::Result<Trajectory> {
+fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> anyhow::Result<Trajectory> {
     let name = args.trajectory.as_ref().map(|path| path.display().to_string());
-    match (name.as_deref(), source) {
-        (Some("still"), _) => return place::still(source, rig),
-        (Some("odometry"), _) => {}
-        (Some(name), _) => {
+    match name.as_deref() {
+        Some("still") => return recorded.still(),
+        Some("odometry") => {}
+        Some(name) => {
             let text = std::fs::read_to_string(name).with_context(|| name.to_owned())?;
             return Trajectory::from_tum(&text).with_context(|| name.to_owned());
         }
-        (None, Source::Session(session, _)) => {
-            if let Some(own) = session.trajectory()? {
+        None => {
+            if let Some(own) = recorded.own_trajectory()? {
                 return Ok(own);
             }
         }
-        (None, Source::Capture(_)) => {}
     }
-    let way = odometry::of_rig(source, rig, &args.odometry)?;
+    let way = odometry::of_rig(recorded, &args.odometry)?;
     problems.extend(odometry::remarks(&way));
     Ok(way.walked.trajectory)
 }

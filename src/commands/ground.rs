@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 use serde::Serialize;
 
 use crate::rig::Mount;
-use crate::scene::{LoadedMesh, Mesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
-use crate::trajectory::Trajectory;
+use crate::scene::{BoxScene, LoadedMesh, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
+use crate::trajectory::{PoseError, Trajectory, WalkLimits};
 
 /// Way between the points of the path from which lines of sight are drawn, m.
 const STATION_STEP_M: f64 = 0.5;
@@ -162,24 +162,64 @@ impl TrajectoryArgs {
     /// What is odd about the trajectory, alone and within a mesh or room of these bounds.
     pub fn doubts(&self, what: &str, bounds_m: [DVec3; 2], trajectory: &Trajectory) -> Vec<String> {
         let name = self.name();
-        let mut doubts = Vec::new();
-        let suspicions = trajectory.suspicions(&Default::default());
-        for suspicion in suspicions.iter().take(3) {
-            doubts.push(format!("{name}: {suspicion}"));
-        }
-        if suspicions.len() > 3 {
-            doubts.push(format!("{name}: {} more gaps, jumps or spins", suspicions.len() - 3));
-        }
-        let [low, high] = bounds_m;
-        let stations_m = trajectory.stations_m(STATION_STEP_M);
-        let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
-        if outside > 0 {
-            doubts.push(format!(
-                "{name}: {outside} of {} points of the path lie outside the {what}; do both use the same frame, unit and up axis?",
-                stations_m.len()
-            ));
-        }
+        let mut doubts = suspicions(trajectory, &name);
+        doubts.extend(outside(trajectory, what, bounds_m).map(|words| format!("{name}: {words}")));
         doubts
+    }
+}
+
+/// What is odd about a way in itself, each line after a name; the first three in full.
+pub fn suspicions(trajectory: &Trajectory, name: &str) -> Vec<String> {
+    let found = trajectory.suspicions(&WalkLimits::default());
+    let mut lines: Vec<String> =
+        found.iter().take(3).map(|suspicion| format!("{name}: {suspicion}")).collect();
+    if found.len() > 3 {
+        lines.push(format!("{name}: {} more gaps, jumps or spins", found.len() - 3));
+    }
+    lines
+}
+
+/// Says so when points of the path lie outside a mesh, room or map of these bounds.
+pub fn outside(trajectory: &Trajectory, what: &str, [low, high]: [DVec3; 2]) -> Option<String> {
+    let stations_m = trajectory.stations_m(STATION_STEP_M);
+    let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
+    (outside > 0).then(|| {
+        format!(
+            "{outside} of {} points of the path lie outside the {what}; do both use the same frame, unit and up axis?",
+            stations_m.len()
+        )
+    })
+}
+
+/// What a trajectory may be off by.
+#[derive(clap::Args, Debug, Clone, Copy)]
+pub struct PoseErrorArgs {
+    /// Standard deviation of the trajectory's position along each axis.
+    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    pose_sd: f64,
+    /// Standard deviation of the trajectory's attitude about each axis.
+    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
+    attitude_sd: f64,
+    /// Time in which an error of the trajectory is forgotten.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pose_memory: f64,
+}
+
+impl PoseErrorArgs {
+    /// The same in SI units.
+    pub fn error(&self) -> anyhow::Result<PoseError> {
+        for (name, value) in [
+            ("--pose-sd", self.pose_sd),
+            ("--attitude-sd", self.attitude_sd),
+            ("--pose-memory", self.pose_memory),
+        ] {
+            ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+        }
+        Ok(PoseError {
+            position_sd_m: self.pose_sd,
+            rotation_sd_rad: self.attitude_sd.to_radians(),
+            correlation_s: self.pose_memory,
+        })
     }
 }
 
@@ -211,5 +251,30 @@ impl<const N: usize> std::str::FromStr for Numbers<N> {
         let numbers = numbers.ok_or("every part must be a finite number")?;
         let found = numbers.len();
         numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected {N}"))
+    }
+}
+
+/// A closed room by its least and its greatest corner.
+#[derive(Clone, Copy, Debug)]
+pub struct Room([DVec3; 2]);
+
+impl Room {
+    /// Six walls, seen from within.
+    pub fn scene(&self) -> Scene {
+        let Self([low_m, high_m]) = *self;
+        Scene::Box(BoxScene::closed(low_m, high_m))
+    }
+}
+
+impl std::str::FromStr for Room {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Numbers([x0, y0, z0, x1, y1, z1]) = text.parse()?;
+        let [low_m, high_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
+        if !low_m.cmplt(high_m).all() {
+            return Err("the first corner must lie below the second in x, y and z".into());
+        }
+        Ok(Self([low_m, high_m]))
     }
 }

@@ -7,16 +7,15 @@ use anyhow::{Context as _, ensure};
 use sensors::Decoded;
 use serde::Serialize;
 
-use super::compare::{Source, feed};
+use super::compare::recorded::Recorded;
+use super::ground::suspicions;
 use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome, output, unread};
 use crate::files::write_whole;
 use crate::geometry::Pose;
 use crate::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
-use crate::record::Session;
 use crate::registration::RegistrationQuality;
-use crate::rig::{MountFile, Rig};
-use crate::trajectory::{Trajectory, WalkLimits};
+use crate::trajectory::Trajectory;
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]
@@ -105,23 +104,8 @@ pub struct Way {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
-    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
-    let mount = match &args.mount {
-        Some(path) => Some(MountFile::read(path)?),
-        None => session.as_ref().map(Session::mount).transpose()?.flatten(),
-    };
-    let way = match mount {
-        Some(file) => {
-            let rig = file.rig()?;
-            let source = match session {
-                Some(session) if args.sensors.meta.is_empty() => {
-                    let (tilts, _) = feed::tilts(&session, &rig)?;
-                    Source::Session(Box::new(session), tilts)
-                }
-                _ => Source::Capture(Recording::open(&args.recording, &args.sensors)?),
-            };
-            of_rig(&source, &rig, &args.settings)?
-        }
+    let way = match Recorded::open_if_seated(&args.recording, &args.sensors, args.mount.as_ref())? {
+        Some(recorded) => of_rig(&recorded, &args.settings)?,
         None => of_one(&Recording::open(&args.recording, &args.sensors)?, &args.settings)?,
     };
     let trajectory = &way.walked.trajectory;
@@ -168,10 +152,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 }
 
 /// Where a rig of known mounts went.
-pub fn of_rig(source: &Source, rig: &Rig, args: &OdometryArgs) -> anyhow::Result<Way> {
+pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
     args.check()?;
+    let rig = &recorded.rig;
     let mut walk = Walk::new(rig.sensors.len(), args);
-    let fed = source.feed(rig, &mut |taken| {
+    let fed = recorded.feed(&mut |taken| {
         let mut mount = rig.sensors[taken.sensor].mount;
         mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
         walk.add(taken.sensor, taken.model, &mount.body_from_sensor(), taken.frame);
@@ -272,11 +257,7 @@ pub fn remarks(way: &Way) -> Vec<String> {
             seconds(last)
         ));
     }
-    let suspicions = walked.trajectory.suspicions(&WalkLimits::default());
-    remarks.extend(suspicions.iter().take(3).map(|suspicion| format!("way found: {suspicion}")));
-    if suspicions.len() > 3 {
-        remarks.push(format!("way found: {} more gaps, jumps or spins", suspicions.len() - 3));
-    }
+    remarks.extend(suspicions(&walked.trajectory, "way found"));
     remarks
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
+use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use serde::Serialize;
 
 use super::compare::feed::{self, Taken};
@@ -128,19 +129,15 @@ impl Making {
         mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
         let body_from_sensor = mount.body_from_sensor();
         let (model, frame) = (taken.model, taken.frame);
-        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-            for channel in 0..frame.channels.min(model.channels()) {
-                let range_mm = frame.first.range_mm[frame.index(column, channel)];
-                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64 + time_offset_ns;
-                let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
-                let Some(world_from_body) = trajectory.at(time_ns).filter(|_| range_mm > 0) else { continue };
-                let world_from_sensor = world_from_body * body_from_sensor;
-                let azimuth_rad = sensors::projection::sample_azimuth_rad(model, frame, column, channel);
-                let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
-                let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
-                self.map.add_return(origin_m, world_from_sensor.transform_point(point));
-                self.points += 1;
-            }
+        for (column, channel, range_mm) in returns(model, frame) {
+            let time_ns = sample_time_ns(model, frame, column, channel).saturating_add_signed(time_offset_ns);
+            let Some(world_from_body) = trajectory.at(time_ns) else { continue };
+            let world_from_sensor = world_from_body * body_from_sensor;
+            let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+            let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
+            let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
+            self.map.add_return(origin_m, world_from_sensor.transform_point(point));
+            self.points += 1;
         }
     }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 use sensors::Frame;
-use sensors::projection::sample_azimuth_rad;
+use sensors::projection::{sample_azimuth_rad, sample_time_ns};
 
 use super::surface::{Patches, SurfaceTally};
 use super::{Breakdown, RayClass, RayClasses, RecordedRay, Thinning};
@@ -195,9 +195,7 @@ impl Lay<'_> {
             fired.clear();
             let mut last: Option<(u64, Option<Pose>)> = None;
             for channel in 0..channels {
-                let offset_ns = self.mounted.model.beams()[channel].fire_offset_ns.round() as i64;
-                let time_ns = self.frame.column_time_ns[column]
-                    .saturating_add_signed(offset_ns)
+                let time_ns = sample_time_ns(&self.mounted.model, self.frame, column, channel)
                     .saturating_add_signed(self.gate.time_offset_ns);
                 let pose = match last {
                     Some((at_ns, pose)) if at_ns == time_ns => pose,

@@ -1,7 +1,7 @@
 //! Single rays of a recording, kept to be cast again: under another mount, another pose, another reading of the scene.
 
 use glam::DVec3;
-use sensors::projection::sample_azimuth_rad;
+use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
 use crate::geometry::Pose;
@@ -107,16 +107,12 @@ impl Thinning {
         offset_ns: i64,
         frame: &Frame,
     ) {
-        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-            for channel in 0..frame.channels.min(model.channels()) {
-                let range_mm = frame.first.range_mm[frame.index(column, channel)];
-                let fired_ns = model.beams()[channel].fire_offset_ns.round() as i64;
-                let time_ns = frame.column_time_ns[column].saturating_add_signed(fired_ns + offset_ns);
-                if range_mm > 0 && self.wants(sensor, channel, time_ns) {
-                    let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-                    let range_m = Some(f64::from(range_mm) * 1e-3);
-                    self.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });
-                }
+        for (column, channel, range_mm) in returns(model, frame) {
+            let time_ns = sample_time_ns(model, frame, column, channel).saturating_add_signed(offset_ns);
+            if self.wants(sensor, channel, time_ns) {
+                let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+                let range_m = Some(f64::from(range_mm) * 1e-3);
+                self.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use sensors::projection::Projector;
+use sensors::projection::{Projector, sample_time_ns};
 use sensors::{Frame, Layer, SensorModel};
 
 /// Stamps before this are no dates: 2000-01-01 in ns since 1970. A sensor without a time source counts from power-on.
@@ -132,11 +132,10 @@ impl Cloud {
                 }
                 let reflectivity = layer.reflectivity.get(at).copied().unwrap_or(0);
                 let signal = layer.signal.get(at).copied();
-                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
                 self.points.push(Point {
                     position_m: DVec3::from_array(positions_m[at]),
                     range_mm,
-                    time_ns: frame.column_time_ns[column].saturating_add_signed(offset_ns),
+                    time_ns: sample_time_ns(model, frame, column, channel),
                     ring: self.rings.get(channel).copied().unwrap_or(0),
                     column: column as u32,
                     return_number,

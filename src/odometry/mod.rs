@@ -18,6 +18,7 @@ use glam::{DQuat, DVec3};
 
 use crate::geometry::Pose;
 use crate::registration::{DEGENERATE, Information, RegistrationQuality};
+use crate::statistics::median;
 use crate::trajectory::{Trajectory, TrajectoryError};
 
 use align::{Aligned, Kernel};
@@ -381,9 +382,8 @@ fn straightened(sweep: &Sweep, motion: &Motion, edge_m: f64) -> Vec<DVec3> {
 
 /// A fifteenth of the median range, between 0.1 and 1 m: rooms of a few metres want cells of a few decimetres.
 fn suited_voxel_m(sweep: &Sweep) -> f64 {
-    let mut ranges: Vec<f64> = sweep.points.iter().map(|point| point.body_m.length()).collect();
-    let middle = ranges.len() / 2;
-    (*ranges.select_nth_unstable_by(middle, f64::total_cmp).1 / 15.0).clamp(0.1, 1.0)
+    let mut ranges_m: Vec<f64> = sweep.points.iter().map(|point| point.body_m.length()).collect();
+    (median(&mut ranges_m).unwrap_or(0.0) / 15.0).clamp(0.1, 1.0)
 }
 
 fn angle(pose: &Pose) -> f64 {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use glam::DVec3;
-use sensors::projection::sample_azimuth_rad;
+use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
 use crate::geometry::Pose;
@@ -100,24 +100,21 @@ impl Sweeps {
         let known_ns = self.latest_ns[sensor].unwrap_or(0);
         self.latest_ns[sensor] = Some(known_ns.max(last_ns));
         let nearest_m = self.limits.nearest_m.max(model.min_range_m);
-        for column in (0..frame.columns()).filter(|column| frame.column_valid[*column]) {
-            for channel in 0..frame.channels.min(model.channels()) {
-                let range_m = f64::from(frame.first.range_mm[frame.index(column, channel)]) * 1e-3;
-                if range_m < nearest_m || range_m > self.limits.farthest_m {
-                    continue;
-                }
-                let offset_ns = model.beams()[channel].fire_offset_ns.round() as i64;
-                let time_ns = frame.column_time_ns[column].saturating_add_signed(offset_ns);
-                let number = self.number(time_ns);
-                if self.given.is_some_and(|given| number <= given) {
-                    self.late += 1;
-                    continue;
-                }
-                let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-                let body_m = body_from_sensor.transform_point(model.point(channel, azimuth_rad, range_m));
-                self.waiting.entry(number).or_default().push(SweepPoint { time_ns, body_m });
-                self.count += 1;
+        for (column, channel, range_mm) in returns(model, frame) {
+            let range_m = f64::from(range_mm) * 1e-3;
+            if range_m < nearest_m || range_m > self.limits.farthest_m {
+                continue;
             }
+            let time_ns = sample_time_ns(model, frame, column, channel);
+            let number = self.number(time_ns);
+            if self.given.is_some_and(|given| number <= given) {
+                self.late += 1;
+                continue;
+            }
+            let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
+            let body_m = body_from_sensor.transform_point(model.point(channel, azimuth_rad, range_m));
+            self.waiting.entry(number).or_default().push(SweepPoint { time_ns, body_m });
+            self.count += 1;
         }
     }
 

@@ -52,16 +52,15 @@ fn standing(seconds: f64) -> Trajectory {
     Trajectory::new(vec![(start_ns, Pose::IDENTITY), (end_ns, Pose::IDENTITY)]).unwrap()
 }
 
+/// Sensors at the body's own place.
+fn around<'a>(scene: &'a Scene, trajectory: &'a Trajectory) -> Surroundings<'a> {
+    Surroundings { scene, trajectory, body_from_sensor: &|_| Pose::IDENTITY, noise_m: 0.0, seed: 0 }
+}
+
 /// One revolution of a sensor, with both returns.
 fn revolution(metadata: &Metadata) -> Frame {
     let (scene, trajectory) = (hall(), standing(0.25));
-    let around = Surroundings {
-        scene: &scene,
-        trajectory: &trajectory,
-        body_from_sensor: &|_| Pose::IDENTITY,
-        noise_m: 0.0,
-        seed: 0,
-    };
+    let around = around(&scene, &trajectory);
     let mut decoder = OusterDecoder::new(metadata.clone());
     let address: SocketAddr = "127.0.0.1:7502".parse().unwrap();
     let mut whole = None;
@@ -112,13 +111,7 @@ fn ouster(metadata: Metadata, to: SocketAddr, stop: &AtomicBool) -> u64 {
 
 fn velodyne(to: SocketAddr, stop: &AtomicBool) -> u64 {
     let (scene, trajectory) = (hall(), standing(3600.0));
-    let around = Surroundings {
-        scene: &scene,
-        trajectory: &trajectory,
-        body_from_sensor: &|_| Pose::IDENTITY,
-        noise_m: 0.0,
-        seed: 0,
-    };
+    let around = around(&scene, &trajectory);
     let start_ns = trajectory.time_span_ns()[0];
     let mut line = Transmitter::new(None, to, Clock::new(Pace::Rate(1.0), Some(start_ns))).unwrap();
     let mut sensor = MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0).unwrap();

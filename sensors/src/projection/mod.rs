@@ -21,6 +21,27 @@ pub fn sample_azimuth_rad(model: &SensorModel, frame: &Frame, column: usize, cha
     frame.column_azimuth_rad[column] + frame.azimuth_rate_rad_per_ns * fire_offset_ns
 }
 
+/// When a beam fires in a column, ns on the sensor's clock.
+pub fn sample_time_ns(model: &SensorModel, frame: &Frame, column: usize, channel: usize) -> u64 {
+    let fired_ns = model.beams()[channel].fire_offset_ns.round() as i64;
+    frame.column_time_ns[column].saturating_add_signed(fired_ns)
+}
+
+/// The first returns in the valid columns of a frame, column by column: column, channel and range, mm.
+pub fn returns<'a>(
+    model: &SensorModel,
+    frame: &'a Frame,
+) -> impl Iterator<Item = (usize, usize, u32)> + use<'a> {
+    let channels = frame.channels.min(model.channels());
+    let columns = (0..frame.columns()).filter(|column| frame.column_valid[*column]);
+    columns.flat_map(move |column| {
+        (0..channels).filter_map(move |channel| {
+            let range_mm = frame.first.range_mm[frame.index(column, channel)];
+            (range_mm > 0).then_some((column, channel, range_mm))
+        })
+    })
+}
+
 /// The ray a sample was measured along, in the sensor frame.
 pub fn sample_ray(model: &SensorModel, frame: &Frame, column: usize, channel: usize) -> Ray {
     model.ray(channel, sample_azimuth_rad(model, frame, column, channel))

@@ -19,10 +19,11 @@ use rayon::prelude::*;
 
 use super::gather::Offset;
 use super::observed::Observed;
+use super::solve::LEAST_SCALE_M;
 use super::{Estimate, RelativeTilt, tilt_axis};
 use crate::compare::RecordedRay;
 use crate::rig::MountedSensor;
-use crate::statistics::{student_quantile, student_two_sided};
+use crate::statistics::{median, robust_deviation, student_quantile, student_two_sided};
 use crate::trajectory::{PoseError, Trajectory};
 use window::{Block77, Column7, Look, MOST_TURNS, Said, Window};
 
@@ -121,11 +122,7 @@ impl Pair<'_> {
 
     fn edge_m(&self) -> f64 {
         let mut ranges_m: Vec<f64> = self.rays.iter().filter_map(|ray| ray.range_m).collect();
-        if ranges_m.is_empty() {
-            return EDGES_M[0];
-        }
-        let middle = ranges_m.len() / 2;
-        let median_m = *ranges_m.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median_m = median(&mut ranges_m).unwrap_or(0.0);
         (EDGE_SHARE * median_m).clamp(EDGES_M[0], EDGES_M[1])
     }
 }
@@ -195,8 +192,7 @@ fn spread_m(said: &[Said]) -> Option<f64> {
     if sizes.len() < LEAST_PAIRS {
         return None;
     }
-    let middle = sizes.len() / 2;
-    Some((1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1).max(5e-4))
+    robust_deviation(&mut sizes).map(|deviation_m| deviation_m.max(LEAST_SCALE_M))
 }
 
 /// What the pairs tie down, the noise of the normals taken away. `weight_m` made the weights.
@@ -316,7 +312,8 @@ fn report(
     found
 }
 
-fn student(value: f64, sd: f64, freedom: usize) -> Estimate {
+/// An estimate of so many degrees of freedom.
+pub(super) fn student(value: f64, sd: f64, freedom: usize) -> Estimate {
     let u95 = sd * student_quantile(0.05, freedom);
     Estimate { value, sd, u95, p_value: student_two_sided(value / sd, freedom) }
 }

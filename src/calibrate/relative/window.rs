@@ -3,7 +3,7 @@
 use glam::{DMat3, DQuat, DVec3};
 use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
 
-use super::super::gather::Offset;
+use super::super::gather::{LEAST_COSINE, Offset};
 use super::Pair;
 use crate::compare::RecordedRay;
 use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
@@ -17,8 +17,6 @@ pub const MOST_TURNS: usize = 8;
 const QUERIES: usize = 40_000;
 /// Of the distances from a sensor's own planes, which hold the poses and nothing else, one in so many is taken.
 const OWN_EVERY: usize = 8;
-/// Surfaces seen more obliquely than 75 degrees are left out.
-const LEAST_COSINE: f64 = 0.26;
 /// Points that a plane is made of, at least.
 const LEAST_POINTS: f64 = 8.0;
 /// Residuals beyond so many standard deviations count less (Huber 1964, doi:10.1214/aoms/1177703732).
@@ -261,7 +259,7 @@ impl Said {
         let waver2 = plane.across_m2 / (plane.narrow_m2 * plane.count);
         let (along, beside) = plane.normal.any_orthonormal_pair();
         for direction in [along, beside] {
-            let mut row = vec![0.0; 7 + 6 * stands.len()];
+            let mut row = [0.0; 7 + 6 * MOST_TURNS];
             fill(&mut row, stands, point, of_first, &found.of_turn, direction);
             let seen = Column7::from_column_slice(&row[..7]);
             self.pretended.ger(weight * waver2, &seen, &seen, 1.0);

@@ -4,6 +4,7 @@ pub mod feed;
 pub mod judge;
 pub mod page;
 pub mod place;
+pub mod recorded;
 pub mod verdict;
 
 use std::path::{Path, PathBuf};
@@ -11,20 +12,21 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail, ensure};
 use serde::Serialize;
 
-use super::recording::{Recording, SensorArgs};
+use super::ground::PoseErrorArgs;
+use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
-use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TiltHistory, TimeOffset};
+use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::files::write_json;
-use crate::record::Session;
 use crate::rig::{MountFile, Rig};
 use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
-use crate::trajectory::{PoseError, Trajectory};
+use crate::trajectory::Trajectory;
 
-use feed::{AxisSummary, Fed, SensorSummary, Taken};
+use feed::{AxisSummary, Fed, SensorSummary};
 use judge::{Comparison, Given};
 use place::PlaceArgs;
+use recorded::Recorded;
 use verdict::Verdict;
 
 /// Samples of the surface.
@@ -65,15 +67,8 @@ pub struct Args {
     /// Healthy runs that are simulated beside the recording.
     #[arg(long, value_name = "N", default_value_t = 19, value_parser = clap::value_parser!(u16).range(0..=999))]
     nulls: u16,
-    /// Standard deviation of the trajectory's position along each axis.
-    #[arg(long, value_name = "M", default_value_t = 0.02)]
-    pose_sd: f64,
-    /// Standard deviation of the trajectory's attitude about each axis.
-    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
-    attitude_sd: f64,
-    /// Time in which an error of the trajectory is forgotten.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
-    pose_memory: f64,
+    #[command(flatten)]
+    pose_error: PoseErrorArgs,
     /// Of samples and simulated runs.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -102,37 +97,14 @@ pub struct Document {
     pub wall_s: f64,
 }
 
-/// What is fed: a session, which knows its sensors, or a capture.
-pub enum Source {
-    Session(Box<Session>, Vec<TiltHistory>),
-    Capture(Recording),
-}
-
-impl Source {
-    /// Every frame.
-    pub fn feed(&self, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
-        match self {
-            Self::Session(session, tilts) => feed::session(session, rig, tilts, &mut |_| (), take),
-            Self::Capture(recording) => feed::capture(recording, rig, take),
-        }
-    }
-}
-
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
-    let session = Session::is_session(&args.recording).then(|| Session::open(&args.recording)).transpose()?;
-    let file = mount_file(args.mount.as_ref(), session.as_ref())?;
-    let rig = file.rig()?;
-    let (source, axes) = match session {
-        Some(session) if args.sensors.meta.is_empty() => {
-            let (tilts, axes) = feed::tilts(&session, &rig)?;
-            (Source::Session(Box::new(session), tilts), axes)
-        }
-        _ => (Source::Capture(Recording::open(&args.recording, &args.sensors)?), Vec::new()),
-    };
-    let place = place::read(&args.place, &source, &rig)?;
+    let error = args.pose_error.error()?;
+    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref())?;
+    let place = place::read(&args.place, &recorded)?;
+    let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);
     let grid = grid(args, scene)?;
     let height_m = rig.sensors.iter().map(|s| s.mount.z_m).sum::<f64>() / rig.sensors.len() as f64;
@@ -144,15 +116,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if let Some(patches) = &patches {
         replay = replay.with_surface(patches);
     }
-    let (replayed, fed) = replayed(&source, &rig, replay, &place.mapped)?;
-    let planned = planned(args, scene, &rig, &grid)?;
+    let (replayed, fed) = replayed(&recorded, replay, &place.mapped)?;
+    let planned = planned(args, scene, rig, &grid)?;
     let comparison = judge::judge(
         Given {
             scene,
             trajectory,
             patches: patches.as_ref(),
             planned: planned.as_ref(),
-            healthy: healthy(args),
+            healthy: Healthy { pose: error, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() },
             revolution_ns: fed.revolution_ns,
             agree_within_m: args.gate,
             faults: fed.faults,
@@ -165,39 +137,24 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         format: "outrigger-compare/1",
         comparison,
         recording: fed.sensors,
-        rig: axes,
+        rig: recorded.axes,
         problems,
         time_offset_s: place.time_offset_ns as f64 * 1e-9,
         time_offset: place.time_offset,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    write(args, &document, &replayed, scene, trajectory, file)?;
+    write(args, &document, &replayed, scene, trajectory, recorded.mount)?;
     conclude(args, context, &document, fed.losses.is_empty())
 }
 
 fn check(args: &Args) -> anyhow::Result<()> {
-    for (name, value) in [
-        ("--voxel", args.voxel),
-        ("--gate", args.gate),
-        ("--pose-sd", args.pose_sd),
-        ("--attitude-sd", args.attitude_sd),
-        ("--pose-memory", args.pose_memory),
-    ] {
+    for (name, value) in [("--voxel", args.voxel), ("--gate", args.gate)] {
         ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
     }
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
     }
     Ok(())
-}
-
-/// Where the sensors sit: as said, or as the session holds.
-pub fn mount_file(said: Option<&PathBuf>, session: Option<&Session>) -> anyhow::Result<MountFile> {
-    if let Some(path) = said {
-        return Ok(MountFile::read(path)?);
-    }
-    let own = session.map(Session::mount).transpose()?.flatten();
-    own.context("give --mount: the recording does not say where its sensors sit")
 }
 
 fn grid(args: &Args, scene: &Scene) -> anyhow::Result<VoxelGrid> {
@@ -212,24 +169,14 @@ fn grid(args: &Args, scene: &Scene) -> anyhow::Result<VoxelGrid> {
     Ok(VoxelGrid::centred_on(bounds_m, args.voxel))
 }
 
-fn healthy(args: &Args) -> Healthy {
-    let pose = PoseError {
-        position_sd_m: args.pose_sd,
-        rotation_sd_rad: args.attitude_sd.to_radians(),
-        correlation_s: args.pose_memory,
-    };
-    Healthy { pose, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() }
-}
-
 /// Replays all frames but those that made the map.
-pub fn replayed(
-    source: &Source,
-    rig: &Rig,
+fn replayed(
+    recorded: &Recorded,
     mut replay: Replay<'_>,
     mapped: &std::ops::Range<u64>,
 ) -> anyhow::Result<(Replayed, Fed)> {
     let mut frames = 0_u64;
-    let fed = source.feed(rig, &mut |taken| {
+    let fed = recorded.feed(&mut |taken| {
         if mapped.contains(&taken.number) {
             return;
         }

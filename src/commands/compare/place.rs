@@ -4,18 +4,16 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail, ensure};
-use glam::DVec3;
+use anyhow::{Context as _, ensure};
 
-use super::Source;
-use crate::commands::ground::MeshArgs;
+use super::Recorded;
+use crate::commands::ground::{MeshArgs, Room, outside, suspicions};
 use crate::commands::odometry::{self, OdometryArgs};
 use crate::commands::scene_file::{self, Making, MapArgs};
-use crate::compare::{Field, Thinning, TimeOffset, time_offset};
+use crate::compare::{Field, TimeOffset, time_offset};
 use crate::geometry::Pose;
-use crate::rig::Rig;
-use crate::scene::{BoxScene, Scene, VoxelMap};
-use crate::trajectory::{Trajectory, WalkLimits};
+use crate::scene::{Scene, VoxelMap};
+use crate::trajectory::Trajectory;
 
 /// Rays among which the time offset is looked for, and how far to each side.
 const SEARCH_RAYS: usize = 20_000;
@@ -30,7 +28,7 @@ pub struct PlaceArgs {
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
-    room: Option<Corners>,
+    room: Option<Room>,
     /// A map instead, made of these frames of the recording (A..B, from 0, B not included); the others are compared.
     #[arg(long, group = "place", value_name = "A..B")]
     map_frames: Option<Frames>,
@@ -51,27 +49,6 @@ pub struct PlaceArgs {
     time_offset: Offset,
     #[command(flatten)]
     odometry: OdometryArgs,
-}
-
-/// The two corners of a room.
-#[derive(Clone, Copy, Debug)]
-struct Corners([DVec3; 2]);
-
-impl FromStr for Corners {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<f64>> =
-            text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-        let [x0, y0, z0, x1, y1, z1] = numbers
-            .and_then(|numbers| <[f64; 6]>::try_from(numbers).ok())
-            .ok_or("expected six finite numbers x,y,z,x,y,z")?;
-        let [low, high] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
-        if !low.cmplt(high).all() {
-            return Err("the first corner must lie below the second in x, y and z".into());
-        }
-        Ok(Self([low, high]))
-    }
 }
 
 /// Frames that make a map.
@@ -125,30 +102,25 @@ pub struct Place {
 }
 
 /// Reads everything.
-pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Place> {
+pub fn read(args: &PlaceArgs, recorded: &Recorded) -> anyhow::Result<Place> {
     ensure!(
         args.scene.is_some() || !args.mesh.is_stated(),
         "--mesh-unit and --up speak of the mesh behind --scene, and there is none"
     );
     let mut notices = Vec::new();
-    let span = || recorded_span(source, rig);
-    let trajectory = trajectory(args, source, rig, &span, &mut notices)?;
+    let trajectory = trajectory(args, recorded, &mut notices)?;
     let from_start = || -> anyhow::Result<i64> {
-        let first_ns = span()?.context("no frame to take the start from")?[0];
+        let first_ns = recorded.span_ns()?.context("no frame to take the start from")?[0];
         Ok(trajectory.time_span_ns()[0] as i64 - first_ns as i64)
     };
     let mut time_offset_ns = match args.time_offset {
         Offset::Seconds(seconds) => (seconds * 1e9).round() as i64,
         Offset::Start => from_start()?,
         // clocks that have nothing in common are taken to have begun together
-        Offset::Search if overlap(span()?, trajectory.time_span_ns()) => 0,
+        Offset::Search if overlap(recorded.span_ns()?, trajectory.time_span_ns()) => 0,
         Offset::Search => from_start()?,
     };
-    let suspicions = trajectory.suspicions(&WalkLimits::default());
-    notices.extend(suspicions.iter().take(3).map(|suspicion| format!("trajectory: {suspicion}")));
-    if suspicions.len() > 3 {
-        notices.push(format!("trajectory: {} more gaps, jumps or spins", suspicions.len() - 3));
-    }
+    notices.extend(suspicions(&trajectory, "trajectory"));
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
     let scene = match (&args.scene, &args.room) {
         (Some(path), _) => {
@@ -156,10 +128,8 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
             notices.extend(read.warnings);
             read.scene
         }
-        (None, Some(Corners([low, high]))) => Scene::Box(BoxScene::closed(*low, *high)),
-        (None, None) => {
-            Scene::Voxels(Arc::new(map(args, source, rig, &trajectory, time_offset_ns, &mapped)?))
-        }
+        (None, Some(room)) => room.scene(),
+        (None, None) => Scene::Voxels(Arc::new(map(args, recorded, &trajectory, time_offset_ns, &mapped)?)),
     };
     let mut found = None;
     if matches!(args.time_offset, Offset::Search) {
@@ -167,43 +137,26 @@ pub fn read(args: &PlaceArgs, source: &Source, rig: &Rig) -> anyhow::Result<Plac
             mapped.is_empty(),
             "--time-offset search needs a scene: a map of the recording itself fits at any"
         );
-        let told = search(source, rig, &scene, &trajectory, time_offset_ns)?;
+        let told = search(recorded, &scene, &trajectory, time_offset_ns)?;
         notices.push(format!("time offset found: {:.4} s +- {:.4} s (95 %)", told.seconds, told.u95_s));
         time_offset_ns = (told.seconds * 1e9).round() as i64;
         found = Some(told);
     }
-    let [low, high] = scene.bounds_m();
-    let stations = trajectory.stations_m(0.5);
-    let outside = stations.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
-    if outside > 0 && mapped.is_empty() {
-        notices.push(format!(
-            "{outside} of {} points of the path lie outside the scene; do both use the same frame, unit and up axis?",
-            stations.len()
-        ));
+    if mapped.is_empty() {
+        notices.extend(outside(&trajectory, "scene", scene.bounds_m()));
     }
     Ok(Place { scene, trajectory, time_offset_ns, time_offset: found, mapped, notices })
 }
 
 /// Looks for the time offset with an even share of the recorded rays.
 fn search(
-    source: &Source,
-    rig: &Rig,
+    recorded: &Recorded,
     scene: &Scene,
     trajectory: &Trajectory,
     around_ns: i64,
 ) -> anyhow::Result<TimeOffset> {
-    let mut sensors = rig.sensors.clone();
-    let mut kept = Thinning::new(SEARCH_RAYS);
-    source.feed(rig, &mut |taken| {
-        let (sensor, model, frame) = (taken.sensor, taken.model, taken.frame);
-        if sensors[sensor].model != *model {
-            sensors[sensor].model = model.clone();
-        }
-        let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
-        kept.add_frame(sensor, model, pitch_rad, 0, frame);
-    })?;
-    let rays = Thinning::joined([kept]);
-    let field = Field { scene, trajectory, sensors: &sensors, rays: &rays, agree_within_m: 0.1 };
+    let kept = recorded.rays(SEARCH_RAYS)?;
+    let field = Field { scene, trajectory, sensors: &kept.sensors, rays: &kept.rays, agree_within_m: 0.1 };
     Ok(time_offset(&field, around_ns, SEARCH_NS)?)
 }
 
@@ -213,41 +166,33 @@ fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
 
 fn trajectory(
     args: &PlaceArgs,
-    source: &Source,
-    rig: &Rig,
-    span: &dyn Fn() -> anyhow::Result<Option<[u64; 2]>>,
+    recorded: &Recorded,
     notices: &mut Vec<String>,
 ) -> anyhow::Result<Trajectory> {
     let Some(path) = &args.trajectory else {
-        let Source::Session(session, _) = source else { bail!("give --trajectory: a capture holds none") };
-        return session.trajectory()?.context("give --trajectory: the session holds none");
+        let own = recorded.own_trajectory()?;
+        return own.with_context(|| format!("give --trajectory: {} holds none", recorded.what()));
     };
     let name = path.display().to_string();
     if name == "still" {
-        return still(source, rig);
+        return recorded.still();
     }
     if name == "odometry" {
         ensure!(
             args.map_frames.is_some(),
             "--trajectory odometry begins a world of its own, which lies nowhere in a scene: it needs --map-frames"
         );
-        let way = odometry::of_rig(source, rig, &args.odometry)?;
+        let way = odometry::of_rig(recorded, &args.odometry)?;
         notices.extend(odometry::remarks(&way));
         return Ok(way.walked.trajectory);
     }
     let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
     let Some(rate_hz) = args.rate else { return Trajectory::from_tum(&text).context(name) };
     let poses = Trajectory::from_kitti(&text, rate_hz).context(name)?;
-    let first_ns = span()?.context("the recording holds no frame")?[0];
+    let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];
     let stamped: Vec<(u64, Pose)> =
         poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();
     going_on(stamped)
-}
-
-/// The way of a rig that does not move.
-pub fn still(source: &Source, rig: &Rig) -> anyhow::Result<Trajectory> {
-    let [first_ns, last_ns] = recorded_span(source, rig)?.context("the recording holds no frame")?;
-    Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
 }
 
 /// Poses of revolutions say where each began: during the last one the body goes on as before.
@@ -258,30 +203,17 @@ fn going_on(mut stamped: Vec<(u64, Pose)>) -> anyhow::Result<Trajectory> {
     Ok(Trajectory::new(stamped)?)
 }
 
-/// Times of the first and the last column of any sensor, ns.
-fn recorded_span(source: &Source, rig: &Rig) -> anyhow::Result<Option<[u64; 2]>> {
-    let mut span: Option<[u64; 2]> = None;
-    source.feed(rig, &mut |taken| {
-        if let Some([first, last]) = taken.frame.time_span_ns() {
-            let known = span.unwrap_or([first, last]);
-            span = Some([known[0].min(first), known[1].max(last)]);
-        }
-    })?;
-    Ok(span)
-}
-
 fn map(
     args: &PlaceArgs,
-    source: &Source,
-    rig: &Rig,
+    recorded: &Recorded,
     trajectory: &Trajectory,
     time_offset_ns: i64,
     frames: &std::ops::Range<u64>,
 ) -> anyhow::Result<VoxelMap> {
     let mut making = Making::new(&args.map)?;
-    source.feed(rig, &mut |taken| {
+    recorded.feed(&mut |taken| {
         if frames.contains(&taken.number) {
-            making.add_frame(rig, trajectory, time_offset_ns, &taken);
+            making.add_frame(&recorded.rig, trajectory, time_offset_ns, &taken);
         }
     })?;
     let map = making.into_map();

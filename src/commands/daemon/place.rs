@@ -3,14 +3,12 @@
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use glam::DVec3;
 
-use crate::commands::ground::{MeshArgs, Numbers, read_trajectory};
+use crate::commands::ground::{MeshArgs, Room, read_trajectory};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::daemon::Place;
 use crate::files::folder_of;
 use crate::rig::MountFile;
-use crate::scene::{BoxScene, Scene};
 
 /// What the live view knows of mounts, scene and way. Each is that of `[predict]` where `[daemon]` names none.
 #[derive(clap::Args, Debug)]
@@ -24,7 +22,7 @@ pub struct PlaceArgs {
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, allow_hyphen_values = true, value_name = "CORNERS")]
-    room: Option<Numbers<6>>,
+    room: Option<Room>,
     #[command(flatten)]
     mesh: MeshArgs,
     #[command(flatten)]
@@ -66,13 +64,7 @@ pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
             Some(read.scene)
         }
-        (None, Some(Numbers([x0, y0, z0, x1, y1, z1]))) => {
-            let (low, high) = (DVec3::new(*x0, *y0, *z0), DVec3::new(*x1, *y1, *z1));
-            if !low.cmplt(high).all() {
-                bail!("--room: the first corner must lie below the second in x, y and z");
-            }
-            Some(Scene::Box(BoxScene::closed(low, high)))
-        }
+        (None, Some(room)) => Some(room.scene()),
         (None, None) => None,
     };
     let cells = place.grid().cells.iter().map(|count| *count as f64).product::<f64>();

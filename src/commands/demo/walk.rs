@@ -12,13 +12,14 @@ use sensors::velodyne::{Product, ReturnMode};
 
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::Pose;
-use crate::mock::sensor::{MockSensor, Spin, Surroundings};
+use crate::mock::sensor::{MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::receive::{self, Listen, Receiver, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
 use crate::rig::{Mount, MountFile, Rig};
 use crate::scene::Scene;
 use crate::servo::ServoReport;
+use crate::simulate::frames::Spin;
 use crate::simulate::scan::{self, Scanner};
 use crate::trajectory::Trajectory;
 

@@ -14,14 +14,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use self::document::Document;
-use super::ground::{MeshArgs, MeshTaken, Numbers, TrajectoryArgs, stations};
+use super::ground::{MeshArgs, MeshTaken, Room, TrajectoryArgs, stations};
 use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
 use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::files::folder_of;
 use crate::rig::{MountFile, Rig, Unit, UnitChoice};
-use crate::scene::{BoxScene, Mesh, Scene};
+use crate::scene::{Mesh, Scene};
 use crate::trajectory::Trajectory;
 
 /// Arguments of `predict`.
@@ -49,7 +49,7 @@ pub struct Args {
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
-    room: Option<Numbers<6>>,
+    room: Option<Room>,
     #[command(flatten)]
     mesh: MeshArgs,
     #[command(flatten)]
@@ -141,16 +141,11 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
 fn place(args: &Args) -> anyhow::Result<Place> {
     let ReadScene { scene, mesh, map, mut warnings } = match (&args.scene, &args.room) {
         (Some(path), _) => scene_file::read(path, &args.mesh, &args.map)?,
-        (None, Some(Numbers([x0, y0, z0, x1, y1, z1]))) => {
-            let (low, high) = (DVec3::new(*x0, *y0, *z0), DVec3::new(*x1, *y1, *z1));
-            if !low.cmplt(high).all() {
-                bail!("--room: the first corner must lie below the second in x, y and z");
-            }
+        (None, Some(room)) => {
             if args.mesh.is_stated() {
                 bail!("--mesh-unit and --up are about a mesh: give --scene, or leave them out");
             }
-            let scene = Scene::Box(BoxScene::closed(low, high));
-            ReadScene { scene, mesh: None, map: None, warnings: Vec::new() }
+            ReadScene { scene: room.scene(), mesh: None, map: None, warnings: Vec::new() }
         }
         (None, None) => bail!("give --scene or --room"),
     };

@@ -60,8 +60,9 @@ pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> R
         let words = format!("this speaks the WebSocket protocol {}: ask for it", PROTOCOLS[0]);
         return Problem::new(StatusCode::BAD_REQUEST, words).into_response();
     }
-    let Some(seat) = app.streams.seat() else {
-        return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
+    let seat = match app.streams.seat() {
+        Ok(seat) => seat,
+        Err(problem) => return problem.into_response(),
     };
     upgrade
         .max_message_size(MESSAGE_BYTES)

@@ -39,8 +39,9 @@ impl Streams {
     }
 
     /// A place for one more, if there is one.
-    pub fn seat(&self) -> Option<OwnedSemaphorePermit> {
-        Arc::clone(&self.seats).try_acquire_owned().ok()
+    pub fn seat(&self) -> Result<OwnedSemaphorePermit, Problem> {
+        let seat = Arc::clone(&self.seats).try_acquire_owned();
+        seat.map_err(|_| Problem::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
     }
 
     /// Says true when the daemon ends.
@@ -61,8 +62,9 @@ impl Streams {
 
 /// Opens a stream.
 pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> Response {
-    let Some(seat) = app.streams.seat() else {
-        return Problem::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open").into_response();
+    let seat = match app.streams.seat() {
+        Ok(seat) => seat,
+        Err(problem) => return problem.into_response(),
     };
     upgrade
         .max_message_size(MESSAGE_BYTES)

@@ -6,10 +6,11 @@ use sensors::ouster::{Metadata, OusterEncoder};
 use sensors::velodyne::{Product, ReturnMode, VelodyneEncoder};
 use sensors::{Frame, SensorModel, catalogue};
 
+use super::Scan;
 use super::aside::Aside;
-use super::{Scan, Spin};
 use crate::geometry::Pose;
 use crate::scene::Scene;
+use crate::simulate::frames::Spin;
 use crate::trajectory::Trajectory;
 
 /// Revolutions measured ahead of the one being sent.

@@ -4,7 +4,6 @@ mod aside;
 mod device;
 mod faults;
 
-pub use crate::simulate::frames::Spin;
 pub use device::{Line, MockSensor, Surroundings};
 pub use faults::{FaultCounts, FaultInjector, Faults};
 

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::mesh_file::Fault;
+use crate::files::ending;
 
 /// One point of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,10 +81,6 @@ fn read_las(file: File, take: &mut dyn FnMut(CloudPoint)) -> las::Result<()> {
             take(CloudPoint { position_m: DVec3::new(x, y, z), seen_from_m: None, time_s });
         }
     }
-}
-
-fn ending(path: &Path) -> String {
-    path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 fn ply_without_faces(path: &Path) -> bool {

@@ -153,17 +153,8 @@ fn read_binary(
             format!("the file ends, {} bytes of points are missing", bytes - data.len()),
         ));
     }
-    for record in data[..bytes].chunks_exact((bytes / points.max(1)).max(1)) {
-        let mut numbers = [f64::NAN; 9];
-        let mut at = 0;
-        for field in fields {
-            if let (Some(slot), 1..) = (field.slot, field.count) {
-                numbers[slot] = number(field, &record[at..]).unwrap_or(f64::NAN);
-            }
-            at += field.size * field.count;
-        }
-        take(point(&numbers));
-    }
+    let each = bytes / points.max(1);
+    give(&data[..bytes], fields, points, |index, before, _| index * each + before, take);
     Ok(())
 }
 
@@ -189,19 +180,31 @@ fn read_compressed(
     }
     let columns = decompress(packed, plain)
         .ok_or_else(|| Fault::byte(start + 8, "the compressed points are damaged"))?;
+    give(&columns, fields, points, |index, before, each| before * points + index * each, take);
+    Ok(())
+}
+
+/// Every point, with the place of a field given by the point's number, the bytes of the fields before it and its own.
+fn give(
+    bytes: &[u8],
+    fields: &[Field],
+    points: usize,
+    place: impl Fn(usize, usize, usize) -> usize,
+    take: &mut dyn FnMut(CloudPoint),
+) {
     for index in 0..points {
         let mut numbers = [f64::NAN; 9];
-        let mut column = 0;
+        let mut before = 0;
         for field in fields {
             let each = field.size * field.count;
             if let (Some(slot), 1..) = (field.slot, field.count) {
-                numbers[slot] = number(field, &columns[column + index * each..]).unwrap_or(f64::NAN);
+                let at = place(index, before, each);
+                numbers[slot] = number(field, &bytes[at..]).unwrap_or(f64::NAN);
             }
-            column += each * points;
+            before += each;
         }
         take(point(&numbers));
     }
-    Ok(())
 }
 
 fn record_bytes(fields: &[Field], points: usize, start: usize) -> Result<usize, Fault> {

@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::{Mesh, MeshError};
+use crate::files::ending;
 
 /// Length unit of a mesh file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,7 +76,7 @@ pub fn load_mesh(
 ) -> Result<LoadedMesh, MeshFileError> {
     let bytes =
         std::fs::read(path).map_err(|source| MeshFileError::Unreadable { path: path.to_owned(), source })?;
-    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let ending = ending(path);
     let soup = match ending.as_str() {
         "obj" => obj::read(&bytes),
         "ply" => ply::read(&bytes),

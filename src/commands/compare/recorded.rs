@@ -1,0 +1,130 @@
+//! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
+
+use std::cell::OnceCell;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+
+use super::feed::{self, AxisSummary, Fed, Taken};
+use crate::commands::recording::{Recording, SensorArgs};
+use crate::compare::{RecordedRay, Thinning, TiltHistory};
+use crate::geometry::Pose;
+use crate::record::Session;
+use crate::rig::{MountFile, MountedSensor, Rig};
+use crate::trajectory::Trajectory;
+
+enum Source {
+    Session(Box<Session>, Vec<TiltHistory>),
+    Capture(Recording),
+}
+
+/// A recording and the rig that made it.
+pub struct Recorded {
+    source: Source,
+    pub mount: MountFile,
+    pub rig: Rig,
+    /// What the axes measured, where the session holds it.
+    pub axes: Vec<AxisSummary>,
+    span_ns: OnceCell<Option<[u64; 2]>>,
+}
+
+/// Some of the rays of a recording.
+pub struct Kept {
+    /// In order of time.
+    pub rays: Vec<RecordedRay>,
+    /// The rig's, each with the beams of its packets.
+    pub sensors: Vec<MountedSensor>,
+    pub fed: Fed,
+}
+
+impl Recorded {
+    /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `mount`
+    /// says, or as the session does.
+    pub fn open(path: &Path, sensors: &SensorArgs, mount: Option<&PathBuf>) -> anyhow::Result<Self> {
+        Self::open_if_seated(path, sensors, mount)?
+            .context("give --mount: the recording does not say where its sensors sit")
+    }
+
+    /// The same; none where nobody says where the sensors sit.
+    pub fn open_if_seated(
+        path: &Path,
+        sensors: &SensorArgs,
+        mount: Option<&PathBuf>,
+    ) -> anyhow::Result<Option<Self>> {
+        let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
+        let mount = match mount {
+            Some(said) => Some(MountFile::read(said)?),
+            None => session.as_ref().map(Session::mount).transpose()?.flatten(),
+        };
+        let Some(mount) = mount else { return Ok(None) };
+        let rig = mount.rig()?;
+        let (source, axes) = match session {
+            Some(session) if sensors.meta.is_empty() => {
+                let (tilts, axes) = feed::tilts(&session, &rig)?;
+                (Source::Session(Box::new(session), tilts), axes)
+            }
+            _ => (Source::Capture(Recording::open(path, sensors)?), Vec::new()),
+        };
+        Ok(Some(Self { source, mount, rig, axes, span_ns: OnceCell::new() }))
+    }
+
+    /// What it is, in words.
+    pub fn what(&self) -> &'static str {
+        match self.source {
+            Source::Session(..) => "the session",
+            Source::Capture(_) => "a capture",
+        }
+    }
+
+    /// The way that it holds itself.
+    pub fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
+        match &self.source {
+            Source::Session(session, _) => Ok(session.trajectory()?),
+            Source::Capture(_) => Ok(None),
+        }
+    }
+
+    /// Every frame.
+    pub fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+        match &self.source {
+            Source::Session(session, tilts) => feed::session(session, &self.rig, tilts, &mut |_| (), take),
+            Source::Capture(recording) => feed::capture(recording, &self.rig, take),
+        }
+    }
+
+    /// An even share of its returns, `most` at most, on its own clock.
+    pub fn rays(&self, most: usize) -> anyhow::Result<Kept> {
+        let mut sensors = self.rig.sensors.clone();
+        let mut kept = Thinning::new(most);
+        let fed = self.feed(&mut |taken| {
+            let Taken { sensor, model, frame, .. } = taken;
+            if sensors[sensor].model != *model {
+                sensors[sensor].model = model.clone();
+            }
+            let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
+            kept.add_frame(sensor, model, pitch_rad, 0, frame);
+        })?;
+        Ok(Kept { rays: Thinning::joined([kept]), sensors, fed })
+    }
+
+    /// Times of the first and the last column of any sensor, ns; none where no frame was recorded. Decodes all of it once.
+    pub fn span_ns(&self) -> anyhow::Result<Option<[u64; 2]>> {
+        if let Some(known) = self.span_ns.get() {
+            return Ok(*known);
+        }
+        let mut span: Option<[u64; 2]> = None;
+        self.feed(&mut |taken| {
+            if let Some([first, last]) = taken.frame.time_span_ns() {
+                let known = span.unwrap_or([first, last]);
+                span = Some([known[0].min(first), known[1].max(last)]);
+            }
+        })?;
+        Ok(*self.span_ns.get_or_init(|| span))
+    }
+
+    /// The way of a rig that does not move.
+    pub fn still(&self) -> anyhow::Result<Trajectory> {
+        let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
+        Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
+    }
+}
