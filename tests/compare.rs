@@ -2,6 +2,7 @@
 
 mod recordings;
 mod rig_faults;
+mod stand;
 mod statistics;
 
 use glam::DVec3;
@@ -27,6 +28,8 @@ pub const CASES: &[Case] = &[
     case("what_is_wrong_with_the_input_is_said", rig_faults::what_is_wrong_with_the_input_is_said),
     case("a_walk_is_found_by_odometry", rig_faults::a_walk_is_found_by_odometry),
     case("sensors_are_held_against_each_other", rig_faults::sensors_are_held_against_each_other),
+    case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
+    case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
     case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),

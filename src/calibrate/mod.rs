@@ -15,6 +15,7 @@ mod gather;
 mod observed;
 mod relative;
 mod solve;
+mod stand;
 
 use glam::DVec3;
 
@@ -25,6 +26,7 @@ use crate::trajectory::{PoseError, Trajectory};
 
 pub use observed::UNKNOWNS;
 pub use relative::{Pair, RelativeMount, relative_mount};
+pub use stand::{FoundSetting, Reached, Setting, StandTest, stand_test};
 
 /// What is assumed and how long is tried.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -35,6 +35,7 @@ mod scene_file;
 mod sensor;
 mod sensor_ids;
 mod signals;
+mod stand;
 mod study;
 mod surface;
 mod unread;
@@ -70,6 +71,8 @@ enum Verb {
     Compare(compare::Args),
     /// How the sensors sit to each other, from the recording alone: no model of the scene.
     Boresight(boresight::Args),
+    /// What each servo really does, from a recording in which the rig stands and its axes go through settings.
+    Stand(stand::Args),
     /// Where the rig went, from the recording alone: a trajectory where no SLAM is at hand.
     Odometry(odometry::Args),
     /// Packets of a capture to points.
@@ -169,6 +172,7 @@ impl Cli {
             Verb::Predict(args) => predict::run(&args, context),
             Verb::Compare(args) => compare::run(&args, context),
             Verb::Boresight(args) => boresight::run(&args, context),
+            Verb::Stand(args) => stand::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),

@@ -1,0 +1,132 @@
+//! A rig that stands while its axis goes through settings, through real packets: `outrigger stand` as a process.
+
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::Command;
+
+use glam::DVec3;
+use outrigger::geometry::Pose;
+use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::record::{SensorInfo, SessionWriter};
+use outrigger::rig::{Mount, MountFile, SensorEntry};
+use outrigger::scene::{BoxScene, Scene};
+use outrigger::servo::ServoReport;
+use outrigger::trajectory::Trajectory;
+use sensors::Packet;
+use sensors::velodyne::{Product, ReturnMode};
+use serde_json::Value;
+
+const START_NS: u64 = 1_763_722_223_000_000_000;
+const HELD_NS: u64 = 1_500_000_000;
+const SETTINGS_DEG: [f64; 7] = [-20.0, -8.0, 6.0, 20.0, 7.0, -6.0, -18.0];
+
+/// Turned by `scale` times what is measured; `play_deg` less when it comes from below.
+struct Servo {
+    scale: f64,
+    play_deg: f64,
+}
+
+impl Servo {
+    fn true_deg(&self, setting: usize) -> f64 {
+        let from_below = setting > 0 && SETTINGS_DEG[setting - 1] < SETTINGS_DEG[setting];
+        self.scale * SETTINGS_DEG[setting] - if from_below { self.play_deg } else { 0.0 }
+    }
+
+    fn record(&self, session: &Path, settings: usize) {
+        let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.4), DVec3::new(5.0, 3.5, 1.6)));
+        let end_ns = START_NS + settings as u64 * HELD_NS;
+        let stands = vec![(START_NS, Pose::IDENTITY), (end_ns, Pose::IDENTITY)];
+        let stands = Trajectory::new(stands).unwrap();
+        let info = SensorInfo { name: "left".into(), ..SensorInfo::default() };
+        let writer = SessionWriter::create(session, &[info]).unwrap();
+        let at = |time_ns: u64| ((time_ns - START_NS) / HELD_NS).min(settings as u64 - 1) as usize;
+        let surroundings = Surroundings {
+            scene: &scene,
+            trajectory: &stands,
+            body_from_sensor: &|time_ns| {
+                let pitch_rad = self.true_deg(at(time_ns)).to_radians();
+                Mount { z_m: 0.1, pitch_rad, ..Mount::default() }.body_from_sensor()
+            },
+            noise_m: 0.01,
+            seed: 3,
+        };
+        let destination: SocketAddr = "10.0.0.100:2368".parse().unwrap();
+        let source: SocketAddr = "10.0.0.1:2368".parse().unwrap();
+        MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
+            .unwrap()
+            .run(&surroundings, |host_time_ns, payload| {
+                writer.write_packet(0, &Packet { host_time_ns, source, destination, payload })
+            })
+            .unwrap();
+        for time_ns in (START_NS..end_ns).step_by(20_000_000) {
+            let urad = |deg: f64| (deg.to_radians() * 1e6).round() as i32;
+            let target_urad = urad(SETTINGS_DEG[at(time_ns)]);
+            let is_new = (time_ns - START_NS) % HELD_NS < 100_000_000;
+            let report = ServoReport {
+                time_ns,
+                axis: 0,
+                position_urad: target_urad + 40,
+                uncertainty_urad: Some(200),
+                target_urad,
+                source: "measured".into(),
+                state: if is_new { "moving" } else { "holding" }.into(),
+                faults: Vec::new(),
+            };
+            writer.write_servo(&report).unwrap();
+        }
+        let entry = SensorEntry {
+            name: "left".into(),
+            model: "vlp-16".into(),
+            x_m: 0.0,
+            y_m: 0.0,
+            z_m: 0.1,
+            pitch_deg: 0.0,
+            roll_deg: 0.0,
+        };
+        writer.put_mount(&MountFile::new(vec![entry])).unwrap();
+        writer.flush().unwrap();
+        writer.close(None).unwrap();
+    }
+}
+
+/// Exit code, the document or nothing, and what was said.
+fn stand(session: &Path) -> (Option<i32>, Value, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    let output = command.arg("stand").arg(session).arg("--json").output().unwrap();
+    let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+pub fn a_servo_s_scale_and_play_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("off");
+    Servo { scale: 1.03, play_deg: 0.4 }.record(&path, SETTINGS_DEG.len());
+    let (exit, document, said) = stand(&path);
+    assert_eq!(exit, Some(3), "{document:#} {said}");
+    assert_eq!(document["verdict"], "differs");
+    let test = &document["sensors"][0];
+    assert_eq!(test["settings"].as_array().unwrap().len(), SETTINGS_DEG.len());
+    let value = |name: &str| test[name]["value"].as_f64().unwrap();
+    assert!((value("scale_error") - 0.03).abs() < 0.003, "{test:#}");
+    assert!((value("play_deg") - 0.4).abs() < 0.06, "{test:#}");
+    let words = document["words"][0].as_str().unwrap();
+    assert!(words.contains("wrong gear or scale") && words.contains("of play"), "{words}");
+}
+
+pub fn an_honest_servo_does_as_it_measures() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("honest");
+    Servo { scale: 1.0, play_deg: 0.0 }.record(&path, SETTINGS_DEG.len());
+    let (exit, document, said) = stand(&path);
+    assert_eq!((exit, &document["verdict"]), (Some(0), &"as_measured".into()), "{document:#} {said}");
+    let few = folder.path().join("few");
+    Servo { scale: 1.0, play_deg: 0.0 }.record(&few, 2);
+    let (exit, document, said) = stand(&few);
+    assert_eq!((exit, &document["verdict"]), (Some(3), &"cannot_tell".into()), "{document:#} {said}");
+    std::fs::remove_file(few.join("servo.jsonl")).unwrap();
+    let (exit, _, said) = stand(&few);
+    assert_eq!(exit, Some(1), "{said}");
+    assert!(said.contains("no angle that an axis measured"), "{said}");
+    let (exit, _, said) = stand(folder.path());
+    assert!(exit == Some(1) && said.contains("is no session"), "{said}");
+}
