@@ -13,6 +13,7 @@ use crate::rig::Mount;
 use crate::rng::Rng;
 use crate::scene::{Scene, load_mesh};
 use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
+use crate::statistics::greatest;
 use crate::study::StudyError;
 use crate::trajectory::Trajectory;
 
@@ -95,12 +96,6 @@ impl Scored {
             wall_ms_per_mount: 0.0,
         }
     }
-}
-
-/// The first of the greatest.
-pub(super) fn greatest(values: &[f64]) -> usize {
-    let better = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
-    (1..values.len()).fold(0, better)
 }
 
 const VOXEL_M: f64 = 0.2;

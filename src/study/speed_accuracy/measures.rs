@@ -1,9 +1,9 @@
 //! What a model gets wrong, and the table, charts and claims made of it.
 
-use super::cases::{Case, greatest};
+use super::cases::Case;
 use super::models::{AUTO_BUDGET, Model};
 use crate::chart::{self, NamedPoint, ScatterChart};
-use crate::statistics::{mean_and_deviation, rank_correlation};
+use crate::statistics::{greatest, mean_and_deviation, rank_correlation};
 use crate::study::rows::{Row, number, text};
 use crate::study::{Claim, Figure, Table, Verdict};
 
