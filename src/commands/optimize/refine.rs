@@ -28,7 +28,7 @@ pub(super) struct Refined {
     /// Where the mount was found, in units of the search.
     #[serde(skip)]
     pub values: Vec<f64>,
-    /// J without end refined.
+    /// J under the finest sampling.
     #[serde(flatten)]
     judged: Judged,
     /// The finest level at which it was looked at.
@@ -57,7 +57,9 @@ pub(super) struct Finer {
 impl Finer {
     /// Nothing unless it is asked for. `given` is the experiment as asked for.
     pub fn asked(args: &Args, given: &Objective) -> anyhow::Result<Option<Self>> {
-        if args.fidelity == FidelityArg::Given {
+        let has_own_sampling = args.robust.is_some() || args.certify.is_some();
+        let otherwise = FidelityArg::for_scene(args.experiment.is_new_scene() && !has_own_sampling);
+        if args.fidelity.unwrap_or(otherwise) == FidelityArg::Given {
             return Ok(None);
         }
         if args.robust.is_some() {
