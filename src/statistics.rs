@@ -28,6 +28,11 @@ pub fn robust_deviation(sizes: &mut [f64]) -> Option<f64> {
     median(sizes).map(|middle| 1.4826 * middle)
 }
 
+/// Place of the greatest value, the first of equals; 0 without values.
+pub fn greatest(values: &[f64]) -> usize {
+    (1..values.len()).fold(0, |best, at| if values[at] > values[best] { at } else { best })
+}
+
 /// Mean and standard deviation of a sample; the deviation is 0 for fewer than two values, both NaN without any.
 pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
@@ -125,6 +130,12 @@ mod tests {
         assert_eq!([0.0, 0.5, 0.25, 1.0].map(|share| quantile(&values, share)), [1.0, 2.5, 1.75, 4.0]);
         assert!(quantile(&[], 0.5).is_nan());
         assert_eq!(quantile(&[7.0], 0.9), 7.0);
+    }
+
+    #[test]
+    fn the_first_of_the_greatest() {
+        assert_eq!(greatest(&[1.0, 3.0, 3.0, 2.0]), 1);
+        assert_eq!((greatest(&[7.0]), greatest(&[])), (0, 0));
     }
 
     #[test]

@@ -17,7 +17,6 @@ use serde::Serialize;
 pub use args::Args;
 use args::{Corners, Range};
 
-use super::evaluate::FidelityArg;
 use super::{Context, Outcome, output, signals};
 use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
@@ -98,8 +97,8 @@ struct Best {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
-    let problem = problem(args, refine::objective(args, given.clone())?)?;
-    let seen = refine::Seen::default();
+    let finer = refine::Finer::asked(args, &given)?;
+    let problem = problem(args, finer.as_ref().map_or(given, |finer| finer.objective().clone()))?;
     let question = state::question(&problem, args.clearance.0)?;
     let mut search =
         match args.resume.as_deref().map(|path| state::read(path, &question)).transpose()?.flatten() {
@@ -119,7 +118,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         budget,
         |values| {
             let measured = busy.during(|| problem.measure(values))?;
-            seen.note(values, &measured);
+            if let Some(finer) = &finer {
+                finer.note(values, &measured);
+            }
             Ok::<_, ExperimentError>(measured)
         },
         |search| {
@@ -159,10 +160,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?;
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
-    let refined = match args.fidelity {
-        FidelityArg::Given => None,
-        FidelityArg::Auto => refine::refine(&given, &problem, seen, args.regret / 100.0)?,
-    };
+    let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined };
     report(args, context, &problem, ended)
 }

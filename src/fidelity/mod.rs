@@ -2,7 +2,7 @@
 //!
 //! Coverage is counted with finitely many rays and grows with them. Each level of a [`Ladder`] takes about twice the
 //! rays of the one before, so what is still missing shrinks by a ratio that the levels themselves show; the sum of the
-//! geometric series that is left is added (Richardson, doi:10.1098/rsta.1911.0009). What that sum turned out to be
+//! geometric series that is left down to the finest level is added (Richardson, doi:10.1098/rsta.1911.0009). What that sum turned out to be
 //! wrong by, from each level to the next, is the error that is stated. Two questions are told apart: which candidate is
 //! best ([`rank`]: errors that all candidates share do not matter), and how much one is worth ([`settle`]: they do).
 
@@ -42,9 +42,9 @@ pub trait Ladder: Sync {
 /// What a candidate is worth, and by how much that may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Judged {
-    /// Score, without end refined.
+    /// Score that the finest level would give.
     pub value: f64,
-    /// The true one lies within plus and minus this.
+    /// That one lies within plus and minus this.
     pub bound: f64,
     /// The finest level at which it was looked at.
     pub level: usize,
@@ -55,14 +55,17 @@ pub struct Judged {
 const FIRST_RATIO: f64 = 0.5;
 /// No series is trusted to end faster than this, whatever two levels say.
 const LEAST_RATIO: f64 = 0.2;
-/// Nor to go on for longer than this: beyond, the sum says nothing.
-const GREATEST_RATIO: f64 = 0.7;
+/// Nor to fade more slowly than this: rooms full of small things come near it.
+const GREATEST_RATIO: f64 = 0.8;
 /// Share of a value below which no error is stated: single cells on the edge of being seen.
 const LEAST_BOUND: f64 = 2e-4;
 
-/// Sum of what is left of a geometric series after its last term.
-fn tail(ratio: f64) -> f64 {
-    ratio / (1.0 - ratio)
+/// Factors on azimuths and on poses per metre, level by level.
+const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
+
+/// Sum of so many further terms of a geometric series, in units of its last one.
+fn tail(ratio: f64, terms: usize) -> f64 {
+    (1..=terms as i32).map(|term| ratio.powi(term)).sum()
 }
 
 #[cfg(test)]

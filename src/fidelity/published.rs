@@ -1,6 +1,6 @@
 //! The published experiment at any fineness.
 
-use super::Ladder;
+use super::{LEVELS, Ladder};
 use crate::objective::Objective;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
 
@@ -10,9 +10,6 @@ use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, 
 pub struct BoxLadder {
     objectives: Vec<Objective>,
 }
-
-/// Factors on azimuths and on poses per metre, level by level.
-const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
 
 impl BoxLadder {
     /// The levels of an objective's experiment, whose own azimuths and poses are the coarsest.

@@ -52,7 +52,8 @@ pub struct Ranking {
     pub judged: Vec<Judged>,
     /// The best one.
     pub best: usize,
-    /// Those that might be as good, the best among them, best first.
+    /// Those that might be as good, the best first: those that were looked at to the end, then those for which there were
+    /// no rays.
     pub undecided: Vec<usize>,
     /// Score that may be lost by the choice.
     pub regret_bound: f64,
@@ -66,6 +67,8 @@ pub struct Ranking {
 
 /// Share of candidates whose errors are believed; the rest may be further off.
 const BELIEVED: f64 = 0.95;
+/// Fewer than this say nothing about those that stayed behind.
+const LEAST_TO_LEARN_FROM: usize = 3;
 /// An error seen between two levels, as a share of it, is what may be left after the finer one.
 const LEFT_AFTER: f64 = 0.7;
 /// A refinement may spend this share of what is left of the budget, so that another one can follow.
@@ -117,6 +120,10 @@ struct State<'a, L: Ladder> {
     width: f64,
     /// Errors that all share, and without what all share, of the level before.
     before: Option<[f64; 2]>,
+    /// Candidates that were not looked at further for want of rays alone.
+    given_up: Vec<usize>,
+    /// Who was judged at each level, and at what value then.
+    values: Vec<Vec<(usize, f64)>>,
     steps: Vec<RankingStep>,
     rays: u64,
 }
@@ -132,6 +139,8 @@ impl<'a, L: Ladder> State<'a, L> {
             seen: 0,
             width: f64::INFINITY,
             before: None,
+            given_up: Vec::new(),
+            values: Vec::new(),
             steps: Vec::new(),
             rays: 0,
         }
@@ -170,11 +179,12 @@ impl<'a, L: Ladder> State<'a, L> {
             None => FIRST_RATIO,
         };
         let level = self.seen - 1;
+        let tail = tail(ratio, self.ladder.levels() - self.seen);
         let values: Vec<f64> = self
             .left
             .iter()
             .zip(&added)
-            .map(|(index, added)| self.scores[*index][level] + added * tail(ratio))
+            .map(|(index, added)| self.scores[*index][level] + added * tail)
             .collect();
         let bounds: Vec<f64> = match self.errors(&values) {
             Some([shared, own]) => {
@@ -182,11 +192,11 @@ impl<'a, L: Ladder> State<'a, L> {
                 self.before = Some([shared, own]);
                 self.width = LEFT_AFTER * own.max(0.5 * ratio * own_before);
                 let shared = LEFT_AFTER * shared.max(ratio * shared_before);
-                added.iter().map(|added| shared.max(0.5 * added.abs() * tail(ratio))).collect()
+                added.iter().map(|added| shared.max(0.5 * added.abs() * tail)).collect()
             }
             None => {
                 // nothing is known yet but the sum itself
-                let sums: Vec<f64> = added.iter().map(|added| added * tail(ratio)).collect();
+                let sums: Vec<f64> = added.iter().map(|added| added * tail).collect();
                 self.width = own_part(&sums);
                 let mean = sums.iter().map(|sum| sum.abs()).sum::<f64>() / sums.len() as f64;
                 sums.iter().map(|sum| sum.abs() + mean).collect()
@@ -195,6 +205,7 @@ impl<'a, L: Ladder> State<'a, L> {
         for ((index, value), bound) in self.left.iter().zip(&values).zip(bounds) {
             self.judged[*index] = Judged { value: *value, bound: bound + LEAST_BOUND * value.abs(), level };
         }
+        self.values.push(self.left.iter().copied().zip(values).collect());
         let looked_at = self.left.len();
         let judged = &self.judged;
         self.left.sort_by(|a, b| judged[*b].value.total_cmp(&judged[*a].value).then(a.cmp(b)));
@@ -238,19 +249,51 @@ impl<'a, L: Ladder> State<'a, L> {
         if affordable < 2 {
             return false;
         }
-        self.left.truncate(affordable);
+        self.given_up.extend(self.left.drain(affordable..));
         true
     }
 
-    fn end(self, stopped: Stopped) -> Ranking {
+    /// What those that went on have shown about those that stayed behind: values of a level turn out to be off by something
+    /// that all share, and by at most so much. Returns how far each that stayed may still lie from the others.
+    fn learn_for_those_left_behind(&mut self) -> Vec<f64> {
+        let mut own = vec![self.width; self.candidates.len()];
+        for (level, then) in self.values.iter().enumerate() {
+            // the first values were judged after the second level
+            let (behind, went_on): (Vec<&(usize, f64)>, Vec<&(usize, f64)>) =
+                then.iter().partition(|(index, _)| self.judged[*index].level == level + 1);
+            if went_on.len() < LEAST_TO_LEARN_FROM {
+                continue;
+            }
+            let moved: Vec<f64> =
+                went_on.iter().map(|(index, value)| self.judged[*index].value - value).collect();
+            let middle = quantile(&sorted(moved.iter().copied()), 0.5);
+            let most = quantile(&sorted(moved.iter().map(|moved| moved.abs())), BELIEVED);
+            for (index, value) in behind {
+                let judged = &mut self.judged[*index];
+                judged.value = value + middle;
+                judged.bound = judged.bound.max(most);
+                own[*index] = self.width + own_part(&moved);
+            }
+        }
+        own
+    }
+
+    fn end(mut self, stopped: Stopped) -> Ranking {
         let best = self.left[0];
+        let own = self.learn_for_those_left_behind();
         // the difference of two values may be off by twice the width, and the second one starts behind
-        let behind = self.left.get(1).map(|second| self.judged[best].value - self.judged[*second].value);
-        let regret_bound = behind.map_or(0.0, |behind| (2.0 * self.width - behind).max(0.0));
+        let least = self.judged[best].value - self.width;
+        let seconds = self.left.get(1).map(|second| self.judged[*second].value + self.width);
+        let at_most = |index: &usize| (*index, self.judged[*index].value + own[*index]);
+        let given_up: Vec<(usize, f64)> = self.given_up.iter().map(at_most).collect();
+        let mosts = seconds.into_iter().chain(given_up.iter().map(|(_, most)| *most));
+        let regret_bound = mosts.map(|most| most - least).fold(0.0, f64::max);
+        let mut undecided = self.left;
+        undecided.extend(given_up.iter().filter(|(_, most)| *most >= least).map(|(index, _)| *index));
         Ranking {
             judged: self.judged,
             best,
-            undecided: self.left,
+            undecided,
             regret_bound,
             stopped,
             steps: self.steps,
@@ -285,7 +328,9 @@ mod tests {
         let held = candidates()
             .iter()
             .zip(&ranking.judged)
-            .filter(|(candidate, judged)| (candidate[0] - judged.value).abs() <= judged.bound)
+            .filter(|(candidate, judged)| {
+                (ladder.score(7, candidate).unwrap() - judged.value).abs() <= judged.bound
+            })
             .count();
         assert!(held >= 57, "{held}: {:?}", ranking.steps);
         assert_eq!(ranking.undecided[0], ranking.best);

@@ -43,7 +43,7 @@ pub fn settle<L: Ladder>(ladder: &L, candidate: &L::Candidate, tolerance: f64) -
             Some(_) => RATIOS.0,
             None => FIRST_RATIO,
         };
-        let missing = added * tail(ratio);
+        let missing = added * tail(ratio, ladder.levels() - scores.len());
         let refined = scores[level] + missing;
         if level >= 2 {
             let now = (refined - value).abs();
@@ -82,7 +82,8 @@ mod tests {
             let settled = settle(&ladder, &candidate, 0.01).unwrap();
             assert!(settled.within_tolerance && settled.judged.bound <= 0.01 * settled.judged.value);
             assert!(settled.scores.len() < 10, "a percent needs no finest level");
-            held += u32::from((settled.judged.value - candidate[0]).abs() <= settled.judged.bound);
+            let finest = ladder.score(9, &candidate).unwrap();
+            held += u32::from((settled.judged.value - finest).abs() <= settled.judged.bound);
         }
         assert!(held >= 190, "{held}");
     }

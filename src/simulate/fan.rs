@@ -10,6 +10,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use sensors::SensorModel;
 
+use super::published::Phase;
 use super::rounds::{is_worth_settling, rounds};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::BODY_FROM_MOUNT_FRAME;
@@ -30,6 +31,8 @@ pub struct BeamFan {
     pub max_range_m: f64,
     /// Revolutions per second.
     pub rate_hz: f64,
+    /// Where the columns of each revolution lie.
+    pub phase: Phase,
     /// Sine and cosine of the azimuth, by column.
     columns: Vec<(f64, f64)>,
     /// Sine and cosine of the elevation, by beam, ascending.
@@ -48,6 +51,7 @@ impl BeamFan {
             min_range_m: model.min_range_m,
             max_range_m: model.max_range_m,
             rate_hz,
+            phase: Phase::Locked,
             columns: azimuths_rad.map(f64::sin_cos).collect(),
             beams: elevations_rad.into_iter().map(f64::sin_cos).collect(),
         }
@@ -110,21 +114,27 @@ impl BeamFan {
         let body_from_sensor_m = BODY_FROM_MOUNT_FRAME * mount.position_m();
         let body_from_sensor_axes = BODY_FROM_MOUNT_FRAME * mount.rotation();
         let [start_ns, end_ns] = trajectory.time_span_ns();
+        let first = self.phase.turn(scan, 0.0) / self.columns.len() as f64;
+        let (first_sin, first_cos) = (TAU * first).sin_cos();
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
         for (tile, columns) in self.columns.chunks(TILE).enumerate() {
             let placed: Vec<(DVec3, DMat3)> = (0..columns.len())
                 .filter_map(|column| {
-                    let turn = (tile * TILE + column) as f64 / self.columns.len() as f64;
+                    let turn = first + (tile * TILE + column) as f64 / self.columns.len() as f64;
                     let time_ns = start_ns + ((scan as f64 + turn) / self.rate_hz * 1e9).round() as u64;
                     let world_from_body = trajectory.at(time_ns.min(end_ns))?;
                     let origin_m = world_from_body.transform_point(body_from_sensor_m);
                     Some((origin_m, DMat3::from_quat(world_from_body.rotation) * body_from_sensor_axes))
                 })
                 .collect();
+            let columns = columns
+                .iter()
+                .map(|(sin, cos)| (sin * first_cos + cos * first_sin, cos * first_cos - sin * first_sin));
+            let columns: Vec<(f64, f64)> = columns.collect();
             for beams in self.beams.chunks(TILE) {
                 origins_m.clear();
                 directions.clear();
-                for ((origin_m, axes), (sin_azimuth, cos_azimuth)) in placed.iter().zip(columns) {
+                for ((origin_m, axes), (sin_azimuth, cos_azimuth)) in placed.iter().zip(&columns) {
                     for (sin, cos) in beams {
                         origins_m.push(*origin_m);
                         directions.push(*axes * DVec3::new(cos_azimuth * cos, sin_azimuth * cos, *sin));
@@ -207,6 +217,31 @@ mod tests {
         // the spin axis lies along the mount's x (right), column 0 looks down, column 2 ahead
         assert!(hits.iter().any(|hit| hit.z.abs() < 1e-9 && hit.x.abs() < 1e-9));
         assert!(hits.iter().all(|hit| hit.y.abs() < 4.0), "no beam reaches the side walls");
+    }
+
+    #[test]
+    fn a_free_phase_turns_every_revolution_by_another_share_of_a_column() {
+        let azimuths_of = |phase: Phase, scan: u64| {
+            let mut azimuths_rad = Vec::new();
+            BeamFan { phase, ..fan() }.cast_scan(&room(), &standing(1), &Mount::default(), scan, |hit| {
+                // the mount's x axis points right, to the body's -y
+                azimuths_rad.push((hit.x).atan2(-hit.y).rem_euclid(TAU));
+            });
+            azimuths_rad.sort_by(f64::total_cmp);
+            azimuths_rad
+        };
+        let locked = azimuths_of(Phase::Locked, 3);
+        assert!(
+            locked
+                .iter()
+                .all(|azimuth| (azimuth / TAU * 8.0).fract().min(1.0 - (azimuth / TAU * 8.0).fract()) < 1e-9)
+        );
+        for scan in 0..3 {
+            let turn = Phase::Free.turn(scan, 0.0);
+            let free = azimuths_of(Phase::Free, scan);
+            assert_eq!(free.len(), locked.len());
+            assert!(free.iter().all(|azimuth| ((azimuth / TAU * 8.0).fract() - turn).abs() < 1e-9), "{scan}");
+        }
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::coverage::VoxelGrid;
 use crate::rig::Mount;
 use crate::scene::{Scene, load_mesh};
 use crate::simulate::fan::BeamFan;
+use crate::statistics::greatest;
 
 const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
 const VOXEL_M: f64 = 0.2;
@@ -165,11 +166,6 @@ impl Place {
         let alike: Vec<f64> = alike.map(|pitch| self.pitches_deg[pitch]).collect();
         [alike.first(), alike.last()].map(|end| end.copied().unwrap_or(f64::NAN))
     }
-}
-
-/// The first of the greatest.
-fn greatest(values: &[f64]) -> usize {
-    (1..values.len()).fold(0, |best, at| if values[at] > values[best] { at } else { best })
 }
 
 fn percent(share: f64) -> String {

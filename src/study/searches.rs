@@ -123,6 +123,7 @@ impl SearchTask {
         let evaluation = objective.evaluate(&masters).map_err(StudyError::of)?;
         let mut row = rows::row_of(self);
         row.insert("used_evaluations".into(), json!(search.evaluations()));
+        row.insert("rays".into(), json!(search.rays()));
         row.insert("best_at".into(), json!(search.best_at()));
         row.insert("j".into(), json!(evaluation.objective));
         row.insert("unique_voxels".into(), json!(evaluation.unique_voxels));

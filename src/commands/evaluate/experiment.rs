@@ -106,6 +106,13 @@ impl FromStr for Masters {
 }
 
 impl ExperimentArgs {
+    /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
+    pub fn is_new_scene(&self) -> bool {
+        let is_fineness_said =
+            self.azimuths.is_some() || self.sub_poses != 1 || matches!(self.phase, PhaseArg::Free);
+        self.voxel.is_some() && !is_fineness_said
+    }
+
     /// The objective that was asked for; `otherwise` names a preset where none is given, `roll` is the rule where none
     /// is given.
     pub fn objective(&self, otherwise: Option<&str>, roll: Roll) -> anyhow::Result<Objective> {

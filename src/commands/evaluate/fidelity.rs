@@ -1,4 +1,4 @@
-//! What mounts are worth once sampling is taken out, and what was left out of the model.
+//! What mounts are worth under the finest sampling, and what was left out of the model.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use crate::objective::Objective;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::published::{PUBLISHED_SPREAD_DEG, Placement};
 
-/// The score without end refined.
+/// The score under the finest sampling.
 #[derive(Serialize)]
 pub(super) struct Fidelity {
     #[serde(flatten)]

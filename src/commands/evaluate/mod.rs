@@ -60,9 +60,10 @@ pub struct Args {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// given: only the sampling as given. auto: also as many rays as it takes to know J within the tolerance, with the
-    /// error that is left and what the model leaves out.
-    #[arg(long, default_value = "given")]
-    fidelity: FidelityArg,
+    /// error that is left and what the model leaves out [default: auto with --voxel and nothing said about columns, poses
+    /// or phase; given for a published experiment].
+    #[arg(long)]
+    fidelity: Option<FidelityArg>,
     /// Error of J that auto may leave, percent of J.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
     tolerance: f64,
@@ -78,6 +79,13 @@ pub(super) enum FidelityArg {
     Given,
     /// As finely as the question needs.
     Auto,
+}
+
+impl FidelityArg {
+    /// Where nothing is said: a published experiment is looked at as it was published.
+    pub fn for_scene(is_new: bool) -> Self {
+        if is_new { Self::Auto } else { Self::Given }
+    }
 }
 
 /// The document that `evaluate` prints.
@@ -121,6 +129,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
         bail!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
     }
+    let asked = args.fidelity.unwrap_or(FidelityArg::for_scene(args.experiment.is_new_scene()));
     let simulator = objective.simulator();
     let start = Instant::now();
     let seen = simulator.see(&sensors)?;
@@ -139,7 +148,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let document = Document {
         baselines: if args.no_baselines { None } else { Some(beside::baselines(&objective, &sensors)?) },
         rescored: beside::rescored(&objective, &sensors, args)?,
-        fidelity: fidelity::fidelity(&objective, &sensors, args.fidelity, args.tolerance / 100.0)?,
+        fidelity: fidelity::fidelity(&objective, &sensors, asked, args.tolerance / 100.0)?,
         registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
         blind_spots: blind_spots(&grid, unseen, MOST_BLIND_SPOTS),
         touching: objective.rig(&sensors).touching(),

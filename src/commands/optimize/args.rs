@@ -75,9 +75,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(super) draws: u32,
     /// auto: search with four poses per metre whose phases differ, then look at the best mounts ever more finely until the
-    /// choice can lose no more than --regret.
-    #[arg(long, value_enum, default_value = "given")]
-    pub(super) fidelity: FidelityArg,
+    /// choice can lose no more than --regret [default: auto with --voxel and nothing said about columns, poses or phase,
+    /// unless --robust or --certify asks for something else; given for a published experiment].
+    #[arg(long, value_enum)]
+    pub(super) fidelity: Option<FidelityArg>,
     /// Share of J that the choice may lose, %.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.1, value_parser = percent)]
     pub(super) regret: f64,

@@ -1,6 +1,6 @@
 //! A search under a cheap model, and its best mounts under ever finer ones until one is left.
 
-use std::sync::Mutex;
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::bail;
 use serde::Serialize;
@@ -28,7 +28,7 @@ pub(super) struct Refined {
     /// Where the mount was found, in units of the search.
     #[serde(skip)]
     pub values: Vec<f64>,
-    /// J without end refined.
+    /// J under the finest sampling.
     #[serde(flatten)]
     judged: Judged,
     /// The finest level at which it was looked at.
@@ -47,32 +47,83 @@ pub(super) struct Refined {
     rays: u64,
 }
 
-/// Every feasible mount that a search looked at.
-#[derive(Default)]
-pub(super) struct Seen(Mutex<Vec<(f64, Vec<f64>)>>);
+/// An objective at every fineness, and the best mounts that a search by a cheap one looked at.
+pub(super) struct Finer {
+    ladder: BoxLadder,
+    /// Scores and mounts, in no order.
+    seen: Mutex<Vec<(f64, Vec<f64>)>>,
+}
 
-impl Seen {
+impl Finer {
+    /// Nothing unless it is asked for. `given` is the experiment as asked for.
+    pub fn asked(args: &Args, given: &Objective) -> anyhow::Result<Option<Self>> {
+        let has_own_sampling = args.robust.is_some() || args.certify.is_some();
+        let otherwise = FidelityArg::for_scene(args.experiment.is_new_scene() && !has_own_sampling);
+        if args.fidelity.unwrap_or(otherwise) == FidelityArg::Given {
+            return Ok(None);
+        }
+        if args.robust.is_some() {
+            bail!("--robust judges by draws of its own: leave out --fidelity auto");
+        }
+        if args.certify.is_some() {
+            bail!("--certify proves something about one sampling: leave out --fidelity auto");
+        }
+        Ok(Some(Self { ladder: BoxLadder::new(given)?, seen: Mutex::default() }))
+    }
+
+    /// The objective to search with.
+    pub fn objective(&self) -> &Objective {
+        self.ladder.objective(SEARCH_LEVEL)
+    }
+
+    /// Takes note of a mount that was looked at, if it is allowed.
     pub fn note(&self, values: &[f64], measured: &Measured) {
         if measured.violation <= 0.0 {
-            self.0
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner)
-                .push((measured.score, values.to_vec()));
+            let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+            seen.push((measured.score, values.to_vec()));
+            if seen.len() >= 8 * MOST_MOUNTS {
+                keep_best(&mut seen);
+            }
         }
     }
 
-    /// The best, each once, best first.
-    fn best(self) -> Vec<Vec<f64>> {
-        let mut all = self.0.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        all.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| compare(&a.1, &b.1)));
-        all.dedup_by(|a, b| a.1 == b.1);
-        let least = all.first().map_or(0.0, |best| best.0 - WORTH_A_LOOK * best.0.abs());
-        all.into_iter()
-            .take_while(|(score, _)| *score >= least)
-            .take(MOST_MOUNTS)
-            .map(|(_, values)| values)
-            .collect()
+    /// Looks again at what the search liked; nothing where no mount was feasible.
+    pub fn refine(self, problem: &MountProblem, regret: f64) -> anyhow::Result<Option<Refined>> {
+        let Self { ladder, seen } = self;
+        let mut seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
+        keep_best(&mut seen);
+        let least = seen.first().map_or(0.0, |best| best.0 - WORTH_A_LOOK * best.0.abs());
+        seen.retain(|(score, _)| *score >= least);
+        let experiment = ladder.objective(SEARCH_LEVEL).simulator().experiment();
+        let candidates: Vec<_> =
+            seen.iter().map(|(_, values)| experiment.sensors(&problem.masters(values))).collect();
+        let Some(first) = candidates.first() else { return Ok(None) };
+        let rules = Rules {
+            tolerance: regret,
+            rays_per_candidate: EVALUATIONS_EACH * ladder.rays(SEARCH_LEVEL, first) as f64,
+        };
+        let Some(ranking) = rank(&ladder, &candidates, &rules)? else { return Ok(None) };
+        let judged = ranking.judged[ranking.best];
+        Ok(Some(Refined {
+            values: seen[ranking.best].1.clone(),
+            judged,
+            level_name: ladder.name(judged.level),
+            favourite: ranking.judged[0],
+            looked_at: candidates.len(),
+            undecided: ranking.undecided.len(),
+            regret_bound: ranking.regret_bound,
+            regret_asked: regret,
+            stopped: ranking.stopped,
+            rays: ranking.rays,
+        }))
     }
+}
+
+/// The best that are worth a look, each once, best first.
+fn keep_best(seen: &mut Vec<(f64, Vec<f64>)>) {
+    seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| compare(&a.1, &b.1)));
+    seen.dedup_by(|a, b| a.1 == b.1);
+    seen.truncate(MOST_MOUNTS);
 }
 
 fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
@@ -81,53 +132,6 @@ fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
         .map(|(a, b)| a.total_cmp(b))
         .find(|order| order.is_ne())
         .unwrap_or(std::cmp::Ordering::Equal)
-}
-
-/// The objective to search with.
-pub(super) fn objective(args: &Args, given: Objective) -> anyhow::Result<Objective> {
-    if args.fidelity == FidelityArg::Given {
-        return Ok(given);
-    }
-    if args.robust.is_some() {
-        bail!("--robust judges by draws of its own: leave out --fidelity auto");
-    }
-    if args.certify.is_some() {
-        bail!("--certify proves something about one sampling: leave out --fidelity auto");
-    }
-    Ok(BoxLadder::new(&given)?.objective(SEARCH_LEVEL).clone())
-}
-
-/// Looks again at what a search liked; nothing where no mount was feasible. `given` is the experiment as asked for.
-pub(super) fn refine(
-    given: &Objective,
-    problem: &MountProblem,
-    seen: Seen,
-    regret: f64,
-) -> anyhow::Result<Option<Refined>> {
-    let values = seen.best();
-    let experiment = given.simulator().experiment();
-    let candidates: Vec<_> =
-        values.iter().map(|values| experiment.sensors(&problem.masters(values))).collect();
-    let Some(first) = candidates.first() else { return Ok(None) };
-    let ladder = BoxLadder::new(given)?;
-    let rules = Rules {
-        tolerance: regret,
-        rays_per_candidate: EVALUATIONS_EACH * ladder.rays(SEARCH_LEVEL, first) as f64,
-    };
-    let Some(ranking) = rank(&ladder, &candidates, &rules)? else { return Ok(None) };
-    let judged = ranking.judged[ranking.best];
-    Ok(Some(Refined {
-        values: values[ranking.best].clone(),
-        judged,
-        level_name: ladder.name(judged.level),
-        favourite: ranking.judged[0],
-        looked_at: candidates.len(),
-        undecided: ranking.undecided.len(),
-        regret_bound: ranking.regret_bound,
-        regret_asked: regret,
-        stopped: ranking.stopped,
-        rays: ranking.rays,
-    }))
 }
 
 impl Refined {

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::Place;
+use super::left_out::LeftOut;
 use super::scan::{Alone, Scanned, unknown_share};
 use crate::commands::baselines::Baselines;
 use crate::commands::ground::MeshTaken;
@@ -56,6 +57,8 @@ pub struct Document {
     pub violations: Vec<Clearance>,
     /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
     pub touching: Vec<Touching>,
+    /// What the model leaves out; null unless asked for.
+    pub left_out: Option<Vec<LeftOut>>,
     trajectory_length_m: f64,
     pub warnings: Vec<String>,
     wall_s: f64,
@@ -172,6 +175,7 @@ impl Document {
             feasible: violations.is_empty(),
             violations,
             touching: scanner.rig.touching(),
+            left_out: None,
             trajectory_length_m: scanner.trajectory.length_m(),
             warnings: place.warnings.clone(),
             wall_s,
@@ -226,6 +230,7 @@ impl Document {
         }
         text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
+        self.left_out.iter().flatten().for_each(|left| text += &left.line());
         text += &output::cannot_be_built(&self.violations, &self.touching);
         text + &format!("{:.2} s\n", self.wall_s)
     }

@@ -107,6 +107,19 @@ pub enum Phase {
     Free,
 }
 
+impl Phase {
+    /// How far the pattern has turned at a pose, counted from 0, in steps from azimuth to azimuth; `shift` is where a free
+    /// one starts.
+    pub fn turn(self, pose: u64, shift: f64) -> f64 {
+        /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
+        const GOLDEN: f64 = 0.618_033_988_749_894_9;
+        match self {
+            Self::Locked => 0.0,
+            Self::Free => ((pose + 1) as f64 * GOLDEN + shift).fract(),
+        }
+    }
+}
+
 /// A preset with what may be changed about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Experiment {

@@ -212,12 +212,7 @@ impl Simulator {
 
     /// How far the pattern has turned at a pose of the walk, in steps from azimuth to azimuth.
     fn turn(&self, pose: usize) -> f64 {
-        /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        match self.experiment.phase {
-            Phase::Locked => 0.0,
-            Phase::Free => ((pose + 1) as f64 * GOLDEN + self.experiment.phase_shift).fract(),
-        }
+        self.experiment.phase.turn(pose as u64, self.experiment.phase_shift)
     }
 
     /// Whether rays with a zero component are lost.

@@ -4,8 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use glam::DVec3;
-
 use super::models::{Model, box_scores, scene_scores};
 use crate::fidelity::SceneLadder;
 use crate::objective::{Objective, Weights};
@@ -13,8 +11,8 @@ use crate::rig::Mount;
 use crate::rng::Rng;
 use crate::scene::{Scene, load_mesh};
 use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
-use crate::study::StudyError;
-use crate::trajectory::Trajectory;
+use crate::statistics::greatest;
+use crate::study::{StudyError, walks};
 
 /// A scene, a sensor and a walk.
 #[derive(Debug)]
@@ -77,6 +75,8 @@ pub(super) struct Scored {
     /// Which of each list it takes for the best.
     pub chosen: usize,
     pub chosen_pitch: usize,
+    /// Pitches that the model takes for as good; none where it says nothing about that.
+    pub pitches_alike: Option<Vec<usize>>,
     pub rays_per_mount: f64,
     pub wall_ms_per_mount: f64,
 }
@@ -91,26 +91,14 @@ impl Scored {
             pitch_scores,
             chosen,
             chosen_pitch,
+            pitches_alike: None,
             rays_per_mount,
             wall_ms_per_mount: 0.0,
         }
     }
 }
 
-/// The first of the greatest.
-pub(super) fn greatest(values: &[f64]) -> usize {
-    let better = |best: usize, at: usize| if values[at] > values[best] { at } else { best };
-    (1..values.len()).fold(0, better)
-}
-
 const VOXEL_M: f64 = 0.2;
-const HEIGHT_M: f64 = 1.6;
-const SPEED_M_S: f64 = 1.2;
-const TURN_RAD_S: f64 = 1.5;
-/// A walk in a scene keeps this far from walls.
-const CLEARANCE_M: f64 = 0.5;
-/// And is at most so long.
-const LONGEST_M: f64 = 12.0;
 
 /// Masters of mirrored pairs at random.
 fn random_masters(count: usize) -> Vec<Placement> {
@@ -139,21 +127,12 @@ impl Case {
 
     /// The line of pitches, degrees.
     pub fn pitches_deg(&self, quick: bool) -> Vec<f64> {
-        let step = match (quick, self.needs_scene()) {
-            (true, _) => 9,
-            (false, true) => 3,
-            (false, false) => 1,
-        };
-        (0..=90).step_by(step).map(f64::from).collect()
+        (0..=90).step_by(if quick { 9 } else { 1 }).map(f64::from).collect()
     }
 
     /// Scores random mounts and a line of pitches with a model.
     pub fn score(&self, model: &Model, scene: Option<&Path>, quick: bool) -> Result<Scored, StudyError> {
-        let count = match (quick, self.needs_scene()) {
-            (true, _) => 12,
-            (false, false) => 200,
-            (false, true) => 40,
-        };
+        let count = if quick { 12 } else { 200 };
         let masters = random_masters(count);
         let line: Vec<Placement> = self
             .pitches_deg(quick)
@@ -174,11 +153,11 @@ impl Case {
             }
             Place::Mesh { sensor } => {
                 let path = scene.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
-                let (ladder, model_of) = ladder(path, sensor)?;
+                let ladder = ladder(path, sensor)?;
                 let pairs = |masters: &[Placement]| -> Vec<Vec<Mount>> {
                     masters.iter().map(|master| vec![master.mount(), master.mirrored().mount()]).collect()
                 };
-                scene_scores(&ladder, &model_of, model, &pairs(&masters), &pairs(&line))?
+                scene_scores(&ladder, model, &pairs(&masters), &pairs(&line))?
             }
         };
         scored.wall_ms_per_mount = start.elapsed().as_secs_f64() * 1e3 / (count + line.len()) as f64;
@@ -186,30 +165,11 @@ impl Case {
     }
 }
 
-/// The mesh with a walk along the longest free line through its middle, there and back.
-fn ladder(path: &Path, sensor: &str) -> Result<(SceneLadder, sensors::SensorModel), StudyError> {
+/// The mesh with a straight walk through it.
+fn ladder(path: &Path, sensor: &str) -> Result<SceneLadder, StudyError> {
     let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
     let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
-    let [low_m, high_m] = scene.bounds_m();
-    let middle_m = DVec3::new((low_m.x + high_m.x) / 2.0, (low_m.y + high_m.y) / 2.0, low_m.z + HEIGHT_M);
-    let free_m = |direction: DVec3| {
-        let hit = scene.cast(middle_m, direction).map_or(LONGEST_M, |hit| hit.distance_m);
-        (hit - CLEARANCE_M).clamp(0.0, LONGEST_M / 2.0)
-    };
-    let line = (0..24)
-        .map(|step| {
-            let (sin, cos) = (std::f64::consts::PI * f64::from(step) / 24.0).sin_cos();
-            let direction = DVec3::new(cos, sin, 0.0);
-            (free_m(direction), free_m(-direction), direction)
-        })
-        .max_by(|a, b| (a.0 + a.1).total_cmp(&(b.0 + b.1)));
-    let Some((ahead_m, back_m, direction)) = line.filter(|line| line.0 + line.1 > 1.0) else {
-        return Err(StudyError(format!(
-            "{}: no free line of 1 m through its middle to walk along",
-            path.display()
-        )));
-    };
-    let corners_m = [middle_m - back_m * direction, middle_m + ahead_m * direction];
-    let walk = Trajectory::polyline(&corners_m, SPEED_M_S, TURN_RAD_S, 0).map_err(StudyError::of)?;
-    Ok((SceneLadder::new(scene, walk, &model, VOXEL_M), model))
+    let way = walks::Walk::Straight.through(&scene);
+    let way = way.map_err(|error| StudyError(format!("{}: {error}", path.display())))?;
+    Ok(SceneLadder::new(scene, way, &model, VOXEL_M))
 }

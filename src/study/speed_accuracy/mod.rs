@@ -4,8 +4,10 @@
 //! two lists: some at random, for errors, rank correlation and regret, and a line of pitches, for the error of the best.
 
 mod cases;
+mod decoders;
 mod measures;
 mod models;
+mod optimizers;
 
 use serde_json::{Value, json};
 
@@ -50,10 +52,18 @@ impl Study for SpeedAccuracy {
                 })));
             }
         }
+        tasks.extend(decoders::tasks(size.quick));
+        tasks.extend(optimizers::tasks(size.seeds, size.quick));
         Ok(tasks)
     }
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
+        if decoders::is_mine(task) {
+            return decoders::run(task);
+        }
+        if optimizers::is_mine(task) {
+            return optimizers::run(task);
+        }
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
         let case = Case::named(&task.case)?;
         let model = models(case, task.quick).into_iter().find(|model| model.name() == task.model);
@@ -67,6 +77,7 @@ impl Study for SpeedAccuracy {
             ("bounds", json!(scored.bounds)),
             ("chosen", json!(scored.chosen)),
             ("chosen_pitch", json!(scored.chosen_pitch)),
+            ("pitches_alike", json!(scored.pitches_alike)),
             ("pitch_scores", json!(scored.pitch_scores)),
             ("pitches_deg", json!(case.pitches_deg(task.quick))),
             ("wall_ms_per_mount", json!(scored.wall_ms_per_mount)),
@@ -88,11 +99,13 @@ impl Study for SpeedAccuracy {
             findings.tables.push(table(case, &measures));
             findings.claims.extend(claims(case, &measures));
         }
+        let (models, cases) =
+            (rows.iter().filter(|row| row.contains_key("model")).count(), findings.tables.len());
+        decoders::add_findings(rows, &mut findings);
+        optimizers::add_findings(rows, &mut findings);
         let stand = findings.claims.iter().filter(|claim| claim.verdict == super::Verdict::Stands).count();
         findings.summary = format!(
-            "{} models in {} cases; adaptive fidelity keeps {stand} of {} promises.",
-            rows.len(),
-            findings.tables.len(),
+            "{models} models in {cases} cases; adaptive fidelity keeps {stand} of {} promises.",
             findings.claims.len()
         );
         findings
@@ -131,7 +144,7 @@ mod tests {
         let tasks = |scene: Option<&str>| {
             SpeedAccuracy.tasks(&Size { seeds: 1, quick: false, scene: scene.map(Into::into) }).unwrap()
         };
-        assert!(tasks(None).iter().all(|task| task["scene"].is_null()));
+        assert!(tasks(None).iter().all(|task| task.get("scene").is_none_or(serde_json::Value::is_null)));
         assert!(tasks(Some("house.ply")).len() > tasks(None).len());
         let error = SpeedAccuracy.run(&json!({"case": "x", "model": "y", "scene": null, "quick": true}));
         assert!(error.unwrap_err().to_string().contains("no case \"x\""));

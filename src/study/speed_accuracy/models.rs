@@ -1,16 +1,16 @@
 //! The ways to compute coverage that are compared.
 
 use rayon::prelude::*;
-use sensors::SensorModel;
 
 use super::cases::{Case, Place, Scored};
 use crate::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
 use crate::objective::Objective;
 use crate::rig::Mount;
-use crate::simulate::fan::BeamFan;
+use crate::simulate::detection::Detection;
 use crate::simulate::published::{
     Experiment, ExperimentError, PUBLISHED_SPREAD_DEG, Phase, Placement, Simulator,
 };
+use crate::simulate::scan::Flaws;
 use crate::study::StudyError;
 
 /// A way to compute coverage.
@@ -18,7 +18,7 @@ use crate::study::StudyError;
 pub(super) enum Model {
     /// Converged: what all are measured against.
     Reference { azimuths: usize, sub_poses: usize },
-    /// Rays of a box experiment.
+    /// Columns per revolution, revolutions per metre.
     Sampled { azimuths: usize, sub_poses: usize, phase: Phase },
     /// As published, with every ray off its direction.
     Spread,
@@ -28,13 +28,57 @@ pub(super) enum Model {
     Definition,
     /// As published, by the way for any poses.
     AnyPoses,
-    /// Columns and scans per second in a mesh.
-    Scans { columns: usize, rate_hz: f64 },
+    /// A mesh at 180 azimuths and four poses per metre by the whole sensor model, with an effect.
+    Sensed(Effect),
     /// As fine as each mount needs.
     Auto,
 }
 
-/// Rays of adaptive fidelity, for each mount on the mean: so many times those of the coarsest level.
+/// What the whole sensor model knows and a fan of ideal beams does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Effect {
+    /// Offsets and firing times of the beams, nothing else.
+    Beams,
+    /// Also the housing of the other sensor.
+    Housings,
+    /// Also the beam's width: the median of rays spread over it.
+    Divergence,
+    /// Also surfaces that return nothing when they are seen more obliquely than this.
+    Incidence,
+    /// Also a dark surface everywhere, which is lost far off and at grazing angles.
+    Dark,
+}
+
+/// Fineness at which effects are compared.
+const SENSED: (usize, usize) = (180, 4);
+const SUB_RAYS: u32 = 8;
+const MAX_INCIDENCE_DEG: f64 = 75.0;
+const REFLECTIVITY: f64 = 0.1;
+
+impl Effect {
+    fn words(self) -> String {
+        match self {
+            Self::Beams => "beam offsets".into(),
+            Self::Housings => "housings".into(),
+            Self::Divergence => format!("divergence, {SUB_RAYS} rays"),
+            Self::Incidence => format!("incidence to {MAX_INCIDENCE_DEG} deg"),
+            Self::Dark => format!("reflectivity {REFLECTIVITY}"),
+        }
+    }
+
+    fn flaws(self) -> Flaws {
+        let nothing = Flaws::default();
+        match self {
+            Self::Beams | Self::Housings => nothing,
+            Self::Divergence => Flaws { sub_rays: SUB_RAYS, ..nothing },
+            Self::Incidence => Flaws { max_incidence_rad: Some(MAX_INCIDENCE_DEG.to_radians()), ..nothing },
+            Self::Dark => Flaws { detection: Some(Detection { reflectivity: REFLECTIVITY }), ..nothing },
+        }
+    }
+}
+
+/// Rays of adaptive fidelity, for each mount on the mean: so many times those of the published sampling, which is the
+/// coarsest level of a ladder.
 pub(super) const AUTO_BUDGET: f64 = 10.0;
 /// Share of the score that adaptive fidelity may lose by its choice.
 const AUTO_TOLERANCE: f64 = 5e-4;
@@ -72,31 +116,33 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
             Model::AnyPoses,
             Model::Auto,
         ],
-        (Place::Mesh { .. }, true) => {
-            vec![
-                Model::Scans { columns: 180, rate_hz: 5.0 },
-                Model::Scans { columns: 45, rate_hz: 2.5 },
-                Model::Auto,
-            ]
-        }
-        (Place::Mesh { .. }, false) => [
-            (1800, 10.0),
-            (45, 1.25),
-            (90, 1.25),
-            (45, 5.0),
-            (90, 2.5),
-            (180, 2.5),
-            (90, 5.0),
-            (360, 2.5),
-            (180, 5.0),
-            (180, 10.0),
-            (360, 10.0),
-            (720, 10.0),
-        ]
-        .into_iter()
-        .map(|(columns, rate_hz)| Model::Scans { columns, rate_hz })
-        .chain([Model::Auto])
-        .collect(),
+        (Place::Mesh { .. }, true) => vec![
+            Model::Reference { azimuths: 360, sub_poses: 8 },
+            sampled(180, 1, Locked),
+            sampled(180, 4, Free),
+            Model::Auto,
+        ],
+        (Place::Mesh { .. }, false) => vec![
+            Model::Reference { azimuths: 1800, sub_poses: 8 },
+            sampled(180, 1, Locked),
+            sampled(720, 1, Locked),
+            sampled(180, 4, Locked),
+            sampled(180, 1, Free),
+            sampled(180, 2, Free),
+            sampled(180, 4, Free),
+            sampled(180, 8, Free),
+            sampled(360, 8, Free),
+            sampled(720, 8, Free),
+            sampled(60, 8, Free),
+            Model::Voxel { voxel_m: 0.4 },
+            Model::Voxel { voxel_m: 0.1 },
+            Model::Sensed(Effect::Beams),
+            Model::Sensed(Effect::Housings),
+            Model::Sensed(Effect::Divergence),
+            Model::Sensed(Effect::Incidence),
+            Model::Sensed(Effect::Dark),
+            Model::Auto,
+        ],
     }
 }
 
@@ -112,7 +158,7 @@ impl Model {
             Self::Voxel { voxel_m } => format!("180 x 1 locked, voxel {voxel_m} m"),
             Self::Definition => "180 x 1 locked, ray by ray".into(),
             Self::AnyPoses => "180 x 1 locked, pose by pose".into(),
-            Self::Scans { columns, rate_hz } => format!("{columns} x {rate_hz} Hz"),
+            Self::Sensed(effect) => format!("{} x {}, {}", SENSED.0, SENSED.1, effect.words()),
             Self::Auto => "auto".into(),
         }
     }
@@ -169,19 +215,35 @@ pub(super) fn box_scores(
 
 pub(super) fn scene_scores(
     ladder: &SceneLadder,
-    sensor: &SensorModel,
     model: &Model,
     random: &[Vec<Mount>],
     line: &[Vec<Mount>],
 ) -> Result<Scored, StudyError> {
-    let Model::Scans { columns, rate_hz } = *model else {
-        return auto(ladder, random, line);
+    let fan = match *model {
+        Model::Reference { azimuths, sub_poses } => ladder.fan(azimuths, sub_poses as f64, Phase::Free),
+        Model::Sampled { azimuths, sub_poses, phase } => ladder.fan(azimuths, sub_poses as f64, phase),
+        Model::Auto => return auto(ladder, random, line),
+        Model::Sensed(_) => ladder.fan(SENSED.0, SENSED.1 as f64, Phase::Locked),
+        _ => ladder.fan(180, 1.0, Phase::Locked),
     };
-    let fan = BeamFan::nominal(sensor, columns, rate_hz);
-    let scores = |mounts: &[Vec<Mount>]| -> Vec<f64> {
-        mounts.iter().map(|mounts| ladder.voxels(&fan, mounts) as f64).collect()
+    let coarse = match *model {
+        Model::Voxel { voxel_m } => Some((ladder.with_voxels(voxel_m), (voxel_m / ladder.voxel_m()).powi(2))),
+        _ => None,
     };
-    let rays = random.first().map_or(0, |mounts| ladder.rays_of(&fan, mounts));
+    let score = |mounts: &Vec<Mount>| match (model, &coarse) {
+        // a surface has the fewer cells, the larger they are
+        (_, Some((ladder, scale))) => ladder.voxels(&fan, mounts) as f64 * scale,
+        (Model::Sensed(effect), None) => {
+            ladder.voxels_sensed(&fan, mounts, effect.flaws(), *effect == Effect::Housings) as f64
+        }
+        _ => ladder.voxels(&fan, mounts) as f64,
+    };
+    let scores = |mounts: &[Vec<Mount>]| -> Vec<f64> { mounts.iter().map(score).collect() };
+    let each = match model {
+        Model::Sensed(Effect::Divergence) => 1 + u64::from(SUB_RAYS),
+        _ => 1,
+    };
+    let rays = each * random.first().map_or(0, |mounts| ladder.rays_of(&fan, mounts));
     Ok(Scored::plain(scores(random), scores(line), rays as f64))
 }
 
@@ -206,5 +268,6 @@ where
         chosen: scores.best,
         pitch_scores: values(&pitches),
         chosen_pitch: pitches.best,
+        pitches_alike: Some(pitches.undecided),
     })
 }

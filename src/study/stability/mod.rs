@@ -226,14 +226,6 @@ fn figure(case: &Case, measured: &Measured) -> Option<Figure> {
     Some(Figure { svg: chart.svg(), caption: format!("{}: {}.", case.name, case.about) })
 }
 
-/// Mean and standard deviation.
-fn mean_sd(values: &[f64]) -> [f64; 2] {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-    [mean, variance.sqrt()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

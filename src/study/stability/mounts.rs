@@ -1,9 +1,10 @@
 //! Mounts at the end of what can be built, and built not quite as planned.
 
-use super::sampling::{greatest, objective, pair, score};
+use super::sampling::{objective, pair, score};
 use super::{Case, Measured};
 use crate::robustness::{Robustness, Tolerance};
 use crate::simulate::published::{Path, Placement};
+use crate::statistics::{greatest, mean_and_deviation};
 use crate::study::StudyError;
 
 pub(super) const CASES: &[Case] = &[
@@ -86,7 +87,7 @@ fn tolerance(times: f64, quick: bool) -> Result<Measured, StudyError> {
         let robust = Robustness::new(&objective, tolerance, draws, 1).map_err(StudyError::of)?;
         let mut scores = robust.scores(&pair(&objective, best)).map_err(StudyError::of)?;
         scores.sort_by(f64::total_cmp);
-        let [mean, sd] = super::mean_sd(&scores);
+        let (mean, sd) = mean_and_deviation(&scores);
         Ok([mean, sd, scores[draws / 20]])
     };
     let [mean, sd, p5] = of(times)?;

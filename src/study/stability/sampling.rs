@@ -7,6 +7,7 @@ use crate::objective::{Objective, Weights};
 use crate::robustness::{Robustness, Tolerance};
 use crate::scene::{BoxScene, Scene};
 use crate::simulate::published::{Experiment, Path, Phase, Placement, Preset, Simulator};
+use crate::statistics::greatest;
 use crate::study::StudyError;
 use glam::DVec3;
 
@@ -58,11 +59,6 @@ fn converged(objective: &Objective, quick: bool) -> Result<Objective, StudyError
     let (azimuths, sub_poses) = if quick { (360, 4) } else { (1800, 8) };
     let fine = Experiment { azimuths, sub_poses, phase: Phase::Free, ..own };
     Ok(objective.with_simulator(Simulator::new(&fine).map_err(StudyError::of)?))
-}
-
-/// Place of the greatest.
-pub(super) fn greatest(values: &[f64]) -> usize {
-    (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap_or(0)
 }
 
 fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyError> {

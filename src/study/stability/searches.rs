@@ -1,8 +1,9 @@
 //! Searches from other random beginnings.
 
-use super::{Case, Measured, mean_sd};
+use super::{Case, Measured};
 use crate::optimize::Kind;
 use crate::robustness::{Robustness, Tolerance};
+use crate::statistics::mean_and_deviation;
 use crate::study::StudyError;
 use crate::study::searches::SearchTask;
 
@@ -31,7 +32,7 @@ fn seeds(method: Kind, quick: bool) -> Result<Measured, StudyError> {
         found.push(task.run()?);
     }
     let scores: Vec<f64> = found.iter().filter_map(|found| crate::study::number(&found.row, "j")).collect();
-    let [mean, sd] = mean_sd(&scores);
+    let (mean, sd) = mean_and_deviation(&scores);
     let worst = scores.iter().copied().fold(f64::INFINITY, f64::min);
     let first = &found[0];
     let sensors = first.objective.simulator().experiment().sensors(&first.masters);

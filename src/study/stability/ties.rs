@@ -1,10 +1,11 @@
 //! Objectives that cannot choose.
 
-use super::sampling::{greatest, objective, score};
+use super::sampling::{objective, score};
 use super::{Case, Measured};
 use crate::objective::{Objective, Weights};
 use crate::optimize::Kind;
 use crate::simulate::published::{Experiment, Path, Preset, Simulator};
+use crate::statistics::greatest;
 use crate::study::StudyError;
 use crate::study::searches::SearchTask;
 
