@@ -2,6 +2,7 @@
 
 mod args;
 mod busy;
+mod final_look;
 mod outputs;
 mod published;
 mod refine;
@@ -54,6 +55,8 @@ struct Document {
     /// The mount under finer models; null unless asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     fidelity: Option<refine::Refined>,
+    /// The best mounts as they would be built; null where they were not looked at again.
+    final_look: Option<final_look::Looked>,
     /// What was proved of rigs of one master; null unless asked for.
     certificate: Option<Proved>,
     command: String,
@@ -85,6 +88,7 @@ struct Ended<'a> {
     objective_s: f64,
     proved: Option<Proved>,
     refined: Option<refine::Refined>,
+    final_look: Option<final_look::Looked>,
 }
 
 #[derive(Serialize)]
@@ -106,6 +110,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             Some(search) => continued(args, search)?,
             None => begun(args, &problem)?,
         };
+    let looks_again = final_look::is_wanted(args, search.kind())?;
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
     let stop = signals::stop_flag()?;
     let bar = progress_bar(budget);
@@ -163,7 +168,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         FidelityArg::Given => None,
         FidelityArg::Auto => refine::refine(&given, &problem, seen, args.regret / 100.0)?,
     };
-    let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined };
+    let final_look = if looks_again { final_look::look(args, &given, &problem, &search)? } else { None };
+    let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
 }
 
@@ -244,7 +250,7 @@ fn report(
     problem: &MountProblem,
     ended: Ended<'_>,
 ) -> anyhow::Result<Outcome> {
-    let Ended { search, best, stopped_by, wall_s, objective_s, proved, refined } = ended;
+    let Ended { search, best, stopped_by, wall_s, objective_s, proved, refined, final_look } = ended;
     if best.violation > 0.0 {
         bail!(
             "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
@@ -253,7 +259,9 @@ fn report(
             best.violation
         );
     }
-    let chosen = refined.as_ref().map_or(&best.candidate.values, |refined| &refined.values);
+    let looked = refined.as_ref().map(|refined| &refined.values);
+    let looked = looked.or_else(|| final_look.as_ref().map(|look| &look.values));
+    let chosen = looked.unwrap_or(&best.candidate.values);
     let masters = problem.masters(chosen);
     let evaluation = problem.objective().evaluate(&masters)?;
     let experiment = problem.objective().simulator().experiment();
@@ -275,6 +283,7 @@ fn report(
         robust: problem.spread(&masters)?,
         bound,
         fidelity: refined,
+        final_look,
         certificate: proved,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
@@ -316,7 +325,7 @@ fn summary(document: &Document) -> String {
     let Document { best: Best { evaluation, masters }, .. } = document;
     let mut text = format!(
         "{}, path {:?}, {} with seed {}\n\
-         J              {:.2}, found at evaluation {} of {} ({})\n\
+         J              {:.2}; the highest was found at evaluation {} of {} ({})\n\
          voxels seen    {} of {} that can be hit\n\
          overlap        {:.2} %\n",
         document.preset,
@@ -358,6 +367,7 @@ fn summary(document: &Document) -> String {
         );
     }
     text += &document.fidelity.as_ref().map_or(String::new(), refine::Refined::lines);
+    text += &document.final_look.as_ref().map_or(String::new(), final_look::Looked::lines);
     if let Some(spread) = &document.robust {
         text += &format!(
             "as built       J {:.1} on average, {:.1} at worst, standard deviation {:.1} over {} draws\n",

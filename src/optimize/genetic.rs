@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{Polished, Population, members, searched};
+use super::polished::{Polished, Population, first_members, members, searched};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -45,18 +45,12 @@ impl Genetic {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
         let space = searched(space, settings);
-        let size = members(POPULATION, settings);
         let genes = Genes {
             space: space.clone(),
             seed: settings.seed,
             restart: 0,
-            size,
-            // breeding a handful finds less than chance does: a third of a small budget looks around
-            first_size: if settings.early_stop {
-                size
-            } else {
-                (settings.budget / 3).clamp(size, POPULATION)
-            },
+            size: members(POPULATION, settings),
+            first_size: first_members(POPULATION, settings),
             generation: 0,
             members: Vec::new(),
             best_scores: Vec::new(),

@@ -140,3 +140,10 @@ pub(super) fn searched(space: Space, settings: Settings) -> Space {
 pub(super) fn members(published: usize, settings: Settings) -> usize {
     if settings.early_stop { published } else { (settings.budget / 10).clamp(8.min(published), published) }
 }
+
+/// Points of the first generation: breeding a handful finds less than chance does, so a third of a small budget looks
+/// around.
+pub(super) fn first_members(published: usize, settings: Settings) -> usize {
+    let size = members(published, settings);
+    if settings.early_stop { size } else { (settings.budget / 3).clamp(size, published) }
+}

@@ -60,13 +60,7 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "CRITERION")]
     pub(super) robust: Option<Criterion>,
     /// Mount errors, uniform within plus and minus: "metres,degrees".
-    #[arg(
-        long,
-        value_name = "M,DEG",
-        default_value = "0.01,1",
-        requires = "robust",
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "M,DEG", default_value = "0.01,1", allow_hyphen_values = true)]
     pub(super) tolerance: Range,
     /// Also leave to chance where revolutions start.
     #[arg(long, requires = "robust")]
@@ -74,6 +68,10 @@ pub struct Args {
     /// Draws of mount errors, the same for every mount.
     #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(super) draws: u32,
+    /// Judge the best mounts that lie apart again as they would be built (errors of --tolerance, phases free, four poses per
+    /// metre) and give the best of these, not the highest J as searched [default: on for staged as planned, else off].
+    #[arg(long, value_enum, conflicts_with_all = ["robust", "certify"])]
+    pub(super) final_look: Option<Switch>,
     /// auto: search with four poses per metre whose phases differ, then look at the best mounts ever more finely until the
     /// choice can lose no more than --regret.
     #[arg(long, value_enum, default_value = "given")]
@@ -102,6 +100,15 @@ pub struct Args {
     /// State of the search: read if it exists, written while searching.
     #[arg(long, value_name = "STATE")]
     pub(super) resume: Option<PathBuf>,
+}
+
+/// Whether something is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Switch {
+    /// It is.
+    On,
+    /// It is not.
+    Off,
 }
 
 /// Two numbers, the first not above the second where they are a range.
