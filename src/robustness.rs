@@ -3,6 +3,7 @@
 //! Draws are fixed by a seed and the same for every mount that is judged (common random numbers), so that differences
 //! between mounts are differences of the mounts.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::objective::Objective;
@@ -42,6 +43,45 @@ pub struct Spread {
     /// Draws.
     pub draws: usize,
 }
+
+impl Spread {
+    fn of(scores: &[f64]) -> Self {
+        let count = scores.len() as f64;
+        let mean = scores.iter().sum::<f64>() / count;
+        let squares = scores.iter().map(|score| (score - mean).powi(2)).sum::<f64>();
+        Self {
+            mean,
+            deviation: (squares / (count - 1.0).max(1.0)).sqrt(),
+            worst: scores.iter().copied().fold(f64::INFINITY, f64::min),
+            draws: scores.len(),
+        }
+    }
+
+    fn counts(&self, criterion: Criterion) -> f64 {
+        match criterion {
+            Criterion::Expected => self.mean,
+            Criterion::Worst => self.worst,
+        }
+    }
+}
+
+/// What came of judging several candidates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// Which one counts most.
+    pub best: usize,
+    /// What it is worth.
+    pub chosen: Spread,
+    /// What the first one is worth.
+    pub favourite: Spread,
+    /// Evaluations that this took.
+    pub evaluations: usize,
+    /// Rays cast for them.
+    pub rays: u64,
+}
+
+/// One draw of so many is enough for a first look, and one candidate of so many worth all draws.
+const FEW: usize = 4;
 
 /// An objective and the draws it is judged by.
 #[derive(Clone, Debug, Serialize)]
@@ -115,7 +155,13 @@ impl Robustness {
     /// # Errors
     /// Those of the objective.
     pub fn scores(&self, sensors: &[Placement]) -> Result<Vec<f64>, ExperimentError> {
+        self.some_scores(sensors, 1)
+    }
+
+    /// J of every `step`-th draw.
+    fn some_scores(&self, sensors: &[Placement], step: usize) -> Result<Vec<f64>, ExperimentError> {
         (0..self.draws)
+            .step_by(step)
             .map(|draw| {
                 let objective = &self.objectives[draw % self.objectives.len()];
                 objective.score_sensors(&self.built(sensors, draw))
@@ -123,16 +169,52 @@ impl Robustness {
             .collect()
     }
 
+    /// Which of these sets of sensors counts most: all by a few of the draws, the better ones and the first by all.
+    /// None without candidates.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn choose(
+        &self,
+        candidates: &[Vec<Placement>],
+        criterion: Criterion,
+    ) -> Result<Option<Choice>, ExperimentError> {
+        if candidates.is_empty() {
+            return Ok(None);
+        }
+        let first_looks: Vec<f64> = candidates
+            .par_iter()
+            .map(|sensors| Ok(Spread::of(&self.some_scores(sensors, FEW)?).counts(criterion)))
+            .collect::<Result<_, ExperimentError>>()?;
+        let mut finalists: Vec<usize> = (1..candidates.len()).collect();
+        finalists.sort_by(|a, b| first_looks[*b].total_cmp(&first_looks[*a]).then(a.cmp(b)));
+        finalists.truncate((candidates.len() / FEW).max(1));
+        finalists.insert(0, 0);
+        let spreads: Vec<Spread> = finalists
+            .par_iter()
+            .map(|&candidate| self.spread(&candidates[candidate]))
+            .collect::<Result<_, ExperimentError>>()?;
+        let count = |at: usize| spreads[at].counts(criterion);
+        let best = (1..spreads.len()).fold(0, |best, at| if count(at) > count(best) { at } else { best });
+        let few = self.draws.div_ceil(FEW);
+        let sensors = |indices: &[usize]| indices.iter().map(|at| candidates[*at].len()).sum::<usize>();
+        let all: Vec<usize> = (0..candidates.len()).collect();
+        let looks = sensors(&all) * few + sensors(&finalists) * self.draws;
+        Ok(Some(Choice {
+            best: finalists[best],
+            evaluations: candidates.len() * few + finalists.len() * self.draws,
+            rays: looks as u64 * self.objectives[0].simulator().experiment().rays_per_sensor(),
+            chosen: spreads[best].clone(),
+            favourite: spreads[0].clone(),
+        }))
+    }
+
     /// The number that counts.
     ///
     /// # Errors
     /// Those of the objective.
     pub fn judge(&self, sensors: &[Placement], criterion: Criterion) -> Result<f64, ExperimentError> {
-        let spread = self.spread(sensors)?;
-        Ok(match criterion {
-            Criterion::Expected => spread.mean,
-            Criterion::Worst => spread.worst,
-        })
+        Ok(self.spread(sensors)?.counts(criterion))
     }
 
     /// Mean, deviation and least of the draws.
@@ -140,16 +222,7 @@ impl Robustness {
     /// # Errors
     /// Those of the objective.
     pub fn spread(&self, sensors: &[Placement]) -> Result<Spread, ExperimentError> {
-        let scores = self.scores(sensors)?;
-        let count = scores.len() as f64;
-        let mean = scores.iter().sum::<f64>() / count;
-        let squares = scores.iter().map(|score| (score - mean).powi(2)).sum::<f64>();
-        Ok(Spread {
-            mean,
-            deviation: (squares / (count - 1.0).max(1.0)).sqrt(),
-            worst: scores.iter().copied().fold(f64::INFINITY, f64::min),
-            draws: scores.len(),
-        })
+        Ok(Spread::of(&self.scores(sensors)?))
     }
 }
 

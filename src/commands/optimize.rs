@@ -2,6 +2,7 @@
 
 mod args;
 mod busy;
+mod final_look;
 mod outputs;
 mod published;
 mod refine;
@@ -53,6 +54,8 @@ struct Document {
     /// The mount under finer models; null unless asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     fidelity: Option<refine::Refined>,
+    /// The best mounts as they would be built; null where they were not looked at again.
+    final_look: Option<final_look::Looked>,
     /// What was proved of rigs of one master; null unless asked for.
     certificate: Option<Proved>,
     command: String,
@@ -84,6 +87,7 @@ struct Ended<'a> {
     objective_s: f64,
     proved: Option<Proved>,
     refined: Option<refine::Refined>,
+    final_look: Option<final_look::Looked>,
 }
 
 #[derive(Serialize)]
@@ -98,13 +102,17 @@ struct Best {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
     let finer = refine::Finer::asked(args, &given)?;
-    let problem = problem(args, finer.as_ref().map_or(given, |finer| finer.objective().clone()))?;
+    let problem = problem(args, finer.as_ref().map_or(&given, |finer| finer.objective()).clone())?;
     let question = state::question(&problem, args.clearance.0)?;
     let mut search =
         match args.resume.as_deref().map(|path| state::read(path, &question)).transpose()?.flatten() {
             Some(search) => continued(args, search)?,
             None => begun(args, &problem)?,
         };
+    let looks_again = final_look::is_wanted(args, search.kind(), finer.is_some())?;
+    if args.tolerance.is_some() && args.robust.is_none() && !looks_again {
+        bail!("--tolerance is about --robust and --final-look, and neither is asked for");
+    }
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
     let stop = signals::stop_flag()?;
     let bar = progress_bar(budget);
@@ -161,7 +169,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
     let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
-    let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined };
+    let final_look = if looks_again { final_look::look(args, &given, &problem, &search)? } else { None };
+    let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
 }
 
@@ -196,7 +205,7 @@ fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
     let Some(criterion) = args.robust else {
         return Ok(MountProblem::with_search(objective, search, args.clearance.0));
     };
-    let Range(position_m, angle_deg) = args.tolerance;
+    let (position_m, angle_deg) = args.mount_errors();
     let tolerance = Tolerance { position_m, angle_deg, free_phase: args.free_spin };
     let robustness = Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED)?;
     Ok(MountProblem::with_search(objective, search, args.clearance.0).robust(robustness, criterion))
@@ -242,7 +251,7 @@ fn report(
     problem: &MountProblem,
     ended: Ended<'_>,
 ) -> anyhow::Result<Outcome> {
-    let Ended { search, best, stopped_by, wall_s, objective_s, proved, refined } = ended;
+    let Ended { search, best, stopped_by, wall_s, objective_s, proved, refined, final_look } = ended;
     if best.violation > 0.0 {
         bail!(
             "none of {} mounts keeps what was asked for; the nearest misses it by {:.4} (m of clearance, share of \
@@ -251,7 +260,9 @@ fn report(
             best.violation
         );
     }
-    let chosen = refined.as_ref().map_or(&best.candidate.values, |refined| &refined.values);
+    let looked = refined.as_ref().map(|refined| &refined.values);
+    let looked = looked.or_else(|| final_look.as_ref().map(|look| &look.values));
+    let chosen = looked.unwrap_or(&best.candidate.values);
     let masters = problem.masters(chosen);
     let evaluation = problem.objective().evaluate(&masters)?;
     let experiment = problem.objective().simulator().experiment();
@@ -273,6 +284,7 @@ fn report(
         robust: problem.spread(&masters)?,
         bound,
         fidelity: refined,
+        final_look,
         certificate: proved,
         command: std::env::args().collect::<Vec<_>>().join(" "),
         best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
@@ -314,7 +326,7 @@ fn summary(document: &Document) -> String {
     let Document { best: Best { evaluation, masters }, .. } = document;
     let mut text = format!(
         "{}, path {:?}, {} with seed {}\n\
-         J              {:.2}, found at evaluation {} of {} ({})\n\
+         J              {:.2}; the highest was found at evaluation {} of {} ({})\n\
          voxels seen    {} of {} that can be hit\n\
          overlap        {:.2} %\n",
         document.preset,
@@ -356,6 +368,7 @@ fn summary(document: &Document) -> String {
         );
     }
     text += &document.fidelity.as_ref().map_or(String::new(), refine::Refined::lines);
+    text += &document.final_look.as_ref().map_or(String::new(), final_look::Looked::lines);
     if let Some(spread) = &document.robust {
         text += &format!(
             "as built       J {:.1} on average, {:.1} at worst, standard deviation {:.1} over {} draws\n",

@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{Polished, Population, members, searched};
+use super::polished::{LOCAL_SHARE, Polished, Population, first_members, members, searched};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -22,6 +22,10 @@ const ELITE_SHARE: f64 = 0.05;
 /// Spent when the best of the last 50 generations grew by less than this, relative.
 const FUNCTION_TOLERANCE: f64 = 1e-4;
 const STALL_GENERATIONS: usize = 50;
+/// From so many evaluations on the population finds its hills early: most of them go to the local searches, and classes of
+/// equal points are left unfolded, which keeps more hills in the population.
+const LONG: usize = 1000;
+const LOCAL_SHARE_WHEN_LONG: f64 = 0.75;
 
 /// The genetic algorithm, then pattern search.
 pub type Genetic = Polished<Genes>;
@@ -44,24 +48,20 @@ pub struct Genes {
 impl Genetic {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
-        let space = searched(space, settings);
-        let size = members(POPULATION, settings);
+        let is_long = settings.budget >= LONG && !settings.early_stop;
+        let local_share = if is_long { LOCAL_SHARE_WHEN_LONG } else { LOCAL_SHARE };
+        let space = if is_long { space } else { searched(space, settings) };
         let genes = Genes {
             space: space.clone(),
             seed: settings.seed,
             restart: 0,
-            size,
-            // breeding a handful finds less than chance does: a third of a small budget looks around
-            first_size: if settings.early_stop {
-                size
-            } else {
-                (settings.budget / 3).clamp(size, POPULATION)
-            },
+            size: members(POPULATION, settings),
+            first_size: first_members(POPULATION, settings),
             generation: 0,
             members: Vec::new(),
             best_scores: Vec::new(),
         };
-        Polished::new(space, genes, settings)
+        Polished::new(space, genes, settings, local_share)
     }
 }
 

@@ -9,7 +9,7 @@ use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 /// Mesh of the closing pattern search at its start, as a share of each variable's range.
 const POLISH_STEP: f64 = 0.02;
 /// Share of the budget kept for local searches where the published rule does not end the population.
-const LOCAL_SHARE: f64 = 0.5;
+pub(super) const LOCAL_SHARE: f64 = 0.5;
 /// Evaluations that a local search after the first gets.
 const LOCAL_AGAIN: usize = 100;
 /// Trials remembered as starts of local searches.
@@ -40,6 +40,7 @@ pub struct Polished<P> {
     seed: u64,
     early_stop: bool,
     budget: usize,
+    local_share: f64,
     evaluations: usize,
     restarts: u64,
     step: u64,
@@ -50,13 +51,14 @@ pub struct Polished<P> {
 }
 
 impl<P: Population> Polished<P> {
-    pub(super) fn new(space: Space, population: P, settings: Settings) -> Self {
+    pub(super) fn new(space: Space, population: P, settings: Settings, local_share: f64) -> Self {
         Self {
             space,
             population,
             seed: settings.seed,
             early_stop: settings.early_stop,
             budget: settings.budget,
+            local_share,
             evaluations: 0,
             restarts: 0,
             step: 0,
@@ -77,7 +79,7 @@ impl<P: Population> Polished<P> {
     }
 
     fn is_local_due(&self) -> bool {
-        let populations = self.budget as f64 * (1.0 - LOCAL_SHARE);
+        let populations = self.budget as f64 * (1.0 - self.local_share);
         let reserved = self.restarts == 0 && self.evaluations as f64 >= populations;
         !self.remembered.is_empty() && (reserved || self.population.is_spent())
     }
@@ -139,4 +141,11 @@ pub(super) fn searched(space: Space, settings: Settings) -> Space {
 /// Members of a population where the published number would leave fewer than ten generations.
 pub(super) fn members(published: usize, settings: Settings) -> usize {
     if settings.early_stop { published } else { (settings.budget / 10).clamp(8.min(published), published) }
+}
+
+/// Points of the first generation: breeding a handful finds less than chance does, so a third of a small budget looks
+/// around.
+pub(super) fn first_members(published: usize, settings: Settings) -> usize {
+    let size = members(published, settings);
+    if settings.early_stop { size } else { (settings.budget / 3).clamp(size, published) }
 }

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::shortlist::Shortlist;
 use super::{Candidate, Kind, Method, Optimizer, Settings, Space, Trial};
 
 /// Evaluations between two looks at the progress callback.
@@ -74,6 +75,7 @@ pub struct Search {
     rays: u64,
     best: Option<Trial>,
     best_at: usize,
+    shortlist: Shortlist,
     /// Best feasible score after each evaluation.
     best_scores: Vec<Option<f64>>,
 }
@@ -92,6 +94,7 @@ impl Search {
             rays: 0,
             best: None,
             best_at: 0,
+            shortlist: Shortlist::default(),
             best_scores: Vec::new(),
         }
     }
@@ -147,6 +150,7 @@ impl Search {
     pub fn check(&self) -> Result<(), String> {
         let dimensions = self.space.len();
         let candidates = self.pending.iter().chain(self.evaluated.iter().map(|trial| &trial.candidate));
+        let candidates = candidates.chain(self.shortlist().iter().map(|trial| &trial.candidate));
         if candidates
             .chain(self.best.iter().map(|trial| &trial.candidate))
             .any(|c| c.values.len() != dimensions)
@@ -166,6 +170,11 @@ impl Search {
     /// The best trial so far, feasible or not.
     pub fn best(&self) -> Option<&Trial> {
         self.best.as_ref()
+    }
+
+    /// The best trials so far that are not each other's neighbours, best first; not all of them need be feasible.
+    pub fn shortlist(&self) -> &[Trial] {
+        self.shortlist.trials()
     }
 
     /// Which evaluation found it, counted from 1; 0 before the first.
@@ -229,6 +238,7 @@ impl Search {
             self.best = Some(trial.clone());
             self.best_at = self.evaluations;
         }
+        self.shortlist.note(&self.space, &trial);
         self.best_scores.push(self.best.as_ref().filter(|best| best.violation == 0.0).map(|best| best.score));
         self.evaluated.push(trial);
     }

@@ -51,6 +51,8 @@ pub struct Found {
     pub objective: Objective,
     /// The masters it ended with.
     pub masters: Vec<Placement>,
+    /// The best masters that lie apart, best first.
+    pub shortlist: Vec<Vec<Placement>>,
     /// The row: the task's fields, the evaluation's, history and times.
     pub row: Row,
 }
@@ -134,7 +136,9 @@ impl SearchTask {
         row.insert("history".into(), json!(improvements(&search)));
         row.insert("wall_s".into(), json!(wall_s));
         row.insert("wall_objective_s".into(), json!(objective_ns.into_inner() as f64 * 1e-9));
-        Ok(Found { objective, masters, row })
+        let shortlist =
+            search.shortlist().iter().map(|trial| problem.masters(&trial.candidate.values)).collect();
+        Ok(Found { objective, masters, shortlist, row })
     }
 }
 

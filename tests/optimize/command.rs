@@ -46,6 +46,36 @@ pub fn the_command_finds_writes_and_goes_on() {
     assert!(!broken.status.success() && words.contains("line 1") && words.contains("state.json"), "{words}");
 }
 
+pub fn the_default_gives_what_is_best_as_built() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state.json").to_str().unwrap().to_owned();
+    let common = ["optimize", "--preset", "paper-vlp-16", "--masters-max", "1", "--json", "--resume", &state];
+    let looked = json(&[&common[..], &["--evals", "80"]].concat());
+    let look = &looked["final_look"];
+    let number = |value: &serde_json::Value| value.as_f64().unwrap();
+    assert!(number(&look["chosen"]["mean"]) >= number(&look["favourite"]["mean"]), "{look}");
+    assert_eq!(number(&look["favourite_as_searched"]), number(&looked["history"][79][1]));
+    assert_eq!(look["chosen"]["draws"], 16);
+    let mounts = number(&look["looked_at"]);
+    assert!(
+        mounts > 1.0 && number(&look["evaluations"]) == 4.0 * mounts + 16.0 * (1.0 + (mounts / 4.0).floor())
+    );
+    assert!(look["best"].as_u64().unwrap() > 0, "with this seed another mount is better as built: {look}");
+    assert!(number(&looked["best"]["objective"]) < number(&looked["history"][79][1]));
+
+    // from disk the search is at its end, and the look is the same
+    let again = json(&common);
+    assert_eq!(again["best"], looked["best"]);
+    assert_eq!(again["final_look"]["chosen"], look["chosen"]);
+
+    let searched = json(&[&common[..], &["--final-look", "off"]].concat());
+    assert!(searched["final_look"].is_null());
+    assert_eq!(searched["best"]["objective"], searched["history"][79][1]);
+    let both =
+        outrigger(&["optimize", "--preset", "paper-vlp-16", "--fidelity", "auto", "--final-look", "on"]);
+    assert!(!both.status.success() && String::from_utf8_lossy(&both.stderr).contains("--final-look"));
+}
+
 pub fn housings_that_must_not_collide_do_not() {
     let found = json(&[
         "optimize",

@@ -59,21 +59,19 @@ pub struct Args {
     /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
     #[arg(long, value_enum, value_name = "CRITERION")]
     pub(super) robust: Option<Criterion>,
-    /// Mount errors, uniform within plus and minus: "metres,degrees".
-    #[arg(
-        long,
-        value_name = "M,DEG",
-        default_value = "0.01,1",
-        requires = "robust",
-        allow_hyphen_values = true
-    )]
-    pub(super) tolerance: Range,
+    /// Mount errors, uniform within plus and minus: "metres,degrees" [default: 0.01,1].
+    #[arg(long, value_name = "M,DEG", allow_hyphen_values = true)]
+    pub(super) tolerance: Option<Range>,
     /// Also leave to chance where revolutions start.
     #[arg(long, requires = "robust")]
     pub(super) free_spin: bool,
     /// Draws of mount errors, the same for every mount.
     #[arg(long, value_name = "N", default_value_t = 16, requires = "robust", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(super) draws: u32,
+    /// Judge the best mounts that lie apart again as they would be built (errors of --tolerance, phases free, four poses per
+    /// metre) and give the best of these, not the highest J as searched [default: on for staged as planned, else off].
+    #[arg(long, value_enum, conflicts_with_all = ["robust", "certify"])]
+    pub(super) final_look: Option<Switch>,
     /// auto: search with four poses per metre whose phases differ, then look at the best mounts ever more finely until the
     /// choice can lose no more than --regret [default: auto with --voxel and nothing said about columns, poses or phase,
     /// unless --robust or --certify asks for something else; given for a published experiment].
@@ -103,6 +101,15 @@ pub struct Args {
     /// State of the search: read if it exists, written while searching.
     #[arg(long, value_name = "STATE")]
     pub(super) resume: Option<PathBuf>,
+}
+
+/// Whether something is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Switch {
+    /// It is.
+    On,
+    /// It is not.
+    Off,
 }
 
 /// Two numbers, the first not above the second where they are a range.
@@ -163,4 +170,11 @@ impl FromStr for ClearanceArg {
 fn percent(text: &str) -> Result<f64, String> {
     let value: Option<f64> = text.parse().ok().filter(|value: &f64| *value > 0.0 && *value < 100.0);
     value.ok_or_else(|| format!("{text:?}: give percent above 0 and below 100"))
+}
+
+impl Args {
+    /// Errors with which a mount is taken to be built, m and degrees.
+    pub(super) fn mount_errors(&self) -> (f64, f64) {
+        self.tolerance.map_or((0.01, 1.0), |Range(position_m, angle_deg)| (position_m, angle_deg))
+    }
 }

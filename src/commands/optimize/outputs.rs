@@ -74,7 +74,7 @@ pub fn write_report(
     let mut page = Report::new(
         &format!("Mounts for {}", document.preset),
         &format!(
-            "{} sensors see {} of {} voxels that can be hit; J = {}, found by {} at evaluation {} of {}.",
+            "{} sensors see {} of {} voxels that can be hit; J = {}. Searched by {}, the highest J at evaluation {} of {}.",
             evaluation.sensors,
             number(evaluation.unique_voxels as f64, 0),
             number(evaluation.reachable_voxels as f64, 0),

@@ -10,7 +10,7 @@ use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
 
-const FORMAT: &str = "outrigger-search/2";
+const FORMAT: &str = "outrigger-search/3";
 
 #[derive(Serialize)]
 struct Written<'a> {
