@@ -11,6 +11,8 @@ pub const CASES: &[Case] = &[
     case("what_init_writes_is_taken", what_init_writes_is_taken),
     case("flag_wins_over_environment_over_file", flag_wins_over_environment_over_file),
     case("mistakes_are_named_with_their_line", mistakes_are_named_with_their_line),
+    case("the_page_of_keys_is_up_to_date", the_page_of_keys_is_up_to_date),
+    case("the_doctor_names_what_is_wrong", the_doctor_names_what_is_wrong),
     case("sensors_of_the_file_are_recorded", sensors_of_the_file_are_recorded),
 ];
 
@@ -42,6 +44,8 @@ fn what_init_writes_is_taken() {
     let again = outrigger(&["init", dir.to_str().unwrap()], &[]);
     assert_eq!(again.status.code(), Some(1));
     assert!(String::from_utf8(again.stderr).unwrap().contains("rig.toml exists already"));
+    let named = folder.path().join("other/mine.toml");
+    assert!(outrigger(&["init", named.to_str().unwrap()], &[]).status.success() && named.is_file());
     let by_file = json(&outrigger(&["evaluate", "--config", path, "--masters", MASTER, "--json"], &[]));
     let by_flags = json(&outrigger(
         &["evaluate", "--preset", "paper-os1-64", "--path", "forward", "--masters", MASTER, "--json"],
@@ -93,6 +97,53 @@ fn mistakes_are_named_with_their_line() {
     let missing = outrigger(&["man", "--config", "no-such.toml"], &[]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(String::from_utf8(missing.stderr).unwrap().contains("cannot read no-such.toml"));
+}
+
+/// The page in the repository is what the program prints: `outrigger man --keys > docs/configuration.md` mends it.
+fn the_page_of_keys_is_up_to_date() {
+    let printed = outrigger(&["man", "--keys"], &[]);
+    let page =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/configuration.md")).unwrap();
+    assert!(
+        String::from_utf8(printed.stdout).unwrap() == page,
+        "run outrigger man --keys > docs/configuration.md"
+    );
+}
+
+fn the_doctor_names_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let sensor =
+        |listen: &str| format!("[[sensor]]\nname = \"left\"\nmodel = \"os1-64\"\nlisten = \"{listen}\"\n");
+    let occupied = sensor(&taken.local_addr().unwrap().to_string());
+    let path = file(folder.path(), &occupied);
+    let out = folder.path().to_str().unwrap();
+    let look = |more: &[&str]| {
+        let common =
+            ["doctor", "--json", "--out", out, "--config", path.to_str().unwrap(), "--listen-for", "0.1"];
+        let output = outrigger(&[&common[..], more].concat(), &[]);
+        (output.status.code(), json(&output))
+    };
+    let state = |document: &serde_json::Value, name: &str| {
+        let checks = document["checks"].as_array().unwrap();
+        let check =
+            checks.iter().find(|check| check["name"] == name).unwrap_or_else(|| panic!("{document:#}"));
+        (check["state"].as_str().unwrap().to_owned(), check["found"].as_str().unwrap().to_owned())
+    };
+    let (exit, document) = look(&["--port", "/dev/no-such-rig"]);
+    assert_eq!((exit, &document["verdict"]), (Some(3), &"mend".into()), "{document:#}");
+    let (ports, found) = state(&document, "ports");
+    assert!(ports == "bad" && found.contains("already listens"), "{found}");
+    let (rig, found) = state(&document, "rig /dev/no-such-rig");
+    assert!(rig == "bad" && found.contains("No such file"), "{found}");
+    assert_ne!(state(&document, "disk speed").1, "");
+    drop(taken);
+    file(folder.path(), &sensor("127.0.0.1:0"));
+    let (_, document) = look(&[]);
+    let (silent, found) = state(&document, "packets of left");
+    assert!(silent == "warning" && found.starts_with("0 packets"), "{found}");
+    assert_eq!(std::fs::read_dir(out).unwrap().count(), 1, "nothing is left behind");
+    assert_eq!(outrigger(&["doctor", "--out", "/no/such/folder"], &[]).status.code(), Some(1));
 }
 
 fn sensors_of_the_file_are_recorded() {

@@ -12,9 +12,9 @@ const TEMPLATE: &str = include_str!("init/rig.toml");
 /// Arguments of `init`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// Folder of the new file; made where it is absent.
+    /// Folder of the new file, made where it is absent, or the file itself (*.toml).
     #[arg(default_value = ".", value_name = "DIR")]
-    dir: PathBuf,
+    place: PathBuf,
     /// Overwrite a file that exists.
     #[arg(long)]
     force: bool,
@@ -22,8 +22,10 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    std::fs::create_dir_all(&args.dir).with_context(|| format!("cannot make {}", args.dir.display()))?;
-    let path = args.dir.join("rig.toml");
+    let is_file = files::ending(&args.place) == "toml" && !args.place.is_dir();
+    let path = if is_file { args.place.clone() } else { args.place.join("rig.toml") };
+    let folder = files::folder_of(&path);
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     if path.exists() && !args.force {
         bail!("{} exists already; --force overwrites it", path.display());
     }

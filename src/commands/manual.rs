@@ -1,9 +1,39 @@
 //! `outrigger completions` and `outrigger man`: the command line described by itself.
 
-use anyhow::Context as _;
-use clap::CommandFactory;
+use std::fmt::Write as _;
 
-use super::{Cli, Outcome};
+use anyhow::Context as _;
+use clap::{Arg, ArgAction, Command, CommandFactory};
+
+use super::{Cli, Outcome, output};
+
+/// Before the keys of the verbs.
+const OF_SENSORS: &str = "\
+# Every key of rig.toml
+
+Printed by `outrigger man --keys`. `outrigger init` writes a commented file to begin with; `--config rig.toml` or the
+environment's `OUTRIGGER_CONFIG` names it. A flag on the command line wins over an environment variable, and that over the
+file. Paths are relative to the file. A key that is not known here is an error that names its line.
+
+`format = \"outrigger-rig/1\"` comes first.
+
+## `[[sensor]]`
+
+Once per LiDAR.
+
+| key | value | what it is |
+|---|---|---|
+| `name` | text | letters, digits, `.`, `_`, `-`; unique |
+| `model` | text | `os1-64`, `vlp-16`, ...: `outrigger mock sensor --help` names them |
+| `listen` | port or \"address:port\" | where its lidar packets arrive on this host |
+| `listen_aside` | port or \"address:port\" | where its IMU packets (Ouster) or position packets (Velodyne) arrive |
+| `source` | address | take packets from this address only; needed where two sensors share a port |
+| `metadata` | path | of an Ouster, as its web interface gives it |
+| `host` | host or \"host:port\" | its web interface; without `metadata`, recording asks it for them |
+
+Every other section is a verb, and every key in it a flag of that verb with `_` for `-`. `[daemon]` takes the keys about the
+place (`mount`, `scene`, `room`, `trajectory` and what belongs to them) from `[predict]` where it does not say otherwise.
+";
 
 /// Arguments of `completions`.
 #[derive(clap::Args, Debug)]
@@ -23,12 +53,21 @@ pub fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
 pub struct ManualArgs {
     /// The verb whose page it is; without one the page of the program.
     verb: Option<String>,
+    /// Every key of rig.toml instead, as Markdown.
+    #[arg(long, conflicts_with = "verb")]
+    keys: bool,
 }
 
 /// Prints a manual page in roff: outrigger(1), or outrigger-VERB(1).
 pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
     let mut program = Cli::command();
     program.build(); // names verbs as they are called
+    if args.keys {
+        let mut page = OF_SENSORS.to_owned();
+        program.get_subcommands().for_each(|verb| keys(verb, "", &mut page));
+        output::print_text(&page)?;
+        return Ok(Outcome::Done);
+    }
     let page = match &args.verb {
         None => program,
         Some(verb) => {
@@ -39,4 +78,57 @@ pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
     };
     clap_mangen::Man::new(page).render(&mut std::io::stdout())?;
     Ok(Outcome::Done)
+}
+
+/// The sections of a verb and of the verbs within it.
+fn keys(verb: &Command, above: &str, page: &mut String) {
+    let name = format!("{above}{}", verb.get_name());
+    let own = |arg: &&Arg| arg.get_long().is_some() && !arg.is_global_set() && !is_meta(arg);
+    let args: Vec<&Arg> = verb.get_arguments().filter(own).collect();
+    if !args.is_empty() {
+        let _ =
+            write!(page, "\n## `[{name}]`\n\n| key | value | default | what it is |\n|---|---|---|---|\n");
+        args.iter().for_each(|arg| row(arg, page));
+    }
+    verb.get_subcommands().for_each(|within| keys(within, &format!("{name}."), page));
+}
+
+fn is_meta(arg: &Arg) -> bool {
+    matches!(
+        arg.get_action(),
+        ArgAction::Help | ArgAction::Version | ArgAction::HelpLong | ArgAction::HelpShort
+    ) || ["help", "config", "json"].contains(&arg.get_id().as_str())
+}
+
+fn row(arg: &Arg, page: &mut String) {
+    let plain = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|");
+    let key = arg.get_long().unwrap_or_default().replace('-', "_");
+    let possible: Vec<String> = arg
+        .get_possible_values()
+        .iter()
+        .filter(|value| !value.is_hide_set())
+        .map(|value| value.get_name().to_owned())
+        .collect();
+    let value = match arg.get_action() {
+        ArgAction::SetTrue => "true, false".to_owned(),
+        _ if !possible.is_empty() => possible.join(", "),
+        _ => arg
+            .get_value_names()
+            .unwrap_or_default()
+            .iter()
+            .map(|name| name.to_string())
+            .collect::<Vec<_>>()
+            .join(" "),
+    };
+    let value = if matches!(arg.get_action(), ArgAction::Append) {
+        format!("{value}, or an array of them")
+    } else {
+        value
+    };
+    let default: Vec<String> =
+        arg.get_default_values().iter().map(|value| format!("`{}`", value.to_string_lossy())).collect();
+    let default =
+        if matches!(arg.get_action(), ArgAction::SetTrue) { String::new() } else { default.join(", ") };
+    let help = arg.get_help().map(|help| plain(&help.to_string())).unwrap_or_default();
+    let _ = writeln!(page, "| `{key}` | {} | {} | {help} |", plain(&value), plain(&default));
 }

@@ -15,6 +15,7 @@ mod daemon;
 mod decode;
 mod defaults;
 mod demo;
+mod doctor;
 mod evaluate;
 mod figures;
 mod ground;
@@ -59,6 +60,8 @@ pub struct Cli {
 enum Verb {
     /// The whole loop on mock devices: optimize, tilt, record over UDP, replay, compare, report.
     Demo(demo::Args),
+    /// What this machine and this rig lack, and what to do about it.
+    Doctor(doctor::Args),
     /// Write a commented rig.toml.
     Init(init::Args),
     /// Search the mounts that see the most.
@@ -166,6 +169,7 @@ impl Cli {
         let context = Context { json: self.json, config };
         let outcome = match self.verb {
             Verb::Demo(args) => demo::run(&args, context),
+            Verb::Doctor(args) => doctor::run(&args, context),
             Verb::Init(args) => init::run(&args),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),

@@ -259,8 +259,9 @@ impl<'a, L: Ladder> State<'a, L> {
         let mut own = vec![self.width; self.candidates.len()];
         for (level, then) in self.values.iter().enumerate() {
             // the first values were judged after the second level
-            let (behind, went_on): (Vec<&(usize, f64)>, Vec<&(usize, f64)>) =
-                then.iter().partition(|(index, _)| self.judged[*index].level == level + 1);
+            let stayed = |(index, _): &&(usize, f64)| self.judged[*index].level == level + 1;
+            let behind: Vec<_> = then.iter().filter(stayed).copied().collect();
+            let went_on: Vec<_> = then.iter().filter(|entry| !stayed(entry)).copied().collect();
             if went_on.len() < LEAST_TO_LEARN_FROM {
                 continue;
             }
@@ -269,10 +270,10 @@ impl<'a, L: Ladder> State<'a, L> {
             let middle = quantile(&sorted(moved.iter().copied()), 0.5);
             let most = quantile(&sorted(moved.iter().map(|moved| moved.abs())), BELIEVED);
             for (index, value) in behind {
-                let judged = &mut self.judged[*index];
+                let judged = &mut self.judged[index];
                 judged.value = value + middle;
                 judged.bound = judged.bound.max(most);
-                own[*index] = self.width + own_part(&moved);
+                own[index] = self.width + own_part(&moved);
             }
         }
         own

@@ -38,8 +38,8 @@ const ROUNDS: usize = 24;
 /// Edge of a cell as a share of the median range, between two bounds, m.
 const EDGE_SHARE: f64 = 1.0 / 15.0;
 const EDGES_M: [f64; 2] = [0.15, 1.0];
-/// A step of no consequence, in formal standard deviations.
-const SMALL_STEP: f64 = 0.05;
+/// A step of no consequence, as a share of what the estimate scatters by.
+const SMALL_STEP: f64 = 0.1;
 /// Scatter of the points of an even plane, in standard deviations of a residual.
 const EVEN: f64 = 1.5;
 /// While cells are large, one in so many points is enough.
@@ -168,8 +168,7 @@ pub fn relative_mount(pair: &Pair<'_>, error: &PoseError) -> RelativeMount {
             window.follow(said, &step);
         }
         offset.add(step.as_slice());
-        let step_size = (step.transpose() * information * step)[(0, 0)].max(0.0).sqrt();
-        converged = !is_wide && rounds > WIDE_ROUNDS + 2 && step_size < SMALL_STEP;
+        converged = !is_wide && rounds > WIDE_ROUNDS + 2 && is_small(&step, &said, basis);
         last = Some((said, observed, found_m));
     }
     let fate = Fate { rounds, converged };
@@ -230,6 +229,13 @@ fn jackknife(said: &[Said], basis: &[[f64; 7]]) -> Option<(Block77, usize)> {
         spread.ger((count - 1.0) / count, &off, &off, 1.0);
     }
     Some((spread, steps.len()))
+}
+
+/// Whether no unknown moves by more than a small part of its own scatter.
+fn is_small(step: &Column7, said: &[Said], basis: &[[f64; 7]]) -> bool {
+    jackknife(said, basis).is_some_and(|(spread, _)| {
+        (0..7).all(|place| step[place].abs() <= SMALL_STEP * spread[(place, place)].max(0.0).sqrt())
+    })
 }
 
 fn report(
