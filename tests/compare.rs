@@ -51,6 +51,12 @@ pub const CASES: &[Case] = &[
         statistics::are_wanted,
         statistics::relative_tilts_need_no_scene,
     ),
+    with_machine(
+        "errors_take_from_coverage_what_the_table_says",
+        ASKED,
+        statistics::are_wanted,
+        statistics::errors_take_from_coverage_what_the_table_says,
+    ),
     with_shared("two_frames_of_a_vehicle_predict_the_third", recordings::two_frames_predict_the_third),
     with_shared("odometry_agrees_with_the_poses_of_a_vehicle", recordings::odometry_agrees_with_the_poses),
     with_shared(

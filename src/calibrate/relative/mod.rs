@@ -39,7 +39,7 @@ const ROUNDS: usize = 24;
 const EDGE_SHARE: f64 = 1.0 / 15.0;
 const EDGES_M: [f64; 2] = [0.15, 1.0];
 /// A step of no consequence, as a share of what the estimate scatters by.
-const SMALL_STEP: f64 = 0.1;
+const SMALL_STEP: f64 = 0.25;
 /// Scatter of the points of an even plane, in standard deviations of a residual.
 const EVEN: f64 = 1.5;
 /// While cells are large, one in so many points is enough.
