@@ -7,6 +7,7 @@
 
 mod agreement;
 mod classes;
+mod conflicts;
 mod faults;
 mod intervals;
 mod nulls;
@@ -18,6 +19,7 @@ mod time_offset;
 
 pub use agreement::{Agreement, CellKinds, CoverageCounts, Table, cell_kinds, surface_cells};
 pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
+pub use conflicts::{Conflicts, Found};
 pub use faults::{Fault, misread};
 pub use intervals::PatchAgreement;
 pub use nulls::{Calibration, Field, Healthy, NullTest};

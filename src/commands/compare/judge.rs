@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::verdict::{Verdict, words};
 use crate::calibrate::{self, MountCheck, RelativeTilt, SensorCheck};
 use crate::compare::{
-    Agreement, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches, RayClasses,
-    Replayed, SurfaceShare, misread, surface_cells,
+    Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
+    RayClasses, Replayed, SurfaceShare, misread, surface_cells,
 };
 use crate::coverage::Coverage;
 use crate::scene::Scene;
@@ -39,6 +39,8 @@ pub struct Comparison {
     pub mount: Vec<SensorCheck>,
     pub relative_tilt: Option<RelativeTilt>,
     pub mount_check: Option<CheckReport>,
+    /// Cells that are free in the recording and occupied in the scene, or the other way round.
+    pub conflicts: Option<Conflicts>,
     /// Healthy simulated runs beside the recording.
     pub prediction: Option<NullTest>,
 }
@@ -160,6 +162,7 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         mount,
         relative_tilt,
         mount_check: Some(CheckReport { rounds, converged, residual_sd_mm, scans }),
+        conflicts: Conflicts::between(&thinned),
         prediction,
     };
     comparison.verdict = Verdict::of(&comparison);

@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::ground::PoseErrorArgs;
 use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
+use crate::calibrate::SensorCheck;
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::files::write_json;
@@ -89,12 +90,54 @@ pub struct Document {
     pub recording: Vec<SensorSummary>,
     /// What the axes measured, where the session holds it.
     pub rig: Vec<AxisSummary>,
+    /// Zeros of servo axes that would make their readings true; never applied.
+    pub servo_zero: Vec<ZeroOffer>,
     /// What is odd or was lost.
     pub problems: Vec<String>,
     pub time_offset_s: f64,
     /// With how sure it is, where it was looked for.
     pub time_offset: Option<TimeOffset>,
     pub wall_s: f64,
+}
+
+/// What to add to an axis' zero so that it reads what its sensor's tilt is.
+#[derive(Debug, Serialize)]
+pub struct ZeroOffer {
+    pub sensor: String,
+    /// Mean of what the axis measured, degrees.
+    pub measured_deg: f64,
+    /// Found less measured, degrees.
+    pub add_deg: f64,
+    /// Half of its 95 % interval, degrees.
+    pub u95_deg: f64,
+}
+
+impl ZeroOffer {
+    /// For every sensor on a measured axis of which the tilt could be told.
+    fn of(axes: &[AxisSummary], mount: &[SensorCheck]) -> Vec<Self> {
+        let offer = |axis: &AxisSummary| {
+            let check = mount.iter().find(|check| check.sensor == axis.sensor)?;
+            Some(Self {
+                sensor: axis.sensor.clone(),
+                measured_deg: axis.measured_pitch_deg,
+                add_deg: check.tilt_error_deg?,
+                u95_deg: check.u95_deg?,
+            })
+        };
+        axes.iter().filter_map(offer).collect()
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
+        format!(
+            "the axis of {} measured {:+.3} deg and the sensor sat at {:+.3}: its zero wants {:+.3} +- {:.3} deg (offered, not applied)",
+            self.sensor,
+            self.measured_deg,
+            self.measured_deg + self.add_deg,
+            self.add_deg,
+            self.u95_deg
+        )
+    }
 }
 
 /// Runs the verb.
@@ -135,13 +178,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     problems.extend(fed.losses.iter().cloned());
     let document = Document {
         format: "outrigger-compare/1",
-        comparison,
         recording: fed.sensors,
+        servo_zero: ZeroOffer::of(&recorded.axes, &comparison.mount),
         rig: recorded.axes,
         problems,
         time_offset_s: place.time_offset_ns as f64 * 1e-9,
         time_offset: place.time_offset,
         wall_s: start.elapsed().as_secs_f64(),
+        comparison,
     };
     write(args, &document, &replayed, scene, trajectory, recorded.mount)?;
     conclude(args, context, &document, fed.losses.is_empty())

@@ -69,8 +69,22 @@ pub fn text(document: &Document) -> String {
             classes.extra
         );
     }
+    if let Some(conflicts) = &comparison.conflicts {
+        let _ = writeln!(
+            text,
+            "cells of {} m: {} occupied in both, {} looked through, {} hit where the scene is empty, {} known to one alone",
+            conflicts.cell_m,
+            conflicts.agree,
+            conflicts.gone.cells,
+            conflicts.unforeseen.cells,
+            conflicts.unknown
+        );
+    }
     for row in tilt_rows(comparison) {
         let _ = writeln!(text, "tilt      {}", row.join("  "));
+    }
+    for offer in &document.servo_zero {
+        let _ = writeln!(text, "zero      {}", offer.words());
     }
     text
 }

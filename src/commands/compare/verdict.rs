@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::judge::Comparison;
 use crate::chart::number;
-use crate::compare::{Patches, RayClasses, Replayed, SECTORS};
+use crate::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.
@@ -20,6 +20,9 @@ const LEAST_RAYS: u64 = 5_000;
 const TILT_MATTERS_DEG: f64 = 0.1;
 /// And it must be this sure.
 const TILT_P: f64 = 0.003;
+
+/// Contradicting cells are worth a word from this share of the cells that both know.
+const CONFLICTS_MATTER: f64 = 0.02;
 
 /// What the comparison comes to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -108,6 +111,35 @@ pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patc
     }
     if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
         words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
+    }
+    if comparison.faults.is_empty() && off(comparison).is_empty() {
+        words.extend(comparison.conflicts.iter().flat_map(contradictions));
+    }
+    words
+}
+
+/// Where recording and scene contradict each other, unless a sensor or its mount explains it.
+fn contradictions(conflicts: &Conflicts) -> Vec<String> {
+    let mut words = Vec::new();
+    let known = (conflicts.agree + conflicts.gone.cells + conflicts.unforeseen.cells) as f64;
+    for (found, what) in [
+        (
+            conflicts.gone,
+            "which the scene fills, the recording looks through: something was taken away, a door stood open, or the scene is wrong",
+        ),
+        (
+            conflicts.unforeseen,
+            "where the scene is empty, the recording hit something: furniture, people, or a scene that is not this one",
+        ),
+    ] {
+        if let Some([x, y, z]) = found.around_m
+            && found.cells as f64 > CONFLICTS_MATTER * known
+        {
+            words.push(format!(
+                "{} cells of {} m, most around ({x:.0}, {y:.0}, {z:.0}), {what}",
+                found.cells, conflicts.cell_m
+            ));
+        }
     }
     words
 }
