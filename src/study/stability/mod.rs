@@ -243,7 +243,7 @@ mod tests {
         "tolerance, 1 cm and 1 degree: stable",
         "tolerance, 2 cm and 2 degrees: stable",
         "seeds, default method: detected and reported",
-        "seeds, particle swarm: stable",
+        "seeds, particle swarm: detected and reported",
         "level VLP-16 in a room: detected and reported",
         "open field: stable",
         "floor only: stable",
