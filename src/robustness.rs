@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::objective::Objective;
 use crate::rng::Rng;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+use crate::statistics::greatest;
 
 /// How far a built rig may be from the planned one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -194,8 +195,8 @@ impl Robustness {
             .par_iter()
             .map(|&candidate| self.spread(&candidates[candidate]))
             .collect::<Result<_, ExperimentError>>()?;
-        let count = |at: usize| spreads[at].counts(criterion);
-        let best = (1..spreads.len()).fold(0, |best, at| if count(at) > count(best) { at } else { best });
+        let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
+        let best = greatest(&counts);
         let few = self.draws.div_ceil(FEW);
         let sensors = |indices: &[usize]| indices.iter().map(|at| candidates[*at].len()).sum::<usize>();
         let all: Vec<usize> = (0..candidates.len()).collect();

@@ -137,13 +137,16 @@ fn the_doctor_names_what_is_wrong() {
     let (rig, found) = state(&document, "rig /dev/no-such-rig");
     assert!(rig == "bad" && found.contains("No such file"), "{found}");
     assert_ne!(state(&document, "disk speed").1, "");
+    file(folder.path(), &format!("{occupied}[rig]\nport = \"can:none7\"\n"));
+    let (rig, found) = state(&look(&[]).1, "rig can:none7");
+    assert!(rig == "bad" && found.contains("cannot open can:none7"), "{found}");
     drop(taken);
     file(folder.path(), &sensor("127.0.0.1:0"));
     let (_, document) = look(&[]);
     let (silent, found) = state(&document, "packets of left");
     assert!(silent == "warning" && found.starts_with("0 packets"), "{found}");
     assert_eq!(std::fs::read_dir(out).unwrap().count(), 1, "nothing is left behind");
-    assert_eq!(outrigger(&["doctor", "--out", "/no/such/folder"], &[]).status.code(), Some(1));
+    assert_eq!(outrigger(&["doctor", "--out", &format!("{out}/missing")], &[]).status.code(), Some(1));
 }
 
 fn sensors_of_the_file_are_recorded() {

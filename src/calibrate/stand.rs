@@ -35,6 +35,13 @@ pub enum Reached {
     FromAbove,
 }
 
+impl Reached {
+    /// How one angle is reached from another, rad.
+    pub fn between(before_rad: f64, now_rad: f64) -> Self {
+        if before_rad < now_rad { Self::FromBelow } else { Self::FromAbove }
+    }
+}
+
 /// A stretch in which the axis held still.
 #[derive(Clone, Debug)]
 pub struct Setting {
@@ -98,15 +105,7 @@ pub fn stand_test(said: &MountedSensor, settings: &[Setting], revolution_ns: u64
             Some(reference) if place != reference => {
                 against(said, setting, &settings[reference], revolution_ns)
             }
-            _ => FoundSetting {
-                measured_deg: setting.measured_rad.to_degrees(),
-                reached: setting.reached,
-                is_reference: true,
-                error_deg: None,
-                turn_rad: None,
-                pairs: 0,
-                cannot_tell: None,
-            },
+            _ => FoundSetting { is_reference: true, ..FoundSetting::unknown(setting) },
         })
         .collect();
     let mut test = StandTest {
@@ -142,13 +141,8 @@ fn against(said: &MountedSensor, setting: &Setting, reference: &Setting, revolut
         .collect();
     rays.sort_by_key(|ray| (ray.time_ns, ray.sensor, ray.channel));
     let mut found = FoundSetting {
-        measured_deg: setting.measured_rad.to_degrees(),
-        reached: setting.reached,
-        is_reference: false,
-        error_deg: None,
-        turn_rad: None,
-        pairs: 0,
         cannot_tell: Some("cannot tell here: no returns while it held".into()),
+        ..FoundSetting::unknown(setting)
     };
     let Some(end_ns) = rays.last().map(|ray| ray.time_ns + 1) else { return found };
     // the body stands: windows may be long, and planes of many points lie better
@@ -166,7 +160,7 @@ fn against(said: &MountedSensor, setting: &Setting, reference: &Setting, revolut
         u95: tilt.u95_deg,
         p_value: tilt.p_value,
     });
-    found.cannot_tell = relative.cannot_tell.clone();
+    found.cannot_tell = relative.cannot_tell;
     if let [Some(x), Some(y), Some(z)] = relative.rotation_deg {
         let off = DVec3::new(x.value, y.value, z.value) * 1f64.to_radians();
         let [rotation, of_reference] = sensors.each_ref().map(|sensor| sensor.mount.rotation());
@@ -186,6 +180,20 @@ fn from_zero(rays: &[RecordedRay], number: usize, pitch_rad: f64) -> impl Iterat
         time_ns: ray.time_ns - start_ns,
         ..*ray
     })
+}
+
+impl FoundSetting {
+    fn unknown(setting: &Setting) -> Self {
+        Self {
+            measured_deg: setting.measured_rad.to_degrees(),
+            reached: setting.reached,
+            is_reference: false,
+            error_deg: None,
+            turn_rad: None,
+            pairs: 0,
+            cannot_tell: None,
+        }
+    }
 }
 
 impl StandTest {
@@ -280,9 +288,7 @@ mod tests {
         let mut start_ns = 0;
         for measured_deg in [-20.0_f64, -10.0, 0.0, 15.0, 10.0, 0.0, -10.0] {
             let measured_rad = measured_deg.to_radians();
-            let reached = settings.last().map(|last| {
-                if last.measured_rad < measured_rad { Reached::FromBelow } else { Reached::FromAbove }
-            });
+            let reached = settings.last().map(|last| Reached::between(last.measured_rad, measured_rad));
             let late_rad = match reached {
                 Some(Reached::FromBelow) | None => -0.5 * play_rad,
                 Some(Reached::FromAbove) => 0.5 * play_rad,

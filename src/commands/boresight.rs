@@ -96,12 +96,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&text(&document))?;
-    }
-    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    output::print_result(context.json, &document, || text(&document), &document.problems)?;
     Ok(if document.verdict == "matches" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 

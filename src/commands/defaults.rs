@@ -9,6 +9,7 @@ use clap::{Arg, ArgAction, Command};
 
 use super::daemon::place::FROM_PREDICT;
 use crate::config::{Config, ConfigError, Section, Setting};
+use crate::servo::is_no_path;
 
 /// The file that the command line or the environment names.
 pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {
@@ -25,7 +26,7 @@ pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> 
 
 /// The command with the file's settings as defaults.
 pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigError> {
-    for section in config.sections.iter().chain(&inherited(config)) {
+    for section in config.sections.iter().cloned().chain(inherited(config)) {
         let mut verb = &mut command;
         for name in &section.verb {
             let known = names(verb.get_subcommands().map(Command::get_name));
@@ -35,7 +36,7 @@ pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigErr
             })?;
         }
         for setting in &section.settings {
-            let id = find(verb, section, setting, config)?;
+            let id = find(verb, &section, setting, config)?;
             let taken = std::mem::take(verb);
             let folder = crate::files::folder_of(&config.path);
             *verb = taken.mut_arg(id, |arg| with_default(arg, setting, folder));
@@ -44,15 +45,24 @@ pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigErr
     Ok(command)
 }
 
-/// What `[daemon]` takes from `[predict]` where it does not say otherwise.
-fn inherited(config: &Config) -> Option<Section> {
+/// Keys that a verb takes from another's section where its own does not say otherwise.
+const INHERITED: [(&str, &str, &[&str]); 3] = [
+    ("daemon", "predict", &FROM_PREDICT),
+    ("doctor", "rig", &["port"]),
+    ("doctor", "record", &["receive_buffer"]),
+];
+
+/// The same as sections.
+fn inherited(config: &Config) -> impl Iterator<Item = Section> + '_ {
     let named = |name: &str| config.sections.iter().find(|section| section.verb == [name]);
-    let (predict, daemon) = (named("predict")?, named("daemon"));
-    let said =
-        |key: &String| daemon.is_some_and(|section| section.settings.iter().any(|other| other.key == *key));
-    let taken = |setting: &&Setting| FROM_PREDICT.contains(&setting.key.as_str()) && !said(&setting.key);
-    let settings = predict.settings.iter().filter(taken).cloned().collect();
-    Some(Section { verb: vec!["daemon".into()], line: predict.line, settings })
+    INHERITED.iter().filter_map(move |(heir, from, keys)| {
+        let (from, own) = (named(from)?, named(heir));
+        let said =
+            |key: &String| own.is_some_and(|section| section.settings.iter().any(|other| other.key == *key));
+        let taken = |setting: &&Setting| keys.contains(&setting.key.as_str()) && !said(&setting.key);
+        let settings = from.settings.iter().filter(taken).cloned().collect();
+        Some(Section { verb: vec![(*heir).into()], line: from.line, settings })
+    })
 }
 
 /// Adds to an error about a value that the value stands in the file.
@@ -105,7 +115,8 @@ fn find(
 
 fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
     let is_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
-    let value = |text: &String| match is_path {
+    // a rig's line may be no file: can:can0
+    let value = |text: &String| match is_path && !is_no_path(text) {
         true => folder.join(text).into_os_string(),
         false => OsString::from(text),
     };

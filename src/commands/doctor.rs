@@ -36,7 +36,7 @@ pub struct Args {
     /// Where recordings will be written.
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
-    /// Kernel receive buffer that recording will ask for, per port, in MiB.
+    /// Kernel receive buffer that recording will ask for, per port, in MiB; that of [record] in the rig.toml when not given.
     #[arg(long, value_name = "MIB", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
     receive_buffer: u16,
     /// How long to listen for the sensors' packets.
@@ -86,17 +86,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     checks.extend(disk(&args.out)?);
     checks.extend(receiving(args, context.config));
     checks.extend(context.config.iter().flat_map(|config| &config.sensors).flat_map(sensor));
-    if let Some(port) = args.port.clone().or_else(|| context.config.and_then(port_of)) {
-        checks.push(rig(&port));
-    }
+    checks.extend(args.port.as_deref().map(rig));
     let is_ready = checks.iter().all(|check| check.state != State::Bad);
     let verdict = if is_ready { "ready" } else { "mend" };
     let document = Document { format: "outrigger-doctor/1", verdict, checks };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&text(&document))?;
-    }
+    output::print_result(context.json, &document, || text(&document), &[])?;
     Ok(if is_ready { Outcome::Done } else { Outcome::DataLost })
 }
 
@@ -269,13 +263,6 @@ fn sensor(config: &SensorConfig) -> Vec<Check> {
             checks
         }
     }
-}
-
-/// `port` of `[rig]`.
-fn port_of(config: &Config) -> Option<PathBuf> {
-    let section = config.sections.iter().find(|section| section.verb == ["rig"])?;
-    let setting = section.settings.iter().find(|setting| setting.key == "port")?;
-    setting.values.first().map(PathBuf::from)
 }
 
 fn rig(port: &Path) -> Check {

@@ -142,12 +142,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         files,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&text(&document))?;
-    }
-    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    output::print_result(context.json, &document, || text(&document), &document.problems)?;
     Ok(if way.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 

@@ -22,6 +22,22 @@ pub fn print_text(text: &str) -> anyhow::Result<()> {
     }
 }
 
+/// Prints a result: the document where JSON is asked for, otherwise its text; then what is odd or was lost.
+pub fn print_result(
+    is_json: bool,
+    document: &impl serde::Serialize,
+    text: impl FnOnce() -> String,
+    problems: &[String],
+) -> anyhow::Result<()> {
+    if is_json {
+        print_json(document)?;
+    } else {
+        print_text(&text())?;
+    }
+    problems.iter().for_each(|problem| say_notice(problem));
+    Ok(())
+}
+
 /// Prints a notice on stderr: done as asked, with something the user may not expect.
 pub fn say_notice(notice: &str) {
     let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");

@@ -27,7 +27,7 @@ pub struct Recording {
 }
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Debug, Default)]
 pub struct SensorArgs {
     /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none.
     #[arg(long = "meta", value_name = "META.json")]

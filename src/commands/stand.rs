@@ -3,15 +3,16 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use serde::Serialize;
 
-use super::compare::feed::{self, Taken};
+use super::compare::feed::Taken;
+use super::compare::recorded::Recorded;
+use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
 use crate::compare::Thinning;
 use crate::record::Session;
-use crate::rig::{MountFile, MountedSensor};
 use crate::servo::ServoReport;
 
 /// Returns that are kept of each setting.
@@ -70,24 +71,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Session::is_session(&args.session),
         "{name} is no session: the angles of the axes are in none but those"
     );
-    let session = Session::open(&args.session)?;
-    let file = match &args.mount {
-        Some(path) => MountFile::read(path)?,
-        None => session.mount()?.context("give --mount: the session does not say where its sensors sit")?,
-    };
-    let rig = file.rig()?;
-    let reports: Vec<ServoReport> = session.servo()?;
+    let recorded = Recorded::open(&args.session, &SensorArgs::default(), args.mount.as_ref())?;
+    let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),
         "{name}: the session holds no angle that an axis measured, and this test is about those"
     );
-    let mut holds: Vec<Vec<Hold>> = (0..rig.sensors.len()).map(|axis| holds(&reports, axis)).collect();
-    let mut sensors: Vec<MountedSensor> = rig.sensors.clone();
-    let fed = feed::session(&session, &rig, &[], &mut |_| (), &mut |taken| {
+    let mut sensors = recorded.rig.sensors.clone();
+    let mut holds: Vec<Vec<Hold>> = (0..sensors.len()).map(|axis| holds(&reports, axis)).collect();
+    let fed = recorded.feed(&mut |taken| {
         let Taken { sensor, model, frame, .. } = taken;
-        if sensors[sensor].model != *model {
-            sensors[sensor].model = model.clone();
-        }
+        taken.tell_model(&mut sensors);
         let [first_ns, last_ns] = frame.host_time_ns;
         let hold = holds[sensor].iter_mut().find(|hold| hold.from_ns <= first_ns && last_ns <= hold.to_ns);
         if let Some(hold) = hold {
@@ -112,12 +106,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems: fed.losses,
         wall_s: start.elapsed().as_secs_f64(),
     };
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&text(&document))?;
-    }
-    document.problems.iter().for_each(|problem| output::say_notice(problem));
+    output::print_result(context.json, &document, || text(&document), &document.problems)?;
     Ok(if document.verdict == "as_measured" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 
@@ -136,9 +125,7 @@ fn holds(reports: &[ServoReport], axis: usize) -> Vec<Hold> {
         let settled = run.iter().filter(|report| report.time_ns >= from_ns);
         let urad: Vec<f64> = settled.map(|report| f64::from(report.position_urad)).collect();
         let measured_rad = 1e-6 * urad.iter().sum::<f64>() / urad.len() as f64;
-        let reached = holds.last().map(|before| {
-            if before.measured_rad < measured_rad { Reached::FromBelow } else { Reached::FromAbove }
-        });
+        let reached = holds.last().map(|before| Reached::between(before.measured_rad, measured_rad));
         holds.push(Hold { from_ns, to_ns: last.time_ns, measured_rad, reached, rays: Thinning::new(RAYS) });
     }
     holds

@@ -100,6 +100,12 @@ const FORMS: [&str; 7] = [
     "a serial port",
 ];
 
+/// Whether an address names something else than a file: its form has a word of [`FORMS`] before the colon.
+pub fn is_no_path(address: &str) -> bool {
+    let known = FORMS.iter().filter_map(|form| form.split_once(':'));
+    address.split_once(':').is_some_and(|(word, _)| known.into_iter().any(|(form, _)| form == word))
+}
+
 /// Opens a line by its address: `usb:A10K3` is the serial port of the USB device with that serial number, `can:can0` a CAN
 /// interface, `slcan:/dev/ttyACM0` a CAN adapter on a serial port, `dynamixel:/dev/ttyUSB0@57600:1,2` and
 /// `feetech:/dev/ttyUSB0@1000000:1,2` buses with two servos (baud rate and ids of axes 0 and 1; these are the defaults),

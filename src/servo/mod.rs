@@ -27,7 +27,7 @@ pub use can_bus::CanLink;
 pub use controller::{Applied, AppliedAxis, Interrupt, Options, Progress, ReportSink, RigController};
 pub use error::{LinkError, RigError};
 pub use hosted::HostedLink;
-pub use link::{Link, Received, open};
+pub use link::{Link, Received, is_no_path, open};
 pub use report::{AxisStatus, RigStatus, ServoReport};
 pub use rig::Rig;
 pub use serial::SerialLink;

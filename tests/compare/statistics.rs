@@ -68,6 +68,22 @@ impl Off {
     }
 }
 
+/// Two sensors, tilted outward by so much.
+fn pair(model: &str, pitch_deg: f64) -> Vec<MountedSensor> {
+    let model = catalogue::nominal(model).unwrap();
+    let mounted = |name: &str, side: f64| MountedSensor {
+        name: name.into(),
+        model: model.clone(),
+        mount: Mount {
+            x_m: 0.05 * side,
+            z_m: 0.1,
+            pitch_rad: (pitch_deg * side).to_radians(),
+            ..Mount::default()
+        },
+    };
+    vec![mounted("right", 1.0), mounted("left", -1.0)]
+}
+
 struct House {
     scene: Scene,
     way: Trajectory,
@@ -78,21 +94,10 @@ impl House {
     fn read() -> Self {
         let mesh = load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
         let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
-        let model = catalogue::nominal("os1-64").unwrap();
-        let mounted = |name: &str, side: f64| MountedSensor {
-            name: name.into(),
-            model: model.clone(),
-            mount: Mount {
-                x_m: 0.05 * side,
-                z_m: 0.1,
-                pitch_rad: (32.7 * side).to_radians(),
-                ..Mount::default()
-            },
-        };
         Self {
             scene: Scene::Mesh(Arc::new(mesh)),
             way: Trajectory::from_tum(&text).unwrap(),
-            said: vec![mounted("right", 1.0), mounted("left", -1.0)],
+            said: pair("os1-64", 32.7),
         }
     }
 
@@ -276,18 +281,7 @@ struct Spoiled {
 
 /// Share of the house's surface that two VLP-16 at +-37.6 degrees recorded, snapped to the prediction, %, and as measured.
 fn covered(scene: &Scene, way: &Trajectory, spoiled: Spoiled) -> [f64; 2] {
-    let model = catalogue::nominal("vlp-16").unwrap();
-    let mounted = |name: &str, side: f64| MountedSensor {
-        name: name.into(),
-        model: model.clone(),
-        mount: Mount {
-            x_m: 0.05 * side,
-            z_m: 0.1,
-            pitch_rad: (37.6 * side).to_radians(),
-            ..Mount::default()
-        },
-    };
-    let said = vec![mounted("right", 1.0), mounted("left", -1.0)];
+    let said = pair("vlp-16", 37.6);
     let truth = match spoiled.pose_m > 0.0 {
         true => Off::of_size(way, 3, spoiled.pose_m, (10.0 * spoiled.pose_m).to_radians()),
         false => way.clone(),
@@ -333,9 +327,7 @@ fn covered(scene: &Scene, way: &Trajectory, spoiled: Spoiled) -> [f64; 2] {
 /// What errors take from the coverage that is snapped to the prediction: the published table's differences from a clean
 /// recording, points, for two VLP-16 in the furnished house.
 pub fn errors_take_from_coverage_what_the_table_says() {
-    let mesh = load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
-    let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
-    let (scene, way) = (Scene::Mesh(Arc::new(mesh)), Trajectory::from_tum(&text).unwrap());
+    let House { scene, way, .. } = House::read();
     let none = Spoiled::default();
     let [clean, measured] = covered(&scene, &way, none);
     println!("clean: {clean:.2} %, as measured {measured:.2} %");

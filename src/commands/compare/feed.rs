@@ -58,6 +58,16 @@ pub struct Taken<'a> {
     pub frame: &'a Frame,
 }
 
+impl Taken<'_> {
+    /// Gives the rig's sensor the beams of its packets.
+    pub fn tell_model(&self, sensors: &mut [MountedSensor]) {
+        let known = &mut sensors[self.sensor].model;
+        if known != self.model {
+            *known = self.model.clone();
+        }
+    }
+}
+
 /// How a pass over a recording ended.
 #[derive(Default)]
 pub struct Fed {

@@ -11,6 +11,7 @@ use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::geometry::Pose;
 use crate::record::Session;
 use crate::rig::{MountFile, MountedSensor, Rig};
+use crate::servo::ServoReport;
 use crate::trajectory::Trajectory;
 
 enum Source {
@@ -68,6 +69,14 @@ impl Recorded {
         Ok(Some(Self { source, mount, rig, axes, span_ns: OnceCell::new() }))
     }
 
+    /// What its axes reported; nothing for a capture.
+    pub fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
+        match &self.source {
+            Source::Session(session, _) => Ok(session.servo()?),
+            Source::Capture(_) => Ok(Vec::new()),
+        }
+    }
+
     /// What it is, in words.
     pub fn what(&self) -> &'static str {
         match self.source {
@@ -98,9 +107,7 @@ impl Recorded {
         let mut kept = Thinning::new(most);
         let fed = self.feed(&mut |taken| {
             let Taken { sensor, model, frame, .. } = taken;
-            if sensors[sensor].model != *model {
-                sensors[sensor].model = model.clone();
-            }
+            taken.tell_model(&mut sensors);
             let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
             kept.add_frame(sensor, model, pitch_rad, 0, frame);
         })?;
