@@ -30,6 +30,13 @@ const LEAST_POINTS: usize = 100;
 /// Times a sweep's own velocity is found anew; at most so far apart it counts as found, m/s and rad/s.
 const VELOCITY_ROUNDS: usize = 4;
 const SETTLED: f64 = 2e-3;
+/// Edge of the cells that a sweep is thinned by before it is laid against the map, in cells of the map; halved so often, or
+/// until it keeps so many points: what is found scatters with one over their root, and in a small room few would be left.
+const THINNED: f64 = 1.5;
+const MOST_HALVED: usize = 3;
+const LEAST_LAID: usize = 4000;
+/// The same before it is added to the map.
+const MAPPED: f64 = 0.5;
 /// Sweeps after which the map forgets what is out of reach.
 const FORGET_EVERY: usize = 16;
 
@@ -258,14 +265,15 @@ impl Odometry {
         let first = self.first.take()?;
         let mut motion = Motion::default();
         let mut found = None;
+        let map = self.map.as_mut()?;
+        let mapped = thin(&first.points, MAPPED * map.voxel_m());
+        let laid = laid_by(sweep, map.voxel_m());
         for round in 0..2 * VELOCITY_ROUNDS {
-            let map = self.map.as_mut()?;
             map.clear();
-            let voxel_m = map.voxel_m();
-            map.add(&straightened(&first, &motion, 0.5 * voxel_m), &Pose::IDENTITY);
+            map.add(&straightened(&mapped, first.middle_ns(), &motion), &Pose::IDENTITY);
             let kernel =
                 Kernel { width_m: self.deviation.width_m(), reach_cells: if round < 2 { 3 } else { 1 } };
-            let points_m = straightened(sweep, &motion, 1.5 * voxel_m);
+            let points_m = straightened(&laid, sweep.middle_ns(), &motion);
             let Some(aligned) = align::align(map, &points_m, &motion.over(seconds), kernel) else {
                 // a later sweep may fit
                 self.first = Some(first);
@@ -291,8 +299,9 @@ impl Odometry {
         let kernel = Kernel { width_m: self.deviation.width_m(), reach_cells };
         let (mut guess, mut motion) = (predicted, self.motion);
         let mut found = None;
+        let laid = laid_by(sweep, map.voxel_m());
         for _ in 0..VELOCITY_ROUNDS {
-            let points_m = straightened(sweep, &motion, 1.5 * map.voxel_m());
+            let points_m = straightened(&laid, sweep.middle_ns(), &motion);
             let aligned = align::align(map, &points_m, &guess, kernel)?;
             let next = Motion::between(last, &aligned.pose, seconds);
             let moved = next.distance(&motion);
@@ -315,7 +324,8 @@ impl Odometry {
         if self.poses.len() > 1 {
             self.deviation.note(deviation_m, map.voxel_m());
         }
-        map.add(&straightened(sweep, &self.motion, 0.5 * map.voxel_m()), &aligned.pose);
+        let mapped = thin(&sweep.points, MAPPED * map.voxel_m());
+        map.add(&straightened(&mapped, sweep.middle_ns(), &self.motion), &aligned.pose);
         self.steps.push(Step::of(sweep, aligned, deviation_m));
         self.information.push(aligned.information.clone());
         self.poses.push((sweep.middle_ns(), aligned.pose));
@@ -371,13 +381,22 @@ impl Step {
     }
 }
 
-/// Thinned returns in the body at the middle of their sweep, m.
-fn straightened(sweep: &Sweep, motion: &Motion, edge_m: f64) -> Vec<DVec3> {
-    let middle_ns = sweep.middle_ns() as f64;
-    let kept = thin(&sweep.points, edge_m);
-    kept.iter()
-        .map(|point| motion.over((point.time_ns as f64 - middle_ns) * 1e-9).transform_point(point.body_m))
-        .collect()
+/// The returns that a sweep is laid against the map by.
+fn laid_by(sweep: &Sweep, voxel_m: f64) -> Vec<SweepPoint> {
+    let mut laid = Vec::new();
+    for halved in 0..=MOST_HALVED as i32 {
+        laid = thin(&sweep.points, THINNED * voxel_m * 0.5_f64.powi(halved));
+        if laid.len() >= LEAST_LAID {
+            break;
+        }
+    }
+    laid
+}
+
+/// Returns in the body at the middle of their sweep, m.
+fn straightened(points: &[SweepPoint], middle_ns: u64, motion: &Motion) -> Vec<DVec3> {
+    let after_s = |time_ns: u64| (time_ns as f64 - middle_ns as f64) * 1e-9;
+    points.iter().map(|point| motion.over(after_s(point.time_ns)).transform_point(point.body_m)).collect()
 }
 
 /// A fifteenth of the median range, between 0.1 and 1 m: rooms of a few metres want cells of a few decimetres.

@@ -4,9 +4,10 @@
 
 KISS-ICP walks each capture nine times: with cells of half, once and twice the edge that outrigger took, each with all
 points, the even and the odd ones. Compared is the motion from the middle of the first whole revolution to the middle of
-the last, and KISS-ICP goes without its motion correction: that begins with the third revolution, so that the poses of the
-first two stand for the middle of theirs and later ones for the end, which in captures of three to ten revolutions is
-the greater error. Outrigger may be as far from the mean of the nine as the farthest of them is, and 5 mm and 0.1 degrees more.
+the last. KISS-ICP's motion correction begins with the third revolution, so that the poses of the first two stand for the
+middle of theirs and later ones for the end: where the sensor moves that is the greater error in captures of three to ten
+revolutions, and it goes without. Where it stands the moment does not matter, and it walks nine times more, with the
+correction. Outrigger may be as far from the mean of all as the farthest of them is.
 Ends with `N passed, N failed`; exit status 1 when a comparison failed.
 """
 
@@ -20,7 +21,7 @@ import numpy as np
 from kiss_icp.config import KISSConfig
 from kiss_icp.kiss_icp import KissICP
 
-SLACK_M, SLACK_DEG = 0.005, 0.1
+STILL_M = 0.02  # less motion than this is none
 LEAST_RANGE_M, GREATEST_RANGE_M = 0.5, 100.0
 
 
@@ -32,7 +33,7 @@ def outrigger(program, arguments):
 
 
 def frames(program, capture, metas, folder):
-    """Points (m) and middle (ns) of every whole revolution."""
+    """Points (m), when each was taken (share of the revolution) and middle (ns) of every whole revolution."""
     path = pathlib.Path(folder, "points.csv")
     document = outrigger(program, ["decode", capture, *metas, "--format", "csv", "--out", str(path)])
     [sensor] = document["sensors"]
@@ -46,19 +47,19 @@ def frames(program, capture, metas, folder):
             continue
         rows = table[(table["time_ns"] >= first) & (table["time_ns"] <= last)]
         points = np.stack([rows["x_m"], rows["y_m"], rows["z_m"]], axis=1).astype(np.float64)
-        found.append((points, (first + last) // 2))
+        found.append((points, (rows["time_ns"] - first) / (last - first), (first + last) // 2))
     assert len(found) >= 2, "fewer than two whole revolutions"
     return found
 
 
-def kiss(whole, voxel_m, part):
+def kiss(whole, voxel_m, part, corrected):
     config = KISSConfig()
     config.data.min_range, config.data.max_range = LEAST_RANGE_M, GREATEST_RANGE_M
     config.mapping.voxel_size = voxel_m
-    config.data.deskew, config.registration.max_num_threads = False, 1
+    config.data.deskew, config.registration.max_num_threads = corrected, 1
     walk, poses = KissICP(config), []
-    for points, _ in whole:
-        walk.register_frame(points[part], np.zeros(0))
+    for points, shares, _ in whole:
+        walk.register_frame(points[part], shares[part] if corrected else np.zeros(0))
         poses.append(walk.last_pose.copy())
     return np.linalg.inv(poses[0]) @ poses[-1]
 
@@ -105,19 +106,22 @@ def check(program, capture, metas):
         whole = frames(program, capture, metas, folder)
         path = str(pathlib.Path(folder, "walk.tum"))
         document = outrigger(program, ["odometry", capture, *metas, "--out", path])
-        ours = between(path, whole[0][1], whole[-1][1])
+        ours = between(path, whole[0][-1], whole[-1][-1])
+    edges_m = [scale * document["voxel_m"] for scale in (0.5, 1.0, 2.0)]
     parts = [slice(None), slice(0, None, 2), slice(1, None, 2)]
-    theirs = [kiss(whole, scale * document["voxel_m"], part) for scale in (0.5, 1.0, 2.0) for part in parts]
+    theirs = [kiss(whole, edge_m, part, False) for edge_m in edges_m for part in parts]
+    if np.linalg.norm(np.mean([pose[:3, 3] for pose in theirs], axis=0)) < STILL_M:
+        theirs += [kiss(whole, edge_m, part, True) for edge_m in edges_m for part in parts]
     shifts, turns = np.array([pose[:3, 3] for pose in theirs]), np.array([turn_deg(pose) for pose in theirs])
     spread_m = np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()
     spread_deg = np.linalg.norm(turns - turns.mean(axis=0), axis=1).max()
     off_m = np.linalg.norm(ours[:3, 3] - shifts.mean(axis=0))
     off_deg = np.linalg.norm(turn_deg(ours) - turns.mean(axis=0))
     words = (
-        f"{len(whole)} revolutions, {np.linalg.norm(shifts.mean(axis=0)):.3f} m: apart {off_m:.4f} m {off_deg:.3f} deg, "
+        f"{len(whole)} revolutions, {len(theirs)} walks, {np.linalg.norm(shifts.mean(axis=0)):.3f} m: apart {off_m:.4f} m {off_deg:.3f} deg, "
         f"KISS-ICP's own spread {spread_m:.4f} m {spread_deg:.3f} deg"
     )
-    assert off_m <= spread_m + SLACK_M and off_deg <= spread_deg + SLACK_DEG, words
+    assert off_m <= spread_m and off_deg <= spread_deg, words
     return words
 
 
