@@ -93,6 +93,9 @@ fn interval(ends: Option<[f64; 2]>) -> String {
     ends.map_or(String::new(), |[low, high]| format!(" [{low:.4}, {high:.4}]"))
 }
 
+/// How well the beam angles of a good sensor are known, degrees (data sheets of the Ouster OS1).
+const BEAMS_DEG: f64 = 0.01;
+
 fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
     let degrees = |value: f64, u95: f64| format!("{value:+.4} +- {u95:.4} deg");
     let mut rows: Vec<Vec<String>> = Vec::new();
@@ -114,7 +117,10 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
             relative.sensors.join(" - "),
             degrees(relative.error_deg, relative.u95_deg),
             format!("p {:.3}", relative.p_value),
-            String::new(),
+            match relative.error_deg.abs() + relative.u95_deg < BEAMS_DEG {
+                true => "less than beams are calibrated to".into(),
+                false => String::new(),
+            },
             String::new(),
         ]);
     }
