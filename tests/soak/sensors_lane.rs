@@ -152,16 +152,20 @@ pub fn velodyne(watch: &Watch, feed: &Feed, seed: u64) {
                 watch.forgotten("right", &["foreign_source"]);
             }
             _ => {
-                let before = loss(&watch.fresh(), feed, "not_its_own");
+                // what happens to look like a packet is damaged; a machine that is too busy does not look at all
+                let strange = |status: &Value| {
+                    loss(status, feed, "not_its_own")
+                        + loss(status, feed, "malformed")
+                        + status["sensors"][feed.number]["picture_dropped"].as_u64().unwrap()
+                };
+                let before = strange(&watch.fresh());
                 for _ in 0..count {
                     let length = 1 + rng.below(1200) as usize;
                     let bytes: Vec<u8> = (0..length).map(|_| rng.bits() as u8).collect();
                     feed.send_beside(&insider, &bytes);
                 }
-                watch.explained("garbage", "right", |status| {
-                    has(status, "right", "foreign_packets") && loss(status, feed, "not_its_own") > before
-                });
-                watch.forgotten("right", &["foreign_packets"]);
+                watch.explained("garbage", "right", |status| strange(status) >= before + count);
+                watch.forgotten("right", &["foreign_packets", "damaged"]);
             }
         }
     }
