@@ -25,7 +25,7 @@ pub struct Log {
     faults: Mutex<BTreeMap<&'static str, (u64, Duration)>>,
     /// Kinds of problems that were ever named, and how often they began.
     problems: Mutex<BTreeMap<String, u64>>,
-    /// Resident memory in MiB, open files and threads, twice a second.
+    /// What `usage` says, twice a second.
     usage: Mutex<Vec<[f64; 3]>>,
     sessions: Mutex<(u64, u64)>,
     data_was_lost: AtomicBool,
@@ -67,7 +67,8 @@ impl<'a> Watch<'a> {
             *self.newest.lock().unwrap() = (asked, status);
             if looked.elapsed() >= Duration::from_millis(500) {
                 looked = Instant::now();
-                self.log.usage.lock().unwrap().push(usage(self.daemon.child.id()));
+                let sample = usage(self.daemon.child.id(), &self.newest.lock().unwrap().1);
+                self.log.usage.lock().unwrap().push(sample);
             }
             std::thread::sleep(LOOK);
         }
@@ -181,7 +182,7 @@ impl Log {
         let most_mib = usage.iter().map(|sample| sample[0]).fold(0.0, f64::max);
         let hours = ran.as_secs_f64() * (1.0 - WARM_UP) * 0.75 / 3600.0; // between the middles of the two quarters
         println!(
-            "resident: {:.1} MiB early, {:.1} MiB late ({:+.2} MiB an hour), {most_mib:.1} MiB at most",
+            "resident beside what the state names: {:.1} MiB early, {:.1} MiB late ({:+.2} MiB an hour), {most_mib:.1} MiB at most",
             memory[0],
             memory[1],
             (memory[1] - memory[0]) / hours
@@ -225,13 +226,15 @@ pub fn has(status: &Value, subject: &str, kind: &str) -> bool {
     problems(status).any(|problem| problem == (subject, kind))
 }
 
-/// Resident memory in MiB, open files and threads of a process (proc_pid_status(5)).
-fn usage(process: u32) -> [f64; 3] {
+/// Resident memory in MiB without what the state names and bounds (buffers of packets, cells seen, the map), open files and
+/// threads of the daemon (proc_pid_status(5)).
+fn usage(process: u32, status: &Value) -> [f64; 3] {
+    let named = ["packets", "coverage", "map"].map(|name| status["memory"][name].as_f64().unwrap());
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
     let of = |name: &str| -> f64 {
         let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap();
         line.split_whitespace().next().unwrap().parse().unwrap()
     };
     let files = std::fs::read_dir(format!("/proc/{process}/fd")).unwrap().count();
-    [of("VmRSS:") / 1024.0, files as f64, of("Threads:")]
+    [of("VmRSS:") / 1024.0 - named.iter().sum::<f64>() / f64::from(1 << 20), files as f64, of("Threads:")]
 }
