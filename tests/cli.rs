@@ -8,6 +8,7 @@ pub const CASES: &[Case] = &[
     case("wrong_usage_is_exit_code_2", wrong_usage_is_exit_code_2),
     case("every_verb_explains_itself", every_verb_explains_itself),
     case("manual_and_completions_are_printed", manual_and_completions_are_printed),
+    case("every_verb_has_a_page_of_its_own", every_verb_has_a_page_of_its_own),
     case("pages_that_the_service_names_are_printed", pages_that_the_service_names_are_printed),
     case("a_missing_or_wrong_file_is_named", a_missing_or_wrong_file_is_named),
     case("a_closed_pipe_is_no_panic", a_closed_pipe_is_no_panic),
@@ -61,6 +62,19 @@ fn manual_and_completions_are_printed() {
         assert!(completions.contains(&verb), "{verb}");
         assert!(manual.contains(&verb), "{verb}");
     }
+}
+
+fn every_verb_has_a_page_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("man");
+    assert!(outrigger(&["man", "--pages", pages.to_str().unwrap()]).status.success());
+    for name in
+        std::iter::once("outrigger".to_owned()).chain(verbs().iter().map(|verb| format!("outrigger-{verb}")))
+    {
+        let page = std::fs::read_to_string(pages.join(format!("{name}.1"))).unwrap();
+        assert!(page.contains(&format!(".TH {name} 1")), "{name}: {page:.300}");
+    }
+    assert!(pages.join("outrigger-rig-status.1").exists(), "verbs within verbs too");
 }
 
 fn pages_that_the_service_names_are_printed() {

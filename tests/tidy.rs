@@ -125,8 +125,16 @@ fn no_path_of_one_machine() {
 
 fn every_dependency_has_its_reason() {
     let mut offences = Vec::new();
-    for manifest in ["Cargo.toml", "sensors/Cargo.toml", "firmware-protocol/Cargo.toml"] {
-        let text = std::fs::read_to_string(root().join(manifest)).unwrap();
+    for folder in [
+        ".",
+        "sensors",
+        "sensors/fuzz",
+        "firmware-protocol",
+        "firmware-protocol/fuzz",
+        "firmware-protocol/firmware",
+    ] {
+        let manifest = format!("{folder}/Cargo.toml");
+        let text = std::fs::read_to_string(root().join(&manifest)).unwrap();
         let mut inside = false;
         for (number, line) in text.lines().enumerate() {
             if line.starts_with('[') {

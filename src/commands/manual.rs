@@ -1,6 +1,7 @@
 //! `outrigger completions` and `outrigger man`: the command line described by itself.
 
 use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Arg, ArgAction, Command, CommandFactory};
@@ -56,11 +57,17 @@ pub struct ManualArgs {
     /// Every key of rig.toml instead, as Markdown.
     #[arg(long, conflicts_with = "verb")]
     keys: bool,
+    /// Write every page into this folder instead, one file each, for packages.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["verb", "keys"])]
+    pages: Option<PathBuf>,
 }
 
 /// Prints a manual page in roff: outrigger(1), or outrigger-VERB(1).
 pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
     let mut program = Cli::command();
+    if let Some(folder) = &args.pages {
+        return pages(program, folder);
+    }
     program.build(); // names verbs as they are called
     if args.keys {
         let mut page = OF_SENSORS.to_owned();
@@ -77,6 +84,14 @@ pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
         }
     };
     clap_mangen::Man::new(page).render(&mut std::io::stdout())?;
+    Ok(Outcome::Done)
+}
+
+/// outrigger.1, outrigger-VERB.1 and so on into a folder.
+fn pages(program: Command, folder: &Path) -> anyhow::Result<Outcome> {
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    clap_mangen::generate_to(program, folder)
+        .with_context(|| format!("cannot write manual pages to {}", folder.display()))?;
     Ok(Outcome::Done)
 }
 

@@ -205,8 +205,20 @@ async fn propose(State(app): State<App>) -> Result<Json<Proposal>, Problem> {
 #[derive(Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 struct Agree {
-    #[serde(default)]
+    #[serde(default, deserialize_with = "whole")]
     id: u64,
+}
+
+/// Largest whole number that every JSON reader keeps exact.
+const MOST: f64 = 9_007_199_254_740_991.0;
+
+/// A whole number, which JSON may write as 7 or as 7.0.
+fn whole<'de, D: serde::Deserializer<'de>>(source: D) -> Result<u64, D::Error> {
+    let number = f64::deserialize(source)?;
+    if (0.0..=MOST).contains(&number) && number.fract() == 0.0 {
+        return Ok(number as u64);
+    }
+    Err(serde::de::Error::custom(format!("{number}: expected a whole number from 0 to {MOST}")))
 }
 
 async fn agree(State(app): State<App>, Body(Agree { id }): Body<Agree>) -> Result<Json<Proposal>, Problem> {
