@@ -3,14 +3,27 @@
 use std::path::Path;
 use std::process::Output;
 
-use crate::support::{Case, case, shared, with_shared};
+use crate::support::{Case, case, shared, with_machine, with_shared};
 
 pub const CASES: &[Case] = &[
     case("shards_in_any_order_merge_to_the_same_bytes", shards_in_any_order_merge_to_the_same_bytes),
     case("scripts_run_a_study_to_the_same_bytes", scripts_run_a_study_to_the_same_bytes),
     case("what_is_missing_or_foreign_is_said", what_is_missing_or_foreign_is_said),
     with_shared("walk_and_mount_are_searched_in_a_house", walk_and_mount_are_searched_in_a_house),
+    with_machine(
+        "instructions_are_counted_and_stay_the_same",
+        "valgrind is not installed",
+        has_valgrind,
+        instructions_are_counted_and_stay_the_same,
+    ),
 ];
+
+fn has_valgrind() -> bool {
+    std::process::Command::new("valgrind")
+        .arg("--version")
+        .output()
+        .is_ok_and(|output| output.status.success())
+}
 
 fn study(arguments: &[&str], folder: &Path) -> Output {
     std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"))
@@ -143,4 +156,31 @@ fn walk_and_mount_are_searched_in_a_house() {
         assert!(row.starts_with("vlp-16") && !row.contains("none"), "{row}");
     }
     assert!(read(folder.path(), "findings.json").contains("better searched together"));
+}
+
+fn instructions_are_counted_and_stay_the_same() {
+    let count = || -> Vec<f64> {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        ok(&["plan", "speed-accuracy", "--quick", "--count-instructions"], folder);
+        // one of its cases is enough
+        let mut plan: serde_json::Value = serde_json::from_str(&read(folder, "plan.json")).unwrap();
+        let is_one =
+            |task: &serde_json::Value| task["part"] == "instructions" && task["case"] == "vlp-16-lateral";
+        plan["tasks"].as_array_mut().unwrap().retain(is_one);
+        std::fs::write(folder.join("plan.json"), plan.to_string()).unwrap();
+        ok(&["run", "speed-accuracy", "--shard", "1/1"], folder);
+        let shard: serde_json::Value =
+            serde_json::from_str(&read(folder, "shard-00001-of-00001.json")).unwrap();
+        let rows = shard["done"][0][1].as_array().unwrap();
+        let names: Vec<_> = rows.iter().map(|row| row["model"].as_str().unwrap()).collect();
+        assert_eq!(names, ["180 x 1 locked", "180 x 4 free"]);
+        rows.iter().map(|row| row["instructions_per_mount"].as_f64().unwrap()).collect()
+    };
+    let (first, second) = (count(), count());
+    // a ray takes some instructions, four times the rays take more
+    assert!(first[0] > 59_040.0 && first[1] > 1.5 * first[0], "{first:?}");
+    for (first, second) in first.iter().zip(second) {
+        assert!((first - second).abs() < 0.001 * first, "{first} and {second}");
+    }
 }

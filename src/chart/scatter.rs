@@ -103,23 +103,26 @@ impl ScatterChart {
                 point.group % 6
             );
         }
+        let (mut names, mut leaders): (Vec<Room>, Vec<Room>) = (Vec::new(), Vec::new());
         // names of the front first: they must not be the ones left without room
         let mut order = front.clone();
         order.extend((0..self.points.len()).filter(|index| !front.contains(index)));
         for index in order {
             let name = &self.points[index].name;
-            let (room, is_far) = Room::of_name(places[index], name, &taken);
+            let [px, py] = places[index];
+            // points beside it that hide it in part are in the way of any line
+            let others = places.iter().filter(|[x, y]| (x - px).hypot(y - py) > 2.0 * RADIUS);
+            let others = others.map(|place| Room::of_point(*place));
+            let kept_free: Vec<Room> = names.iter().copied().chain(others).collect();
+            let (room, is_far) = Room::of_name([px, py], name, &taken, [&kept_free, &leaders]);
             if is_far {
-                let [px, py] = places[index];
-                let _ = write!(
-                    svg,
-                    "<path class=\"grid\" d=\"M{px:.1} {py:.1}L{:.1} {:.1}\"/>",
-                    (room.left + room.right) / 2.0,
-                    (room.top + room.bottom) / 2.0
-                );
+                let [to_x, to_y] = room.nearest([px, py]);
+                let _ = write!(svg, "<path class=\"leader\" d=\"M{px:.1} {py:.1}L{to_x:.1} {to_y:.1}\"/>");
+                leaders.extend(Room::along([px, py], [to_x, to_y]));
             }
             svg += &text(&escape(name), room.left, room.bottom - 2.5, "start");
             taken.push(room);
+            names.push(room);
         }
         svg.push_str("</svg>");
         svg
@@ -145,8 +148,10 @@ impl Room {
         Self { left: x - r, right: x + r, top: y - r, bottom: y + r }
     }
 
-    /// The free room nearest to a point, and whether it lies so far off that a line must lead to it.
-    fn of_name([x, y]: [f64; 2], name: &str, taken: &[Self]) -> (Self, bool) {
+    /// The free room nearest to a point, and whether it lies so far off that a line must lead to it. Where there is one, it
+    /// is such that lines cross no name and no other point.
+    fn of_name([x, y]: [f64; 2], name: &str, taken: &[Self], drawn: [&[Self]; 2]) -> (Self, bool) {
+        let [kept_free, leaders] = drawn;
         let [height, letter] = TEXT;
         let width = letter * name.chars().count() as f64;
         let at = |left: f64, middle: f64| Self {
@@ -155,8 +160,7 @@ impl Room {
             top: middle - height / 2.0,
             bottom: middle + height / 2.0,
         };
-        let mut first = None;
-        for ring in 0..24 {
+        let rings = |ring: u32| {
             let away = RADIUS + 4.0 + 9.0 * f64::from(ring);
             let sides = [
                 at(x + away, y),
@@ -168,18 +172,38 @@ impl Room {
                 at(x - away - width, y - away),
                 at(x - away - width, y + away),
             ];
-            for room in sides {
-                first.get_or_insert(room);
-                if room.is_inside() && !taken.iter().any(|other| room.meets(other)) {
-                    return (room, ring > 1);
-                }
-            }
-        }
-        (first.unwrap_or(at(x, y)), false)
+            sides.map(|room| (room, ring > 1))
+        };
+        let leads = |room: &Self| Self::along([x, y], room.nearest([x, y]));
+        let is_crossed = |room: &Self, is_far: bool| {
+            leaders.iter().any(|step| step.meets(room))
+                || is_far && leads(room).any(|step| kept_free.iter().any(|other| step.meets(other)))
+        };
+        let rooms = (0..24).flat_map(rings);
+        let free: Vec<(Self, bool)> = rooms
+            .filter(|(room, _)| room.is_inside() && !taken.iter().any(|other| room.meets(other)))
+            .collect();
+        let uncrossed = free.iter().find(|(room, is_far)| !is_crossed(room, *is_far));
+        uncrossed.or(free.first()).copied().unwrap_or((at(x + RADIUS + 4.0, y), false))
     }
 
     fn is_inside(&self) -> bool {
         self.left >= LEFT && self.right <= WIDTH - 2.0 && self.top >= 0.0 && self.bottom <= HEIGHT - BOTTOM
+    }
+
+    /// Its place nearest to a point.
+    fn nearest(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [x.clamp(self.left, self.right), y.clamp(self.top, self.bottom)]
+    }
+
+    /// Small rooms along a line.
+    fn along([from_x, from_y]: [f64; 2], [to_x, to_y]: [f64; 2]) -> impl Iterator<Item = Self> {
+        let steps = ((to_x - from_x).hypot(to_y - from_y) / 2.0).ceil().max(1.0);
+        (0..=steps as u32).map(move |step| {
+            let share = f64::from(step) / steps;
+            let (x, y) = (from_x + share * (to_x - from_x), from_y + share * (to_y - from_y));
+            Self { left: x - 1.0, right: x + 1.0, top: y - 1.0, bottom: y + 1.0 }
+        })
     }
 
     fn meets(&self, other: &Self) -> bool {
@@ -277,6 +301,22 @@ mod tests {
         for (index, room) in rooms.iter().enumerate() {
             assert!(rooms[index + 1..].iter().all(|other| !room.meets(other)), "{room:?}");
         }
+    }
+
+    #[test]
+    fn a_line_to_a_name_crosses_no_other_name() {
+        let block = Room { left: 100.0, right: 320.0, top: 100.0, bottom: 300.0 };
+        let beside = Room { left: 322.0, right: 400.0, top: 100.0, bottom: 300.0 };
+        let of_name = |names: &[Room], leaders: &[Room]| {
+            let (room, is_far) =
+                Room::of_name([300.0, 200.0], "eleven long", &[block, beside], [names, leaders]);
+            assert!(is_far);
+            room
+        };
+        assert!(of_name(&[], &[]).left > 400.0, "behind what is no name");
+        assert!(of_name(&[beside], &[]).bottom < 100.0, "above");
+        let leader: Vec<Room> = Room::along([200.0, 90.0], [400.0, 90.0]).collect();
+        assert!(of_name(&[beside], &leader).top > 300.0, "below");
     }
 
     #[test]

@@ -33,6 +33,12 @@ pub struct Args {
     /// Mesh, for studies in a scene; a folder of meshes for `scenes`.
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// Walk through the scene (TUM), for speed-accuracy [default: a straight line through it].
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// Count instructions, too, for speed-accuracy: runs each model under valgrind, which takes long.
+    #[arg(long)]
+    count_instructions: bool,
     /// Which part to run, as i/N.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
@@ -91,7 +97,18 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
     let plan = match action {
         Action::Plan | Action::Submit | Action::All => {
-            let size = Size { seeds: args.seeds, quick: args.quick, scene: args.scene.clone() };
+            let size = Size {
+                seeds: args.seeds,
+                quick: args.quick,
+                scene: args.scene.clone(),
+                trajectory: args.trajectory.clone(),
+                count_instructions: args.count_instructions,
+            };
+            if (size.trajectory.is_some() || size.count_instructions) && study.name() != "speed-accuracy" {
+                anyhow::bail!(
+                    "--trajectory and --count-instructions are for speed-accuracy: {name} does not know them"
+                );
+            }
             let plan = Plan::new(study, size)?;
             plan.write(&folder)?;
             plan

@@ -20,23 +20,30 @@ pub use settle::{Settled, settle};
 pub trait Ladder: Sync {
     /// What is looked at.
     type Candidate: Sync;
+    /// What a level leaves for the next one, so that no ray is cast twice.
+    type Kept: Default + Send;
     /// Why it cannot be.
     type Error: Send;
 
     /// Number of levels, at least two.
     fn levels(&self) -> usize;
 
-    /// Rays that one candidate costs at a level.
+    /// Rays that one candidate costs at a level after all those before it.
     fn rays(&self, level: usize, candidate: &Self::Candidate) -> u64;
 
     /// What a level is, in words.
     fn name(&self, level: usize) -> String;
 
-    /// Score at a level: larger is better.
+    /// Score at a level: larger is better. `kept` is what the levels before have left, or nothing; the score is the same.
     ///
     /// # Errors
     /// Why the candidate cannot be looked at.
-    fn score(&self, level: usize, candidate: &Self::Candidate) -> Result<f64, Self::Error>;
+    fn score(
+        &self,
+        level: usize,
+        candidate: &Self::Candidate,
+        kept: &mut Self::Kept,
+    ) -> Result<f64, Self::Error>;
 }
 
 /// What a candidate is worth, and by how much that may be wrong.
@@ -60,9 +67,6 @@ const GREATEST_RATIO: f64 = 0.8;
 /// Share of a value below which no error is stated: single cells on the edge of being seen.
 const LEAST_BOUND: f64 = 2e-4;
 
-/// Factors on azimuths and on poses per metre, level by level.
-const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
-
 /// Sum of so many further terms of a geometric series, in units of its last one.
 fn tail(ratio: f64, terms: usize) -> f64 {
     (1..=terms as i32).map(|term| ratio.powi(term)).sum()
@@ -80,6 +84,7 @@ pub(crate) mod tests {
 
     impl Ladder for Invented {
         type Candidate = [f64; 2];
+        type Kept = ();
         type Error = String;
 
         fn levels(&self) -> usize {
@@ -94,7 +99,7 @@ pub(crate) mod tests {
             format!("level {level}")
         }
 
-        fn score(&self, level: usize, candidate: &[f64; 2]) -> Result<f64, String> {
+        fn score(&self, level: usize, candidate: &[f64; 2], (): &mut ()) -> Result<f64, String> {
             let [value, missing] = *candidate;
             if value.is_nan() {
                 return Err("no number".into());

@@ -1,8 +1,11 @@
 //! The published experiment at any fineness.
 
-use super::{LEVELS, Ladder};
+use super::Ladder;
 use crate::objective::Objective;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
+
+/// Factors on azimuths and on poses per metre, level by level.
+const LEVELS: [(usize, usize); 7] = [(1, 1), (1, 2), (1, 4), (1, 8), (2, 8), (4, 8), (8, 8)];
 
 /// The published experiment with its pattern freed, from its own number of rays to 64 times as many. Rays are first
 /// spread over more poses, because a locked pattern misses the same cells at every one of them.
@@ -39,6 +42,8 @@ impl BoxLadder {
 impl Ladder for BoxLadder {
     /// Physical sensors.
     type Candidate = Vec<Placement>;
+    /// The kernel counts too fast for it to pay to keep what was seen.
+    type Kept = ();
     type Error = ExperimentError;
 
     fn levels(&self) -> usize {
@@ -54,7 +59,7 @@ impl Ladder for BoxLadder {
         format!("{} azimuths, {} poses per metre", experiment.azimuths, experiment.sub_poses)
     }
 
-    fn score(&self, level: usize, sensors: &Vec<Placement>) -> Result<f64, ExperimentError> {
+    fn score(&self, level: usize, sensors: &Vec<Placement>, (): &mut ()) -> Result<f64, ExperimentError> {
         self.objectives[level].score_sensors(sensors)
     }
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{FIRST_RATIO, GREATEST_RATIO, Judged, LEAST_BOUND, LEAST_RATIO, Ladder, tail};
-use crate::statistics::{quantile, sorted};
+use crate::statistics::{mean_and_deviation, quantile, sorted};
 
 /// How sure a ranking must be, and what it may cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,8 +71,6 @@ const BELIEVED: f64 = 0.95;
 const LEAST_TO_LEARN_FROM: usize = 3;
 /// An error seen between two levels, as a share of it, is what may be left after the finer one.
 const LEFT_AFTER: f64 = 0.7;
-/// A refinement may spend this share of what is left of the budget, so that another one can follow.
-const SPENT_AT_ONCE: f64 = 0.5;
 
 /// Looks at all candidates coarsely and at fewer and fewer more finely. None without candidates.
 ///
@@ -110,6 +108,8 @@ pub fn rank<L: Ladder>(
 struct State<'a, L: Ladder> {
     ladder: &'a L,
     candidates: &'a [L::Candidate],
+    /// What was left of each candidate that is looked at further.
+    kept: Vec<L::Kept>,
     /// Scores of each candidate, by level.
     scores: Vec<Vec<f64>>,
     judged: Vec<Judged>,
@@ -133,6 +133,7 @@ impl<'a, L: Ladder> State<'a, L> {
         Self {
             ladder,
             candidates,
+            kept: candidates.iter().map(|_| L::Kept::default()).collect(),
             scores: vec![Vec::new(); candidates.len()],
             judged: vec![Judged { value: f64::NAN, bound: f64::INFINITY, level: 0 }; candidates.len()],
             left: (0..candidates.len()).collect(),
@@ -148,11 +149,17 @@ impl<'a, L: Ladder> State<'a, L> {
 
     fn look(&mut self, level: usize) -> Result<(), L::Error> {
         let (ladder, candidates) = (self.ladder, self.candidates);
-        let scores: Result<Vec<f64>, L::Error> =
-            self.left.par_iter().map(|index| ladder.score(level, &candidates[*index])).collect();
-        for (index, score) in self.left.iter().zip(scores?) {
-            self.scores[*index].push(score);
-            self.rays += ladder.rays(level, &candidates[*index]);
+        let taken: Vec<(usize, L::Kept)> =
+            self.left.iter().map(|index| (*index, std::mem::take(&mut self.kept[*index]))).collect();
+        // what is kept of others is of no more use
+        self.kept.iter_mut().for_each(|kept| *kept = L::Kept::default());
+        let looked = taken.into_par_iter().map(|(index, mut kept)| {
+            ladder.score(level, &candidates[index], &mut kept).map(|score| (index, score, kept))
+        });
+        for (index, score, kept) in looked.collect::<Result<Vec<_>, L::Error>>()? {
+            self.scores[index].push(score);
+            self.kept[index] = kept;
+            self.rays += ladder.rays(level, &candidates[index]);
         }
         self.seen = level + 1;
         Ok(())
@@ -171,20 +178,21 @@ impl<'a, L: Ladder> State<'a, L> {
 
     fn judge(&mut self) {
         let added = self.added(0).unwrap_or_default();
-        let ratio = match self.added(1) {
-            Some(before) => {
-                let (now, then): (f64, f64) = (added.iter().sum(), before.iter().sum());
-                if then > 0.0 { (now / then).clamp(LEAST_RATIO, GREATEST_RATIO) } else { LEAST_RATIO }
-            }
-            None => FIRST_RATIO,
+        let [ratio, own_ratio] = match self.added(1) {
+            Some(before) => ratios(&before, &added),
+            None => [FIRST_RATIO; 2],
         };
         let level = self.seen - 1;
-        let tail = tail(ratio, self.ladder.levels() - self.seen);
+        let levels_left = self.ladder.levels() - self.seen;
+        let tail_of_one = tail(own_ratio, levels_left);
+        let tail = tail(ratio, levels_left);
+        // what all are missing grows with the ratio of all; how one differs from the others is in part the luck of a level
+        let (mean, _) = mean_and_deviation(&added);
         let values: Vec<f64> = self
             .left
             .iter()
             .zip(&added)
-            .map(|(index, added)| self.scores[*index][level] + added * tail)
+            .map(|(index, added)| self.scores[*index][level] + mean * tail + (added - mean) * tail_of_one)
             .collect();
         let bounds: Vec<f64> = match self.errors(&values) {
             Some([shared, own]) => {
@@ -235,15 +243,26 @@ impl<'a, L: Ladder> State<'a, L> {
     }
 
     /// Leaves as many candidates as the next level may cost, the best ones. False: not even two.
+    ///
+    /// What is left of the budget is shared evenly among the next levels (successive halving: Karnin, Koren and Somekh 2013),
+    /// as many of them as can each be paid for two candidates then.
     fn keep_affordable(&mut self, rules: &Rules) -> bool {
         let budget = rules.rays_per_candidate * self.candidates.len() as f64 - self.rays as f64;
+        let share_of = |levels: usize| budget / levels as f64;
+        let of_two = |level: usize| {
+            let rays = |index: &usize| self.ladder.rays(level, &self.candidates[*index]) as f64;
+            self.left.iter().take(2).map(rays).sum::<f64>()
+        };
+        let levels = 1..=self.ladder.levels() - self.seen;
+        let paid = levels.filter(|levels| of_two(self.seen + levels - 1) <= share_of(*levels)).max();
+        let share = share_of(paid.unwrap_or(1));
         let mut cost = 0.0;
         let affordable = self
             .left
             .iter()
             .take_while(|index| {
                 cost += self.ladder.rays(self.seen, &self.candidates[**index]) as f64;
-                cost <= SPENT_AT_ONCE * budget
+                cost <= share
             })
             .count();
         if affordable < 2 {
@@ -303,6 +322,25 @@ impl<'a, L: Ladder> State<'a, L> {
     }
 }
 
+/// Ratio of what a level added to what the one before did: that of all together, and that by which a candidate that had
+/// more added than the others may be expected to have it again (the slope of a regression: none where it was luck).
+fn ratios(before: &[f64], now: &[f64]) -> [f64; 2] {
+    let [before_mean, now_mean] = [before, now].map(|added| mean_and_deviation(added).0);
+    let ratio = if before_mean > 0.0 {
+        (now_mean / before_mean).clamp(LEAST_RATIO, GREATEST_RATIO)
+    } else {
+        LEAST_RATIO
+    };
+    let (mut both, mut square) = (0.0, 0.0);
+    for (before, now) in before.iter().zip(now) {
+        both += (before - before_mean) * (now - now_mean);
+        square += (before - before_mean).powi(2);
+    }
+    // two points lie on a line, whatever they are
+    let own = if before.len() > 2 && square > 0.0 { (both / square).clamp(0.0, ratio) } else { 0.0 };
+    [ratio, own]
+}
+
 /// How far most values lie from the middle one.
 fn own_part(values: &[f64]) -> f64 {
     let middle = quantile(&sorted(values.iter().copied()), 0.5);
@@ -322,7 +360,7 @@ mod tests {
 
     #[test]
     fn the_best_is_found_for_less_than_all_at_the_finest() {
-        let ladder = Invented { levels: 8, noise: 30.0 };
+        let ladder = Invented { levels: 8, noise: 10.0 };
         let ranking = rank(&ladder, &candidates(), &RULES).unwrap().unwrap();
         assert!(candidates()[ranking.best][0] == 1236.0, "{:?}", ranking.steps);
         assert!(ranking.rays as f64 <= 60.0 * RULES.rays_per_candidate);
@@ -330,7 +368,7 @@ mod tests {
             .iter()
             .zip(&ranking.judged)
             .filter(|(candidate, judged)| {
-                (ladder.score(7, candidate).unwrap() - judged.value).abs() <= judged.bound
+                (ladder.score(7, candidate, &mut ()).unwrap() - judged.value).abs() <= judged.bound
             })
             .count();
         assert!(held >= 57, "{held}: {:?}", ranking.steps);
@@ -338,11 +376,38 @@ mod tests {
     }
 
     #[test]
+    fn where_noise_hides_the_best_no_more_is_lost_than_is_said() {
+        let ladder = Invented { levels: 8, noise: 30.0 };
+        let ranking = rank(&ladder, &candidates(), &RULES).unwrap().unwrap();
+        let finest = |candidate: &[f64; 2]| ladder.score(7, candidate, &mut ()).unwrap();
+        let best = candidates().iter().map(finest).fold(f64::NEG_INFINITY, f64::max);
+        let lost = best - finest(&candidates()[ranking.best]);
+        assert!(lost > 0.0 && lost <= ranking.regret_bound, "{lost}: {ranking:?}");
+    }
+
+    #[test]
     fn a_coarse_look_alone_would_choose_wrongly() {
         let ladder = Invented { levels: 8, noise: 30.0 };
-        let coarse = |candidate: &[f64; 2]| ladder.score(0, candidate).unwrap();
+        let coarse = |candidate: &[f64; 2]| ladder.score(0, candidate, &mut ()).unwrap();
         let chosen = candidates().into_iter().max_by(|a, b| coarse(a).total_cmp(&coarse(b))).unwrap();
         assert!(chosen[0] < 1236.0, "{chosen:?}");
+    }
+
+    #[test]
+    fn what_one_has_added_more_than_others_counts_by_how_it_lasts() {
+        let near = |found: [f64; 2], wanted: [f64; 2]| {
+            assert!(
+                (found[0] - wanted[0]).abs() < 1e-12 && (found[1] - wanted[1]).abs() < 1e-12,
+                "{found:?}"
+            );
+        };
+        near(ratios(&[8.0, 10.0, 12.0], &[4.0, 5.0, 6.0]), [0.5, 0.5]);
+        near(ratios(&[8.0, 10.0, 12.0], &[5.0, 4.0, 6.0]), [0.5, 0.25]);
+        // luck, two alone, and what turns around
+        near(ratios(&[8.0, 10.0, 12.0], &[5.0, 4.0, 5.0]), [14.0 / 30.0, 0.0]);
+        near(ratios(&[8.0, 12.0], &[4.0, 6.0]), [0.5, 0.0]);
+        near(ratios(&[8.0, 10.0, 12.0], &[6.0, 5.0, 4.0]), [0.5, 0.0]);
+        near(ratios(&[0.0; 3], &[1.0; 3]), [LEAST_RATIO, 0.0]);
     }
 
     #[test]

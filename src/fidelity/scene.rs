@@ -2,9 +2,10 @@
 
 use std::convert::Infallible;
 
+use rayon::prelude::*;
 use sensors::SensorModel;
 
-use super::{LEVELS, Ladder};
+use super::Ladder;
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::scene::Scene;
@@ -13,45 +14,46 @@ use crate::simulate::published::Phase;
 use crate::simulate::scan::{Flaws, Scanner, Spin};
 use crate::trajectory::Trajectory;
 
-/// Sensors carried through a scene, scored by the voxels that they see: from the rays of the published sampling on this
-/// way (180 columns once per metre) to 64 times as many, spread like those of the published box.
+/// Sensors carried through a scene, scored by the voxels that they see. The finest level has 1800 columns and eight
+/// revolutions per metre; the others take an eighth of both, and ever more of what is left: nothing is cast twice.
 #[derive(Clone, Debug)]
 pub struct SceneLadder {
     scene: Scene,
     trajectory: Trajectory,
     grid: VoxelGrid,
     model: SensorModel,
-    fans: Vec<(String, BeamFan)>,
+    finest: BeamFan,
 }
 
-/// Columns per revolution of the published sampling, which has one revolution per metre.
-const AZIMUTHS: usize = 180;
+/// Columns per revolution of the finest level.
+const AZIMUTHS: usize = 1800;
+/// Parts into which its columns and its revolutions are dealt.
+const PARTS: usize = 8;
+/// The order in which parts are taken: each in the largest gap of those before it.
+const ORDER: [usize; PARTS] = [0, 4, 2, 6, 1, 5, 3, 7];
+/// Parts of the columns and of the revolutions, level by level. Rays are first spread over more revolutions, because
+/// a pattern misses the same cells from places close by.
+const LEVELS: [[usize; 2]; 7] = [[1, 1], [1, 2], [1, 4], [1, 8], [2, 8], [4, 8], [8, 8]];
+
+/// What a candidate has seen so far.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    levels: usize,
+    voxels: Option<Coverage>,
+}
 
 impl SceneLadder {
     /// The levels of a sensor model along a trajectory; voxels of `voxel_m`, the planes of the scene's bounds through
     /// their centres.
     pub fn new(scene: Scene, trajectory: Trajectory, model: &SensorModel, voxel_m: f64) -> Self {
         let grid = VoxelGrid::centred_on(scene.bounds_m(), voxel_m);
-        let mut ladder = Self { scene, trajectory, grid, model: model.clone(), fans: Vec::new() };
-        ladder.fans = LEVELS
-            .into_iter()
-            .map(|(azimuths, sub_poses)| {
-                let (azimuths, per_m) = (AZIMUTHS * azimuths, sub_poses as f64);
-                let name = format!("{azimuths} azimuths, {sub_poses} poses per metre");
-                (name, ladder.fan(azimuths, per_m, Phase::Free))
-            })
-            .collect();
-        ladder
+        let finest = fan(&trajectory, model, AZIMUTHS, PARTS as f64, Phase::Free);
+        Self { scene, trajectory, grid, model: model.clone(), finest }
     }
 
     /// Columns per revolution, and revolutions spread evenly over the time of the way: so many per metre, at least one.
     pub fn fan(&self, azimuths: usize, per_metre: f64, phase: Phase) -> BeamFan {
-        let [start_ns, end_ns] = self.trajectory.time_span_ns();
-        let revolutions = (self.trajectory.length_m() * per_metre).ceil().max(1.0);
-        let rate_hz = revolutions / ((end_ns - start_ns) as f64 * 1e-9).max(1e-9);
-        let mut fan = BeamFan::nominal(&self.model, azimuths, rate_hz);
-        fan.phase = phase;
-        fan
+        fan(&self.trajectory, &self.model, azimuths, per_metre, phase)
     }
 
     /// Voxels that mounts see with beams of any fineness.
@@ -92,25 +94,124 @@ impl SceneLadder {
     pub fn rays_of(&self, fan: &BeamFan, mounts: &[Mount]) -> u64 {
         fan.scans(&self.trajectory) * mounts.len() as u64 * fan.rays_per_scan()
     }
+
+    /// Columns of each revolution that a level adds, by number.
+    fn added(&self, level: usize) -> Vec<(u64, Vec<usize>)> {
+        let scans = (0..self.finest.scans(&self.trajectory)).map(|scan| (scan, added_parts(level, scan)));
+        let some = scans.filter(|(_, parts)| parts.contains(&true));
+        some.map(|(scan, parts)| (scan, (0..AZIMUTHS).filter(|column| parts[column % PARTS]).collect()))
+            .collect()
+    }
+
+    fn cast(&self, level: usize, mounts: &[Mount]) -> Coverage {
+        let scans = self.added(level);
+        let nothing = || Coverage::new(self.grid.clone(), 1);
+        let parts: Vec<Coverage> = scans
+            .par_chunks(scans.len().div_ceil(rayon::current_num_threads()).max(1))
+            .map(|scans| {
+                let mut coverage = nothing();
+                for (scan, columns) in scans {
+                    for mount in mounts {
+                        let add = |hit_m| coverage.add(0, hit_m);
+                        self.finest.cast_columns(&self.scene, &self.trajectory, mount, *scan, columns, add);
+                    }
+                }
+                coverage
+            })
+            .collect();
+        let mut coverage = nothing();
+        parts.iter().for_each(|part| coverage.join(part));
+        coverage
+    }
+}
+
+fn fan(
+    trajectory: &Trajectory,
+    model: &SensorModel,
+    azimuths: usize,
+    per_metre: f64,
+    phase: Phase,
+) -> BeamFan {
+    let [start_ns, end_ns] = trajectory.time_span_ns();
+    let revolutions = (trajectory.length_m() * per_metre).ceil().max(1.0);
+    let rate_hz = revolutions / ((end_ns - start_ns) as f64 * 1e-9).max(1e-9);
+    let mut fan = BeamFan::nominal(model, azimuths, rate_hz);
+    fan.phase = phase;
+    fan
+}
+
+/// Parts of the columns of a revolution that a level adds to the levels before it: column c belongs to part c modulo
+/// [`PARTS`].
+fn added_parts(level: usize, scan: u64) -> [bool; PARTS] {
+    let parts = PARTS as u64;
+    let place = (scan % parts) as usize;
+    // each revolution deals its columns from another one on
+    let from = (PARTS as f64 * Phase::Free.turn(scan / parts, 0.0)) as usize + 3 * place;
+    let has = |level: usize, part: usize| {
+        let [columns, revolutions] = LEVELS[level];
+        ORDER[..columns].contains(&((part + from) % PARTS)) && ORDER[..revolutions].contains(&place)
+    };
+    let had = |part: usize| level.checked_sub(1).is_some_and(|before| has(before, part));
+    std::array::from_fn(|part| has(level, part) && !had(part))
 }
 
 impl Ladder for SceneLadder {
     type Candidate = Vec<Mount>;
+    type Kept = Seen;
     type Error = Infallible;
 
     fn levels(&self) -> usize {
-        self.fans.len()
+        LEVELS.len()
     }
 
     fn rays(&self, level: usize, mounts: &Vec<Mount>) -> u64 {
-        self.rays_of(&self.fans[level].1, mounts)
+        let parts = |scan| added_parts(level, scan).into_iter().filter(|is_added| *is_added).count();
+        let columns: usize =
+            (0..self.finest.scans(&self.trajectory)).map(parts).sum::<usize>() * (AZIMUTHS / PARTS);
+        columns as u64 * self.finest.beams() as u64 * mounts.len() as u64
     }
 
     fn name(&self, level: usize) -> String {
-        self.fans[level].0.clone()
+        let [columns, revolutions] = LEVELS[level];
+        format!("{} azimuths, {revolutions} poses per metre", AZIMUTHS / PARTS * columns)
     }
 
-    fn score(&self, level: usize, mounts: &Vec<Mount>) -> Result<f64, Infallible> {
-        Ok(self.voxels(&self.fans[level].1, mounts) as f64)
+    fn score(&self, level: usize, mounts: &Vec<Mount>, seen: &mut Seen) -> Result<f64, Infallible> {
+        let voxels = seen.voxels.get_or_insert_with(|| Coverage::new(self.grid.clone(), 1));
+        for level in seen.levels..=level {
+            voxels.join(&self.cast(level, mounts));
+        }
+        seen.levels = level + 1;
+        Ok(voxels.union_count() as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::BoxScene;
+    use glam::DVec3;
+
+    #[test]
+    fn levels_add_up_to_the_finest_and_cast_nothing_twice() {
+        let room = Scene::Box(BoxScene::closed(DVec3::new(-5.0, -4.0, 0.0), DVec3::new(5.0, 4.0, 3.0)));
+        let walk = Trajectory::straight(DVec3::new(-1.0, 0.3, 1.5), DVec3::new(1.0, 0.3, 1.5), 1.0, 0);
+        let model = sensors::catalogue::nominal("vlp-16").unwrap();
+        let ladder = SceneLadder::new(room, walk, &model, 0.1);
+        let mounts = vec![Mount { pitch_rad: 0.5, ..Mount::default() }, Mount::default()];
+        let mut seen = Seen::default();
+        let (mut rays, mut scores) = (0, Vec::new());
+        for level in 0..ladder.levels() {
+            scores.push(ladder.score(level, &mounts, &mut seen).unwrap());
+            rays += ladder.rays(level, &mounts);
+            let coarsest = ladder.rays(0, &mounts);
+            assert_eq!(rays, coarsest << level, "each level doubles the rays");
+            let at_once = ladder.score(level, &mounts, &mut Seen::default()).unwrap();
+            assert_eq!(at_once, scores[level]);
+        }
+        assert!(scores.is_sorted() && scores[0] < scores[6], "{scores:?}");
+        let finest = ladder.fan(1800, 8.0, Phase::Free);
+        assert_eq!(rays, ladder.rays_of(&finest, &mounts));
+        assert_eq!(scores[6], ladder.voxels(&finest, &mounts) as f64);
     }
 }

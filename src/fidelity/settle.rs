@@ -27,11 +27,12 @@ const MARGIN: f64 = 5e-4;
 /// Why the candidate cannot be looked at.
 pub fn settle<L: Ladder>(ladder: &L, candidate: &L::Candidate, tolerance: f64) -> Result<Settled, L::Error> {
     let mut scores: Vec<f64> = Vec::new();
+    let mut kept = L::Kept::default();
     let mut rays = 0;
     let (mut value, mut error): (f64, f64) = (f64::NAN, 0.0);
     let mut bound = f64::INFINITY;
     for level in 0..ladder.levels() {
-        scores.push(ladder.score(level, candidate)?);
+        scores.push(ladder.score(level, candidate, &mut kept)?);
         rays += ladder.rays(level, candidate);
         let Some(before) = level.checked_sub(1) else {
             value = scores[0];
@@ -82,7 +83,7 @@ mod tests {
             let settled = settle(&ladder, &candidate, 0.01).unwrap();
             assert!(settled.within_tolerance && settled.judged.bound <= 0.01 * settled.judged.value);
             assert!(settled.scores.len() < 10, "a percent needs no finest level");
-            let finest = ladder.score(9, &candidate).unwrap();
+            let finest = ladder.score(9, &candidate, &mut ()).unwrap();
             held += u32::from((settled.judged.value - finest).abs() <= settled.judged.bound);
         }
         assert!(held >= 190, "{held}");

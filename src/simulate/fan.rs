@@ -33,6 +33,8 @@ pub struct BeamFan {
     pub rate_hz: f64,
     /// Where the columns of each revolution lie.
     pub phase: Phase,
+    /// Where a free phase starts, in steps from column to column.
+    pub phase_shift: f64,
     /// Sine and cosine of the azimuth, by column.
     columns: Vec<(f64, f64)>,
     /// Sine and cosine of the elevation, by beam, ascending.
@@ -52,6 +54,7 @@ impl BeamFan {
             max_range_m: model.max_range_m,
             rate_hz,
             phase: Phase::Locked,
+            phase_shift: 0.0,
             columns: azimuths_rad.map(f64::sin_cos).collect(),
             beams: elevations_rad.into_iter().map(f64::sin_cos).collect(),
         }
@@ -60,6 +63,11 @@ impl BeamFan {
     /// Columns per revolution.
     pub fn columns(&self) -> usize {
         self.columns.len()
+    }
+
+    /// Beams.
+    pub fn beams(&self) -> usize {
+        self.beams.len()
     }
 
     /// Rays of one revolution.
@@ -109,32 +117,44 @@ impl BeamFan {
         trajectory: &Trajectory,
         mount: &Mount,
         scan: u64,
+        hit: impl FnMut(DVec3),
+    ) {
+        let columns: Vec<usize> = (0..self.columns.len()).collect();
+        self.cast_columns(scene, trajectory, mount, scan, &columns, hit);
+    }
+
+    /// Casts some columns of one revolution, by number.
+    pub fn cast_columns(
+        &self,
+        scene: &Scene,
+        trajectory: &Trajectory,
+        mount: &Mount,
+        scan: u64,
+        columns: &[usize],
         mut hit: impl FnMut(DVec3),
     ) {
         let body_from_sensor_m = BODY_FROM_MOUNT_FRAME * mount.position_m();
         let body_from_sensor_axes = BODY_FROM_MOUNT_FRAME * mount.rotation();
         let [start_ns, end_ns] = trajectory.time_span_ns();
-        let first = self.phase.turn(scan, 0.0) / self.columns.len() as f64;
+        let first = self.phase.turn(scan, self.phase_shift) / self.columns.len() as f64;
         let (first_sin, first_cos) = (TAU * first).sin_cos();
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
-        for (tile, columns) in self.columns.chunks(TILE).enumerate() {
-            let placed: Vec<(DVec3, DMat3)> = (0..columns.len())
-                .filter_map(|column| {
-                    let turn = first + (tile * TILE + column) as f64 / self.columns.len() as f64;
-                    let time_ns = start_ns + ((scan as f64 + turn) / self.rate_hz * 1e9).round() as u64;
-                    let world_from_body = trajectory.at(time_ns.min(end_ns))?;
-                    let origin_m = world_from_body.transform_point(body_from_sensor_m);
-                    Some((origin_m, DMat3::from_quat(world_from_body.rotation) * body_from_sensor_axes))
-                })
-                .collect();
-            let columns = columns
-                .iter()
-                .map(|(sin, cos)| (sin * first_cos + cos * first_sin, cos * first_cos - sin * first_sin));
-            let columns: Vec<(f64, f64)> = columns.collect();
+        for tile in columns.chunks(TILE) {
+            let placed = tile.iter().filter_map(|column| {
+                let turn = first + *column as f64 / self.columns.len() as f64;
+                let time_ns = start_ns + ((scan as f64 + turn) / self.rate_hz * 1e9).round() as u64;
+                let world_from_body = trajectory.at(time_ns.min(end_ns))?;
+                let origin_m = world_from_body.transform_point(body_from_sensor_m);
+                let axes = DMat3::from_quat(world_from_body.rotation) * body_from_sensor_axes;
+                let (sin, cos) = self.columns[*column];
+                let azimuth = (sin * first_cos + cos * first_sin, cos * first_cos - sin * first_sin);
+                Some((origin_m, axes, azimuth))
+            });
+            let placed: Vec<(DVec3, DMat3, (f64, f64))> = placed.collect();
             for beams in self.beams.chunks(TILE) {
                 origins_m.clear();
                 directions.clear();
-                for ((origin_m, axes), (sin_azimuth, cos_azimuth)) in placed.iter().zip(&columns) {
+                for (origin_m, axes, (sin_azimuth, cos_azimuth)) in &placed {
                     for (sin, cos) in beams {
                         origins_m.push(*origin_m);
                         directions.push(*axes * DVec3::new(cos_azimuth * cos, sin_azimuth * cos, *sin));

@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// What a study is asked for.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Size {
     /// Seeds of each search.
     pub seeds: u64,
@@ -38,6 +38,12 @@ pub struct Size {
     pub quick: bool,
     /// Mesh for studies in a scene, or a folder of meshes.
     pub scene: Option<PathBuf>,
+    /// Walk through the scene (TUM); a straight line through it otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trajectory: Option<PathBuf>,
+    /// Whether instructions are counted, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub count_instructions: bool,
 }
 
 /// A question answered by many runs.

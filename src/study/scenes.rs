@@ -342,7 +342,7 @@ mod tests {
         std::fs::write(folder.path().join("low.obj"), room(8.0, 6.0, 2.5)).unwrap();
         std::fs::write(folder.path().join("tall.obj"), room(8.0, 6.0, 12.0)).unwrap();
         std::fs::write(folder.path().join("notes.txt"), "").unwrap();
-        let size = Size { seeds: 1, quick: true, scene: Some(folder.path().into()) };
+        let size = Size { seeds: 1, quick: true, scene: Some(folder.path().into()), ..Size::default() };
         let tasks = Scenes.tasks(&size).unwrap();
         assert_eq!(tasks.len(), 2 * 2 * 2);
         let rows: Vec<Row> = tasks.iter().flat_map(|task| Scenes.run(task).unwrap()).collect();

@@ -101,6 +101,11 @@ impl Plan {
         Ok(Self { format: PLAN_FORMAT.into(), study: study.name().into(), size, tasks })
     }
 
+    /// A plan of some tasks of a study.
+    pub(super) fn of_tasks(study: &str, tasks: Vec<Value>) -> Self {
+        Self { format: PLAN_FORMAT.into(), study: study.into(), size: Size::default(), tasks }
+    }
+
     /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be the same.
     pub fn write(&self, folder: &Path) -> Result<(), StudyError> {
         std::fs::create_dir_all(folder).map_err(|error| at(folder, error))?;
@@ -264,6 +269,12 @@ impl Plan {
         }
         if let Some(scene) = &self.size.scene {
             command += &format!(" --scene {}", scene.display());
+        }
+        if let Some(trajectory) = &self.size.trajectory {
+            command += &format!(" --trajectory {}", trajectory.display());
+        }
+        if self.size.count_instructions {
+            command += " --count-instructions";
         }
         command
     }

@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn scripts_name_every_shard_and_quote_what_a_shell_would_read() {
-        let size = Size { seeds: 1, quick: true, scene: None };
+        let size = Size { seeds: 1, quick: true, ..Size::default() };
         let plan = Plan::new(named("sensor-count").unwrap(), size).unwrap();
         let folder = Path::new("/data/it's here");
         let slurm = scripts(&plan, Engine::Slurm, 4, Path::new("/opt/outrigger"), folder);

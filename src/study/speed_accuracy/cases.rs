@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::Task;
 use super::models::{Model, box_scores, scene_scores};
 use crate::fidelity::SceneLadder;
 use crate::objective::{Objective, Weights};
@@ -13,6 +14,7 @@ use crate::scene::{Scene, load_mesh};
 use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
 use crate::statistics::greatest;
 use crate::study::{StudyError, walks};
+use crate::trajectory::Trajectory;
 
 /// A scene, a sensor and a walk.
 #[derive(Debug)]
@@ -125,17 +127,12 @@ impl Case {
         matches!(self.place, Place::Mesh { .. })
     }
 
-    /// The line of pitches, degrees.
-    pub fn pitches_deg(&self, quick: bool) -> Vec<f64> {
-        (0..=90).step_by(if quick { 9 } else { 1 }).map(f64::from).collect()
-    }
-
-    /// Scores random mounts and a line of pitches with a model.
-    pub fn score(&self, model: &Model, scene: Option<&Path>, quick: bool) -> Result<Scored, StudyError> {
-        let count = if quick { 12 } else { 200 };
+    /// Scores random mounts and a line of pitches with a model; the second converged one the line alone.
+    pub fn score(&self, model: &Model, task: &Task) -> Result<Scored, StudyError> {
+        let count = if matches!(model, Model::Again { .. }) { 0 } else { task.random() };
         let masters = random_masters(count);
-        let line: Vec<Placement> = self
-            .pitches_deg(quick)
+        let line: Vec<Placement> = task
+            .pitches_deg()
             .into_iter()
             .map(|pitch_deg| Placement { x_m: 0.1, pitch_deg, ..Placement::default() })
             .collect();
@@ -152,24 +149,31 @@ impl Case {
                 box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
             }
             Place::Mesh { sensor } => {
-                let path = scene.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
-                let ladder = ladder(path, sensor)?;
+                let path = task.scene.as_deref();
+                let path = path.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
+                let ladder = ladder(path, task.trajectory.as_deref(), sensor)?;
                 let pairs = |masters: &[Placement]| -> Vec<Vec<Mount>> {
                     masters.iter().map(|master| vec![master.mount(), master.mirrored().mount()]).collect()
                 };
                 scene_scores(&ladder, model, &pairs(&masters), &pairs(&line))?
             }
         };
-        scored.wall_ms_per_mount = start.elapsed().as_secs_f64() * 1e3 / (count + line.len()) as f64;
+        scored.wall_ms_per_mount = start.elapsed().as_secs_f64() * 1e3 / (count + line.len()).max(1) as f64;
         Ok(scored)
     }
 }
 
-/// The mesh with a straight walk through it.
-fn ladder(path: &Path, sensor: &str) -> Result<SceneLadder, StudyError> {
+/// The mesh with a walk through it, a straight one where none is given.
+fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneLadder, StudyError> {
     let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
     let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
-    let way = walks::Walk::Straight.through(&scene);
-    let way = way.map_err(|error| StudyError(format!("{}: {error}", path.display())))?;
+    let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
+    let way = match trajectory {
+        Some(file) => {
+            let text = std::fs::read_to_string(file).map_err(|error| of(file, &error))?;
+            Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
+        }
+        None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,
+    };
     Ok(SceneLadder::new(scene, way, &model, VOXEL_M))
 }

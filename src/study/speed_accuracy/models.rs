@@ -18,6 +18,8 @@ use crate::study::StudyError;
 pub(super) enum Model {
     /// Converged: what all are measured against.
     Reference { azimuths: usize, sub_poses: usize },
+    /// As converged, its phase started half a step further on: what the first one's best pitch is worth.
+    Again { azimuths: usize, sub_poses: usize },
     /// Columns per revolution, revolutions per metre.
     Sampled { azimuths: usize, sub_poses: usize, phase: Phase },
     /// As published, with every ray off its direction.
@@ -77,11 +79,15 @@ impl Effect {
     }
 }
 
-/// Rays of adaptive fidelity, for each mount on the mean: so many times those of the published sampling, which is the
-/// coarsest level of a ladder.
+/// How the second converged model is called.
+pub(super) const AGAIN: &str = "reference again";
+
+/// Rays of adaptive fidelity, for each mount on the mean: so many times those of the published sampling.
 pub(super) const AUTO_BUDGET: f64 = 10.0;
 /// Share of the score that adaptive fidelity may lose by its choice.
-const AUTO_TOLERANCE: f64 = 5e-4;
+pub(super) const AUTO_TOLERANCE: f64 = 5e-4;
+/// Where the second converged model's phase starts.
+const HALF_A_STEP: f64 = 0.5;
 
 pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
     use Phase::{Free, Locked};
@@ -89,12 +95,14 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
     match (case.place, quick) {
         (Place::Box { .. }, true) => vec![
             Model::Reference { azimuths: 360, sub_poses: 8 },
+            Model::Again { azimuths: 360, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(180, 4, Free),
             Model::Auto,
         ],
         (Place::Box { .. }, false) => vec![
             Model::Reference { azimuths: 1800, sub_poses: 8 },
+            Model::Again { azimuths: 1800, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(360, 1, Locked),
             sampled(720, 1, Locked),
@@ -118,12 +126,14 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
         ],
         (Place::Mesh { .. }, true) => vec![
             Model::Reference { azimuths: 360, sub_poses: 8 },
+            Model::Again { azimuths: 360, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(180, 4, Free),
             Model::Auto,
         ],
         (Place::Mesh { .. }, false) => vec![
             Model::Reference { azimuths: 1800, sub_poses: 8 },
+            Model::Again { azimuths: 1800, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(720, 1, Locked),
             sampled(180, 4, Locked),
@@ -151,6 +161,7 @@ impl Model {
         let phase = |phase: &Phase| if *phase == Phase::Locked { "locked" } else { "free" };
         match self {
             Self::Reference { azimuths, sub_poses } => format!("reference {azimuths} x {sub_poses} free"),
+            Self::Again { azimuths, sub_poses } => format!("{AGAIN} {azimuths} x {sub_poses} free"),
             Self::Sampled { azimuths, sub_poses, phase: p } => {
                 format!("{azimuths} x {sub_poses} {}", phase(p))
             }
@@ -181,12 +192,16 @@ pub(super) fn box_scores(
     line: &[Vec<Placement>],
 ) -> Result<Scored, StudyError> {
     if *model == Model::Auto {
-        return auto(&BoxLadder::new(objective).map_err(StudyError::of)?, random, line);
+        let published = random.first().map_or(0, |sensors| own_rays(objective, sensors));
+        return auto(&BoxLadder::new(objective).map_err(StudyError::of)?, published, random, line);
     }
     let own = *objective.simulator().experiment();
     let experiment = match *model {
         Model::Reference { azimuths, sub_poses } => {
             Experiment { azimuths, sub_poses, phase: Phase::Free, ..own }
+        }
+        Model::Again { azimuths, sub_poses } => {
+            Experiment { azimuths, sub_poses, phase: Phase::Free, phase_shift: HALF_A_STEP, ..own }
         }
         Model::Sampled { azimuths, sub_poses, phase } => Experiment { azimuths, sub_poses, phase, ..own },
         Model::Voxel { voxel_m } => Experiment { voxel_m, ..own },
@@ -222,7 +237,16 @@ pub(super) fn scene_scores(
     let fan = match *model {
         Model::Reference { azimuths, sub_poses } => ladder.fan(azimuths, sub_poses as f64, Phase::Free),
         Model::Sampled { azimuths, sub_poses, phase } => ladder.fan(azimuths, sub_poses as f64, phase),
-        Model::Auto => return auto(ladder, random, line),
+        Model::Again { azimuths, sub_poses } => {
+            let mut fan = ladder.fan(azimuths, sub_poses as f64, Phase::Free);
+            fan.phase_shift = HALF_A_STEP;
+            fan
+        }
+        Model::Auto => {
+            let published = ladder.fan(180, 1.0, Phase::Locked);
+            let published = random.first().map_or(0, |mounts| ladder.rays_of(&published, mounts));
+            return auto(ladder, published, random, line);
+        }
         Model::Sensed(_) => ladder.fan(SENSED.0, SENSED.1 as f64, Phase::Locked),
         _ => ladder.fan(180, 1.0, Phase::Locked),
     };
@@ -243,23 +267,33 @@ pub(super) fn scene_scores(
         Model::Sensed(Effect::Divergence) => 1 + u64::from(SUB_RAYS),
         _ => 1,
     };
-    let rays = each * random.first().map_or(0, |mounts| ladder.rays_of(&fan, mounts));
+    let rays = each * random.first().or(line.first()).map_or(0, |mounts| ladder.rays_of(&fan, mounts));
     Ok(Scored::plain(scores(random), scores(line), rays as f64))
 }
 
-/// Both lists, each ranked by itself.
-fn auto<L: Ladder>(ladder: &L, random: &[L::Candidate], line: &[L::Candidate]) -> Result<Scored, StudyError>
+fn own_rays(objective: &Objective, sensors: &[Placement]) -> u64 {
+    objective.simulator().experiment().rays_per_sensor() * sensors.len() as u64
+}
+
+/// Both lists, each ranked by itself; `published` are the rays of the published sampling for each mount.
+fn auto<L: Ladder>(
+    ladder: &L,
+    published: u64,
+    random: &[L::Candidate],
+    line: &[L::Candidate],
+) -> Result<Scored, StudyError>
 where
     L::Error: std::fmt::Display,
 {
     let ranked = |candidates: &[L::Candidate]| {
-        let coarse = candidates.first().map_or(0, |first| ladder.rays(0, first)) as f64;
-        let rules = Rules { tolerance: AUTO_TOLERANCE, rays_per_candidate: AUTO_BUDGET * coarse };
+        let rules = Rules { tolerance: AUTO_TOLERANCE, rays_per_candidate: AUTO_BUDGET * published as f64 };
         let ranking = rank(ladder, candidates, &rules).map_err(StudyError::of)?;
         ranking.ok_or_else(|| StudyError("no mounts to rank".into()))
     };
     let (scores, pitches) = (ranked(random)?, ranked(line)?);
     let values = |ranking: &Ranking| ranking.judged.iter().map(|judged| judged.value).collect();
+    let least = (1.0 - AUTO_TOLERANCE) * pitches.judged[pitches.best].value;
+    let alike = (0..line.len()).filter(|pitch| pitches.judged[*pitch].value >= least).collect();
     Ok(Scored {
         bounds: Some(scores.judged.iter().map(|judged| judged.bound).collect()),
         wall_ms_per_mount: 0.0,
@@ -268,6 +302,6 @@ where
         chosen: scores.best,
         pitch_scores: values(&pitches),
         chosen_pitch: pitches.best,
-        pitches_alike: Some(pitches.undecided),
+        pitches_alike: Some(alike),
     })
 }

@@ -260,7 +260,7 @@ mod tests {
 
     #[test]
     fn no_case_fails_without_a_word() {
-        let size = Size { seeds: 1, quick: true, scene: None };
+        let size = Size { seeds: 1, quick: true, ..Size::default() };
         let rows: Vec<Row> =
             Stability.tasks(&size).unwrap().iter().flat_map(|task| Stability.run(task).unwrap()).collect();
         let findings = Stability.findings(&rows);
