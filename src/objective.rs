@@ -1,7 +1,7 @@
 //! Score: the terms of J, each with its own number.
 //!
 //! J = U + R_ov(rho) + R_ang(delta) - lambda N: cells seen, a window for the share seen twice, an angle between spin
-//! axes, a price per sensor; where asked for, how well the hits tie scans down. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
+//! axes, a price per sensor (of its type, where types differ); where asked for, how well the hits tie scans down. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
 //! Mount Configurations for Mapping Systems", equations 8 to 15.
 
 use sensors::catalogue;
@@ -9,12 +9,12 @@ use sensors::catalogue;
 use crate::coverage::Counts;
 use crate::registration::{DEGENERATE, RegistrationQuality, along_published};
 use crate::rig::{Clearance, MountedSensor, Rig};
-use crate::simulate::published::{ExperimentError, Placement, Simulator};
+use crate::simulate::published::{ExperimentError, Placement, Preset, Simulator};
 
 /// Coefficients of J.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// Price of one physical sensor (lambda).
+    /// Price of one physical sensor (lambda), where types have no prices of their own ([`Objective::with_prices`]).
     pub sensor_cost: f64,
     /// Least overlap ratio of the window.
     pub overlap_min: f64,
@@ -116,13 +116,12 @@ impl Terms {
     }
 }
 
-/// The terms of J from what was seen, the least angle between spin axes (none for a single sensor) and the number of
+/// The terms of J from what was seen, the least angle between spin axes (none for a single sensor) and the price of the
 /// sensors.
-pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, sensors: usize) -> Terms {
+pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, price: f64) -> Terms {
     let overlap = weights.overlap_term(counts.overlap_ratio());
     let angular = weights.angular_term(min_angle_deg);
-    let cost = -weights.sensor_cost * sensors as f64;
-    Terms { coverage: counts.union as f64, overlap, angular, cost, registration: 0.0 }
+    Terms { coverage: counts.union as f64, overlap, angular, cost: -price, registration: 0.0 }
 }
 
 /// A published experiment with its score and the rule of clearance: what optimizers maximise.
@@ -130,7 +129,10 @@ pub fn score(weights: &Weights, counts: &Counts, min_angle_deg: Option<f64>, sen
 pub struct Objective {
     simulator: Simulator,
     weights: Weights,
-    housing: MountedSensor,
+    /// A sensor of each type.
+    housings: Vec<MountedSensor>,
+    /// Price of a sensor of each type.
+    prices: Vec<f64>,
     least_distance_m: f64,
 }
 
@@ -149,6 +151,8 @@ pub struct Evaluation {
     pub min_angle_deg: Option<f64>,
     /// Physical sensors.
     pub sensors: usize,
+    /// Model of each.
+    pub models: Vec<&'static str>,
     /// Voxels seen by each sensor.
     pub per_sensor_voxels: Vec<u64>,
     /// Voxels seen by each sensor and no other.
@@ -222,9 +226,32 @@ impl Objective {
         weights: Weights,
         least_distance_m: f64,
     ) -> Result<Self, catalogue::ModelError> {
-        let model = catalogue::nominal(simulator.experiment().preset.model)?;
-        let housing = MountedSensor { name: String::new(), model, mount: Default::default() };
-        Ok(Self { simulator, weights, housing, least_distance_m })
+        let housing = |preset: &Preset| {
+            let model = catalogue::nominal(preset.model)?;
+            Ok(MountedSensor { name: String::new(), model, mount: Default::default() })
+        };
+        let housings = simulator.experiment().types().map(housing).collect::<Result<Vec<_>, _>>()?;
+        let prices = vec![weights.sensor_cost; housings.len()];
+        Ok(Self { simulator, weights, housings, prices, least_distance_m })
+    }
+
+    /// The same with a price for each sensor type of the experiment, in their order; types beyond the list keep theirs.
+    pub fn with_prices(mut self, prices: Vec<f64>) -> Self {
+        self.prices.iter_mut().zip(prices).for_each(|(price, given)| *price = given);
+        self
+    }
+
+    /// Price of a sensor of each type of the experiment.
+    pub fn prices(&self) -> &[f64] {
+        &self.prices
+    }
+
+    /// Price of these physical sensors together.
+    fn price(&self, sensors: &[Placement]) -> f64 {
+        let of = |(index, price): (usize, &f64)| {
+            price * sensors.iter().filter(|sensor| sensor.sensor_type == index).count() as f64
+        };
+        self.prices.iter().enumerate().map(of).sum()
     }
 
     /// The simulator.
@@ -245,7 +272,7 @@ impl Objective {
         quality: Option<&RegistrationQuality>,
     ) -> Terms {
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
-        let mut terms = score(&self.weights, counts, min_angle_deg(&axes), sensors.len());
+        let mut terms = score(&self.weights, counts, min_angle_deg(&axes), self.price(sensors));
         terms.registration = quality.map_or(0.0, |quality| self.weights.registration_term(quality));
         terms
     }
@@ -256,7 +283,7 @@ impl Objective {
         Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
     }
 
-    /// The same objective in another experiment with the same sensor model.
+    /// The same objective in another experiment with the same sensor types.
     pub fn with_simulator(&self, simulator: Simulator) -> Self {
         Self { simulator, ..self.clone() }
     }
@@ -276,9 +303,21 @@ impl Objective {
         (1.0 - quality.map_or(0.0, |quality| quality.translation_p5) / needed).max(0.0)
     }
 
-    /// Least distance between two sensor origins: both housings, or the least distance asked for where that is more, m.
-    pub fn needed_distance_m(&self) -> f64 {
-        (2.0 * self.housing.model.housing_radius_m).max(self.least_distance_m)
+    /// Least distance between the origins of two sensors: both housings, or the least distance asked for where that is
+    /// more, m.
+    pub fn needed_distance_m(&self, first: &Placement, second: &Placement) -> f64 {
+        let radius_m = |sensor: &Placement| self.housing(sensor).model.housing_radius_m;
+        (radius_m(first) + radius_m(second)).max(self.least_distance_m)
+    }
+
+    /// The least distance asked for beside the housings, m.
+    pub fn least_distance_m(&self) -> f64 {
+        self.least_distance_m
+    }
+
+    /// A sensor of a placement's type; of the first where there is no such type.
+    fn housing(&self, sensor: &Placement) -> &MountedSensor {
+        self.housings.get(sensor.sensor_type).unwrap_or(&self.housings[0])
     }
 
     /// Scores masters: roll rule and mirror images as the experiment says.
@@ -311,13 +350,14 @@ impl Objective {
             overlap_ratio: counts.overlap_ratio(),
             min_angle_deg,
             sensors: sensors.len(),
+            models: sensors.iter().map(|sensor| self.simulator.experiment().model_of(sensor)).collect(),
             per_sensor_voxels: counts.per_sensor.clone(),
             unique_per_sensor: counts.unique_per_sensor.clone(),
             terms,
             feasible: violations.is_empty(),
             violations,
             registration,
-            rays: self.simulator.experiment().rays_per_sensor() * sensors.len() as u64,
+            rays: self.simulator.experiment().rays(sensors),
         }
     }
 
@@ -335,7 +375,7 @@ impl Objective {
         let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),
-            ..self.housing.clone()
+            ..self.housing(sensor).clone()
         };
         Rig { sensors: sensors.iter().enumerate().map(mounted).collect() }
     }
@@ -370,7 +410,7 @@ mod tests {
 
     #[test]
     fn the_overlap_window_has_its_published_edges() {
-        let overlap = |twice| score(&Weights::default(), &counts(1000, twice), None, 1).overlap;
+        let overlap = |twice| score(&Weights::default(), &counts(1000, twice), None, 0.0).overlap;
         assert_eq!(overlap(0), -50.0);
         assert_eq!(overlap(50), 300.0);
         assert_eq!(overlap(100), 300.0);
@@ -379,7 +419,7 @@ mod tests {
 
     #[test]
     fn parallel_axes_cost_two_thousand_and_thirty_degrees_earn_a_hundred() {
-        let angular = |angle_deg| score(&Weights::default(), &counts(1, 0), angle_deg, 2).angular;
+        let angular = |angle_deg| score(&Weights::default(), &counts(1, 0), angle_deg, 0.0).angular;
         assert_eq!(angular(Some(0.0)), -2000.0);
         assert_eq!(angular(Some(15.0)), -1000.0);
         assert_eq!(angular(Some(30.0)), 100.0);

@@ -146,6 +146,7 @@ impl Robustness {
                     z_m: sensor.z_m + off(position_m),
                     pitch_deg: sensor.pitch_deg + off(angle_deg),
                     roll_deg: sensor.roll_deg + off(angle_deg),
+                    sensor_type: sensor.sensor_type,
                 }
             })
             .collect()
@@ -198,13 +199,13 @@ impl Robustness {
         let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
         let best = greatest(&counts);
         let few = self.draws.div_ceil(FEW);
-        let sensors = |indices: &[usize]| indices.iter().map(|at| candidates[*at].len()).sum::<usize>();
-        let all: Vec<usize> = (0..candidates.len()).collect();
-        let looks = sensors(&all) * few + sensors(&finalists) * self.draws;
+        let experiment = self.objectives[0].simulator().experiment();
+        let first_rays: u64 = candidates.iter().map(|sensors| experiment.rays(sensors)).sum();
+        let rays: u64 = finalists.iter().map(|&at| experiment.rays(&candidates[at])).sum();
         Ok(Some(Choice {
             best: finalists[best],
             evaluations: candidates.len() * few + finalists.len() * self.draws,
-            rays: looks as u64 * self.objectives[0].simulator().experiment().rays_per_sensor(),
+            rays: first_rays * few as u64 + rays * self.draws as u64,
             chosen: spreads[best].clone(),
             favourite: spreads[0].clone(),
         }))

@@ -1,6 +1,7 @@
 //! Search methods on functions with known optima, on awkward objectives, and against reference medians.
 
 mod command;
+mod mixed;
 
 use std::convert::Infallible;
 use std::f64::consts::PI;
@@ -65,6 +66,23 @@ pub const CASES: &[Case] = &[
         command::a_certificate_lies_between_what_was_found_and_the_plain_bound,
     ),
     case("small_budgets_are_kept_to_the_evaluation", small_budgets_are_kept_to_the_evaluation),
+    case("a_mixed_rig_sees_what_its_sensors_see", mixed::a_mixed_rig_sees_what_its_sensors_see),
+    case("types_that_are_not_used_change_nothing", mixed::types_that_are_not_used_change_nothing),
+    case("masters_may_change_places_with_their_types", mixed::masters_may_change_places_with_their_types),
+    case(
+        "every_method_finds_the_type_that_is_worth_its_price",
+        mixed::every_method_finds_the_type_that_is_worth_its_price,
+    ),
+    case(
+        "a_mixed_search_is_the_same_resumed_and_on_any_threads",
+        mixed::a_mixed_search_is_the_same_resumed_and_on_any_threads,
+    ),
+    case("unlike_housings_keep_their_own_distance", mixed::unlike_housings_keep_their_own_distance),
+    case(
+        "experiments_that_cannot_share_a_rig_are_refused",
+        mixed::experiments_that_cannot_share_a_rig_are_refused,
+    ),
+    case("the_command_mixes_types", mixed::the_command_mixes_types),
 ];
 
 fn real(name: &str, low: f64, high: f64) -> Variable {

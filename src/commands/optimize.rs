@@ -24,7 +24,7 @@ use crate::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
 };
 use crate::robustness::{Robustness, Spread, Tolerance};
-use crate::simulate::published::{ExperimentError, Path, Roll};
+use crate::simulate::published::{Experiment, ExperimentError, Path, Roll};
 
 /// Seconds between two writings of the state file.
 const SAVE_EVERY: Duration = Duration::from_secs(10);
@@ -61,7 +61,10 @@ struct Document {
     command: String,
     /// Evaluation that found the best, from 1.
     best_at: usize,
-    preset: &'static str,
+    /// Of a mixed rig all presets, with commas between them.
+    preset: String,
+    /// Price of a sensor of each of them.
+    prices: Vec<f64>,
     path: Path,
     clearance: KeepApart,
     masters_max: u32,
@@ -96,11 +99,14 @@ struct Best {
     evaluation: Evaluation,
     /// `[x_m, y_m, z_m, pitch_deg, roll_deg]` of each sensor before mirroring.
     masters: Vec<[f64; 5]>,
+    /// Model of each.
+    master_models: Vec<&'static str>,
 }
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
+    refuse_mixed(args, given.simulator().experiment())?;
     let finer = refine::Finer::asked(args, &given)?;
     let problem = problem(args, finer.as_ref().map_or(&given, |finer| finer.objective()).clone())?;
     let question = state::question(&problem, args.clearance.0)?;
@@ -172,6 +178,24 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let final_look = if looks_again { final_look::look(args, &given, &problem, &search)? } else { None };
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
+}
+
+/// What knows one sensor type only is refused where a rig may have several.
+fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
+    if !experiment.is_mixed() {
+        return Ok(());
+    }
+    let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
+    let models = models.join(" and ");
+    if args.certify.is_some() {
+        bail!("--certify bounds rigs of one sensor type, and {models} may be mixed: give one --preset");
+    }
+    if args.export_published.is_some() {
+        bail!(
+            "--export-published: the published layout has one sensor type, and {models} may be mixed: give one --preset"
+        );
+    }
+    Ok(())
 }
 
 /// What is searched, as asked for.
@@ -287,9 +311,14 @@ fn report(
         final_look,
         certificate: proved,
         command: std::env::args().collect::<Vec<_>>().join(" "),
-        best: Best { evaluation, masters: masters.iter().map(|master| (*master).into()).collect() },
+        best: Best {
+            evaluation,
+            masters: masters.iter().map(|master| (*master).into()).collect(),
+            master_models: masters.iter().map(|master| experiment.model_of(master)).collect(),
+        },
         best_at: search.best_at(),
-        preset: experiment.preset.name,
+        preset: experiment.name(),
+        prices: problem.objective().prices().to_vec(),
         path: experiment.path,
         clearance: args.clearance.0,
         masters_max: args.masters_max,
@@ -323,7 +352,7 @@ fn report(
 }
 
 fn summary(document: &Document) -> String {
-    let Document { best: Best { evaluation, masters }, .. } = document;
+    let Document { best: Best { evaluation, masters, master_models }, .. } = document;
     let mut text = format!(
         "{}, path {:?}, {} with seed {}\n\
          J              {:.2}; the highest was found at evaluation {} of {} ({})\n\
@@ -346,9 +375,12 @@ fn summary(document: &Document) -> String {
         evaluation.reachable_voxels,
         100.0 * evaluation.overlap_ratio,
     );
-    text += "master       x m      y m      z m    pitch     roll\n";
-    for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in masters.iter().enumerate() {
-        text += &format!("{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}\n", index + 1);
+    text += "master       x m      y m      z m    pitch     roll  model\n";
+    for (index, ([x_m, y_m, z_m, pitch_deg, roll_deg], model)) in
+        masters.iter().zip(master_models).enumerate()
+    {
+        let number = index + 1;
+        text += &format!("{number:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}  {model}\n");
     }
     for violation in &evaluation.violations {
         text += &format!("allowed        no: {violation}\n");

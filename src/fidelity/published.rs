@@ -51,7 +51,7 @@ impl Ladder for BoxLadder {
     }
 
     fn rays(&self, level: usize, sensors: &Vec<Placement>) -> u64 {
-        self.objectives[level].simulator().experiment().rays_per_sensor() * sensors.len() as u64
+        self.objectives[level].simulator().experiment().rays(sensors)
     }
 
     fn name(&self, level: usize) -> String {

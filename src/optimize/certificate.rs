@@ -62,6 +62,7 @@ impl Ord for Open {
 }
 
 /// Bounds the rigs of one master in at most so many regions, or until `stop` is set; `best` is a score that was found.
+/// Of a mixed rig only the first sensor type is bounded.
 pub fn certify(
     problem: &MountProblem,
     best: f64,
@@ -151,7 +152,8 @@ fn bound(objective: &Objective, region: &Region, is_mirrored: bool) -> f64 {
     let rewards = weights.best_registration_term();
     if !is_mirrored {
         let most = count(&mut one.possible.iter().copied());
-        return most + weights.overlap_term(0.0) + weights.angular_term(None) - weights.sensor_cost + rewards;
+        return most + weights.overlap_term(0.0) + weights.angular_term(None) - objective.prices()[0]
+            + rewards;
     }
     let other = simulator.reach(&region.mirrored());
     let either = |a: &[u64], b: &[u64]| count(&mut a.iter().zip(b).map(|(a, b)| a | b));
@@ -168,7 +170,7 @@ fn bound(objective: &Objective, region: &Region, is_mirrored: bool) -> f64 {
     let overlap = [weights.overlap_term(low), weights.overlap_term(high)].into_iter().chain(window);
     let overlap = overlap.fold(f64::NEG_INFINITY, f64::max);
     let angular = weights.angular_term(Some(widest_deg(region.low.pitch_deg, region.high.pitch_deg)));
-    most_seen + overlap + angular - 2.0 * weights.sensor_cost + rewards
+    most_seen + overlap + angular - 2.0 * objective.prices()[0] + rewards
 }
 
 /// The greatest angle between the spin axes of a pair whose pitch lies in this range, degrees: twice the pitch, and what

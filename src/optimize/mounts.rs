@@ -1,4 +1,4 @@
-//! Mounts as a search space: how many masters, and where and how tilted each is.
+//! Mounts as a search space: how many masters, where and how tilted each is, and of which type where a rig may mix types.
 
 use serde::{Deserialize, Serialize};
 
@@ -57,6 +57,8 @@ pub struct MountSearch {
     pub masters_min: u32,
     /// At most so many.
     pub masters_max: u32,
+    /// Sensor types to choose from for each master.
+    pub types: usize,
     /// Where they may be.
     pub bounds: MountBounds,
     /// Pitch and roll are whole multiples of this, degrees: the step of a servo or of a drilled plate.
@@ -77,6 +79,7 @@ impl MountSearch {
         Self {
             masters_min: 1,
             masters_max,
+            types: experiment.type_count(),
             bounds: MountBounds::default(),
             tilt_step_deg: None,
             fixed_roll_deg: match experiment.roll {
@@ -90,8 +93,8 @@ impl MountSearch {
         }
     }
 
-    /// The space: the number of masters, then x, y, z, pitch and, if it is free, roll of each. A master beyond the
-    /// number is inactive. Symmetries: a master and its mirror image may change places, and so may masters.
+    /// The space: the number of masters, then x, y, z, pitch, if it is free roll, and where there are several the type of
+    /// each, an integer from 0. A master beyond the number is inactive. Symmetries: a master and its mirror image may change places, and so may masters.
     pub fn space(&self) -> Result<Space, SpaceError> {
         let mut variables = vec![Variable {
             name: "masters".into(),
@@ -103,12 +106,12 @@ impl MountSearch {
         }];
         let mut blocks = Vec::new();
         let mut mirrors = Vec::new();
-        let per_master = self.per_master();
+        let coordinates = self.coordinates();
         let MountBounds { x_m, y_m, pitch_deg, roll_deg, .. } = self.bounds;
         let is_even = |(low, high): (f64, f64)| low == -high;
         for master in 1..=self.masters_max {
             let first = variables.len();
-            for (role, (name, (low, high))) in self.bounds.named().into_iter().take(per_master).enumerate() {
+            for (role, (name, (low, high))) in self.bounds.named().into_iter().take(coordinates).enumerate() {
                 variables.push(Variable {
                     name: format!("master {master} {name}"),
                     low,
@@ -118,10 +121,20 @@ impl MountSearch {
                     role: role + 1,
                 });
             }
+            if self.types > 1 {
+                variables.push(Variable {
+                    name: format!("master {master} type"),
+                    low: 0.0,
+                    high: (self.types - 1) as f64,
+                    integer: true,
+                    active_from: (master > self.masters_min).then_some(master),
+                    role: coordinates + 1,
+                });
+            }
             if self.is_mirrored_exactly && is_even(pitch_deg) && x_m.0 <= 0.0 && x_m.1 >= -x_m.0 {
                 mirrors.push(Mirror { key: first, negated: vec![first, first + 3] });
             }
-            blocks.push((first..first + per_master).collect::<Vec<usize>>());
+            blocks.push((first..variables.len()).collect::<Vec<usize>>());
         }
         let rolls_even = self.fixed_roll_deg.map_or(is_even(roll_deg), |roll| roll == 0.0);
         if self.fore_aft_symmetry && is_even(y_m) && rolls_even {
@@ -146,14 +159,19 @@ impl MountSearch {
             }
             None => angle_deg,
         };
-        let tilt = |v: &[f64]| {
+        let coordinates = self.coordinates();
+        let master = |v: &[f64]| {
+            let (v, sensor_type) = v.split_at(coordinates);
             let roll_deg = v.get(4).map_or(roll_deg, |free_deg| stepped(*free_deg, self.bounds.roll_deg));
-            Placement::from([v[0], v[1], v[2], stepped(v[3], self.bounds.pitch_deg), roll_deg])
+            let placed = Placement::from([v[0], v[1], v[2], stepped(v[3], self.bounds.pitch_deg), roll_deg]);
+            Placement { sensor_type: sensor_type.first().map_or(0, |index| *index as usize), ..placed }
         };
-        values[1..].chunks_exact(self.per_master()).take(values[0] as usize).map(tilt).collect()
+        let per_master = coordinates + usize::from(self.types > 1);
+        values[1..].chunks_exact(per_master).take(values[0] as usize).map(master).collect()
     }
 
-    fn per_master(&self) -> usize {
+    /// Real variables of a master.
+    fn coordinates(&self) -> usize {
         if self.fixed_roll_deg.is_some() { 4 } else { 5 }
     }
 }
@@ -222,7 +240,8 @@ impl MountProblem {
         Ok(self.search.space()?.with_ceilings(counts.map(|masters| self.ceiling(masters)).collect()))
     }
 
-    /// What no rig of so many masters can exceed: every voxel that can be hit, and every reward.
+    /// What no rig of so many masters can exceed: every voxel that can be hit, every reward, and no sensor but of the
+    /// cheapest type.
     pub fn ceiling(&self, masters: u32) -> f64 {
         let weights = self.objective.weights();
         let reachable = self.objective.simulator().reachable() as f64;
@@ -230,7 +249,8 @@ impl MountProblem {
         let rewards = weights.overlap_reward.max(0.0)
             + weights.angle_reward.max(0.0)
             + weights.best_registration_term();
-        reachable + rewards - weights.sensor_cost * per_master * f64::from(masters)
+        let cheapest = self.objective.prices().iter().copied().fold(f64::INFINITY, f64::min);
+        reachable + rewards - cheapest * per_master * f64::from(masters)
     }
 
     /// The masters of a point.
@@ -249,7 +269,7 @@ impl MountProblem {
         let masters = self.masters(values);
         let experiment = self.objective.simulator().experiment();
         let sensors = experiment.sensors(&masters);
-        let rays = experiment.rays_per_sensor() * sensors.len() as u64;
+        let rays = experiment.rays(&sensors);
         let too_close_m = self.violation(&sensors);
         if let Some((robustness, criterion)) = &self.robust {
             let quality = self.objective.registration(&sensors);
@@ -269,16 +289,19 @@ impl MountProblem {
     }
 
     fn violation(&self, sensors: &[Placement]) -> f64 {
-        let least_m = match self.keep_apart {
-            KeepApart::None => return 0.0,
-            KeepApart::Housings => self.objective.needed_distance_m(),
+        let least_m = |first: &Placement, second: &Placement| match self.keep_apart {
+            KeepApart::None => 0.0,
+            KeepApart::Housings => self.objective.needed_distance_m(first, second),
             KeepApart::Distance(least_m) => least_m,
         };
+        if self.keep_apart == KeepApart::None {
+            return 0.0;
+        }
         let mut missing_m = 0.0;
         for (index, first) in sensors.iter().enumerate() {
             for second in &sensors[index + 1..] {
                 let distance_m = first.mount().position_m().distance(second.mount().position_m());
-                missing_m += (least_m - distance_m).max(0.0);
+                missing_m += (least_m(first, second) - distance_m).max(0.0);
             }
         }
         match self.keep_apart {

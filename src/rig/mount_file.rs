@@ -9,8 +9,9 @@
 //!   "masters": [ [0.06, 0.0, 0.0, 25.0, 0.0] ] }
 //! ```
 //!
-//! The last three are optional: which experiment the mount was found in, its score there, and the sensors before
-//! mirroring (x_m, y_m, z_m, pitch_deg, roll_deg). So is `"calibrations": { "right": "right.json" }`: by name of a
+//! The last three are optional: which experiment the mount was found in (of a rig of several models the experiments of
+//! all, with commas between them), its score there, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
+//! roll_deg), whose models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by name of a
 //! sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so that writing and reading loses nothing.
 
 use std::collections::BTreeMap;
@@ -41,7 +42,10 @@ pub struct MountFile {
     /// Sensors before mirroring: `[x_m, y_m, z_m, pitch_deg, roll_deg]` each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masters: Option<Vec<[f64; 5]>>,
-    /// The experiment in which the mount was found.
+    /// Model of each of them, where a rig mixes models.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub master_models: Option<Vec<String>>,
+    /// The experiment in which the mount was found; of a mixed rig several, with commas between them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub preset: Option<String>,
     /// Its score there.
@@ -101,6 +105,7 @@ impl MountFile {
             sensors,
             calibrations: None,
             masters: None,
+            master_models: None,
             preset: None,
             objective: None,
         }
@@ -191,6 +196,18 @@ impl MountFile {
         for (index, master) in self.masters.iter().flatten().enumerate() {
             for (place, value) in master.iter().enumerate() {
                 finite(&format!("masters[{index}][{place}]"), *value)?;
+            }
+        }
+        if let Some(models) = &self.master_models {
+            let masters = self.masters.as_ref().map_or(0, Vec::len);
+            if models.len() != masters {
+                return Err(format!(
+                    "master_models names {} models, but masters lists {masters}",
+                    models.len()
+                ));
+            }
+            for (index, model) in models.iter().enumerate() {
+                catalogue::nominal(model).map_err(|error| format!("master_models[{index}]: {error}"))?;
             }
         }
         self.objective.map_or(Ok(()), |value| finite("objective", value))

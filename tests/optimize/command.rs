@@ -1,6 +1,6 @@
 //! `outrigger optimize` as a user meets it.
 
-fn outrigger(arguments: &[&str]) -> std::process::Output {
+pub fn outrigger(arguments: &[&str]) -> std::process::Output {
     std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"))
         .args(arguments)
         .env_remove("OUTRIGGER_JSON")
@@ -9,7 +9,7 @@ fn outrigger(arguments: &[&str]) -> std::process::Output {
         .unwrap()
 }
 
-fn json(arguments: &[&str]) -> serde_json::Value {
+pub fn json(arguments: &[&str]) -> serde_json::Value {
     let output = outrigger(arguments);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()

@@ -287,6 +287,7 @@ fn write(
             entry.roll_deg = check.corrected.roll_rad.to_degrees();
         }
         file.masters = None;
+        file.master_models = None;
         file.objective = None;
         file.preset = None;
         file.write(path)?;

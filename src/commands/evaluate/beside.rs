@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::Args;
 use crate::commands::baselines::{Baselines, Single, best_pitch, level_mount};
 use crate::objective::Objective;
-use crate::simulate::published::{ExperimentError, Placement};
+use crate::simulate::published::{ExperimentError, Placement, Preset};
 
 /// Pitches tried for the best single sensor, degrees: 0 to this in steps of 1, as hall and walk are symmetric.
 const MOST_PITCH_DEG: u32 = 90;
@@ -22,24 +22,44 @@ pub struct Alone {
     pub gain_voxels: i64,
 }
 
-/// One level sensor and the best single one, in the middle of the given ones.
+/// One level sensor and the best single one, in the middle of the given ones; of a mixed rig both are of the type whose best
+/// one scores higher.
 pub fn baselines(objective: &Objective, sensors: &[Placement]) -> Result<Baselines<Alone>, ExperimentError> {
+    let of_types = objective.simulator().experiment().types().enumerate();
+    let of_type = |(sensor_type, preset): (usize, &Preset)| one_type(objective, sensors, sensor_type, preset);
+    let mut all = of_types.map(of_type).collect::<Result<Vec<_>, _>>()?.into_iter();
+    let first = all.next().ok_or(ExperimentError::NoSensors)?;
+    let better = |a: Baselines<Alone>, b: Baselines<Alone>| {
+        if b.best_single.seen.objective > a.best_single.seen.objective { b } else { a }
+    };
+    Ok(all.fold(first, better))
+}
+
+fn one_type(
+    objective: &Objective,
+    sensors: &[Placement],
+    sensor_type: usize,
+    preset: &Preset,
+) -> Result<Baselines<Alone>, ExperimentError> {
     let simulator = objective.simulator();
     let mounts: Vec<_> = sensors.iter().map(Placement::mount).collect();
     let level = level_mount(&mounts);
-    let at = |pitch_deg: f64| Placement::from([level.x_m, level.y_m, level.z_m, pitch_deg, 0.0]);
+    let at = |pitch_deg: f64| Placement {
+        sensor_type,
+        ..Placement::from([level.x_m, level.y_m, level.z_m, pitch_deg, 0.0])
+    };
     let of_all = simulator.count(sensors)?.union as i64;
     let alone = |pitch_deg: f64| {
         let evaluation = objective.evaluate_sensors(&[at(pitch_deg)])?;
         let gain_voxels = of_all - evaluation.unique_voxels as i64;
         let (objective, unique_voxels) = (evaluation.objective, evaluation.unique_voxels);
         let seen = Alone { objective, unique_voxels, gain_voxels };
-        let single = Single::new(simulator.experiment().preset.model, &at(pitch_deg).mount(), seen);
+        let single = Single::new(preset.model, &at(pitch_deg).mount(), seen);
         // not through radians and back
         Ok::<_, ExperimentError>(Single { pitch_deg, ..single })
     };
     let level_single = alone(0.0)?;
-    let many = simulator.experiment().rays_per_sensor() > MANY_RAYS;
+    let many = simulator.experiment().rays(&[at(0.0)]) > MANY_RAYS;
     let step = if many { COARSE_DEG as usize } else { 1 };
     let pitches_deg: Vec<f64> = (0..=MOST_PITCH_DEG).step_by(step).map(f64::from).collect();
     // a sensor at a place that was scored level fails nowhere else

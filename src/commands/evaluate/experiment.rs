@@ -4,15 +4,16 @@ use std::str::FromStr;
 
 use anyhow::bail;
 
+use super::prices::Prices;
 use crate::objective::{Objective, Weights};
-use crate::simulate::published::{Experiment, Path, Phase, Placement, Preset, Roll, Simulator};
+use crate::simulate::published::{Experiment, Path, Phase, Preset, Roll, Simulator};
 
 /// A published experiment and what may be changed about it.
 #[derive(clap::Args, Debug, Clone)]
 pub struct ExperimentArgs {
-    /// The experiment: paper-os1-64 or paper-vlp-16.
-    #[arg(long, env = "OUTRIGGER_PRESET")]
-    pub preset: Option<String>,
+    /// The experiment: paper-os1-64 or paper-vlp-16; both, with a comma, for a rig that may mix their sensors.
+    #[arg(long, env = "OUTRIGGER_PRESET", value_delimiter = ',', value_name = "PRESET,PRESET")]
+    preset: Vec<String>,
     /// Direction of the walk in the mount frame: lateral as published, forward as the text has it.
     #[arg(long, default_value = "lateral")]
     path: PathArg,
@@ -34,9 +35,9 @@ pub struct ExperimentArgs {
     /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost).
     #[arg(long, default_value = "locked")]
     phase: PhaseArg,
-    /// Price of one sensor in J.
-    #[arg(long, value_name = "J", default_value_t = Weights::default().sensor_cost)]
-    lambda: f64,
+    /// Price of one sensor in J: one number, or one for each model of a mixed rig ("os1-64=2000,vlp-16=800").
+    #[arg(long, value_name = "J", default_value_t, allow_hyphen_values = true)]
+    lambda: Prices,
     /// Least distance between sensor origins; the housings are always asked for.
     #[arg(long, value_name = "M", default_value_t = 0.0)]
     least_distance: f64,
@@ -79,32 +80,6 @@ impl FromStr for RollArg {
     }
 }
 
-/// Masters as typed.
-#[derive(Clone, Debug)]
-pub struct Masters(pub Vec<Placement>);
-
-impl FromStr for Masters {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let mut masters = Vec::new();
-        for (index, part) in text.trim().trim_end_matches(';').split(';').enumerate() {
-            let place = format!("master {} ({:?})", index + 1, part.trim());
-            let numbers = part
-                .split(',')
-                .map(|number| number.trim().parse::<f64>().ok().filter(|value| value.is_finite()))
-                .collect::<Option<Vec<_>>>()
-                .ok_or_else(|| format!("{place}: every part must be a finite number"))?;
-            let found = numbers.len();
-            let numbers: [f64; 5] = numbers
-                .try_into()
-                .map_err(|_| format!("{place}: {found} numbers, expected x,y,z,pitch_deg,roll_deg"))?;
-            masters.push(numbers.into());
-        }
-        Ok(Self(masters))
-    }
-}
-
 impl ExperimentArgs {
     /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
     pub fn is_new_scene(&self) -> bool {
@@ -113,13 +88,16 @@ impl ExperimentArgs {
         self.voxel.is_some() && !is_fineness_said
     }
 
-    /// The objective that was asked for; `otherwise` names a preset where none is given, `roll` is the rule where none
-    /// is given.
+    /// The objective that was asked for; `otherwise` names presets (with commas) where none are given, `roll` is the
+    /// rule where none is given.
     pub fn objective(&self, otherwise: Option<&str>, roll: Roll) -> anyhow::Result<Objective> {
-        let Some(preset) = self.preset.as_deref().or(otherwise) else {
+        let given = self.preset.iter().map(String::as_str);
+        let otherwise = otherwise.filter(|_| self.preset.is_empty());
+        let names = given.chain(otherwise.iter().flat_map(|names| names.split(',')));
+        let presets = names.map(|name| Preset::named(name.trim())).collect::<Result<Vec<_>, _>>()?;
+        let Some(preset) = presets.first() else {
             bail!("which experiment? Give --preset, one of {}", Preset::names());
         };
-        let preset = Preset::named(preset)?;
         let experiment = Experiment {
             path: match self.path {
                 PathArg::Lateral => Path::Lateral,
@@ -134,11 +112,12 @@ impl ExperimentArgs {
                 PhaseArg::Locked => Phase::Locked,
                 PhaseArg::Free => Phase::Free,
             },
-            ..Experiment::published(preset)
+            ..Experiment::mixed(&presets)?
         };
-        if !(self.lambda.is_finite() && self.least_distance.is_finite() && self.least_distance >= 0.0) {
-            bail!("--lambda and --least-distance take finite numbers, the distance none below 0");
+        if !(self.least_distance.is_finite() && self.least_distance >= 0.0) {
+            bail!("--least-distance {}, expected a finite number of at least 0", self.least_distance);
         }
+        let prices = self.lambda.of(&experiment)?;
         if !(self.registration_weight.is_finite() && self.registration_weight >= 0.0) {
             bail!("--registration-weight {}, expected a number of at least 0", self.registration_weight);
         }
@@ -146,12 +125,13 @@ impl ExperimentArgs {
             bail!("--min-conditioning {}, expected at least 0 and below 1/3", self.min_conditioning);
         }
         let weights = Weights {
-            sensor_cost: self.lambda,
+            sensor_cost: prices[0],
             registration: self.registration_weight,
             least_conditioning: self.min_conditioning,
             ..Weights::default()
         };
-        Ok(Objective::new(Simulator::new(&experiment)?, weights, self.least_distance)?)
+        let objective = Objective::new(Simulator::new(&experiment)?, weights, self.least_distance)?;
+        Ok(objective.with_prices(prices))
     }
 }
 
@@ -160,20 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn masters_are_read_or_refused_by_name() {
-        let masters = "0.1,-0.2,0,25,0; -0.1,0,0,-25,5;".parse::<Masters>().unwrap().0;
-        assert_eq!(masters.len(), 2);
-        assert_eq!(masters[1].pitch_deg, -25.0);
-        for (bad, words) in [
-            ("", "master 1"),
-            ("1,2,3,4", "4 numbers"),
-            ("0,0,0,NaN,0", "finite"),
-            ("0,0,0,0,0;0,0,0,x,0", "master 2"),
-            ("0,0,0,0,0;;0,0,0,0,0", "master 2"),
-        ] {
-            let error = bad.parse::<Masters>().unwrap_err();
-            assert!(error.contains(words), "{bad}: {error}");
-        }
+    fn a_roll_is_an_angle() {
         assert!("fixed:NaN".parse::<RollArg>().is_err());
     }
 }

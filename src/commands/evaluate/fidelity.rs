@@ -83,10 +83,11 @@ fn spread(objective: &Objective, sensors: &[Placement]) -> anyhow::Result<LeftOu
 /// The other sensors' housings, which the published experiment looks through.
 fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
     let rig = objective.rig(sensors);
-    let preset = &objective.simulator().experiment().preset;
-    let beams = (preset.beams - 1) as f64;
+    let experiment = objective.simulator().experiment();
     let (mut blocked, mut rays) = (0_u32, 0_u32);
     for (index, sensor) in rig.sensors.iter().enumerate() {
+        let preset = experiment.types().nth(sensors[index].sensor_type).unwrap_or(&experiment.preset);
+        let beams = (preset.beams - 1) as f64;
         let occluders = Occluder::other_housings(&rig, index);
         let body_from_sensor = sensor.mount.body_from_sensor();
         for azimuth in 0..preset.azimuths {
@@ -113,14 +114,13 @@ fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
 }
 
 fn others(objective: &Objective) -> LeftOut {
-    let preset = &objective.simulator().experiment().preset;
     LeftOut {
         what: "wearer, motion within a revolution, range limits".into(),
         worth: None,
         rays_touched: None,
         why: format!(
             "{} is an empty box with a sensor at rest at each pose; predict models them",
-            preset.name
+            objective.simulator().experiment().name()
         ),
     }
 }

@@ -3,14 +3,17 @@
 mod beside;
 mod experiment;
 mod fidelity;
+mod masters;
 mod page;
+mod prices;
 
-pub use experiment::{ExperimentArgs, Masters};
+pub use experiment::ExperimentArgs;
+pub use masters::Masters;
 
 use std::path::{Path as FilePath, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use serde::Serialize;
 
 use self::beside::{Alone, Rescored};
@@ -20,7 +23,7 @@ use super::{Context, Outcome, output};
 use crate::objective::{Evaluation, Objective};
 use crate::registration::{POSE_STEP_M, RegistrationQuality, along_published, least_along};
 use crate::report::{BlindSpot, blind_spots};
-use crate::rig::{MountFile, Touching};
+use crate::rig::{MountFile, SensorEntry, Touching};
 use crate::simulate::published::{Experiment, Path, Phase, Placement, Roll};
 
 /// Blind spots listed, the largest first.
@@ -32,8 +35,9 @@ const MOST_BLIND_SPOTS: usize = 10;
     group = clap::ArgGroup::new("mounts").required(true),
     after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\",\n\
                   sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective,\n\
-                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...]. Its sensors are scored as they are, mirrored\n\
-                  ones being listed; its preset holds where --preset is not given. calibrations: {name: file} names the\n\
+                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are\n\
+                  scored as they are, mirrored ones being listed, each as the model that it is; its preset (several\n\
+                  with commas between them) holds where --preset is not given. calibrations: {name: file} names the\n\
                   calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
                   Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where\n\
                   the middle of the mounts is."
@@ -44,7 +48,8 @@ pub struct Args {
     /// Sensors from a mount file.
     #[arg(long, group = "mounts", value_name = "FILE")]
     mount: Option<PathBuf>,
-    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
+    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees; on a mixed rig each ends
+    /// with its model ("x,y,z,pitch_deg,roll_deg,vlp-16;...").
     #[arg(long, group = "mounts", allow_hyphen_values = true, value_name = "LIST")]
     masters: Option<Masters>,
     /// Leave out the single sensors beside which the mounts are judged.
@@ -106,7 +111,10 @@ struct Document<'a> {
     /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
     touching: Vec<Touching>,
     coverage_sha256: String,
-    preset: &'static str,
+    /// Of a mixed rig all presets, with commas between them.
+    preset: String,
+    /// Price of a sensor of each of them.
+    prices: Vec<f64>,
     path: Path,
     voxel_m: f64,
     azimuths: usize,
@@ -123,7 +131,7 @@ struct Document<'a> {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (objective, sensors) = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
-        (None, Some(Masters(masters))) => from_masters(args, masters)?,
+        (None, Some(masters)) => from_masters(args, masters)?,
         (None, None) => bail!("give --mount or --masters"),
     };
     if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
@@ -154,7 +162,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         touching: objective.rig(&sensors).touching(),
         evaluation: &evaluation,
         coverage_sha256: seen.coverage.union_sha256(),
-        preset: experiment.preset.name,
+        preset: experiment.name(),
+        prices: objective.prices().to_vec(),
         path: experiment.path,
         voxel_m: experiment.voxel_m,
         azimuths: experiment.azimuths,
@@ -176,9 +185,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn from_masters(args: &Args, masters: &[Placement]) -> anyhow::Result<(Objective, Vec<Placement>)> {
+fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<(Objective, Vec<Placement>)> {
     let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
+    let masters = &masters.of(experiment)?;
     if experiment.replaces_a_roll(masters) {
         output::say_notice(
             "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",
@@ -192,16 +202,22 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<(Objective, Vec<Pla
     let file = MountFile::read(path)?;
     let objective = args.experiment.objective(file.preset.as_deref(), Roll::Free)?;
     let experiment = objective.simulator().experiment();
-    let wanted = experiment.preset.model;
-    if let Some(other) = file.sensors.iter().find(|sensor| !sensor.model.eq_ignore_ascii_case(wanted)) {
-        bail!(
-            "mount file {}: sensor {:?} is a {}, but preset {} simulates {wanted}: give the preset of that sensor",
-            path.display(),
-            other.name,
-            other.model,
-            experiment.preset.name
-        );
-    }
+    let type_of = |sensor: &SensorEntry| {
+        let mut models = experiment.types().map(|preset| preset.model);
+        let sensor_type = models.position(|model| sensor.model.eq_ignore_ascii_case(model));
+        sensor_type.ok_or_else(|| {
+            let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
+            anyhow!(
+                "mount file {}: sensor {:?} is a {}, but preset {} simulates {}: give the preset of that sensor, or of a \
+                 mixed rig those of all its sensors with commas between them",
+                path.display(),
+                sensor.name,
+                sensor.model,
+                experiment.name(),
+                models.join(" and ")
+            )
+        })
+    };
     if file.calibrations.is_some() {
         output::say_notice(
             "the published experiment has beams of its own: calibrations of the mount file are not used",
@@ -210,8 +226,11 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<(Objective, Vec<Pla
     let listed: Vec<_> = file
         .sensors
         .iter()
-        .map(|s| Placement::from([s.x_m, s.y_m, s.z_m, s.pitch_deg, s.roll_deg]))
-        .collect();
+        .map(|s| {
+            let placed = Placement::from([s.x_m, s.y_m, s.z_m, s.pitch_deg, s.roll_deg]);
+            Ok(Placement { sensor_type: type_of(s)?, ..placed })
+        })
+        .collect::<anyhow::Result<_>>()?;
     if experiment.replaces_a_roll(&listed) {
         output::say_notice("the roll in the mount file is replaced, as --roll says");
     }
@@ -246,19 +265,24 @@ fn summary(document: &Document) -> String {
         100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
         100.0 * evaluation.overlap_ratio,
     );
-    text += "sensor       x m      y m      z m    pitch     roll   voxels    alone\n";
+    text += "sensor       x m      y m      z m    pitch     roll   voxels    alone  model\n";
     for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in document.mounts.iter().enumerate() {
         text += &format!(
-            "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}\n",
+            "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}  {}\n",
             index + 1,
             evaluation.per_sensor_voxels[index],
-            evaluation.unique_per_sensor[index]
+            evaluation.unique_per_sensor[index],
+            evaluation.models[index]
         );
     }
     for (name, single) in document.baselines.iter().flat_map(Baselines::named) {
         text += &format!(
-            "{name:15}pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
-            single.pitch_deg, single.seen.objective, single.seen.unique_voxels, single.seen.gain_voxels
+            "{name:15}{} at pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
+            single.model,
+            single.pitch_deg,
+            single.seen.objective,
+            single.seen.unique_voxels,
+            single.seen.gain_voxels
         );
     }
     if let Some(quality) = &evaluation.registration {

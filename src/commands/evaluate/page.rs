@@ -77,7 +77,7 @@ fn terms(report: &mut Report, document: &Document<'_>) {
 fn sensors(report: &mut Report, document: &Document<'_>) {
     report.heading("The sensors");
     let row = |(index, mount): (usize, &[f64; 5])| {
-        let mut row = vec![(index + 1).to_string()];
+        let mut row = vec![(index + 1).to_string(), document.evaluation.models[index].to_owned()];
         row.extend(mount.iter().map(|value| number(*value, 3)));
         let evaluation = document.evaluation;
         row.push(number(evaluation.per_sensor_voxels[index] as f64, 0));
@@ -85,7 +85,10 @@ fn sensors(report: &mut Report, document: &Document<'_>) {
         row
     };
     let rows: Vec<_> = document.mounts.iter().enumerate().map(row).collect();
-    report.table(&["sensor", "x, m", "y, m", "z, m", "pitch, deg", "roll, deg", "voxels", "alone"], &rows);
+    report.table(
+        &["sensor", "model", "x, m", "y, m", "z, m", "pitch, deg", "roll, deg", "voxels", "alone"],
+        &rows,
+    );
 }
 
 fn beside(report: &mut Report, document: &Document<'_>) {

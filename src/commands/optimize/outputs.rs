@@ -18,7 +18,7 @@ pub fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64)
     let experiment = problem.objective().simulator().experiment();
     let entry = |(index, sensor): (usize, Placement)| SensorEntry {
         name: sensor_name(index, experiment.mirror, masters.len()),
-        model: experiment.preset.model.into(),
+        model: experiment.model_of(&sensor).into(),
         x_m: sensor.x_m,
         y_m: sensor.y_m,
         z_m: sensor.z_m,
@@ -27,7 +27,11 @@ pub fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64)
     };
     let mut file = MountFile::new(experiment.sensors(masters).into_iter().enumerate().map(entry).collect());
     file.masters = Some(masters.iter().map(|master| (*master).into()).collect());
-    file.preset = Some(experiment.preset.name.into());
+    if experiment.is_mixed() {
+        let models = masters.iter().map(|master| experiment.model_of(master).to_owned());
+        file.master_models = Some(models.collect());
+    }
+    file.preset = Some(experiment.name());
     file.objective = Some(objective);
     file
 }
@@ -100,6 +104,7 @@ fn mounts(page: &mut Report, file: &MountFile, document: &Document) {
     let row = |(index, sensor): (usize, &SensorEntry)| {
         vec![
             sensor.name.clone(),
+            sensor.model.clone(),
             number(sensor.x_m, 4),
             number(sensor.y_m, 4),
             number(sensor.z_m, 4),
@@ -111,7 +116,7 @@ fn mounts(page: &mut Report, file: &MountFile, document: &Document) {
     };
     let rows: Vec<_> = file.sensors.iter().enumerate().map(row).collect();
     page.table(
-        &["sensor", "x m", "y m", "z m", "pitch, deg", "roll, deg", "voxels", "seen by it alone"],
+        &["sensor", "model", "x m", "y m", "z m", "pitch, deg", "roll, deg", "voxels", "seen by it alone"],
         &rows,
     );
     let terms = &evaluation.terms;

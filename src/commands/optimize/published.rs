@@ -51,7 +51,7 @@ pub fn write(
         },
         optimization: Optimization {
             total_coverage: evaluation.unique_voxels,
-            lambda: problem.objective().weights().sensor_cost,
+            lambda: problem.objective().prices()[0],
             sensors: evaluation.sensors,
             method: Some(document.method.name().into()),
         },

@@ -10,7 +10,7 @@ use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
 
-const FORMAT: &str = "outrigger-search/3";
+const FORMAT: &str = "outrigger-search/4";
 
 #[derive(Serialize)]
 struct Written<'a> {
@@ -31,7 +31,7 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
     let objective = problem.objective();
     let experiment = objective.simulator().experiment();
     let text = json!({
-        "preset": experiment.preset.name,
+        "preset": experiment.name(),
         "path": experiment.path,
         "voxel_m": experiment.voxel_m,
         "azimuths": experiment.azimuths,
@@ -39,10 +39,10 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
         "phase": experiment.phase,
         "mirror": experiment.mirror,
         "roll": match experiment.roll { Roll::Fixed(roll_deg) => json!(roll_deg), Roll::Free => json!("free") },
-        "lambda": objective.weights().sensor_cost,
+        "lambda": objective.prices(),
         "registration_weight": objective.weights().registration,
         "least_conditioning": objective.weights().least_conditioning,
-        "least_distance_m": objective.needed_distance_m(),
+        "least_distance_m": objective.least_distance_m(),
         "clearance": keep_apart,
         "search": problem.search(),
         "robust": problem.robustness(),

@@ -8,7 +8,6 @@ use anyhow::bail;
 use super::Args;
 use super::document::{Beside, Seen};
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
-use crate::commands::evaluate::Masters;
 use crate::commands::ground::{MeshTaken, stations};
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{MAIN_RANK, Surface};
@@ -41,7 +40,7 @@ pub struct Field {
 /// The sensors of `--mounts` or of the mount file.
 pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
     match (&args.mounts, &args.mount) {
-        (Some(Masters(listed)), _) => {
+        (Some(masters), _) => {
             let [choice] = &args.sensor[..] else { bail!("--mounts takes one --sensor for all of them") };
             let unit = match choice {
                 UnitChoice { sensor: Some(name), .. } => {
@@ -55,7 +54,7 @@ pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
                 mount: placement.mount(),
                 unit: unit.clone(),
             };
-            Ok(listed.iter().enumerate().map(place).collect())
+            Ok(masters.without_models()?.iter().enumerate().map(place).collect())
         }
         (None, Some(path)) => {
             let file = MountFile::read(path)?;

@@ -2,6 +2,12 @@
 
 use super::Placement;
 
+/// Presets of the types beside the first.
+pub type MoreTypes = [Option<&'static Preset>; 3];
+
+/// Sensor types on one rig at most.
+pub const MOST_TYPES: usize = 1 + size_of::<MoreTypes>() / size_of::<Option<&'static Preset>>();
+
 /// A published experiment as data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Preset {
@@ -66,6 +72,20 @@ impl Preset {
     }
 }
 
+impl Preset {
+    /// Whether sensors of both can stand on one rig: all but the sensor is the same.
+    fn shares_a_walk_with(&self, other: &Self) -> bool {
+        let sensor_of = Self {
+            name: self.name,
+            model: self.model,
+            beams: self.beams,
+            field_of_view_deg: self.field_of_view_deg,
+            ..*other
+        };
+        *self == sensor_of
+    }
+}
+
 /// Along which axis of the mount frame the platform walks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -123,8 +143,10 @@ impl Phase {
 /// A preset with what may be changed about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Experiment {
-    /// What stays.
+    /// What stays; its sensor is type 0.
     pub preset: Preset,
+    /// Presets whose sensors are types 1, 2 ... of the same rig, in box and walk of the first.
+    pub more_types: MoreTypes,
     /// Direction of the walk.
     pub path: Path,
     /// Edge of a voxel, m: 5 m divided by a whole number.
@@ -148,6 +170,7 @@ impl Experiment {
     pub fn published(preset: &Preset) -> Self {
         Self {
             preset: *preset,
+            more_types: MoreTypes::default(),
             path: Path::Lateral,
             voxel_m: preset.voxel_m,
             azimuths: preset.azimuths,
@@ -157,6 +180,57 @@ impl Experiment {
             phase: Phase::Locked,
             phase_shift: 0.0,
         }
+    }
+
+    /// The same experiment with rigs on which sensors of these presets may stand side by side: type 0 is the first's.
+    ///
+    /// # Errors
+    /// No preset, too many, one twice, or presets that differ in more than the sensor.
+    pub fn mixed(presets: &[&'static Preset]) -> Result<Self, ExperimentError> {
+        let names = || presets.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ");
+        let [first, more @ ..] = presets else { return Err(ExperimentError::Types { names: names() }) };
+        let mut experiment = Self::published(first);
+        if more.len() > experiment.more_types.len() {
+            return Err(ExperimentError::Types { names: names() });
+        }
+        for (index, preset) in more.iter().enumerate() {
+            let is_twin = presets[..=index].iter().any(|other| other.model == preset.model);
+            if is_twin || !first.shares_a_walk_with(preset) {
+                return Err(ExperimentError::Types { names: names() });
+            }
+            experiment.more_types[index] = Some(preset);
+        }
+        Ok(experiment)
+    }
+
+    /// The presets whose sensors may stand on the rig, by type.
+    pub fn types(&self) -> impl Iterator<Item = &Preset> {
+        std::iter::once(&self.preset).chain(self.more_types.iter().flatten().copied())
+    }
+
+    /// How many types.
+    pub fn type_count(&self) -> usize {
+        self.types().count()
+    }
+
+    /// Whether a rig may have sensors of several types.
+    pub fn is_mixed(&self) -> bool {
+        self.type_count() > 1
+    }
+
+    /// The sensor model of a placement; the first type's where there is no such type.
+    pub fn model_of(&self, sensor: &Placement) -> &'static str {
+        self.types().nth(sensor.sensor_type).unwrap_or(&self.preset).model
+    }
+
+    /// Names of the presets of all types, as they are given and read: with commas between them.
+    pub fn name(&self) -> String {
+        self.types().map(|preset| preset.name).collect::<Vec<_>>().join(",")
+    }
+
+    /// The same experiment for sensors of one type alone.
+    pub(super) fn of_type(&self, preset: &Preset) -> Self {
+        Self { preset: *preset, more_types: MoreTypes::default(), ..*self }
     }
 
     /// Every physical sensor of these masters: roll rule applied, each master followed by its mirror image.
@@ -189,9 +263,22 @@ impl Experiment {
         (self.preset.path_length_m * self.sub_poses as f64).round() as usize + 1
     }
 
-    /// Rays of one sensor over the whole walk.
+    /// Rays of one sensor of the first type over the whole walk.
     pub fn rays_per_sensor(&self) -> u64 {
-        self.poses() as u64 * self.azimuths as u64 * self.preset.beams as u64
+        self.rays_of(&self.preset)
+    }
+
+    /// Rays of these physical sensors over the whole walk.
+    pub fn rays(&self, sensors: &[Placement]) -> u64 {
+        let of = |(index, preset): (usize, &Preset)| {
+            let count = sensors.iter().filter(|sensor| sensor.sensor_type == index).count();
+            self.rays_of(preset) * count as u64
+        };
+        self.types().enumerate().map(of).sum()
+    }
+
+    fn rays_of(&self, preset: &Preset) -> u64 {
+        self.poses() as u64 * self.azimuths as u64 * preset.beams as u64
     }
 }
 
@@ -205,6 +292,24 @@ pub enum ExperimentError {
         name: String,
         /// All that exist.
         known: String,
+    },
+    /// Sensor types that cannot share a rig.
+    #[error(
+        "the presets {names:?} make no rig: give 1 to {MOST_TYPES} different ones that differ in nothing but the sensor"
+    )]
+    Types {
+        /// As asked for.
+        names: String,
+    },
+    /// A placement of a type that the experiment does not have.
+    #[error("sensor {sensor} is of type {sensor_type}, counted from 0, of {types} types")]
+    UnknownType {
+        /// Position in the list, from 1.
+        sensor: usize,
+        /// As asked for.
+        sensor_type: usize,
+        /// That there are.
+        types: usize,
     },
     /// Walls would not lie on voxel faces.
     #[error(

@@ -12,6 +12,7 @@ mod brute;
 mod experiment;
 mod fast;
 mod lanes;
+mod mixed;
 mod placement;
 mod region;
 mod shell;
@@ -20,7 +21,9 @@ mod spread;
 
 pub use spread::PUBLISHED_SPREAD_DEG;
 
-pub use experiment::{Experiment, ExperimentError, PRESETS, Path, Phase, Preset, Roll};
+pub use experiment::{
+    Experiment, ExperimentError, MOST_TYPES, MoreTypes, PRESETS, Path, Phase, Preset, Roll,
+};
 pub use placement::Placement;
 pub use region::{Reach, Region};
 
@@ -29,7 +32,7 @@ use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 use crate::coverage::{Counts, Coverage, VoxelGrid};
 use crate::instructions::Instructions;
 
-/// An experiment made ready: beams, poses and grid. Sensors are then seen in turn.
+/// An experiment made ready: beams, poses and grid. Sensors are then seen in turn, each with the beams of its type.
 #[derive(Clone, Debug)]
 pub struct Simulator {
     experiment: Experiment,
@@ -44,6 +47,8 @@ pub struct Simulator {
     plan: Option<fast::Plan>,
     /// Tables of the way for any poses, where the numbers fit.
     faces: Option<anywhere::Faces>,
+    /// The same box and walk with the beams of types 1, 2 ...; all else here is about type 0.
+    more_types: Vec<Simulator>,
 }
 
 /// A sensor in the box, in the mount frame's axes.
@@ -102,8 +107,19 @@ impl Simulator {
         let start_m = -preset.path_length_m / 2.0;
         let stations_m =
             (0..experiment.poses()).map(|pose| start_m + pose as f64 / experiment.sub_poses as f64).collect();
-        let mut simulator =
-            Self { experiment: *experiment, cells, base, elevations, stations_m, plan: None, faces: None };
+        let more = experiment.types().skip(1);
+        let more_types =
+            more.map(|preset| Self::new(&experiment.of_type(preset))).collect::<Result<_, _>>()?;
+        let mut simulator = Self {
+            experiment: *experiment,
+            cells,
+            base,
+            elevations,
+            stations_m,
+            plan: None,
+            faces: None,
+            more_types,
+        };
         simulator.plan = fast::Plan::new(&simulator);
         simulator.faces = anywhere::Faces::new(&simulator);
         Ok(simulator)
@@ -147,10 +163,12 @@ impl Simulator {
         instructions: Instructions,
     ) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
-        let Some(plan) = &self.plan else {
-            return self.see_along_with(&self.walks(sensors), instructions);
-        };
-        let shells = fast::see(self, plan, sensors, instructions);
+        if self.plan.is_none() {
+            return self.join(sensors, |simulator, sensors| {
+                simulator.see_along_with(&simulator.walks(sensors), instructions)
+            });
+        }
+        let shells = self.shells(sensors, instructions);
         let bitmaps = shells.iter().map(|shell| self.bitmap(shell)).collect();
         let lost_rays = sensors.iter().map(|sensor| self.lost_rays(sensor)).collect();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
@@ -167,14 +185,14 @@ impl Simulator {
         sensors: &[Placement],
         instructions: Instructions,
     ) -> Result<Counts, ExperimentError> {
-        let Some(plan) = &self.plan else {
+        if self.plan.is_none() {
             return Ok(self.see_with(sensors, instructions)?.coverage.counts());
-        };
+        }
         self.check(sensors)?;
-        Ok(shell::counts(&fast::see(self, plan, sensors, instructions), instructions))
+        Ok(shell::counts(&self.shells(sensors, instructions), instructions))
     }
 
-    /// Which voxels sensors see from any poses in the box, one list of poses for each.
+    /// Which voxels sensors of the first type see from any poses in the box, one list of poses for each.
     pub fn see_along(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
         self.see_along_with(sensors, Instructions::best())
     }
@@ -221,7 +239,7 @@ impl Simulator {
     }
 
     fn lost_rays(&self, sensor: &Placement) -> u64 {
-        brute::lost_rays(self, &self.pose(sensor, 0)) * self.stations_m.len() as u64
+        brute::lost_rays(self.of(sensor), &self.pose(sensor, 0)) * self.stations_m.len() as u64
     }
 
     fn bitmap(&self, shell: &shell::Shell) -> Vec<u64> {
@@ -238,7 +256,7 @@ impl Simulator {
     /// Which voxels each sensor sees, straight from the definition: every ray at every pose.
     pub fn coverage_by_definition(&self, sensors: &[Placement]) -> Result<Seen, ExperimentError> {
         self.check(sensors)?;
-        self.see_along_by_definition(&self.walks(sensors))
+        self.join(sensors, |simulator, sensors| simulator.see_along_by_definition(&simulator.walks(sensors)))
     }
 
     /// What [`Simulator::see_along`] must find, straight from the definition.
@@ -284,6 +302,11 @@ impl Simulator {
                         what: format!("{name} of sensor {}", index + 1),
                     });
                 }
+            }
+            let types = 1 + self.more_types.len();
+            if sensor.sensor_type >= types {
+                let sensor_type = sensor.sensor_type;
+                return Err(ExperimentError::UnknownType { sensor: index + 1, sensor_type, types });
             }
             let position_m = [sensor.x_m, sensor.y_m, sensor.z_m + preset.platform_height_m];
             let walls_m = preset.box_min_m.iter().zip(preset.box_max_m);

@@ -16,10 +16,12 @@ pub struct Placement {
     pub pitch_deg: f64,
     /// About the lateral axis, degrees.
     pub roll_deg: f64,
+    /// Which of the experiment's sensor types it is, counted from 0 ([`super::Experiment::types`]).
+    pub sensor_type: usize,
 }
 
 impl Placement {
-    /// The mirror image across the platform's plane of symmetry (YZ).
+    /// The mirror image across the platform's plane of symmetry (YZ): a sensor of the same type.
     pub fn mirrored(&self) -> Self {
         Self { x_m: -self.x_m, pitch_deg: -self.pitch_deg, ..*self }
     }
@@ -49,9 +51,9 @@ impl Placement {
 }
 
 impl From<[f64; 5]> for Placement {
-    /// From `[x_m, y_m, z_m, pitch_deg, roll_deg]`.
+    /// From `[x_m, y_m, z_m, pitch_deg, roll_deg]`, of the experiment's first sensor type.
     fn from([x_m, y_m, z_m, pitch_deg, roll_deg]: [f64; 5]) -> Self {
-        Self { x_m, y_m, z_m, pitch_deg, roll_deg }
+        Self { x_m, y_m, z_m, pitch_deg, roll_deg, sensor_type: 0 }
     }
 }
 

@@ -13,11 +13,12 @@ impl Simulator {
         mut take: impl FnMut([f64; 3], [f64; 3]),
     ) {
         let preset = &self.experiment.preset;
+        let simulator = self.of(sensor);
         let pose = self.pose(sensor, pose);
         let origin_m = pose.origin_m;
         for azimuth in (0..self.experiment.azimuths).step_by(column_step.max(1)) {
-            for beam in 0..self.elevations.len() {
-                let direction = brute::direction(self, &pose, azimuth, beam);
+            for beam in 0..simulator.elevations.len() {
+                let direction = brute::direction(simulator, &pose, azimuth, beam);
                 let (mut exit_m, mut normal) = (f64::INFINITY, [0.0; 3]);
                 for axis in 0..3 {
                     let ahead = direction[axis] > 0.0;

@@ -25,7 +25,8 @@ impl Simulator {
             return Err(ExperimentError::NotFinite { what: format!("a spread of {spread_deg} degrees") });
         }
         let spread = spread_deg.to_radians();
-        let see = |(index, sensor)| self.see_one_spread(sensor, spread, &mut Rng::new(seed, index));
+        let see =
+            |(index, sensor)| self.of(sensor).see_one_spread(sensor, spread, &mut Rng::new(seed, index));
         let (bitmaps, lost_rays) = (0..).zip(sensors).map(see).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }

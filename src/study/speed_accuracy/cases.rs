@@ -110,7 +110,7 @@ fn random_masters(count: usize) -> Vec<Placement> {
         y_m: rng.between(-0.25, 0.25),
         z_m: rng.between(-0.15, 0.15),
         pitch_deg: rng.between(-90.0, 90.0),
-        roll_deg: 0.0,
+        ..Placement::default()
     };
     (0..count).map(master).collect()
 }

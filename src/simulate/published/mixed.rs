@@ -1,0 +1,51 @@
+//! Rigs with sensors of several types: each sensor is seen by the simulator of its type, and the voxels of all are one
+//! coverage. All types share grid and walk, so that nothing is converted.
+
+use super::shell::Shell;
+use super::{ExperimentError, Placement, Seen, Simulator, fast};
+use crate::coverage::Coverage;
+use crate::instructions::Instructions;
+
+impl Simulator {
+    /// The simulator whose beams a placement has. The placement must have been checked.
+    pub(super) fn of(&self, sensor: &Placement) -> &Self {
+        match sensor.sensor_type {
+            0 => self,
+            index => &self.more_types[index - 1],
+        }
+    }
+
+    /// What each sensor sees on the fast way, in their order. Pairs stay together: both are of one type.
+    pub(super) fn shells(&self, sensors: &[Placement], instructions: Instructions) -> Vec<Shell> {
+        let see = |alike: &[Placement]| {
+            let simulator = self.of(&alike[0]);
+            // walk and grid decide whether there is a plan: all types have one, or none has
+            let plan = simulator.plan.iter();
+            plan.flat_map(|plan| fast::see(simulator, plan, alike, instructions)).collect::<Vec<_>>()
+        };
+        runs(sensors).flat_map(see).collect()
+    }
+
+    /// What sensors see, run by run of sensors of one type.
+    pub(super) fn join(
+        &self,
+        sensors: &[Placement],
+        see: impl Fn(&Self, &[Placement]) -> Result<Seen, ExperimentError>,
+    ) -> Result<Seen, ExperimentError> {
+        if self.more_types.is_empty() {
+            return see(self, sensors);
+        }
+        let (mut bitmaps, mut lost_rays) = (Vec::new(), Vec::new());
+        for alike in runs(sensors) {
+            let seen = see(self.of(&alike[0]), alike)?;
+            bitmaps.extend((0..alike.len()).map(|sensor| seen.coverage.sensor_bitmap(sensor).into_owned()));
+            lost_rays.extend(seen.lost_rays);
+        }
+        Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
+    }
+}
+
+/// Neighbours of one type.
+fn runs(sensors: &[Placement]) -> impl Iterator<Item = &[Placement]> {
+    sensors.chunk_by(|a, b| a.sensor_type == b.sensor_type)
+}
