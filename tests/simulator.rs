@@ -99,7 +99,9 @@ impl Reference {
         let sensors = self.sensors();
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
         let angle_deg = objective::min_angle_deg(&axes);
-        let terms = objective::score(&Weights::default(), &counts, angle_deg, sensors.len());
+        let weights = Weights::default();
+        let price = weights.sensor_cost * sensors.len() as f64;
+        let terms = objective::score(&weights, &counts, angle_deg, price);
         let mut wrong = Vec::new();
         let mut check = |what: &str, same: bool| {
             if !same {
