@@ -78,6 +78,14 @@ impl<T: Default> Cells<T> {
         self.held.entry(key(place(point_m, self.edge_m))).or_default()
     }
 
+    /// Square of the distance from a point to a cell, never more than that, m^2.
+    fn gap_m2(&self, point_m: DVec3, at: [i32; 3]) -> f64 {
+        let low_m = DVec3::from(at.map(f64::from)) * self.edge_m;
+        // where a cell begins is known to a rounding
+        let outside_m = (low_m - point_m).max(point_m - low_m - self.edge_m) - 1e-9;
+        outside_m.max(DVec3::ZERO).length_squared()
+    }
+
     /// Hands over every cell within so many to each side of that around a point.
     pub fn around(&self, point_m: DVec3, reach: i32, mut take: impl FnMut(&T)) {
         around(place(point_m, self.edge_m), reach, |at| {
@@ -125,13 +133,22 @@ impl PointMap {
 
     /// The nearest point within so many cells to each side, and no farther than so many metres.
     pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Option<DVec3> {
+        let middle = place(point_m, self.cells.edge_m);
         let (mut best, mut best_m2) = (None, within_m * within_m);
-        self.cells.around(point_m, reach_cells, |cell| {
-            for other in &cell.points_m {
+        let mut look = |at: [i32; 3], best_m2: &mut f64| {
+            let points_m = self.cells.held.get(&key(at)).map_or(&[][..], |cell| &cell.points_m);
+            for other in points_m {
                 let distance_m2 = other.distance_squared(point_m);
-                if distance_m2 < best_m2 {
-                    (best, best_m2) = (Some(*other), distance_m2);
+                if distance_m2 < *best_m2 {
+                    (best, *best_m2) = (Some(*other), distance_m2);
                 }
+            }
+        };
+        // the own cell mostly has one so near that few others need be looked into
+        look(middle, &mut best_m2);
+        around(middle, reach_cells, |at| {
+            if at != middle && self.cells.gap_m2(point_m, at) < best_m2 {
+                look(at, &mut best_m2);
             }
         });
         best
