@@ -91,6 +91,7 @@ mount = "mount.json"
 room = "-6,-4,-1.5,6,4,2"
 `);
   let running = await daemon("127.0.0.1:0");
+  const daemons = [running.url];
   const sensors = {};
   for (const name of ["left", "right"]) sensors[name] = await start(sensorArgs[name](running.to[name]), json);
 
@@ -101,7 +102,9 @@ room = "-6,-4,-1.5,6,4,2"
   const outside = [];
   page.on("pageerror", (error) => errors.push(error.message));
   page.on("console", (message) => message.type() === "error" && !/ERR_CONNECTION_REFUSED|WebSocket|Failed to load resource/.test(message.text()) && errors.push(message.text()));
-  page.on("request", (request) => !request.url().startsWith(running.url) && !request.url().startsWith("data:") && outside.push(request.url()));
+  // a page that is being left may still ask the daemon before
+  const ours = (url) => url.startsWith("data:") || daemons.some((its) => url.startsWith(its));
+  page.on("request", (request) => ours(request.url()) || outside.push(request.url()));
   await page.goto(running.url);
   const sees = (text) => page.getByText(text).first().waitFor().then(() => true, () => false);
   const gone = (text) => page.getByText(text).first().waitFor({ state: "hidden" }).then(() => true, () => false);
@@ -218,6 +221,7 @@ room = "-6,-4,-1.5,6,4,2"
   check("the daemon ends in peace", code === 0, `exit code ${code}`);
   check("the page says that the daemon is gone", await sees(/no connection to the daemon/));
   running = await daemon(address);
+  daemons.push(running.url);
   check("and finds it again by itself", (await gone(/no connection to the daemon/)) && (await sees(/% of what is predicted/)));
   await end(running.child);
 
@@ -225,6 +229,7 @@ room = "-6,-4,-1.5,6,4,2"
   writeFileSync(join(folder, "token"), "correct-horse-battery\n");
   const closed = await start(["--json", "daemon", "--config", "rig.toml", "--listen", "127.0.0.1:0", "--token-file", "token"], json);
   running = { child: closed.child, url: closed.found.url };
+  daemons.push(running.url);
   await page.goto(running.url);
   await page.locator("#token").fill("wrong-horse-battery");
   await press("Open");
