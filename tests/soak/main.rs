@@ -72,9 +72,7 @@ fn start(bench: &Bench, disk: &std::path::Path) -> Running {
     let sensors = [("left", "os1-16", -0.1), ("right", "vlp-16", 0.1), ("front", "vlp-16", 0.0)];
     let entries = sensors.map(|(name, model, x_m)| sensor::entry(name, model, [x_m, 0.0], 0.0));
     MountFile::new(entries.to_vec()).write(&bench.path("mount.json")).unwrap();
-    // another program than the one built beside this one, where it is named
-    let program = std::env::var("OUTRIGGER_SOAK_PROGRAM").unwrap_or(env!("CARGO_BIN_EXE_outrigger").into());
-    let mut command = Command::new(program);
+    let mut command = Command::new(program_path());
     let more = ["--warn-below-mib", "96", "--stop-below-mib", "64"];
     command.args(bench.arguments(&disk.join("sessions"), &more));
     Running::start(command)
@@ -133,6 +131,7 @@ fn main() {
     std::process::exit(i32::from(!good));
 }
 
+/// Another program than the one built beside this one, where it is named.
 fn program_path() -> std::path::PathBuf {
     std::env::var_os("OUTRIGGER_SOAK_PROGRAM").map_or(env!("CARGO_BIN_EXE_outrigger").into(), Into::into)
 }

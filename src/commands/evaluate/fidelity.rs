@@ -86,7 +86,7 @@ fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
     let experiment = objective.simulator().experiment();
     let (mut blocked, mut rays) = (0_u32, 0_u32);
     for (index, sensor) in rig.sensors.iter().enumerate() {
-        let preset = experiment.types().nth(sensors[index].sensor_type).unwrap_or(&experiment.preset);
+        let preset = experiment.preset_of(&sensors[index]);
         let beams = (preset.beams - 1) as f64;
         let occluders = Occluder::other_housings(&rig, index);
         let body_from_sensor = sensor.mount.body_from_sensor();

@@ -70,9 +70,7 @@ impl Preset {
     pub fn names() -> String {
         PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
     }
-}
 
-impl Preset {
     /// Whether sensors of both can stand on one rig: all but the sensor is the same.
     fn shares_a_walk_with(&self, other: &Self) -> bool {
         let sensor_of = Self {
@@ -218,9 +216,14 @@ impl Experiment {
         self.type_count() > 1
     }
 
+    /// The preset whose sensor a placement has; the first where there is no such type.
+    pub fn preset_of(&self, sensor: &Placement) -> &Preset {
+        self.types().nth(sensor.sensor_type).unwrap_or(&self.preset)
+    }
+
     /// The sensor model of a placement; the first type's where there is no such type.
     pub fn model_of(&self, sensor: &Placement) -> &'static str {
-        self.types().nth(sensor.sensor_type).unwrap_or(&self.preset).model
+        self.preset_of(sensor).model
     }
 
     /// Names of the presets of all types, as they are given and read: with commas between them.
@@ -270,11 +273,7 @@ impl Experiment {
 
     /// Rays of these physical sensors over the whole walk.
     pub fn rays(&self, sensors: &[Placement]) -> u64 {
-        let of = |(index, preset): (usize, &Preset)| {
-            let count = sensors.iter().filter(|sensor| sensor.sensor_type == index).count();
-            self.rays_of(preset) * count as u64
-        };
-        self.types().enumerate().map(of).sum()
+        sensors.iter().map(|sensor| self.rays_of(self.preset_of(sensor))).sum()
     }
 
     fn rays_of(&self, preset: &Preset) -> u64 {

@@ -192,7 +192,7 @@ pub(super) fn box_scores(
     line: &[Vec<Placement>],
 ) -> Result<Scored, StudyError> {
     if *model == Model::Auto {
-        let published = random.first().map_or(0, |sensors| own_rays(objective, sensors));
+        let published = random.first().map_or(0, |sensors| objective.simulator().experiment().rays(sensors));
         return auto(&BoxLadder::new(objective).map_err(StudyError::of)?, published, random, line);
     }
     let own = *objective.simulator().experiment();
@@ -269,10 +269,6 @@ pub(super) fn scene_scores(
     };
     let rays = each * random.first().or(line.first()).map_or(0, |mounts| ladder.rays_of(&fan, mounts));
     Ok(Scored::plain(scores(random), scores(line), rays as f64))
-}
-
-fn own_rays(objective: &Objective, sensors: &[Placement]) -> u64 {
-    objective.simulator().experiment().rays_per_sensor() * sensors.len() as u64
 }
 
 /// Both lists, each ranked by itself; `published` are the rays of the published sampling for each mount.
