@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, Matrix6, Vector6};
 use rayon::prelude::*;
 
-use super::map::{PlaneFit, PointMap};
+use super::map::{Nearest, PlaneFit, PointMap};
 use crate::geometry::Pose;
 use crate::registration::Information;
 
@@ -49,10 +49,15 @@ pub struct Aligned {
     pub residual_m: f64,
 }
 
-/// The plane that was fitted around a cell.
+/// What of the map was last near each point of a sweep: as a sweep settles, most of it stays what it was. One memory serves
+/// one sweep, one state of the map and one kernel.
+pub struct Memory(Vec<Known>);
+
 #[derive(Clone, Copy, Default)]
 struct Known {
+    nearest: Option<Nearest>,
     cell: Option<u64>,
+    /// The plane that was fitted around the cell.
     plane: Option<PlaneFit>,
 }
 
@@ -66,15 +71,27 @@ struct Sums {
     information: Information,
 }
 
+impl Memory {
+    /// Nothing known yet of so many points.
+    pub fn of(points: usize) -> Self {
+        Self(vec![Known::default(); points])
+    }
+}
+
 /// Lays points of the body onto the map; none where too few meet it.
-pub fn align(map: &PointMap, body_m: &[DVec3], guess: &Pose, kernel: Kernel) -> Option<Aligned> {
+pub fn align(
+    map: &PointMap,
+    body_m: &[DVec3],
+    memory: &mut Memory,
+    guess: &Pose,
+    kernel: Kernel,
+) -> Option<Aligned> {
     let mut pose = *guess;
     let mut kernel = kernel;
     let within_m = 3.0 * kernel.width_m;
-    let mut known = vec![Known::default(); body_m.len()];
     let mut last = None;
     for iteration in 0..ITERATIONS {
-        let sums = sums(map, body_m, &mut known, &pose, kernel, within_m);
+        let sums = sums(map, body_m, &mut memory.0, &pose, kernel, within_m);
         if sums.matched < LEAST_MATCHED {
             return None;
         }
@@ -151,11 +168,14 @@ impl Sums {
     ) {
         let from_body_m = pose.rotate(body_m);
         let point_m = pose.translation_m + from_body_m;
-        let Some(near_m) = map.nearest(point_m, kernel.reach_cells, within_m) else { return };
+        let remembered = known.nearest.filter(|nearest| map.is_nearest(nearest, point_m));
+        let nearest = remembered.unwrap_or_else(|| map.nearest(point_m, kernel.reach_cells, within_m));
+        known.nearest = Some(nearest);
+        let Some(near_m) = nearest.point_m else { return };
         self.matched += 1;
         let cell = map.cell_of(near_m);
         if known.cell != Some(cell) {
-            *known = Known { cell: Some(cell), plane: map.plane(near_m) };
+            (known.cell, known.plane) = (Some(cell), map.plane(near_m));
         }
         let width_m2 = kernel.width_m * kernel.width_m;
         let weight = |residual_m2: f64| (width_m2 / (width_m2 + residual_m2)).powi(2);
@@ -215,7 +235,7 @@ mod tests {
         let body_m: Vec<DVec3> =
             points.iter().step_by(5).map(|p| truth.inverse().transform_point(*p)).collect();
         let kernel = Kernel { width_m: 0.3, reach_cells: 1 };
-        let found = align(&map, &body_m, &Pose::IDENTITY, kernel).unwrap();
+        let found = align(&map, &body_m, &mut Memory::of(body_m.len()), &Pose::IDENTITY, kernel).unwrap();
         let off = truth.inverse() * found.pose;
         assert!(off.translation_m.length() < 1e-3, "{off:?}");
         assert!(off.rotation.to_scaled_axis().length() < 1e-3, "{off:?}");
@@ -232,7 +252,8 @@ mod tests {
         let body_m: Vec<DVec3> =
             points.iter().filter(|p| p.x.abs() < 2.0).map(|p| *p - DVec3::new(0.0, 0.05, 0.0)).collect();
         let guess = Pose::from_translation(DVec3::new(0.3, 0.0, 0.0));
-        let found = align(&map, &body_m, &guess, Kernel { width_m: 0.3, reach_cells: 1 }).unwrap();
+        let kernel = Kernel { width_m: 0.3, reach_cells: 1 };
+        let found = align(&map, &body_m, &mut Memory::of(body_m.len()), &guess, kernel).unwrap();
         assert!((found.pose.translation_m.y - 0.05).abs() < 2e-3, "{found:?}");
         let translation = found.information.conditioning().unwrap().translation;
         assert!(translation.least() < crate::registration::DEGENERATE, "{translation:?}");
@@ -244,6 +265,7 @@ mod tests {
         let mut map = PointMap::new(0.25);
         map.add(&room(), &Pose::IDENTITY);
         let far: Vec<DVec3> = room().iter().map(|p| *p + 50.0).collect();
-        assert!(align(&map, &far, &Pose::IDENTITY, Kernel { width_m: 0.3, reach_cells: 1 }).is_none());
+        let kernel = Kernel { width_m: 0.3, reach_cells: 1 };
+        assert!(align(&map, &far, &mut Memory::of(far.len()), &Pose::IDENTITY, kernel).is_none());
     }
 }

@@ -50,6 +50,26 @@ pub struct PointMap {
     cells: Cells<Cell>,
 }
 
+/// The point of a map that is nearest to a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// World, m; none where none was near enough.
+    pub point_m: Option<DVec3>,
+    from_m: DVec3,
+    cell: Key,
+    /// How far the place may move within its cell before another may be nearest, m.
+    free_m: f64,
+}
+
+/// What a search for the nearest point met, as squares of distances, m^2.
+struct Seen {
+    first: Option<DVec3>,
+    first_m2: f64,
+    second_m2: f64,
+    /// The least of those that are too far, or that of a cell that was not looked into.
+    beyond_m2: f64,
+}
+
 #[derive(Clone, Debug, Default)]
 struct Cell {
     points_m: Vec<DVec3>,
@@ -132,26 +152,33 @@ impl PointMap {
     }
 
     /// The nearest point within so many cells to each side, and no farther than so many metres.
-    pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Option<DVec3> {
+    pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Nearest {
         let middle = place(point_m, self.cells.edge_m);
-        let (mut best, mut best_m2) = (None, within_m * within_m);
-        let mut look = |at: [i32; 3], best_m2: &mut f64| {
-            let points_m = self.cells.held.get(&key(at)).map_or(&[][..], |cell| &cell.points_m);
-            for other in points_m {
-                let distance_m2 = other.distance_squared(point_m);
-                if distance_m2 < *best_m2 {
-                    (best, *best_m2) = (Some(*other), distance_m2);
-                }
-            }
-        };
-        // the own cell mostly has one so near that few others need be looked into
-        look(middle, &mut best_m2);
+        let mut seen = Seen::within(within_m);
+        // the own cell mostly has some so near that few others need be looked into
+        self.look(middle, point_m, &mut seen);
         around(middle, reach_cells, |at| {
-            if at != middle && self.cells.gap_m2(point_m, at) < best_m2 {
-                look(at, &mut best_m2);
+            let gap_m2 = self.cells.gap_m2(point_m, at);
+            if gap_m2 >= seen.second_m2 {
+                seen.beyond_m2 = seen.beyond_m2.min(gap_m2);
+            } else if at != middle {
+                self.look(at, point_m, &mut seen);
             }
         });
-        best
+        Nearest { point_m: seen.first, from_m: point_m, cell: key(middle), free_m: seen.free_m(within_m) }
+    }
+
+    fn look(&self, at: [i32; 3], point_m: DVec3, seen: &mut Seen) {
+        let points_m = self.cells.held.get(&key(at)).map_or(&[][..], |cell| &cell.points_m);
+        for other in points_m {
+            seen.take(*other, other.distance_squared(point_m));
+        }
+    }
+
+    /// Whether that is the nearest of this place, too, as it is sure not to have changed.
+    pub fn is_nearest(&self, nearest: &Nearest, point_m: DVec3) -> bool {
+        point_m.distance_squared(nearest.from_m) < nearest.free_m * nearest.free_m
+            && self.cell_of(point_m) == nearest.cell
     }
 
     /// The cell around a point, by number.
@@ -164,6 +191,34 @@ impl PointMap {
         let mut all = Moments::default();
         self.cells.around(point_m, 1, |cell| all.join(&cell.sums));
         all.plane(self.cells.edge_m)
+    }
+}
+
+impl Seen {
+    fn within(within_m: f64) -> Self {
+        let within_m2 = within_m * within_m;
+        Self { first: None, first_m2: within_m2, second_m2: within_m2, beyond_m2: f64::INFINITY }
+    }
+
+    fn take(&mut self, point_m: DVec3, distance_m2: f64) {
+        if distance_m2 < self.first_m2 {
+            self.second_m2 = self.first_m2;
+            (self.first, self.first_m2) = (Some(point_m), distance_m2);
+        } else if distance_m2 < self.second_m2 {
+            self.second_m2 = distance_m2;
+        } else {
+            self.beyond_m2 = self.beyond_m2.min(distance_m2);
+        }
+    }
+
+    /// Moving by this brings no other nearer than the first, nor any within reach where there is none.
+    fn free_m(&self, within_m: f64) -> f64 {
+        let free_m = match self.first {
+            Some(_) => 0.5 * (self.second_m2.sqrt() - self.first_m2.sqrt()),
+            None => self.beyond_m2.sqrt() - within_m,
+        };
+        // both were rounded
+        (free_m - 1e-9).max(0.0)
     }
 }
 
@@ -283,8 +338,32 @@ mod tests {
             let near =
                 held.iter().copied().min_by(|a, b| a.distance_squared(at).total_cmp(&b.distance_squared(at)));
             let expected = near.filter(|point| point.distance(at) < 0.5);
-            assert_eq!(map.nearest(at, 1, 0.5), expected);
+            assert_eq!(map.nearest(at, 1, 0.5).point_m, expected);
         }
+    }
+
+    #[test]
+    fn what_is_remembered_as_nearest_is_what_a_search_finds() {
+        let mut rng = Rng::new(5, 0);
+        let mut any = |half: f64| {
+            DVec3::new(rng.between(-half, half), rng.between(-half, half), rng.between(-half, half))
+        };
+        let points: Vec<DVec3> = (0..150).map(|_| any(2.0)).collect();
+        let mut map = PointMap::new(0.5);
+        map.add(&points, &Pose::IDENTITY);
+        let (mut kept, mut kept_none) = (0, 0);
+        for round in 0..20_000 {
+            let within_m = [0.2, 0.5, 1.5][round % 3];
+            let at = any(2.5);
+            let nearest = map.nearest(at, 1, within_m);
+            let moved = at + any([0.002, 0.02, 0.2][round / 3 % 3]);
+            if map.is_nearest(&nearest, moved) {
+                assert_eq!(map.nearest(moved, 1, within_m).point_m, nearest.point_m, "{at} to {moved}");
+                kept += usize::from(nearest.point_m.is_some());
+                kept_none += usize::from(nearest.point_m.is_none());
+            }
+        }
+        assert!(kept > 3000 && kept_none > 3000, "{kept} and {kept_none}");
     }
 
     #[test]

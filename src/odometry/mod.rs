@@ -21,7 +21,7 @@ use crate::registration::{DEGENERATE, Information, RegistrationQuality};
 use crate::statistics::median;
 use crate::trajectory::{Trajectory, TrajectoryError};
 
-use align::{Aligned, Kernel};
+use align::{Aligned, Kernel, Memory};
 pub use map::{Cells, Moments, PlaneFit, PointMap, thin};
 pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};
 
@@ -274,7 +274,9 @@ impl Odometry {
             let kernel =
                 Kernel { width_m: self.deviation.width_m(), reach_cells: if round < 2 { 3 } else { 1 } };
             let points_m = straightened(&laid, sweep.middle_ns(), &motion);
-            let Some(aligned) = align::align(map, &points_m, &motion.over(seconds), kernel) else {
+            let mut memory = Memory::of(points_m.len());
+            let guess = motion.over(seconds);
+            let Some(aligned) = align::align(map, &points_m, &mut memory, &guess, kernel) else {
                 // a later sweep may fit
                 self.first = Some(first);
                 return None;
@@ -300,9 +302,10 @@ impl Odometry {
         let (mut guess, mut motion) = (predicted, self.motion);
         let mut found = None;
         let laid = laid_by(sweep, map.voxel_m());
+        let mut memory = Memory::of(laid.len());
         for _ in 0..VELOCITY_ROUNDS {
             let points_m = straightened(&laid, sweep.middle_ns(), &motion);
-            let aligned = align::align(map, &points_m, &guess, kernel)?;
+            let aligned = align::align(map, &points_m, &mut memory, &guess, kernel)?;
             let next = Motion::between(last, &aligned.pose, seconds);
             let moved = next.distance(&motion);
             (guess, motion) = (aligned.pose, next);
