@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{LOCAL_SHARE, Polished, Population, first_members, members, searched};
+use super::polished::{LOCAL_SHARE, LONG, Polished, Population, first_members, members};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -22,9 +22,8 @@ const ELITE_SHARE: f64 = 0.05;
 /// Spent when the best of the last 50 generations grew by less than this, relative.
 const FUNCTION_TOLERANCE: f64 = 1e-4;
 const STALL_GENERATIONS: usize = 50;
-/// From so many evaluations on the population finds its hills early: most of them go to the local searches, and classes of
-/// equal points are left unfolded, which keeps more hills in the population.
-const LONG: usize = 1000;
+/// In a long search most evaluations go to the local ones, and classes of equal points are left unfolded, which keeps more
+/// hills in the population.
 const LOCAL_SHARE_WHEN_LONG: f64 = 0.75;
 
 /// The genetic algorithm, then pattern search.
@@ -50,7 +49,7 @@ impl Genetic {
     pub fn start(space: Space, settings: Settings) -> Self {
         let is_long = settings.budget >= LONG && !settings.early_stop;
         let local_share = if is_long { LOCAL_SHARE_WHEN_LONG } else { LOCAL_SHARE };
-        let space = if is_long { space } else { searched(space, settings) };
+        let space = if is_long || settings.early_stop { space } else { space.folded() };
         let genes = Genes {
             space: space.clone(),
             seed: settings.seed,

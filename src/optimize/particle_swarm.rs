@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{LOCAL_SHARE, Polished, Population, first_members, members, searched};
+use super::polished::{LOCAL_SHARE, LONG, Polished, Population, first_members, members};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -19,6 +19,11 @@ const SOCIAL: f64 = 1.4;
 const NEIGHBOURS: usize = 2;
 /// Greatest speed at the start, as a share of the range.
 const FIRST_SPEED: f64 = 0.5;
+/// With fewer evaluations classes of equal points are folded into one; with more, a ring has leaders enough to follow several
+/// of them.
+const FEW: usize = 100;
+/// Share of a long budget that is kept for local searches: a ring gains longest by itself.
+const LOCAL_SHARE_WHEN_LONG: f64 = 0.3;
 
 /// The swarm, then pattern search.
 pub type ParticleSwarm = Polished<Swarm>;
@@ -46,7 +51,9 @@ pub struct Swarm {
 impl ParticleSwarm {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
-        let space = searched(space, settings);
+        let is_long = settings.budget >= LONG && !settings.early_stop;
+        let local_share = if is_long { LOCAL_SHARE_WHEN_LONG } else { LOCAL_SHARE };
+        let space = if settings.budget < FEW && !settings.early_stop { space.folded() } else { space };
         let swarm = Swarm {
             space: space.clone(),
             seed: settings.seed,
@@ -60,7 +67,7 @@ impl ParticleSwarm {
             bests: Vec::new(),
             leader: 0,
         };
-        Polished::new(space, swarm, settings, LOCAL_SHARE)
+        Polished::new(space, swarm, settings, local_share)
     }
 }
 

@@ -10,6 +10,8 @@ use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 const POLISH_STEP: f64 = 0.02;
 /// Share of the budget kept for local searches where the published rule does not end the population.
 pub(super) const LOCAL_SHARE: f64 = 0.5;
+/// From so many evaluations on a search is long: its population finds its hills early.
+pub(super) const LONG: usize = 1000;
 /// Evaluations that a local search after the first gets.
 const LOCAL_AGAIN: usize = 100;
 /// Trials remembered as starts of local searches.
@@ -131,11 +133,6 @@ impl<P: Population> Optimizer for Polished<P> {
             }
         }
     }
-}
-
-/// The space a method searches: as published, or one representative of each class of equal points.
-pub(super) fn searched(space: Space, settings: Settings) -> Space {
-    if settings.early_stop { space } else { space.folded() }
 }
 
 /// Members of a population where the published number would leave fewer than ten generations.
