@@ -111,6 +111,10 @@ fn a_missing_or_wrong_file_is_named() {
     for (arguments, named) in [
         (&["decode", "no-such.pcap"][..], "no-such.pcap"),
         (&["inspect", "no-such.pcap"], "no-such.pcap"),
+        (&["boresight", "no-such-session"], "no-such-session: No such file"),
+        (&["stand", "no-such-session"], "no-such-session: No such file"),
+        (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),
+        (&["boresight", "Cargo.toml"], "Cargo.toml: give --mount"),
         (&["decode", "Cargo.toml"], "Cargo.toml"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),

@@ -22,6 +22,7 @@ const ASKED: &str = "statistics of minutes: set OUTRIGGER_STATISTICS=1 (and OUTR
 pub const CASES: &[Case] = &[
     case("a_faithful_recording_matches", rig_faults::a_faithful_recording_matches),
     case("a_tilted_sensor_is_found_and_corrected", rig_faults::a_tilted_sensor_is_found_and_corrected),
+    case("a_rolled_or_shifted_sensor_is_named", rig_faults::a_rolled_or_shifted_sensor_is_named),
     case("errors_only_lower_coverage", rig_faults::errors_only_lower_coverage),
     case("each_fault_has_its_name", rig_faults::each_fault_has_its_name),
     case("a_mesh_in_millimetres_is_named", rig_faults::a_mesh_in_millimetres_is_named),

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::ensure;
+use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
 use super::compare::feed::Taken;
@@ -67,6 +67,7 @@ struct Hold {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let name = args.session.display();
+    std::fs::metadata(&args.session).with_context(|| name.to_string())?;
     ensure!(
         Session::is_session(&args.session),
         "{name} is no session: the angles of the axes are in none but those"

@@ -181,6 +181,30 @@ pub fn a_tilted_sensor_is_found_and_corrected() {
     }
 }
 
+/// What is not on the servo's axis is named too, is not blamed on wearers and glass, and can be put right.
+pub fn a_rolled_or_shifted_sensor_is_named() {
+    let recorded = Recorded::of(&Walk::default());
+    let faulty = |name: &str, change: &dyn Fn(&mut SensorEntry)| {
+        let mut mount = MountFile::read(&recorded.path("mount.json")).unwrap();
+        change(&mut mount.sensors[0]);
+        mount.write(&recorded.path(name)).unwrap();
+    };
+    faulty("rolled.json", &|right| right.roll_deg = 2.0);
+    faulty("shifted.json", &|right| right.y_m = -0.08);
+    let corrected = recorded.path("corrected.json");
+    for (mount, words) in [("rolled.json", "right is rolled -2.0"), ("shifted.json", "right sits +80 +- ")] {
+        let (code, document) = recorded.judged(mount, &["--corrected-mount", corrected.to_str().unwrap()]);
+        assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("differs")), "{mount}");
+        let said = document["words"].to_string();
+        assert!(said.contains(words), "{said}");
+        for cause in ["left is", "left sits", "wearer", "people", "glass", "door"] {
+            assert!(!said.contains(cause), "{cause}: {said}");
+        }
+        let (code, document) = recorded.judged("corrected.json", &[]);
+        assert_eq!((code, &document["verdict"]), (Some(0), &Value::from("matches")), "{document:#}");
+    }
+}
+
 /// The coverage figure moves under 0.1 points for noise of the ranges and falls for an error of the poses.
 pub fn errors_only_lower_coverage() {
     let recorded = |walk: &Walk| {

@@ -5,6 +5,7 @@ pub mod judge;
 pub mod page;
 pub mod place;
 pub mod recorded;
+mod seats;
 pub mod verdict;
 
 use std::path::{Path, PathBuf};

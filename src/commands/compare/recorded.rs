@@ -42,8 +42,9 @@ impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `mount`
     /// says, or as the session does.
     pub fn open(path: &Path, sensors: &SensorArgs, mount: Option<&PathBuf>) -> anyhow::Result<Self> {
-        Self::open_if_seated(path, sensors, mount)?
-            .context("give --mount: the recording does not say where its sensors sit")
+        Self::open_if_seated(path, sensors, mount)?.with_context(|| {
+            format!("{}: give --mount: the recording does not say where its sensors sit", path.display())
+        })
     }
 
     /// The same; none where nobody says where the sensors sit.
@@ -52,6 +53,8 @@ impl Recorded {
         sensors: &SensorArgs,
         mount: Option<&PathBuf>,
     ) -> anyhow::Result<Option<Self>> {
+        // a name that was mistyped is no recording without a mount
+        std::fs::metadata(path).with_context(|| path.display().to_string())?;
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let mount = match mount {
             Some(said) => Some(MountFile::read(said)?),

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::judge::Comparison;
+use super::seats::{off, off_in_range, off_its_seat};
 use crate::chart::number;
 use crate::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 
@@ -16,11 +17,6 @@ const MATCH_AGREE_SHARE: f64 = 0.95;
 const RARE: f64 = 0.05;
 /// Fewer rays than one revolution of the smallest sensor say nothing.
 const LEAST_RAYS: u64 = 5_000;
-/// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.
-const TILT_MATTERS_DEG: f64 = 0.1;
-/// And it must be this sure.
-const TILT_P: f64 = 0.003;
-
 /// Contradicting cells are worth a word from this share of the cells that both know.
 const CONFLICTS_MATTER: f64 = 0.02;
 
@@ -69,34 +65,6 @@ impl Verdict {
     }
 }
 
-/// Tilts that are surely not as said.
-fn off(comparison: &Comparison) -> Vec<String> {
-    let matters = |value_deg: f64, u95_deg: f64, p_value: f64| {
-        value_deg.abs() > TILT_MATTERS_DEG.max(u95_deg) && p_value < TILT_P
-    };
-    let mut words = Vec::new();
-    for check in &comparison.mount {
-        if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
-            && matters(tilt, u95, p_value)
-        {
-            words.push(format!(
-                "{} is tilted {tilt:+.2} +- {u95:.2} degrees from where it was said to be",
-                check.sensor
-            ));
-        }
-    }
-    if let Some(relative) = &comparison.relative_tilt
-        && matters(relative.error_deg, relative.u95_deg, relative.p_value)
-    {
-        let [first, second] = &relative.sensors;
-        words.push(format!(
-            "{first} against {second}: {:+.3} +- {:.3} degrees of tilt more than said",
-            relative.error_deg, relative.u95_deg
-        ));
-    }
-    words
-}
-
 /// What is missing, where, and why most likely.
 pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patches>) -> Vec<String> {
     let mut words: Vec<String> = comparison.faults.iter().map(|fault| fault.words.clone()).collect();
@@ -106,8 +74,11 @@ pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patc
             words.push(format!("tilt of {}: {why}", check.sensor));
         }
     }
+    words.extend(comparison.mount.iter().filter_map(off_in_range));
     for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
-        words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice()));
+        let mut checks = comparison.mount.iter().filter(|check| check.sensor == sensor.name);
+        let is_off = checks.any(|check| !off_its_seat(check).is_empty());
+        words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice(), is_off));
     }
     if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
         words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
@@ -144,8 +115,8 @@ fn contradictions(conflicts: &Conflicts) -> Vec<String> {
     words
 }
 
-/// What one sensor's rays hint at.
-fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> {
+/// What one sensor's rays hint at; where its mount is off, that is the likeliest cause of all that ends elsewhere.
+fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -> Vec<String> {
     let all = total.informative();
     let mut words = Vec::new();
     if total.unplaced > 0 {
@@ -158,6 +129,14 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> 
         return words;
     }
     let percent = |count: u64| 100.0 * count as f64 / all as f64;
+    if is_off && percent(total.short + total.long) > 2.0 {
+        words.push(format!(
+            "{name}: {:.1} % of the rays end early and {:.1} % late: most likely because it sits otherwise than said; compare \
+             again with the mount that --corrected-mount writes",
+            percent(total.short),
+            percent(total.long)
+        ));
+    }
     // directions in which nearly every ray ends early: something that travels along
     let (mut blocked, mut sectors) = (0, [false; SECTORS]);
     for (place, cell) in strip.iter().enumerate() {
@@ -166,7 +145,7 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> 
             sectors[place % SECTORS] = true;
         }
     }
-    if percent(blocked) > 0.5 {
+    if percent(blocked) > 0.5 && !is_off {
         words.push(format!(
             "{name}: {:.1} % of the rays always end early in {}: the wearer, a housing or something else that travels along",
             percent(blocked),
@@ -174,13 +153,13 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> 
         ));
     }
     let short = total.short.saturating_sub(blocked);
-    if percent(short) > 2.0 {
+    if percent(short) > 2.0 && !is_off {
         words.push(format!(
             "{name}: {:.1} % of the rays end early: people, things that are not in the scene, or a wrong pose",
             percent(short)
         ));
     }
-    if percent(total.long) > 2.0 {
+    if percent(total.long) > 2.0 && !is_off {
         let cause = if total.long as f64 > 0.5 * short as f64 && short as f64 > 0.5 * total.long as f64 {
             "as many as end early, so the pose or the mount is off rather than the scene"
         } else {

@@ -1,0 +1,72 @@
+//! Where a recording shows that a sensor sits otherwise than said.
+
+use super::judge::Comparison;
+use crate::calibrate::SensorCheck;
+
+/// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.
+const TILT_MATTERS_DEG: f64 = 0.1;
+/// And it must be this sure.
+const TILT_P: f64 = 0.003;
+
+/// The other turns of a mount are told less surely, and there are more of them.
+const TURN_P: f64 = 0.001;
+/// Shifts of a mount below this are not worth a word, mm, nor are half as large ones of ranges: plates are not measured better.
+const SHIFT_MATTERS_MM: f64 = 30.0;
+
+/// Whether an estimate is no chance and large enough to be felt.
+fn matters(value: f64, u95: f64, least: f64, p_value: f64, most_p: f64) -> bool {
+    value.abs() > least.max(u95) && p_value < most_p
+}
+
+/// How a sensor surely sits otherwise than said.
+pub fn off_its_seat(check: &SensorCheck) -> Vec<String> {
+    let mut words = Vec::new();
+    let sensor = &check.sensor;
+    if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
+        && matters(tilt, u95, TILT_MATTERS_DEG, p_value, TILT_P)
+    {
+        words.push(format!("{sensor} is tilted {tilt:+.2} +- {u95:.2} degrees from where it was said to be"));
+    }
+    let [roll, _, yaw] = check.rotation_deg;
+    for (turn, what) in [(roll, "rolled"), (yaw, "turned about the vertical by")] {
+        if let Some(turn) = turn.filter(|t| matters(t.value, t.u95, TILT_MATTERS_DEG, t.p_value, TURN_P)) {
+            let (value, u95) = (turn.value, turn.u95);
+            words.push(format!(
+                "{sensor} is {what} {value:+.2} +- {u95:.2} degrees from where it was said to be"
+            ));
+        }
+    }
+    for (shift, axis) in check.translation_mm.iter().zip(["right", "ahead", "up"]) {
+        if let Some(shift) = shift.filter(|s| matters(s.value, s.u95, SHIFT_MATTERS_MM, s.p_value, TURN_P)) {
+            words.push(format!(
+                "{sensor} sits {:+.0} +- {:.0} mm {axis} of where it was said to be",
+                shift.value, shift.u95
+            ));
+        }
+    }
+    words
+}
+
+/// What is surely off of the mounts.
+pub fn off(comparison: &Comparison) -> Vec<String> {
+    let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_seat).collect();
+    if let Some(relative) = &comparison.relative_tilt
+        && matters(relative.error_deg, relative.u95_deg, TILT_MATTERS_DEG, relative.p_value, TILT_P)
+    {
+        let [first, second] = &relative.sensors;
+        words.push(format!(
+            "{first} against {second}: {:+.3} +- {:.3} degrees of tilt more than said",
+            relative.error_deg, relative.u95_deg
+        ));
+    }
+    words
+}
+
+/// Ranges that are surely too long or too short.
+pub fn off_in_range(check: &SensorCheck) -> Option<String> {
+    let offset = check.range_offset_mm?;
+    matters(offset.value, offset.u95, 0.5 * SHIFT_MATTERS_MM, offset.p_value, TURN_P).then(|| {
+        let what = if offset.value > 0.0 { "long" } else { "short" };
+        format!("{}: ranges are {:.0} +- {:.0} mm too {what}", check.sensor, offset.value.abs(), offset.u95)
+    })
+}
