@@ -61,6 +61,18 @@ struct Known {
     plane: Option<PlaneFit>,
 }
 
+impl Known {
+    /// Takes what is nearest now, and the plane around it.
+    fn look(&mut self, map: &PointMap, nearest: Nearest) {
+        self.nearest = Some(nearest);
+        let Some(near_m) = nearest.point_m else { return };
+        let cell = map.cell_of(near_m);
+        if self.cell != Some(cell) {
+            (self.cell, self.plane) = (Some(cell), map.plane(near_m));
+        }
+    }
+}
+
 #[derive(Clone, Default)]
 struct Sums {
     own: Matrix6<f64>,
@@ -168,15 +180,11 @@ impl Sums {
     ) {
         let from_body_m = pose.rotate(body_m);
         let point_m = pose.translation_m + from_body_m;
-        let remembered = known.nearest.filter(|nearest| map.is_nearest(nearest, point_m));
-        let nearest = remembered.unwrap_or_else(|| map.nearest(point_m, kernel.reach_cells, within_m));
-        known.nearest = Some(nearest);
-        let Some(near_m) = nearest.point_m else { return };
-        self.matched += 1;
-        let cell = map.cell_of(near_m);
-        if known.cell != Some(cell) {
-            (known.cell, known.plane) = (Some(cell), map.plane(near_m));
+        if !known.nearest.is_some_and(|nearest| map.is_nearest(&nearest, point_m)) {
+            known.look(map, map.nearest(point_m, kernel.reach_cells, within_m));
         }
+        let Some(near_m) = known.nearest.and_then(|nearest| nearest.point_m) else { return };
+        self.matched += 1;
         let width_m2 = kernel.width_m * kernel.width_m;
         let weight = |residual_m2: f64| (width_m2 / (width_m2 + residual_m2)).powi(2);
         if let Some(plane) = known.plane {

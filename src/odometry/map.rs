@@ -321,15 +321,21 @@ mod tests {
     use super::*;
     use crate::rng::Rng;
 
-    #[test]
-    fn the_nearest_point_is_that_of_a_search_through_all() {
-        let mut rng = Rng::new(3, 0);
-        let mut any = |half: f64| {
+    /// A map of points anywhere in a cube of 4 m, and what gives more places in a cube of any half edge, m.
+    fn scattered(seed: u64, count: usize) -> (PointMap, impl FnMut(f64) -> DVec3) {
+        let mut rng = Rng::new(seed, 0);
+        let mut any = move |half: f64| {
             DVec3::new(rng.between(-half, half), rng.between(-half, half), rng.between(-half, half))
         };
-        let points: Vec<DVec3> = (0..400).map(|_| any(2.0)).collect();
+        let points: Vec<DVec3> = (0..count).map(|_| any(2.0)).collect();
         let mut map = PointMap::new(0.5);
         map.add(&points, &Pose::IDENTITY);
+        (map, any)
+    }
+
+    #[test]
+    fn the_nearest_point_is_that_of_a_search_through_all() {
+        let (map, mut any) = scattered(3, 400);
         // what lies too near another was not taken
         let held: Vec<DVec3> = map.cells.held.values().flat_map(|cell| cell.points_m.clone()).collect();
         assert!(held.len() > 300);
@@ -344,13 +350,7 @@ mod tests {
 
     #[test]
     fn what_is_remembered_as_nearest_is_what_a_search_finds() {
-        let mut rng = Rng::new(5, 0);
-        let mut any = |half: f64| {
-            DVec3::new(rng.between(-half, half), rng.between(-half, half), rng.between(-half, half))
-        };
-        let points: Vec<DVec3> = (0..150).map(|_| any(2.0)).collect();
-        let mut map = PointMap::new(0.5);
-        map.add(&points, &Pose::IDENTITY);
+        let (map, mut any) = scattered(5, 150);
         let (mut kept, mut kept_none) = (0, 0);
         for round in 0..20_000 {
             let within_m = [0.2, 0.5, 1.5][round % 3];

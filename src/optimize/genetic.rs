@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{LOCAL_SHARE, LONG, Polished, Population, first_members, members};
+use super::polished::{Polished, Population, first_members, is_long, local_share, members};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -47,9 +47,7 @@ pub struct Genes {
 impl Genetic {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
-        let is_long = settings.budget >= LONG && !settings.early_stop;
-        let local_share = if is_long { LOCAL_SHARE_WHEN_LONG } else { LOCAL_SHARE };
-        let space = if is_long || settings.early_stop { space } else { space.folded() };
+        let space = if is_long(settings) || settings.early_stop { space } else { space.folded() };
         let genes = Genes {
             space: space.clone(),
             seed: settings.seed,
@@ -60,7 +58,7 @@ impl Genetic {
             members: Vec::new(),
             best_scores: Vec::new(),
         };
-        Polished::new(space, genes, settings, local_share)
+        Polished::new(space, genes, settings, local_share(settings, LOCAL_SHARE_WHEN_LONG))
     }
 }
 

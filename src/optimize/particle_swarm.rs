@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::polished::{LOCAL_SHARE, LONG, Polished, Population, first_members, members};
+use super::polished::{Polished, Population, first_members, local_share, members};
 use super::{Candidate, Settings, Space, Trial, generator};
 use crate::rng::Rng;
 
@@ -51,8 +51,6 @@ pub struct Swarm {
 impl ParticleSwarm {
     /// Nothing evaluated yet.
     pub fn start(space: Space, settings: Settings) -> Self {
-        let is_long = settings.budget >= LONG && !settings.early_stop;
-        let local_share = if is_long { LOCAL_SHARE_WHEN_LONG } else { LOCAL_SHARE };
         let space = if settings.budget < FEW && !settings.early_stop { space.folded() } else { space };
         let swarm = Swarm {
             space: space.clone(),
@@ -67,7 +65,7 @@ impl ParticleSwarm {
             bests: Vec::new(),
             leader: 0,
         };
-        Polished::new(space, swarm, settings, local_share)
+        Polished::new(space, swarm, settings, local_share(settings, LOCAL_SHARE_WHEN_LONG))
     }
 }
 

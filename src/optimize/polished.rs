@@ -9,9 +9,9 @@ use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 /// Mesh of the closing pattern search at its start, as a share of each variable's range.
 const POLISH_STEP: f64 = 0.02;
 /// Share of the budget kept for local searches where the published rule does not end the population.
-pub(super) const LOCAL_SHARE: f64 = 0.5;
+const LOCAL_SHARE: f64 = 0.5;
 /// From so many evaluations on a search is long: its population finds its hills early.
-pub(super) const LONG: usize = 1000;
+const LONG: usize = 1000;
 /// Evaluations that a local search after the first gets.
 const LOCAL_AGAIN: usize = 100;
 /// Trials remembered as starts of local searches.
@@ -133,6 +133,16 @@ impl<P: Population> Optimizer for Polished<P> {
             }
         }
     }
+}
+
+/// Whether a search that does not end by the published rule is long.
+pub(super) fn is_long(settings: Settings) -> bool {
+    settings.budget >= LONG && !settings.early_stop
+}
+
+/// Share of the budget kept for local searches, where a method has one of its own for long searches.
+pub(super) fn local_share(settings: Settings, when_long: f64) -> f64 {
+    if is_long(settings) { when_long } else { LOCAL_SHARE }
 }
 
 /// Members of a population where the published number would leave fewer than ten generations.

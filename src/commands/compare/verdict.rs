@@ -129,43 +129,15 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
         return words;
     }
     let percent = |count: u64| 100.0 * count as f64 / all as f64;
-    if is_off && percent(total.short + total.long) > 2.0 {
+    if !is_off {
+        words.extend(ends_elsewhere(name, total, strip));
+    } else if percent(total.short + total.long) > 2.0 {
         words.push(format!(
             "{name}: {:.1} % of the rays end early and {:.1} % late: most likely because it sits otherwise than said; compare \
              again with the mount that --corrected-mount writes",
             percent(total.short),
             percent(total.long)
         ));
-    }
-    // directions in which nearly every ray ends early: something that travels along
-    let (mut blocked, mut sectors) = (0, [false; SECTORS]);
-    for (place, cell) in strip.iter().enumerate() {
-        if cell.informative() >= 20 && cell.short * 5 >= cell.informative() * 4 {
-            blocked += cell.short;
-            sectors[place % SECTORS] = true;
-        }
-    }
-    if percent(blocked) > 0.5 && !is_off {
-        words.push(format!(
-            "{name}: {:.1} % of the rays always end early in {}: the wearer, a housing or something else that travels along",
-            percent(blocked),
-            sector_words(&sectors)
-        ));
-    }
-    let short = total.short.saturating_sub(blocked);
-    if percent(short) > 2.0 && !is_off {
-        words.push(format!(
-            "{name}: {:.1} % of the rays end early: people, things that are not in the scene, or a wrong pose",
-            percent(short)
-        ));
-    }
-    if percent(total.long) > 2.0 && !is_off {
-        let cause = if total.long as f64 > 0.5 * short as f64 && short as f64 > 0.5 * total.long as f64 {
-            "as many as end early, so the pose or the mount is off rather than the scene"
-        } else {
-            "glass, an opened door, or a scene that is not up to date"
-        };
-        words.push(format!("{name}: {:.1} % of the rays end late: {cause}", percent(total.long)));
     }
     if percent(total.drop) > 2.0 {
         words.push(format!(
@@ -178,6 +150,43 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
             "{name}: {:.1} % of the returns come where the scene has nothing: it has holes, or the place is another one",
             percent(total.extra)
         ));
+    }
+    words
+}
+
+/// Why rays of a sensor that sits as said end early or late.
+fn ends_elsewhere(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> {
+    let mut words = Vec::new();
+    let percent = |count: u64| 100.0 * count as f64 / total.informative() as f64;
+    // directions in which nearly every ray ends early: something that travels along
+    let (mut blocked, mut sectors) = (0, [false; SECTORS]);
+    for (place, cell) in strip.iter().enumerate() {
+        if cell.informative() >= 20 && cell.short * 5 >= cell.informative() * 4 {
+            blocked += cell.short;
+            sectors[place % SECTORS] = true;
+        }
+    }
+    if percent(blocked) > 0.5 {
+        words.push(format!(
+            "{name}: {:.1} % of the rays always end early in {}: the wearer, a housing or something else that travels along",
+            percent(blocked),
+            sector_words(&sectors)
+        ));
+    }
+    let short = total.short.saturating_sub(blocked);
+    if percent(short) > 2.0 {
+        words.push(format!(
+            "{name}: {:.1} % of the rays end early: people, things that are not in the scene, or a wrong pose",
+            percent(short)
+        ));
+    }
+    if percent(total.long) > 2.0 {
+        let cause = if total.long as f64 > 0.5 * short as f64 && short as f64 > 0.5 * total.long as f64 {
+            "as many as end early, so the pose or the mount is off rather than the scene"
+        } else {
+            "glass, an opened door, or a scene that is not up to date"
+        };
+        words.push(format!("{name}: {:.1} % of the rays end late: {cause}", percent(total.long)));
     }
     words
 }
