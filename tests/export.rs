@@ -13,6 +13,7 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("pcd_and_ply_hold_the_points", pcd_and_ply_hold_the_points),
     case("csv_holds_the_points", csv_holds_the_points),
+    case("npy_holds_what_csv_holds", npy_holds_what_csv_holds),
     case("las_and_laz_hold_the_points", las_and_laz_hold_the_points),
     case("e57_holds_a_scan_per_frame", e57_holds_a_scan_per_frame),
     case("mcap_holds_a_message_per_frame", mcap_holds_a_message_per_frame),
@@ -152,6 +153,23 @@ fn csv_holds_the_points() {
         DVec3::new(numbers[5], numbers[6], numbers[7])
     });
     assert_same(positions.collect(), 2e-6);
+}
+
+fn npy_holds_what_csv_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.npy");
+    let points = write(Format::Npy, 1, &path);
+    let bytes = std::fs::read(&path).unwrap();
+    let (header, body) = bytes.split_at(512);
+    let header = String::from_utf8_lossy(&header[10..]);
+    assert!(header.contains(&format!("'shape': ({points},)")) && header.ends_with('\n'), "{header}");
+    let records: Vec<&[u8]> = body.chunks(60).collect();
+    assert_eq!(body.len() as u64, 60 * points);
+    let f64_at = |bytes: &[u8], at: usize| f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+    let positions = records.iter().map(|r| DVec3::new(f64_at(r, 25), f64_at(r, 33), f64_at(r, 41)));
+    assert_same(positions.collect(), 1e-9);
+    assert!(records.iter().all(|record| record[..6] == [2, 0, 41, 0, 0, 0]), "sensor and frame");
+    assert_eq!(records.iter().filter(|record| record[12] == 2).count(), 5, "second returns");
 }
 
 fn las_and_laz_hold_the_points() {

@@ -51,9 +51,15 @@ fn clean(seed: u64) -> SimulatedLink {
     SimulatedLink::new(MockConfig::default(), seed, NO_DAMAGE)
 }
 
+/// A session that a busy machine does not end: threads that race real time may wait for each other for seconds.
+fn patient() -> Options {
+    let long = Duration::from_secs(5);
+    Options { heartbeat_timeout: long, silence: long, answer_within: long, ..Options::new_session() }
+}
+
 fn pitches_are_applied_over_a_pty_and_read_back() {
     let mock = MockRig::start(MockConfig::default(), 1).unwrap();
-    let rig = Rig::connect(mock.path()).unwrap();
+    let rig = Rig::connect_with(mock.path(), patient()).unwrap();
     let reports = rig.reports();
     let refused = rig.apply(&[0.1, -0.1]);
     assert!(matches!(refused, Err(RigError::Refused { code: AckCode::NotArmed, .. })), "{refused:?}");
@@ -89,7 +95,7 @@ fn pitches_are_applied_over_a_pty_and_read_back() {
 
 fn a_cut_cable_ends_a_move_with_an_error() {
     let mock = MockRig::start(MockConfig::default(), 2).unwrap();
-    let rig = Rig::connect(mock.path()).unwrap();
+    let rig = Rig::connect_with(mock.path(), patient()).unwrap();
     let reports = rig.reports();
     rig.arm().unwrap();
     rig.home().unwrap();
@@ -187,6 +193,10 @@ fn faults_are_reported_by_name() {
         assert!(!status.axes[0].faults.contains(&name.to_owned()), "{broken:?}: {status:?}");
         let refused = rig.arm().unwrap_err();
         assert!(matches!(refused, RigError::Fault { .. }), "{refused}");
+        if let AxisFault::Overheat(_) | AxisFault::UnderVoltage(_) = broken {
+            let stays = rig.clear_faults().unwrap_err().to_string();
+            assert_eq!(stays, format!("rig: fault {name} (axis 1) is not cleared: its cause is still there"));
+        }
     }
     // more play is no fault: the encoder sits on the output
     let mut link = clean(7);
@@ -302,7 +312,7 @@ fn a_servo_that_measures_nothing_says_so() {
 
 fn the_rig_speaks_through_a_can_adapter() {
     let mock = MockRig::start(MockConfig { slcan: true, ..MockConfig::default() }, 13).unwrap();
-    let rig = Rig::connect(format!("slcan:{}", mock.path().display())).unwrap();
+    let rig = Rig::connect_with(format!("slcan:{}", mock.path().display()), patient()).unwrap();
     rig.arm().unwrap();
     rig.home().unwrap();
     let applied = rig.apply(&[0.15, 0.1]).unwrap();
@@ -315,7 +325,7 @@ fn the_rig_speaks_through_a_can_adapter() {
 fn bought_servos_are_a_rig_too() {
     let mock = MockDynamixel::start(14).unwrap();
     let address = format!("dynamixel:{}@1000000:1,2", mock.path().display());
-    let rig = Rig::connect(&address).unwrap();
+    let rig = Rig::connect_with(&address, patient()).unwrap();
     let start = rig.status().unwrap();
     assert!((start.axes[1].position_deg - 0.1f64.to_degrees()).abs() < 0.3, "{start:?}");
     let refused = rig.apply(&[0.2, 0.2]);
@@ -357,7 +367,7 @@ fn bought_servos_that_shut_down_are_a_fault() {
     ];
     for (broken, names) in cases {
         let mock = MockDynamixel::start(15).unwrap();
-        let rig = Rig::connect(format!("dynamixel:{}", mock.path().display())).unwrap();
+        let rig = Rig::connect_with(format!("dynamixel:{}", mock.path().display()), patient()).unwrap();
         rig.arm().unwrap();
         rig.home().unwrap();
         let mut broke = false;

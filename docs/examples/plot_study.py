@@ -1,8 +1,8 @@
 """What outrigger writes, in numpy and matplotlib: a study's rows and a recording's points.
 
     outrigger study pareto --quick --seeds 1 --out pareto
-    outrigger decode capture.pcap --meta sensor.json --format csv --out points.csv
-    python docs/examples/plot_study.py pareto points.csv picture.png
+    outrigger decode capture.pcap --meta sensor.json --out points.npy
+    python docs/examples/plot_study.py pareto points.npy picture.png
 
 Each `# %%` begins a cell of a notebook (VS Code, Spyder, Jupytext). Needs numpy and matplotlib.
 """
@@ -19,7 +19,7 @@ matplotlib.use("Agg")  # into a file; leave that out in a notebook
 import matplotlib.pyplot as plt
 import numpy as np
 
-study, points_csv, picture = map(pathlib.Path, sys.argv[1:4])
+study, points_npy, picture = map(pathlib.Path, sys.argv[1:4])
 
 # %% the findings: what the study says, as tables of texts, and its rows: one search each
 findings = json.loads((study / "findings.json").read_text())["findings"]
@@ -31,10 +31,8 @@ with open(study / "rows.csv", newline="") as file:
 print(f"{len(rows)} searches, tables: {[table['name'] for table in findings['tables']]}")
 
 # %% the points of one recording: x forward, y left, z up, metres, in the frame that the file was asked for
-with open(points_csv, newline="") as file:
-    names = next(csv.reader(file))
-columns = [names.index(name) for name in ("x_m", "y_m", "z_m")]
-points = np.loadtxt(points_csv, delimiter=",", skiprows=1, usecols=columns)
+cloud_points = np.load(points_npy)
+points = np.stack([cloud_points[name] for name in ("x_m", "y_m", "z_m")], axis=1)
 print(f"{len(points)} points, from {points.min(axis=0)} to {points.max(axis=0)} m")
 
 # %% three pictures

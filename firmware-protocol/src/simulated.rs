@@ -6,6 +6,7 @@ use crate::servo::{Reading, Sense, Servo, ServoHoming, Setpoint};
 const NANO: i64 = 1000;
 /// The plant is integrated in steps of this length, µs.
 const STEP_US: u64 = 1000;
+const CELSIUS_NC: i64 = 1_000_000_000;
 /// Longest time integrated at once; a process that was suspended does not catch up for minutes.
 const LONGEST_US: u64 = 1_000_000;
 
@@ -64,7 +65,7 @@ pub struct SimulatedAxis {
     frozen_urad: Option<i32>,
     reading_urad: i32,
     current_ma: i16,
-    temperature_mc: i64,
+    temperature_nc: i64,
     now_us: u64,
     setpoint: Setpoint,
     stuck: bool,
@@ -96,7 +97,7 @@ impl SimulatedAxis {
             frozen_urad: None,
             reading_urad: position_urad,
             current_ma: 80,
-            temperature_mc: 31_000,
+            temperature_nc: 31 * CELSIUS_NC,
             now_us,
             setpoint: Setpoint { position_urad, ..Setpoint::default() },
             stuck: false,
@@ -210,8 +211,9 @@ impl SimulatedAxis {
     }
 
     fn heat(&mut self, elapsed_us: i64) {
-        let heated_mc = self.temperature_mc + self.heating_mc_s * elapsed_us / 1_000_000;
-        self.temperature_mc = heated_mc.clamp(20_000, 120_000);
+        // m°C/s times µs are n°C: steps shorter than a millisecond lose nothing
+        let heated_nc = self.temperature_nc + self.heating_mc_s * elapsed_us;
+        self.temperature_nc = heated_nc.clamp(20 * CELSIUS_NC, 120 * CELSIUS_NC);
     }
 }
 
@@ -230,7 +232,7 @@ impl Servo for SimulatedAxis {
             torque: self.setpoint.torque && !self.torque_lost,
             current_ma: self.current_ma,
             supply_mv: self.supply_mv,
-            temperature_c: (self.temperature_mc / 1000) as i8,
+            temperature_c: (self.temperature_nc / CELSIUS_NC) as i8,
             home_switch: self.home_switch_urad.map(|at_urad| self.true_position_urad() <= at_urad),
             sampled_us: [now_us; 2],
             homing: ServoHoming::Idle,
@@ -243,5 +245,23 @@ impl Servo for SimulatedAxis {
 
     fn range_urad(&self) -> (i32, i32) {
         self.range_urad
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_cools_as_fast_however_often_it_is_looked_at() {
+        let after_ten_seconds = |every_us: u64| {
+            let mut axis = SimulatedAxis::new(1, 0, 0);
+            axis.inject(AxisFault::Overheat(60));
+            axis.sense(1_000_000);
+            axis.inject(AxisFault::Overheat(-1));
+            let looks = (1_000_000..=11_000_000).step_by(every_us as usize);
+            looks.map(|now_us| axis.sense(now_us).temperature_c).last()
+        };
+        assert_eq!([100, 1_250, 20_000].map(after_ten_seconds), [Some(81); 3]);
     }
 }

@@ -1,4 +1,4 @@
-//! Point files: PCD, PLY, CSV, LAS/LAZ, E57 and MCAP.
+//! Point files: PCD, PLY, CSV, NumPy, LAS/LAZ, E57 and MCAP.
 //!
 //! A file appears under its name only when it is whole. Coordinates are metres in the sensor frame (x forward, y left,
 //! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` (`gps_time` in LAS) the device
@@ -10,6 +10,7 @@ mod e57;
 pub mod foxglove;
 mod las;
 mod mcap;
+mod npy;
 mod pcd;
 mod ply;
 mod record;
@@ -43,6 +44,8 @@ pub enum Format {
     E57,
     /// One line per point.
     Csv,
+    /// NumPy: one structured array with the columns of the CSV file.
+    Npy,
     /// MCAP with ROS 2 PointCloud2 and Imu messages, topics per sensor; into a folder: a ROS 2 bag.
     Mcap,
     /// MCAP with Foxglove PointCloud messages, a topic per sensor.
@@ -65,6 +68,7 @@ impl Format {
             Self::Laz => "laz",
             Self::E57 => "e57",
             Self::Csv => "csv",
+            Self::Npy => "npy",
             Self::Mcap | Self::Foxglove => "mcap",
         }
     }
@@ -216,6 +220,7 @@ fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
         Format::Pcd => Box::new(RecordWriter::new(file, pcd::header)?),
         Format::Ply => Box::new(RecordWriter::new(file, ply::header)?),
         Format::Csv => Box::new(csv::CsvWriter::new(file)?),
+        Format::Npy => Box::new(npy::NpyWriter::new(file)?),
         Format::Las => Box::new(las::LasWriter::new(file, false)?),
         Format::Laz => Box::new(las::LasWriter::new(file, true)?),
         Format::E57 => Box::new(e57::E57Writer::new(file)?),

@@ -136,6 +136,14 @@ pub enum RigError {
         /// The axis of the first, if it has one.
         axis: Option<usize>,
     },
+    /// A latched fault cannot be cleared yet.
+    #[error("rig: fault {fault}{} is not cleared: its cause is still there", axis_text(*axis))]
+    CauseRemains {
+        /// Its name.
+        fault: &'static str,
+        /// Its axis, if it has one.
+        axis: Option<usize>,
+    },
     /// The rig started anew and forgot where it is.
     #[error("rig: it restarted ({}): not homed, connect and home again", cause.name())]
     Restarted {

@@ -122,6 +122,13 @@ def read_csv(path):
     return positions, np.array([int(row["ring"]) for row in rows]), None
 
 
+def read_npy(path):
+    points = np.load(path)
+    assert points.dtype.names[:4] == ("sensor", "frame_id", "column", "ring") and points["range_mm"].min() > 0
+    positions = np.stack([points[f"{axis}_m"] for axis in "xyz"], 1)
+    return positions, points["ring"], None
+
+
 # kind, reader, what lies behind --out (a folder with a file per frame, one file, a bag), tolerance in m
 CASES = [
     ("ply", read_ply, "frames", 1e-5),
@@ -131,6 +138,7 @@ CASES = [
     ("laz", read_las, "file", 1e-4),
     ("e57", read_e57, "file", 1e-5),
     ("csv", read_csv, "file", 1e-6),
+    ("npy", read_npy, "file", 1e-9),
     ("mcap", read_mcap_ros2, "file", 1e-5),
     ("mcap", read_ros2_bag, "bag", 1e-5),
     ("foxglove", read_mcap_foxglove, "file", 1e-5),

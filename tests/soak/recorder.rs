@@ -20,6 +20,7 @@ fn of_sensor(status: &Value, number: usize) -> u64 {
     let count = |value: &Value| value.as_u64().unwrap();
     count(&sensor["packets"])
         + count(&sensor["losses"]["kernel_dropped"])
+        + count(&sensor["losses"]["queue_dropped"])
         + count(&sensor["losses"]["foreign_source"])
 }
 

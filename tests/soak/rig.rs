@@ -40,7 +40,7 @@ impl Bench {
 
 /// Armed, homed, at two angles, and nothing wrong with it. A fault may still strike while that is done (a motor that is
 /// hot, a host too busy for its heartbeat): then it is begun again.
-fn make_ready(watch: &Watch, rng: &mut Rng) {
+fn make_ready(watch: &Watch, after: &str, rng: &mut Rng) {
     let order = |path: &str, body: &str| {
         let (code, answer) = watch.daemon().post(path, body);
         (code == 200).then_some(()).ok_or(format!("{path}: {code} {answer}"))
@@ -53,10 +53,11 @@ fn make_ready(watch: &Watch, rng: &mut Rng) {
         let status = watch.fresh();
         if problems(&status).any(|(about, _)| about == "rig") { Err(said(&status)) } else { Ok(()) }
     };
-    let begun = Instant::now();
+    let (begun, mut refusals) = (Instant::now(), Vec::new());
     while let Err(words) = attempt(rng) {
+        refusals.push(format!("{:.1} s: {words}", begun.elapsed().as_secs_f64()));
         if begun.elapsed() > PATIENCE {
-            return watch.log.fail(format!("the rig does not come back: {words}"));
+            return watch.log.fail(format!("the rig does not come back after {after:?}: {refusals:#?}"));
         }
         std::thread::sleep(Duration::from_millis(500));
     }
@@ -74,19 +75,20 @@ fn is_named(status: &Value, kinds: &[&str]) -> bool {
 
 pub fn lane(watch: &Watch, bench: &mut Bench, seed: u64) {
     let mut rng = Rng::new(seed, 13);
-    make_ready(watch, &mut rng);
+    make_ready(watch, "start", &mut rng);
     while watch.goes_on() {
         pause(&mut rng, [1.0, 8.0]);
         let axis = rng.below(2) as usize;
         let single: [(&str, AxisFault, &[&str]); 6] = [
             ("encoder invalid", AxisFault::EncoderInvalid, &["rig_fault"]),
             ("supply sags", AxisFault::UnderVoltage(8000), &["rig_fault"]),
-            ("overheated", AxisFault::Overheat(30), &["rig_fault"]),
+            // by 10 °C a second: what it heats up beyond its limit until it is repaired cools again by 1 °C a second
+            ("overheated", AxisFault::Overheat(10), &["rig_fault"]),
             ("torque lost", AxisFault::TorqueLost, &["rig_fault", "off_target"]),
             ("stuck", AxisFault::Stuck, &["rig_fault", "off_target"]),
             ("encoder frozen", AxisFault::EncoderFreeze, &["rig_fault", "off_target", "stale"]),
         ];
-        match rng.below(10) {
+        let after = match rng.below(10) {
             number @ 0..6 => {
                 let (name, fault, kinds) = single[number as usize];
                 bench.inject(MockFault::Axis(axis, fault));
@@ -96,30 +98,35 @@ pub fn lane(watch: &Watch, bench: &mut Bench, seed: u64) {
                 }
                 watch.explained(name, "rig", |status| is_named(status, kinds));
                 bench.inject(MockFault::Repair(axis));
+                name
             }
             6 => {
                 bench.inject(MockFault::HangUp);
                 watch.explained("unplugged", "rig", |status| is_named(status, &["rig_lost"]));
                 bench.plug_again();
                 watch.wait("the rig is plugged in again", |status| status["rig"]["connected"] == true);
+                "unplugged"
             }
             7 => {
                 bench.inject(MockFault::Reboot);
                 watch.explained("reboot", "rig", |status| is_named(status, &["not_homed", "rig_lost"]));
                 watch.wait("it is found again", |status| status["rig"]["connected"] == true);
+                "reboot"
             }
             8 => {
                 bench.inject(MockFault::WrongId(true));
                 watch.explained("another node", "rig", |status| is_named(status, &["rig_lost", "stale"]));
                 bench.inject(MockFault::WrongId(false));
                 watch.wait("its own node again", |status| status["rig"]["connected"] == true);
+                "another node"
             }
             _ => {
                 bench.inject(MockFault::Switch { closed: false });
                 watch.explained("e-stop", "rig", |status| is_named(status, &["e_stop"]));
                 bench.inject(MockFault::Switch { closed: true });
+                "e-stop"
             }
-        }
-        make_ready(watch, &mut rng);
+        };
+        make_ready(watch, after, &mut rng);
     }
 }

@@ -3,7 +3,7 @@
 use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use super::feed::Feed;
 use super::sensor::{SERIAL, metadata};
-use super::watch::{Watch, has};
+use super::watch::{PATIENCE, Watch, has};
 
 const NAMES: [&str; 3] = ["left", "right", "front"];
 
@@ -47,7 +47,12 @@ fn damage(
     pause(rng, [1.0, 4.0]);
     let done = feed.end_faults();
     let done = done.dropped + done.duplicated + done.reordered + done.corrupted;
-    // what is under way is counted with the revolutions that follow
+    // what waits to be looked into is counted when its turn comes, what is missing with the revolutions that follow
+    let is_counted =
+        |status: &Value| total(status) - total(&first) >= done || unread(status) > unread(&first);
+    let begun = Instant::now();
+    let all_count = faults.drop + faults.duplicate > 0.0; // disorder and damage may leave less to be counted
+    while all_count && !is_counted(&watch.fresh()) && begun.elapsed() < PATIENCE {}
     let seen = |status: &Value| status["sensors"][feed.number]["frames"].as_u64().unwrap();
     let (mut last, until) = (watch.fresh(), seen(&watch.fresh()) + 5);
     watch.wait(&format!("{name} of {} is counted", NAMES[feed.number]), |status| {

@@ -163,7 +163,13 @@ impl<L: Link> RigController<L> {
     pub fn clear_faults(&mut self) -> Result<(), RigError> {
         let faults = self.view.heartbeat.map_or_else(Default::default, |heartbeat| heartbeat.faults);
         for fault in faults.iter() {
-            self.order("clear fault", Order::ClearFault { fault, key: CLEAR_KEY })?;
+            let cleared = self.order("clear fault", Order::ClearFault { fault, key: CLEAR_KEY });
+            cleared.map_err(|error| match error {
+                RigError::Refused { code: AckCode::CauseRemains, .. } => {
+                    RigError::CauseRemains { fault: fault.name(), axis: self.axis_of(fault) }
+                }
+                other => other,
+            })?;
         }
         if faults.is_empty() {
             // what a servo on a bus latched before this program came is no fault here, and goes with any clearing

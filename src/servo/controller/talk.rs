@@ -149,9 +149,14 @@ impl<L: Link> RigController<L> {
 
     fn fault_error(&self) -> RigError {
         let faults = self.view.heartbeat.map_or_else(Default::default, |heartbeat| heartbeat.faults);
-        let axis = |fault: Fault| self.view.fault_axis[usize::from(fault.code())];
-        let axis = faults.iter().find_map(axis).filter(|axis| *axis != ALL_AXES).map(usize::from);
-        RigError::Fault { faults: self.fault_names(), axis }
+        let axis = faults.iter().find(|fault| self.view.fault_axis[usize::from(fault.code())].is_some());
+        RigError::Fault { faults: self.fault_names(), axis: axis.and_then(|fault| self.axis_of(fault)) }
+    }
+
+    /// The axis that a fault was told of; none where it concerns them all.
+    pub(super) fn axis_of(&self, fault: Fault) -> Option<usize> {
+        let axis = self.view.fault_axis[usize::from(fault.code())];
+        axis.filter(|axis| *axis != ALL_AXES).map(usize::from)
     }
 
     fn send(&mut self, command: &Command) -> Result<(), RigError> {
