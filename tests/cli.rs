@@ -116,6 +116,7 @@ fn a_missing_or_wrong_file_is_named() {
         (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),
         (&["boresight", "Cargo.toml"], "Cargo.toml: give --mount"),
         (&["decode", "Cargo.toml"], "Cargo.toml"),
+        (&["inspect", "src"], "src: a folder without manifest.json; expected a capture file, or a session"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
         (&["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,0,0"], "paper-os1-64"),

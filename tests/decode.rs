@@ -153,6 +153,10 @@ fn frames_are_selected() {
     assert_eq!(one["sensors"][0]["totals"]["frames"], 1);
     let output = outrigger(&["decode", &path(OS1), "--frames", "3..3"]);
     assert_eq!(output.status.code(), Some(2));
+    let output =
+        outrigger(&["decode", &path(OS1), "--meta", &path(OS1_META), "--format", "csv", "--out", "-"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("not to stdout"), "{said}");
 }
 
 /// What is there, why nothing decodes, and what would help.

@@ -237,7 +237,7 @@ fn the_mock_runs_until_it_is_interrupted() {
     let port = port.trim();
     document(&outrigger(&["rig", "home", "--port", port, "--arm", "--json"]));
     let said = refusal(&outrigger(&["rig", "set", "30", "-30", "--port", port, "--arm"]));
-    assert!(said.contains("fault stall (axis 1)"), "{said}");
+    assert!(said.contains("fault stall (axis 1)") && said.contains("outrigger rig clear"), "{said}");
     let watched = outrigger(&["rig", "watch", "--for", "0.5", "--port", port, "--json"]);
     let lines = String::from_utf8(watched.stdout).unwrap();
     let reports: Vec<outrigger::servo::ServoReport> =

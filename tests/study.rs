@@ -2,6 +2,10 @@
 
 use std::path::Path;
 use std::process::Output;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 
 use crate::support::{Case, case, shared, with_machine, with_shared};
 
@@ -9,6 +13,7 @@ pub const CASES: &[Case] = &[
     case("shards_in_any_order_merge_to_the_same_bytes", shards_in_any_order_merge_to_the_same_bytes),
     case("scripts_run_a_study_to_the_same_bytes", scripts_run_a_study_to_the_same_bytes),
     case("what_is_missing_or_foreign_is_said", what_is_missing_or_foreign_is_said),
+    case("a_signal_ends_a_task_of_minutes_at_once", a_signal_ends_a_task_of_minutes_at_once),
     with_shared("walk_and_mount_are_searched_in_a_house", walk_and_mount_are_searched_in_a_house),
     with_machine(
         "instructions_are_counted_and_stay_the_same",
@@ -182,5 +187,24 @@ fn instructions_are_counted_and_stay_the_same() {
     assert!(first[0] > 59_040.0 && first[1] > 1.5 * first[0], "{first:?}");
     for (first, second) in first.iter().zip(second) {
         assert!((first - second).abs() < 0.001 * first, "{first} and {second}");
+    }
+}
+
+fn a_signal_ends_a_task_of_minutes_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    ok(&["plan", "speed-accuracy"], folder.path());
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        program.args(["study", "run", "speed-accuracy", "--shard", "1/1", "--out"]).arg(folder.path());
+        let running = program.stderr(std::process::Stdio::piped()).spawn().unwrap();
+        std::thread::sleep(Duration::from_secs(2));
+        let told = Instant::now();
+        kill(Pid::from_raw(running.id() as i32), signal).unwrap();
+        let output = running.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(told.elapsed() < Duration::from_secs(10), "{signal} was heeded after {:?}", told.elapsed());
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("interrupted: whole shards are kept"), "{said}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "plan.json alone");
     }
 }

@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
@@ -53,7 +53,14 @@ impl Recording {
     pub fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
-        if capture.is_dir() && Session::is_session(capture) {
+        if capture.is_dir() && !Session::is_session(capture) {
+            bail!(
+                "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
+                capture.display(),
+                crate::record::file::MANIFEST
+            );
+        }
+        if capture.is_dir() {
             path = capture.join(crate::record::file::PACKETS);
             if paths.is_empty() {
                 paths = json_files(&capture.join(crate::record::file::METADATA))?;

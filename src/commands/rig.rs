@@ -120,16 +120,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         _ if moves && args.dry_run => dry_run(&rig, &pitches_rad, context)?,
         Action::Home => {
             obey_interrupts(&rig)?;
-            rig.arm()?;
-            rig.home()?;
+            rig.arm().and_then(|()| rig.home()).map_err(explain)?;
             show(&rig.status()?, None, context)?;
         }
         Action::Set { .. } | Action::Apply { .. } => {
             obey_interrupts(&rig)?;
             rig.check(&pitches_rad)?;
-            rig.arm()?;
+            rig.arm().map_err(explain)?;
             if args.home {
-                rig.home()?;
+                rig.home().map_err(explain)?;
             }
             let applied = rig.apply(&pitches_rad).map_err(explain)?;
             show(&rig.status()?, Some(&applied), context)?;
@@ -211,6 +210,9 @@ fn explain(error: RigError) -> anyhow::Error {
     match error {
         RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => anyhow::Error::new(error)
             .context("positions are not trusted yet: run `outrigger rig home --arm` first, or say --home"),
+        RigError::Fault { .. } => anyhow::Error::new(error).context(
+            "nothing moves while a fault is latched: take its cause away, then run `outrigger rig clear`",
+        ),
         error => error.into(),
     }
 }

@@ -3,8 +3,11 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
 use anyhow::Context as _;
+
+use super::output;
 
 /// One message for each Ctrl-C (or SIGTERM) from now on, in place of ending the program.
 pub fn interrupts() -> anyhow::Result<Receiver<()>> {
@@ -46,6 +49,25 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
     Ok(receiver)
 }
 
+/// A flag that the first Ctrl-C (or SIGTERM) sets, for work of which nothing is lost but what is under way: what has not
+/// ended by itself within `grace` is ended with these last words. A second one ends the program at once.
+pub fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+    let interrupts = interrupts()?;
+    let flag = Arc::new(AtomicBool::new(false));
+    let setter = Arc::clone(&flag);
+    std::thread::spawn(move || {
+        if interrupts.recv().is_ok() {
+            setter.store(true, Ordering::Relaxed);
+            if interrupts.recv_timeout(grace).is_ok() {
+                std::process::exit(130);
+            }
+            output::say_error(&anyhow::anyhow!(last_words));
+            std::process::exit(1);
+        }
+    });
+    Ok(flag)
+}
+
 /// A flag that the first Ctrl-C (or SIGTERM) sets; the second one ends the program at once.
 pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let interrupts = interrupts()?;
@@ -54,6 +76,7 @@ pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     std::thread::spawn(move || {
         if interrupts.recv().is_ok() {
             setter.store(true, Ordering::Relaxed);
+            output::say_notice("stopping in good order; Ctrl-C again ends at once and writes nothing more");
             if interrupts.recv().is_ok() {
                 std::process::exit(130);
             }

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Context as _;
 use serde::Serialize;
@@ -64,6 +65,10 @@ enum Action {
 
 /// Without --shard a study is cut so that an interruption loses little.
 const SHARDS: usize = 32;
+const INTERRUPTED: &str = "interrupted: whole shards are kept, the same command goes on from there";
+/// Time after Ctrl-C in which a shard may still be written. A task may take minutes; of a shard that is not whole nothing is
+/// kept, so that nothing is gained by waiting for its tasks.
+const TO_END_WITHIN: Duration = Duration::from_secs(1);
 
 /// The document that `study` prints.
 #[derive(Serialize)]
@@ -119,7 +124,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         anyhow::bail!("{} holds a plan of the study {}, not of {name}", folder.display(), plan.study);
     }
     if matches!(action, Action::Run | Action::All) && !run_shards(args, &plan, &folder)? {
-        anyhow::bail!("interrupted: whole shards are kept, the same command goes on from there");
+        anyhow::bail!(INTERRUPTED);
     }
     let findings = match action {
         Action::Merge | Action::All => Some(plan.merge(&folder)?),
@@ -154,7 +159,7 @@ fn write_scripts(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<Stri
 }
 
 fn run_shards(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<bool> {
-    let stop = signals::stop_flag()?;
+    let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
     let shards = match args.shard {
         Some(shard) => vec![shard],
         None => {

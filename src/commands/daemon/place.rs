@@ -34,7 +34,7 @@ pub struct PlaceArgs {
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     /// The trajectory begins when recording does, whatever times it names.
-    #[arg(long, requires = "trajectory")]
+    #[arg(long)]
     trajectory_starts_with_recording: bool,
     /// Edge of a cell of the live coverage, m.
     #[arg(long, value_name = "M", default_value_t = 0.25)]
@@ -74,6 +74,11 @@ pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
     if let Some(path) = &args.trajectory {
         place.trajectory =
             Some(read_trajectory(path, args.rate).with_context(|| path.display().to_string())?);
+    }
+    if args.trajectory_starts_with_recording && args.trajectory.is_none() {
+        bail!(
+            "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml"
+        );
     }
     place.starts_with_recording = args.trajectory_starts_with_recording;
     Ok(place)

@@ -202,7 +202,10 @@ impl<L: Link> RigController<L> {
         let within = self.options.silence;
         // a rig without power behind a living adapter
         if self.connected && silence_ns > within.as_nanos() as u64 && !self.link.is_busy() {
-            let heard = "it says nothing at all: no power, or another program's hands on it".to_owned();
+            let heard =
+                "it says nothing at all: no power, another program's hands on it, or a mock on too busy \
+                         a machine"
+                    .to_owned();
             return Err(RigError::NoAnswer { what: "heartbeats", within, heard });
         }
         Ok(())
