@@ -41,6 +41,7 @@ pub const CASES: &[Case] = &[
         methods_beat_chance_on_the_published_objective,
     ),
     case("the_command_finds_writes_and_goes_on", command::the_command_finds_writes_and_goes_on),
+    case("ctrl_c_gives_the_best_so_far_at_once", command::ctrl_c_gives_the_best_so_far_at_once),
     case("the_default_gives_what_is_best_as_built", command::the_default_gives_what_is_best_as_built),
     case("housings_that_must_not_collide_do_not", command::housings_that_must_not_collide_do_not),
     case(

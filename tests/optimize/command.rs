@@ -1,5 +1,8 @@
 //! `outrigger optimize` as a user meets it.
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
 pub fn outrigger(arguments: &[&str]) -> std::process::Output {
     std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"))
         .args(arguments)
@@ -44,6 +47,29 @@ pub fn the_command_finds_writes_and_goes_on() {
     let broken = outrigger(&["optimize", "--preset", "paper-vlp-16", "--resume", &state, "--evals", "50"]);
     let words = String::from_utf8_lossy(&broken.stderr);
     assert!(!broken.status.success() && words.contains("line 1") && words.contains("state.json"), "{words}");
+}
+
+pub fn ctrl_c_gives_the_best_so_far_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().join("mount.json");
+    let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    program
+        .args(["optimize", "--preset", "paper-os1-64", "--evals", "1000000", "--json", "--out"])
+        .arg(&mount);
+    program.stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped());
+    let running = program.spawn().unwrap();
+    std::thread::sleep(std::time::Duration::from_secs(3));
+    let told = std::time::Instant::now();
+    kill(Pid::from_raw(running.id() as i32), Signal::SIGINT).unwrap();
+    let output = running.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    // far less than the final look of 32 mounts takes, far more than a batch does
+    assert!(told.elapsed() < std::time::Duration::from_secs(20), "{:?}", told.elapsed());
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(document["stopped_by"], "interrupted");
+    assert!(document["final_look"].is_null() && said.contains("without another look"), "{said}");
+    assert!(mount.is_file());
 }
 
 pub fn the_default_gives_what_is_best_as_built() {
