@@ -12,8 +12,8 @@ use crate::command::PAIR_RANGE_URAD;
 use crate::crc::crc32c;
 use crate::link::{LINK_VERSION, LinkCounters, MAX_DATA, MAX_WIRE};
 use crate::{
-    AckCode, Command, Direction, Fault, Faults, Frame, Limit, MessageId, Order, Receiver, Report, ResetCause,
-    Source, State,
+    AckCode, Command, DecodeError, Direction, Fault, Faults, Frame, Limit, MessageId, Order, Receiver,
+    Report, ResetCause, Source, State,
 };
 
 const GOLDEN: &str = include_str!("../golden/messages.txt");
@@ -220,11 +220,12 @@ fn counters_tell_what_was_dropped() {
     let frame = |sequence| Frame::command(sequence, 1, &Command::TimeSync { sequence: 1 }).encode();
     assert_eq!(hear(&mut receiver, frame(1).bytes()), 1);
     assert_eq!(hear(&mut receiver, frame(2).bytes()), 1);
+    assert_eq!(hear(&mut receiver, frame(3).bytes()), 1);
     assert_eq!(hear(&mut receiver, frame(5).bytes()), 1);
     assert_eq!(hear(&mut receiver, &[7; 100]), 0);
     assert_eq!(hear(&mut receiver, &[0]), 0);
     let counters = receiver.counters();
-    assert_eq!((counters.frames, counters.gaps, counters.overlong), (3, 1, 1));
+    assert_eq!((counters.frames, counters.gaps, counters.overlong), (4, 1, 1));
     let _: String = format!("{counters:?}");
 }
 
@@ -284,4 +285,11 @@ fn other_versions_are_counted_and_their_greetings_heard() {
         assert_eq!(Frame::from_can(foreign, &[0; 8]), None);
     }
     assert_eq!(Frame::from_can(valid, &[0; MAX_DATA + 1]), None);
+}
+
+#[test]
+fn a_heartbeat_has_two_flags() {
+    let flags = |flags| Report::decode(0x04, &[1, flags, 0, 0, 0, 0, 0, 0]);
+    assert!(matches!(flags(3), Ok(Report::Heartbeat { armed: true, homed: true, .. })));
+    assert_eq!(flags(4), Err(DecodeError::Value { message: 0x04, found: 4 }));
 }

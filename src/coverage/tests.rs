@@ -52,7 +52,11 @@ fn bricks_and_whole_bitmaps_say_the_same() {
     for cell in 0..grid().len() {
         assert_eq!(whole.contains(1, cell), bricks.contains(1, cell));
     }
+    let mut both = [whole.union_cells(), filled(true, 2).union_cells()].concat();
+    both.sort_unstable();
+    both.dedup();
     whole.join(&filled(true, 2));
+    assert_eq!(whole.union_cells(), both);
     assert_ne!(whole, bricks);
     bricks.join(&filled(false, 2));
     assert_eq!(whole, bricks);
@@ -75,6 +79,10 @@ fn a_large_grid_costs_what_was_hit() {
     assert_eq!(coverage.union_count(), 1000);
     let Cells::Bricks { words, .. } = &coverage.sensors[0] else { panic!("too large to keep whole") };
     assert_eq!(words.len(), 1000);
+    assert!(
+        matches!(Coverage::new(self::grid(), 1).sensors[0], Cells::Whole(_)),
+        "a small one is kept whole"
+    );
 }
 
 #[test]
@@ -84,6 +92,11 @@ fn walls_run_through_cell_centres() {
     assert_eq!((grid.len(), grid.is_empty()), (70, false));
     assert_eq!(grid.centre_m(0), DVec3::new(-1.0, 0.0, 2.0));
     assert_eq!(grid.centre_m(69), DVec3::new(1.0, 3.0, 2.5));
+    // the least faces belong to the grid, the greatest do not
+    assert_eq!(grid.index(grid.origin_m), Some(0));
+    for beyond in [DVec3::new(1.25, 1.0, 2.0), DVec3::new(0.0, 3.25, 2.0), DVec3::new(0.0, 1.0, 2.75)] {
+        assert_eq!(grid.index(beyond), None, "{beyond}");
+    }
     assert!(VoxelGrid { cells: [5, 0, 2], ..grid }.is_empty());
 }
 
@@ -132,14 +145,14 @@ fn a_marked_cell_is_its_bit_and_no_other() {
         let mut coverage = Coverage::with_storage(grid(), 2, whole);
         let cell = grid().len() - 37;
         coverage.add(1, grid().centre_m(cell));
-        coverage.add(0, DVec3::splat(-9.0));
-        assert_eq!((coverage.outside(), coverage.union_cells(), coverage.grid()), (1, vec![cell], &grid()));
+        [-9.0, 9.0].map(|far| coverage.add(0, DVec3::splat(far)));
+        assert_eq!((coverage.outside(), coverage.union_cells(), coverage.grid()), (2, vec![cell], &grid()));
         assert!(coverage.contains(1, cell) && !coverage.contains(0, cell) && !coverage.contains(1, cell - 1));
         let mut bitmap = vec![0; 158];
         bitmap[cell / 64] = 1 << (cell % 64);
         assert_eq!((coverage.union(), &*coverage.sensor_bitmap(1)), (bitmap.clone(), &bitmap[..]));
         assert_eq!(&*coverage.sensor_bitmap(0), &[0; 158]);
-        let again = Coverage { outside: 1, ..Coverage::from_bitmaps(grid(), vec![vec![0; 158], bitmap]) };
+        let again = Coverage { outside: 2, ..Coverage::from_bitmaps(grid(), vec![vec![0; 158], bitmap]) };
         assert_eq!(coverage, again);
     }
 }

@@ -9,6 +9,7 @@ fn counts(union: u64, overlap: u64) -> Counts {
 fn the_overlap_window_has_its_published_edges() {
     let overlap = |twice| score(&Weights::default(), &counts(1000, twice), None, 0.0).overlap;
     assert_eq!(overlap(0), -50.0);
+    assert!((overlap(30) + 20.0).abs() < 1e-9);
     assert_eq!(overlap(50), 300.0);
     assert_eq!(overlap(100), 300.0);
     assert!((overlap(600) + 300.0).abs() < 1e-9);
