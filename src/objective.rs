@@ -401,35 +401,4 @@ pub fn min_angle_deg(axes: &[[f64; 3]]) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn counts(union: u64, overlap: u64) -> Counts {
-        Counts { union, overlap, per_sensor: vec![], unique_per_sensor: vec![] }
-    }
-
-    #[test]
-    fn the_overlap_window_has_its_published_edges() {
-        let overlap = |twice| score(&Weights::default(), &counts(1000, twice), None, 0.0).overlap;
-        assert_eq!(overlap(0), -50.0);
-        assert_eq!(overlap(50), 300.0);
-        assert_eq!(overlap(100), 300.0);
-        assert!((overlap(600) + 300.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn parallel_axes_cost_two_thousand_and_thirty_degrees_earn_a_hundred() {
-        let angular = |angle_deg| score(&Weights::default(), &counts(1, 0), angle_deg, 0.0).angular;
-        assert_eq!(angular(Some(0.0)), -2000.0);
-        assert_eq!(angular(Some(15.0)), -1000.0);
-        assert_eq!(angular(Some(30.0)), 100.0);
-        assert_eq!(angular(None), 100.0);
-    }
-
-    #[test]
-    fn angles_between_axes() {
-        assert_eq!(min_angle_deg(&[[0.0, 0.0, 1.0]]), None);
-        let least = min_angle_deg(&[[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]).unwrap();
-        assert!((least - 45.0).abs() < 1e-12);
-    }
-}
+mod tests;

@@ -61,6 +61,8 @@ mod tests {
         let long: Vec<u8> = (1..=254).collect();
         let mut long_stuffed = vec![0xFF];
         long_stuffed.extend(&long);
+        let (longer, mut longer_stuffed) = ([&long[..], &[7, 8]].concat(), long_stuffed.clone());
+        longer_stuffed.extend([3, 7, 8]);
         let examples: &[(&[u8], &[u8])] = &[
             (&[], &[1]),
             (&[0], &[1, 1]),
@@ -68,11 +70,14 @@ mod tests {
             (&[0x11, 0x22, 0, 0x33], &[3, 0x11, 0x22, 2, 0x33]),
             (&[0x11, 0, 0, 0], &[2, 0x11, 1, 1, 1]),
             (&long, &long_stuffed),
+            (&longer, &longer_stuffed),
         ];
         for (data, stuffed) in examples {
             let mut out = [0; 300];
             let length = super::encode(data, &mut out).unwrap();
             assert_eq!(&out[..length], *stuffed);
+            let length = super::decode(&mut out[..length]).unwrap();
+            assert_eq!(&out[..length], *data);
         }
     }
 

@@ -172,3 +172,20 @@ impl Config<2> {
         Self { keep_out: KeepOut::inside(&[inwards]).unwrap_or_default(), uid, ..Self::default() }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mirrored_pair_may_lean_outwards_but_not_inwards() {
+        let config = Config::mirrored_pair(9);
+        assert_eq!(config.uid, 9);
+        let outwards = [700_000, -700_000];
+        for (pair_urad, kept_out) in
+            [(outwards, false), ([-700_000, 700_000], true), ([700_000; 2], false), ([-700_000; 2], false)]
+        {
+            assert_eq!(config.keep_out.contains(pair_urad, 0), kept_out, "{pair_urad:?}");
+        }
+    }
+}

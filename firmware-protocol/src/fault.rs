@@ -106,3 +106,37 @@ impl Faults {
         Fault::ALL.into_iter().filter(move |fault| self.contains(*fault))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    #[test]
+    fn a_set_holds_what_was_latched_and_not_taken_away() {
+        let mut faults = Faults::default();
+        assert!(faults.is_empty());
+        for fault in Fault::ALL {
+            faults.insert(fault);
+        }
+        assert_eq!(faults, Faults(0x0FFF));
+        faults.remove(Fault::Stall);
+        faults.remove(Fault::EStop);
+        faults.remove(Fault::EStop);
+        assert_eq!(faults, Faults(0x07FB));
+        let left: Vec<_> = Fault::ALL.into_iter().filter(|fault| faults.contains(*fault)).collect();
+        assert!(left.len() == 10 && left.iter().copied().eq(faults.iter()) && !faults.is_empty());
+    }
+
+    /// Sessions and reports keep these names.
+    #[test]
+    fn names_are_those_in_files() {
+        let names: Vec<_> = Fault::ALL.into_iter().map(Fault::name).collect();
+        assert_eq!(
+            names.join(" "),
+            "watchdog following_error stall over_current over_temperature under_voltage encoder_invalid encoder_jump \
+             soft_limit keep_out torque_lost e_stop"
+        );
+    }
+}

@@ -125,4 +125,23 @@ mod tests {
         assert!(!KeepOut::NONE.contains([0, 0], 1000));
         assert!(!KeepOut::NONE.crosses([0, 0], [1, 1], 1000));
     }
+
+    #[test]
+    fn the_margin_counts_on_both_axes() {
+        let one_urad_further =
+            |at: [i32; 2], margin| [square().contains(at, margin - 1), square().contains(at, margin)];
+        for at in [[95, 0], [205, 0], [150, 55], [150, -55]] {
+            assert_eq!(one_urad_further(at, 5), [false, true], "{at:?}");
+        }
+        // B - A >= 100, and each axis may be off by 30
+        let apart = KeepOut::inside(&[HalfPlane { a: -1, b: 1, c: 100 }]).unwrap();
+        assert!(apart.contains([0, 40], 30) && !apart.contains([0, 39], 30));
+        assert!(apart.crosses([0, 0], [0, 40], 30) && !apart.crosses([0, 0], [0, 39], 30));
+    }
+
+    #[test]
+    fn there_is_room_for_six_planes() {
+        let plane = HalfPlane { a: 1, b: 0, c: 0 };
+        assert!(KeepOut::inside(&[plane; 6]).is_some() && KeepOut::inside(&[plane; 7]).is_none());
+    }
 }

@@ -7,11 +7,13 @@ use std::vec::Vec;
 
 use proptest::prelude::*;
 
+use crate::can::{BROADCAST, MAJOR};
 use crate::command::PAIR_RANGE_URAD;
-use crate::link::MAX_WIRE;
+use crate::crc::crc32c;
+use crate::link::{LINK_VERSION, LinkCounters, MAX_DATA, MAX_WIRE};
 use crate::{
-    AckCode, Command, Direction, Fault, Faults, Frame, Limit, Order, Receiver, Report, ResetCause, Source,
-    State,
+    AckCode, Command, DecodeError, Direction, Fault, Faults, Frame, Limit, MessageId, Order, Receiver,
+    Report, ResetCause, Source, State,
 };
 
 const GOLDEN: &str = include_str!("../golden/messages.txt");
@@ -218,10 +220,76 @@ fn counters_tell_what_was_dropped() {
     let frame = |sequence| Frame::command(sequence, 1, &Command::TimeSync { sequence: 1 }).encode();
     assert_eq!(hear(&mut receiver, frame(1).bytes()), 1);
     assert_eq!(hear(&mut receiver, frame(2).bytes()), 1);
+    assert_eq!(hear(&mut receiver, frame(3).bytes()), 1);
     assert_eq!(hear(&mut receiver, frame(5).bytes()), 1);
     assert_eq!(hear(&mut receiver, &[7; 100]), 0);
     assert_eq!(hear(&mut receiver, &[0]), 0);
     let counters = receiver.counters();
-    assert_eq!((counters.frames, counters.gaps, counters.overlong), (3, 1, 1));
+    assert_eq!((counters.frames, counters.gaps, counters.overlong), (4, 1, 1));
     let _: String = format!("{counters:?}");
+}
+
+/// A frame as another program might make it, and what a receiver says about it.
+fn receive(version: u8, identifier: u32, data: &[u8]) -> (Option<Frame>, LinkCounters) {
+    let mut plain = vec![version, 1];
+    plain.extend(identifier.to_le_bytes());
+    plain.extend(data);
+    plain.extend(crc32c(&plain).to_le_bytes());
+    receive_plain(&plain)
+}
+
+fn receive_plain(plain: &[u8]) -> (Option<Frame>, LinkCounters) {
+    let mut wire = [0; 2 * MAX_WIRE];
+    let length = crate::cobs::encode(plain, &mut wire).unwrap();
+    let mut receiver = Receiver::default();
+    let heard = wire[..=length].iter().filter_map(|byte| receiver.push(*byte)).last();
+    (heard, receiver.counters())
+}
+
+#[test]
+fn frames_are_as_long_as_the_layout_allows() {
+    let id = MessageId::new(0x05, Direction::ToHost, 1);
+    for length in [0, MAX_DATA] {
+        let data = vec![0xAB; length];
+        let (heard, counters) = receive(LINK_VERSION, id.encode(), &data);
+        let heard = heard.unwrap();
+        assert_eq!((heard.id, heard.data(), counters.frames), (id, &data[..], 1));
+        let mut receiver = Receiver::default();
+        let again: Vec<_> = heard.encode().bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
+        assert_eq!(again, [heard]);
+    }
+    let malformed = LinkCounters { malformed: 1, ..LinkCounters::default() };
+    assert_eq!(receive(LINK_VERSION, id.encode(), &[0xAB; MAX_DATA + 1]), (None, malformed));
+    for length in 1..10 {
+        assert_eq!(receive_plain(&vec![LINK_VERSION; length]), (None, malformed), "{length} bytes");
+    }
+}
+
+#[test]
+fn other_versions_are_counted_and_their_greetings_heard() {
+    let other = LinkCounters { other_version: 1, ..LinkCounters::default() };
+    let id =
+        |message| MessageId { major: MAJOR + 1, ..MessageId::new(message, Direction::ToDevice, BROADCAST) };
+    assert_eq!(receive(LINK_VERSION + 1, id(0x01).encode(), &[0; 8]), (None, other));
+    assert_eq!(receive(LINK_VERSION, id(0x03).encode(), &[0; 8]), (None, other));
+    assert_eq!(Frame::from_can(id(0x03).encode(), &[0; 8]), None);
+    for message in [0x01, 0x02] {
+        let heard = receive(LINK_VERSION, id(message).encode(), &[5; 8]).0.unwrap();
+        assert_eq!(heard.id, id(message));
+        assert_eq!(Frame::from_can(id(message).encode(), &[5; 8]).unwrap().data(), heard.data());
+    }
+    let malformed = LinkCounters { malformed: 1, ..LinkCounters::default() };
+    let valid = id(0x01).encode();
+    for foreign in [valid | 1 << 29, valid | 1 << 31, valid ^ 1 << 21] {
+        assert_eq!(receive(LINK_VERSION, foreign, &[0; 8]), (None, malformed));
+        assert_eq!(Frame::from_can(foreign, &[0; 8]), None);
+    }
+    assert_eq!(Frame::from_can(valid, &[0; MAX_DATA + 1]), None);
+}
+
+#[test]
+fn a_heartbeat_has_two_flags() {
+    let flags = |flags| Report::decode(0x04, &[1, flags, 0, 0, 0, 0, 0, 0]);
+    assert!(matches!(flags(3), Ok(Report::Heartbeat { armed: true, homed: true, .. })));
+    assert_eq!(flags(4), Err(DecodeError::Value { message: 0x04, found: 4 }));
 }

@@ -362,6 +362,12 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 #[cfg(test)]
 mod model_tests;
 #[cfg(test)]
+mod order_tests;
+#[cfg(test)]
+mod rule_tests;
+#[cfg(test)]
 mod sampling_tests;
+#[cfg(test)]
+mod telling_tests;
 #[cfg(test)]
 mod tests;

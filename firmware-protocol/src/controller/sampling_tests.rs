@@ -7,9 +7,9 @@ use crate::{ALL_AXES, AxisConfig, Command, Config, Fault, Order, ResetCause, Sta
 
 /// An actuator that says what the test puts into it.
 #[derive(Clone, Copy, Debug)]
-struct Told {
-    sense: Sense,
-    setpoint: Setpoint,
+pub(super) struct Told {
+    pub(super) sense: Sense,
+    pub(super) setpoint: Setpoint,
 }
 
 impl Servo for Told {

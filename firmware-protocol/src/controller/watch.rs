@@ -239,7 +239,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 }
 
 /// Whether a shaft cannot have moved from its last angle to this one, µrad, in the time between the samples.
-fn is_jump(axis: &Axis, config: &AxisConfig, now_urad: i32, heard_us: u64) -> bool {
+pub(super) fn is_jump(axis: &Axis, config: &AxisConfig, now_urad: i32, heard_us: u64) -> bool {
     let elapsed_us = heard_us.saturating_sub(axis.asked_us).min(1_000_000) as i64;
     let within = |speed_urad_s: i64| speed_urad_s * elapsed_us / 1_000_000 + i64::from(config.jump_urad);
     let (before, now) = (i64::from(axis.measured_urad), i64::from(now_urad));

@@ -1,0 +1,132 @@
+//! What a rig says unasked: how often, and with which numbers.
+
+use super::rule_tests::{HOST, Rig, hello};
+use crate::config::Home;
+use crate::servo::Reading;
+use crate::{AxisConfig, Config, Faults, Order, Report, ResetCause, Source, State};
+
+fn config() -> Config<2> {
+    let axis = AxisConfig { jump_urad: 1_000_000, ..AxisConfig::default() };
+    Config { axes: [axis; 2], uid: 11, firmware: 12, revision: 13, ..Config::default() }
+}
+
+fn count(rig: &Rig<2>, is: fn(&Report) -> bool) -> usize {
+    rig.reports.iter().filter(|report| is(report)).count()
+}
+
+#[test]
+fn each_report_has_its_period() {
+    let mut rig = Rig::new(config(), Reading::Measured(0));
+    rig.run(2);
+    rig.tell(hello(HOST));
+    rig.run(398);
+    rig.reports.clear();
+    rig.run(1000);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Position { .. })), 2 * 50);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Target { .. })), 2 * 20);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Heartbeat { .. })), 10);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Effort { .. })), 2 * 5);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Info { .. })), 0);
+    // a loop that lagged says each once, and the next ones half a period later at the earliest
+    rig.now_us += 1_000_000;
+    rig.reports.clear();
+    rig.run(1);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Position { .. })), 2);
+    rig.run(9);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Position { .. })), 2);
+    rig.run(1);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Position { .. })), 4);
+}
+
+#[test]
+fn a_rig_says_who_it_is_until_somebody_answers() {
+    let mut rig = Rig::new(config(), Reading::Measured(0));
+    rig.run(401);
+    assert_eq!(count(&rig, |report| matches!(report, Report::Info { session: 0, .. })), 4);
+    let info = |rig: &mut Rig<2>| {
+        rig.reports.clear();
+        rig.tell(hello(HOST));
+        let [info, identity, build] = rig.reports[..] else { panic!("{:?}", rig.reports) };
+        assert_eq!(identity, Report::Identity { uid: 11 });
+        assert_eq!(build, Report::Build { firmware: 12, revision: 13 });
+        info
+    };
+    let expected = |capabilities| Report::Info {
+        protocol: 1,
+        axes: 2,
+        capabilities,
+        reset: ResetCause::Software,
+        session: HOST,
+    };
+    assert_eq!(info(&mut rig), expected(1));
+    rig.sense(0).reading = Reading::Unmeasured;
+    rig.run(1);
+    assert_eq!(info(&mut rig), expected(0));
+    let mut seeks = config();
+    seeks.axes[1].home = Home::switch_below(0);
+    let mut rig = Rig::new(seeks, Reading::Measured(0));
+    rig.run(1);
+    assert_eq!(info(&mut rig), expected(3));
+}
+
+#[test]
+fn reports_carry_what_was_read() {
+    let mut rig = Rig::ready(config());
+    rig.run(300);
+    rig.reports.clear();
+    let sense = rig.sense(1);
+    (sense.temperature_c, sense.current_ma, sense.supply_mv) = (33, 44, 11_055);
+    // 0.1 rad/s
+    for ms in 1..=400 {
+        rig.sense(1).reading = Reading::Measured(100 * ms);
+        rig.step();
+    }
+    let effort =
+        Report::Effort { axis: 1, temperature_c: 33, current_ma: 44, supply_mv: 11_055, speed_mrad_s: 100 };
+    assert_eq!(rig.reports.iter().rfind(|report| matches!(report, Report::Effort { .. })), Some(&effort));
+    let time_ms = (rig.now_us / 1000) as u16;
+    let last =
+        |rig: &Rig<2>, is: fn(&Report) -> bool| *rig.reports.iter().rfind(|report| is(report)).unwrap();
+    let position = |report: &Report| matches!(report, Report::Position { axis: 1, .. });
+    let Report::Position { time_ms: read_ms, position_urad, source, .. } = last(&rig, position) else {
+        panic!("no position")
+    };
+    let age_ms = time_ms - read_ms;
+    assert!(age_ms < 20);
+    assert_eq!((position_urad, source), (40_000 - 100 * i32::from(age_ms), Source::Measured));
+    assert_eq!(
+        last(&rig, |report| matches!(report, Report::Heartbeat { .. })),
+        Report::Heartbeat {
+            state: State::Holding,
+            armed: true,
+            homed: true,
+            faults: Faults::default(),
+            session: HOST
+        }
+    );
+    assert_eq!(
+        last(&rig, |report| matches!(report, Report::Target { axis: 1, .. })),
+        Report::Target { axis: 1, state: State::Holding, homed: true, id: rig.id, target_urad: 0 }
+    );
+    assert_eq!(rig.order(Order::Hold), crate::AckCode::Accepted);
+}
+
+#[test]
+fn a_position_is_measured_commanded_or_stale() {
+    let source = |reading| {
+        let mut rig = Rig::new(config(), Reading::Measured(0));
+        rig.run(5);
+        rig.sense(0).reading = reading;
+        rig.reports.clear();
+        rig.run(130);
+        let position = |report: &&Report| matches!(report, Report::Position { axis: 0, .. });
+        match rig.reports.iter().rfind(position) {
+            Some(Report::Position { source, .. }) => *source,
+            _ => panic!("no position"),
+        }
+    };
+    assert_eq!(source(Reading::Measured(0)), Source::Measured);
+    assert_eq!(source(Reading::Unmeasured), Source::Commanded);
+    assert_eq!(source(Reading::Missing), Source::Stale);
+    assert_eq!(source(Reading::Invalid), Source::Stale);
+}
