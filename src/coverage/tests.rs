@@ -145,7 +145,9 @@ fn a_marked_cell_is_its_bit_and_no_other() {
         let mut coverage = Coverage::with_storage(grid(), 2, whole);
         let cell = grid().len() - 37;
         coverage.add(1, grid().centre_m(cell));
-        [-9.0, 9.0].map(|far| coverage.add(0, DVec3::splat(far)));
+        for far in [-9.0, 9.0] {
+            coverage.add(0, DVec3::splat(far));
+        }
         assert_eq!((coverage.outside(), coverage.union_cells(), coverage.grid()), (2, vec![cell], &grid()));
         assert!(coverage.contains(1, cell) && !coverage.contains(0, cell) && !coverage.contains(1, cell - 1));
         let mut bitmap = vec![0; 158];
