@@ -129,6 +129,8 @@ fn mock_sensor(model: &str, index: usize, port: u16) -> anyhow::Result<(MockSens
     let mut wanted = Synthetic::new(model, serial, Profile::Rng19Rfl8Sig16Nir16).columns(COLUMNS, 16);
     wanted.frame_rate_hz = SPIN_HZ;
     wanted.lidar_port = port;
+    // it sends none, and two sensors that say they send it to one port are refused by ouster-sdk
+    wanted.imu_profile = ImuProfile::Off;
     let metadata = Metadata::synthetic(&wanted)?;
     let text = metadata.to_json();
     Ok((MockSensor::ouster(metadata), Some(text)))
