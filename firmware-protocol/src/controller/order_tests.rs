@@ -185,6 +185,7 @@ fn an_axis_is_homed_alone() {
     assert_eq!(rig.order(Order::Home { axis: 1 }), AckCode::Accepted);
     rig.run(299);
     assert_eq!(rig.controller.state(), State::Homing);
+    assert_eq!(rig.order(Order::Home { axis: 0 }), AckCode::Busy, "it homes, though nothing moves");
     rig.run(1);
     assert_eq!(rig.controller.state(), State::Holding);
     assert!(rig.reports.contains(&Report::Done { id: 51, axis: ALL_AXES, error_urad: 0 }));
