@@ -128,6 +128,15 @@ mod tests {
         assert_eq!([path.position_urad(0), path.position_urad(1)], [400_000, -200_000]);
     }
 
+    #[test]
+    fn brakes_only_when_told() {
+        let mut path = Path::new([0], [400_000], [500_000], [2_000_000]);
+        path.advance(10_000);
+        assert!(!path.is_braking());
+        path.brake(None);
+        assert!(path.is_braking());
+    }
+
     proptest! {
         #[test]
         fn stays_on_the_segment_below_its_speeds(

@@ -360,6 +360,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 }
 
 #[cfg(test)]
+mod homing_tests;
+#[cfg(test)]
 mod model_tests;
 #[cfg(test)]
 mod order_tests;
@@ -371,3 +373,5 @@ mod sampling_tests;
 mod telling_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod torque_tests;

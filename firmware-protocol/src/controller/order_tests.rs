@@ -62,10 +62,13 @@ fn a_heartbeat_may_stay_away_between_a_tenth_and_five_seconds() {
         assert_eq!(rig.order(Order::Arm { armed: true }), AckCode::Accepted);
         rig.run(kept_ms);
         assert!(rig.controller.faults().is_empty(), "{asked_ms} ms");
+        let clear = Order::ClearFault { fault: Fault::Watchdog, key: 0 };
+        assert_eq!(rig.order(clear), AckCode::Accepted, "there is no cause yet");
         rig.reports.clear();
         rig.run(1);
         let told = |report: &Report| matches!(report, Report::Fault { fault: Fault::Watchdog, detail, .. } if *detail == kept_ms as i32 + 1);
         assert!(rig.reports.iter().any(told), "{asked_ms} ms");
+        assert_eq!(rig.order(clear), AckCode::CauseRemains);
     }
 }
 
@@ -182,6 +185,7 @@ fn an_axis_is_homed_alone() {
     assert_eq!(rig.order(Order::Home { axis: 1 }), AckCode::Accepted);
     rig.run(299);
     assert_eq!(rig.controller.state(), State::Homing);
+    assert_eq!(rig.order(Order::Home { axis: 0 }), AckCode::Busy, "it homes, though nothing moves");
     rig.run(1);
     assert_eq!(rig.controller.state(), State::Holding);
     assert!(rig.reports.contains(&Report::Done { id: 51, axis: ALL_AXES, error_urad: 0 }));
@@ -193,18 +197,20 @@ fn an_axis_is_homed_alone() {
 
 #[test]
 fn a_shaft_that_is_never_quiet_is_not_homed() {
-    let mut rig = Rig::new(config(), Reading::Measured(0));
-    rig.run(2);
-    rig.tell(hello(HOST));
-    assert_eq!(rig.order(Order::Arm { armed: true }), AckCode::Accepted);
-    assert_eq!(rig.order(Order::Home { axis: 0 }), AckCode::Accepted);
-    for ms in 0..3000 {
-        rig.sense(0).reading = Reading::Measured(if ms / 100 % 2 == 0 { 3000 } else { 0 });
-        rig.step();
+    for (shakes_urad, quiet) in [(2500, true), (2501, false)] {
+        let mut rig = Rig::new(config(), Reading::Measured(0));
+        rig.run(2);
+        rig.tell(hello(HOST));
+        assert_eq!(rig.order(Order::Arm { armed: true }), AckCode::Accepted);
+        assert_eq!(rig.order(Order::Home { axis: 0 }), AckCode::Accepted);
+        for ms in 0..3000 {
+            rig.sense(0).reading = Reading::Measured(if ms / 100 % 2 == 0 { shakes_urad } else { 0 });
+            rig.step();
+        }
+        assert_eq!(rig.controller.state(), if quiet { State::Holding } else { State::Homing });
+        rig.run(1);
+        assert_eq!(rig.controller.faults().contains(Fault::EncoderInvalid), !quiet);
     }
-    assert_eq!(rig.controller.state(), State::Homing);
-    rig.run(1);
-    assert!(rig.controller.faults().contains(Fault::EncoderInvalid));
 }
 
 #[test]
@@ -324,6 +330,9 @@ fn an_emergency_stop_that_is_not_latched_needs_no_key() {
     let mut rig = Rig::ready(config());
     let clear = |key| Order::ClearFault { fault: Fault::EStop, key };
     assert_eq!(rig.order(clear(0)), AckCode::Accepted);
+    rig.controller.set_local_switch(false);
+    assert_eq!(rig.order(clear(0)), AckCode::CauseRemains, "the next step will latch it");
+    rig.controller.set_local_switch(true);
     assert_eq!(rig.order(Order::EStop), AckCode::Accepted);
     assert_eq!(rig.order(clear(0)), AckCode::Locked);
     assert_eq!(rig.controller.state(), State::EStop);

@@ -82,7 +82,7 @@ impl<const N: usize> Rig<N> {
         self.step_as_is();
     }
 
-    fn step_as_is(&mut self) {
+    pub(super) fn step_as_is(&mut self) {
         self.now_us += 1000;
         let now_us = self.now_us;
         self.tell(Command::Heartbeat { session: HOST, time_ms: 0 });
@@ -110,7 +110,7 @@ impl<const N: usize> Rig<N> {
     }
 
     /// Steps until there is a fault, and what was told about it.
-    fn fault_after(&mut self, longest_ms: u64) -> Option<(u64, Fault, i32)> {
+    pub(super) fn fault_after(&mut self, longest_ms: u64) -> Option<(u64, Fault, i32)> {
         for ms in 1..=longest_ms {
             self.reports.clear();
             self.step();
@@ -187,6 +187,22 @@ fn each_rule_has_its_edge_and_its_patience() {
     edge(limited, near, away, 1, Fault::SoftLimit, 5001);
     let answers = |sense: &mut Sense| sense.reading = Reading::Measured(0);
     edge(axis(), answers, |sense| sense.reading = Reading::Invalid, 1, Fault::EncoderInvalid, 0);
+    edge(axis(), answers, |sense| sense.reading = Reading::Missing, 101, Fault::EncoderInvalid, 0);
+}
+
+#[test]
+fn a_shaft_stalls_after_it_stood_away_and_again_when_it_is_pushed_away() {
+    let mut rig = ready(AxisConfig { stall_urad: 5000, ..axis() });
+    for ms in 1..=160 {
+        rig.sense(0).reading = Reading::Measured(6000 + ms % 2 * 3000);
+        assert_eq!(rig.fault_after(1), None, "it moves");
+    }
+    assert_eq!(rig.fault_after(400), Some((151, Fault::Stall, 6000)));
+    for (pushed_to_urad, answer) in [(999, AckCode::CauseRemains), (1000, AckCode::Accepted)] {
+        rig.sense(0).reading = Reading::Measured(pushed_to_urad);
+        rig.run(1);
+        assert_eq!(rig.clear(Fault::Stall), answer, "{pushed_to_urad} urad");
+    }
 }
 
 /// What comes and goes is no fault: patience begins anew.

@@ -249,6 +249,18 @@ fn nothing_is_moved_further_while_an_encoder_is_silent() {
     assert_eq!((bench.servo().setpoint.position_urad, bench.controller.state()), (900_000, State::Holding));
 }
 
+#[test]
+fn set_points_go_on_by_a_reading_of_sixty_milliseconds_ago_and_by_no_older_one() {
+    for (ago_us, goes_on) in [(60_000, true), (60_001, false)] {
+        let mut bench = Bench::holding();
+        bench.order(Order::MoveTo { axis: 0, position_urad: 900_000 });
+        bench.poll(10_000, 1000, Some(0));
+        let before = bench.servo().setpoint.position_urad;
+        bench.poll(10_000, ago_us, Some(0));
+        assert_eq!(bench.servo().setpoint.position_urad > before, goes_on, "{ago_us} us");
+    }
+}
+
 /// A device that answers the questions of long ago, one by one: the set points wait for what it shows, and it did not stall.
 #[test]
 fn old_news_neither_stall_a_shaft_nor_let_it_run_ahead() {

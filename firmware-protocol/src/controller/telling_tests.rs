@@ -1,9 +1,11 @@
 //! What a rig says unasked: how often, and with which numbers.
 
+use std::vec::Vec;
+
 use super::rule_tests::{HOST, Rig, hello};
 use crate::config::Home;
 use crate::servo::Reading;
-use crate::{AxisConfig, Config, Faults, Order, Report, ResetCause, Source, State};
+use crate::{AxisConfig, Config, Fault, Faults, Order, Report, ResetCause, Source, State};
 
 fn config() -> Config<2> {
     let axis = AxisConfig { jump_urad: 1_000_000, ..AxisConfig::default() };
@@ -113,20 +115,34 @@ fn reports_carry_what_was_read() {
 
 #[test]
 fn a_position_is_measured_commanded_or_stale() {
-    let source = |reading| {
+    let source = |reading, ms| {
         let mut rig = Rig::new(config(), Reading::Measured(0));
         rig.run(5);
         rig.sense(0).reading = reading;
         rig.reports.clear();
-        rig.run(130);
+        rig.run(ms);
         let position = |report: &&Report| matches!(report, Report::Position { axis: 0, .. });
         match rig.reports.iter().rfind(position) {
             Some(Report::Position { source, .. }) => *source,
             _ => panic!("no position"),
         }
     };
-    assert_eq!(source(Reading::Measured(0)), Source::Measured);
-    assert_eq!(source(Reading::Unmeasured), Source::Commanded);
-    assert_eq!(source(Reading::Missing), Source::Stale);
-    assert_eq!(source(Reading::Invalid), Source::Stale);
+    assert_eq!(source(Reading::Measured(0), 130), Source::Measured);
+    assert_eq!(source(Reading::Unmeasured, 130), Source::Commanded);
+    assert_eq!(source(Reading::Missing, 50), Source::Measured, "it says when it was read");
+    assert_eq!(source(Reading::Missing, 130), Source::Stale);
+    assert_eq!(source(Reading::Invalid, 130), Source::Stale);
+}
+
+#[test]
+fn a_fault_is_told_again_with_the_time_it_came() {
+    let mut rig = Rig::ready(config());
+    rig.reports.clear();
+    rig.sense(1).temperature_c = 99;
+    rig.run(1);
+    let time_ms = (rig.now_us / 1000) as u16;
+    rig.run(400);
+    let told = rig.reports.iter().filter(|report| matches!(report, Report::Fault { .. }));
+    let expected = Report::Fault { fault: Fault::OverTemperature, axis: 1, time_ms, detail: 99 };
+    assert_eq!(told.collect::<Vec<_>>(), [&expected; 3]);
 }

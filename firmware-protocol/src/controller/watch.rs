@@ -204,7 +204,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let any = |broken: &dyn Fn(usize) -> bool| (0..N).any(broken);
         let now = self.now_us;
         match fault {
-            Fault::EStop => !self.local_switch_closed || self.path.is_some(),
+            Fault::EStop => !self.local_switch_closed,
             Fault::Watchdog => now.saturating_sub(self.heartbeat_us) > self.heartbeat_timeout_us,
             Fault::FollowingError | Fault::Stall => any(&|n| {
                 let error = self.axes[n].setpoint_urad.saturating_sub(self.axes[n].measured_urad);
