@@ -7,7 +7,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use sensors::ouster::{Metadata, Profile, Synthetic};
+use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
 use sensors::velodyne::{Product, ReturnMode};
 
 use crate::coverage::{Coverage, VoxelGrid};
