@@ -1,8 +1,12 @@
 //! `outrigger decode` as a user meets it: the document against the digests of the peers, exit codes, messages.
 
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use serde_json::Value;
 
 use crate::support::datagram::{datagrams, write_capture};
@@ -19,6 +23,7 @@ pub const CASES: &[Case] = &[
     with_shared("a_cut_capture_is_decoded_up_to_the_cut", a_cut_capture_is_decoded_up_to_the_cut),
     with_shared("a_lost_packet_is_data_lost", a_lost_packet_is_data_lost),
     with_shared("pcapng_and_gzip_say_the_same", pcapng_and_gzip_say_the_same),
+    with_shared("a_signal_leaves_no_unfinished_file", a_signal_leaves_no_unfinished_file),
 ];
 
 const OS1: &str = "captures/ouster/OS-1-128_v2.3.0_1024x10_lb_n3.pcap";
@@ -230,7 +235,6 @@ fn a_lost_packet_is_data_lost() {
 }
 
 fn pcapng_and_gzip_say_the_same() {
-    use std::io::Write as _;
     let folder = tempfile::tempdir().unwrap();
     let again = rewritten(OS1, &folder.path().join("again.pcapng"), &[]);
     let (_, mut original, _) = decode(&path(OS1), &[&path(OS1_META)], &[]);
@@ -244,5 +248,33 @@ fn pcapng_and_gzip_say_the_same() {
         original["capture"] = document["capture"].take();
         document["capture"] = original["capture"].clone();
         assert_eq!(document, original);
+    }
+}
+
+fn a_signal_leaves_no_unfinished_file() {
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        program.args(["decode", "-", "--out"]).arg(folder.path().join("points.las"));
+        let piped = program.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut running = piped.spawn().unwrap();
+        let capture = std::fs::read(shared(VLP16)).unwrap();
+        let mut packets = running.stdin.take().unwrap();
+        packets.write_all(&capture[..capture.len() / 2]).unwrap();
+        let files = || std::fs::read_dir(folder.path()).unwrap().count();
+        let began = Instant::now();
+        while files() == 0 {
+            assert!(began.elapsed() < Duration::from_secs(30), "no file was begun");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        kill(Pid::from_raw(running.id() as i32), signal).unwrap();
+        packets.write_all(&capture[capture.len() / 2..]).ok(); // it may have ended by then
+        drop(packets);
+        let output = running.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("interrupted: files that were whole are kept"), "{said}");
+        assert!(output.stdout.is_empty());
+        assert_eq!(files(), 0);
     }
 }

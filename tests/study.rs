@@ -185,8 +185,9 @@ fn instructions_are_counted_and_stay_the_same() {
     let (first, second) = (count(), count());
     // a ray takes some instructions, four times the rays take more
     assert!(first[0] > 59_040.0 && first[1] > 1.5 * first[0], "{first:?}");
+    // what a process does beside its mounts differs by some ten thousand instructions: keys of hash maps, waiting threads
     for (first, second) in first.iter().zip(second) {
-        assert!((first - second).abs() < 0.001 * first, "{first} and {second}");
+        assert!((first - second).abs() < 0.01 * first, "{first} and {second}");
     }
 }
 

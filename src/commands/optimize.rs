@@ -174,17 +174,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?;
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
-    // who stops a search wants its best now: looking again may take longer than the search
-    let is_cut_short = stop.load(Ordering::Relaxed);
-    if is_cut_short && (looks_again || finer.is_some()) {
-        output::say_notice(
-            "interrupted: the best mount is given as searched, without another look at the best ones",
-        );
-    }
-    let finer = finer.filter(|_| !is_cut_short);
-    let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
-    let looks_again = looks_again && !is_cut_short;
-    let final_look = if looks_again { final_look::look(args, &given, &problem, &search)? } else { None };
+    let (refined, final_look) = if stop.load(Ordering::Relaxed) {
+        // who stops a search wants its best now: looking again may take longer than the search
+        if looks_again || finer.is_some() {
+            output::say_notice(
+                "interrupted: the best mount is given as searched, without another look at the best ones",
+            );
+        }
+        (None, None)
+    } else {
+        let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
+        let looked = looks_again.then(|| final_look::look(args, &given, &problem, &search)).transpose()?;
+        (refined, looked.flatten())
+    };
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
 }

@@ -49,38 +49,38 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
     Ok(receiver)
 }
 
-/// A flag that the first Ctrl-C (or SIGTERM) sets, for work of which nothing is lost but what is under way: what has not
-/// ended by itself within `grace` is ended with these last words. A second one ends the program at once.
-pub fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+/// A flag that the first Ctrl-C (or SIGTERM) sets, and what follows it, which is given those that come after.
+fn flag_then(follows: impl FnOnce(&Receiver<()>) + Send + 'static) -> anyhow::Result<Arc<AtomicBool>> {
     let interrupts = interrupts()?;
     let flag = Arc::new(AtomicBool::new(false));
     let setter = Arc::clone(&flag);
     std::thread::spawn(move || {
         if interrupts.recv().is_ok() {
             setter.store(true, Ordering::Relaxed);
-            if interrupts.recv_timeout(grace).is_ok() {
-                std::process::exit(130);
-            }
-            output::say_error(&anyhow::anyhow!(last_words));
-            std::process::exit(1);
+            follows(&interrupts);
         }
     });
     Ok(flag)
 }
 
+/// A flag that the first Ctrl-C (or SIGTERM) sets, for work of which nothing is lost but what is under way: what has not
+/// ended by itself within `grace` is ended with these last words. A second one ends the program at once.
+pub fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+    flag_then(move |later| {
+        if later.recv_timeout(grace).is_ok() {
+            std::process::exit(130);
+        }
+        output::say_error(&anyhow::anyhow!(last_words));
+        std::process::exit(1);
+    })
+}
+
 /// A flag that the first Ctrl-C (or SIGTERM) sets; the second one ends the program at once.
 pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let interrupts = interrupts()?;
-    let flag = Arc::new(AtomicBool::new(false));
-    let setter = Arc::clone(&flag);
-    std::thread::spawn(move || {
-        if interrupts.recv().is_ok() {
-            setter.store(true, Ordering::Relaxed);
-            output::say_notice("stopping in good order; Ctrl-C again ends at once and writes nothing more");
-            if interrupts.recv().is_ok() {
-                std::process::exit(130);
-            }
+    flag_then(|later| {
+        output::say_notice("stopping in good order; Ctrl-C again ends at once and writes nothing more");
+        if later.recv().is_ok() {
+            std::process::exit(130);
         }
-    });
-    Ok(flag)
+    })
 }

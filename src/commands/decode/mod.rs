@@ -4,8 +4,10 @@ mod document;
 mod frames;
 mod output;
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 use anyhow::bail;
 use sensors::Decoded;
@@ -15,7 +17,7 @@ use self::frames::FrameRange;
 use self::output::Output;
 use super::output::{print_json, print_text, say_notice};
 use super::recording::{Recording, SensorArgs};
-use super::{Context, Outcome};
+use super::{Context, Outcome, signals};
 use crate::export::Format;
 
 const EXIT_CODES: &str = "\
@@ -23,6 +25,10 @@ Exit codes: 0 when everything that the recording holds of the sensors was decode
 missing: the file is cut off or damaged, datagrams lack fragments, or packets of a sensor were lost, late, malformed or \
 failed their checksum; 1 when nothing could be decoded. A recording that merely begins or ends in the middle of a \
 revolution is whole: its first or last frame says \"complete\": false.";
+
+const INTERRUPTED: &str = "interrupted: files that were whole are kept, others are not";
+/// Time after Ctrl-C in which a file under way may still be closed.
+const TO_END_WITHIN: Duration = Duration::from_secs(5);
 
 /// Arguments of `decode`.
 #[derive(clap::Args, Debug)]
@@ -53,7 +59,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();
     let mut document = Document::default();
-    let mut problem = None;
+    let problem = RefCell::new(None);
+    let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
     let host_time_ns = Cell::new(0);
     let mut take = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         if let Decoded::Frame(frame) = decoded
@@ -63,29 +70,33 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         {
             document.add_frame(at, model, frame);
             if let Some(output) = &mut output
-                && problem.is_none()
+                && problem.borrow().is_none()
             {
-                problem = output.add(at, number, sensor, model, frame).err();
+                problem.replace(output.add(at, number, sensor, model, frame).err());
             }
         }
         if let Decoded::Imu(sample) = decoded
             && args.frames.is_none()
             && let Some(output) = &mut output
-            && problem.is_none()
+            && problem.borrow().is_none()
         {
-            problem = output.add_imu(at, sensor, sample, host_time_ns.get()).err().map(Into::into);
+            problem.replace(output.add_imu(at, sensor, sample, host_time_ns.get()).err().map(Into::into));
         }
         document.count_other(at, &decoded);
+    };
+    let go_on = || -> anyhow::Result<()> {
+        if stop.load(Ordering::Relaxed) {
+            bail!(INTERRUPTED);
+        }
+        problem.take().map_or(Ok(()), |problem| Err(problem.into()))
     };
     let ending = recording.each_packet(&mut |packet| {
         host_time_ns.set(packet.host_time_ns);
         router.push(packet, &mut take);
-        Ok(())
+        go_on()
     })?;
     router.finish(&mut take);
-    if let Some(problem) = problem {
-        return Err(problem.into());
-    }
+    go_on()?;
     for sensor in router.sensors() {
         if let Some(error) = sensor.calibration_error() {
             bail!("{} from {:?}: {error}", sensor.product(), sensor.source());
