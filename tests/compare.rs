@@ -21,6 +21,7 @@ const ASKED: &str = "statistics of minutes: set OUTRIGGER_STATISTICS=1 (and OUTR
 
 pub const CASES: &[Case] = &[
     case("a_faithful_recording_matches", rig_faults::a_faithful_recording_matches),
+    case("another_place_says_nothing_about_the_mounts", another_place_says_nothing_about_the_mounts),
     case("a_tilted_sensor_is_found_and_corrected", rig_faults::a_tilted_sensor_is_found_and_corrected),
     case("a_rolled_or_shifted_sensor_is_named", rig_faults::a_rolled_or_shifted_sensor_is_named),
     case("errors_only_lower_coverage", rig_faults::errors_only_lower_coverage),
@@ -112,6 +113,25 @@ fn check(scene: &BoxScene, model: &str, tilt_deg: f64, bias_m: f64) -> calibrate
     let rays = measured(&scene, &walk, &said, &truth, bias_m);
     let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
     calibrate::check(&field, &calibrate::Settings::default())
+}
+
+/// A recording of another place fits some mount as well as any; nothing is made of that.
+fn another_place_says_nothing_about_the_mounts() {
+    let walk = Trajectory::straight(DVec3::new(-1.5, 0.3, 1.4), DVec3::new(1.7, 0.1, 1.4), 0.8, 0);
+    let said = pair("os1-64");
+    let truth: Vec<Mount> = said.iter().map(|sensor| sensor.mount).collect();
+    let hall = BoxScene::closed(DVec3::new(-11.0, -3.2, -1.0), DVec3::new(12.0, 6.0, 6.0)); // one wall nearly there
+    let rays = measured(&Scene::Box(hall), &walk, &said, &truth, 0.0);
+    let scene = Scene::Box(room());
+    let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
+    let found = calibrate::check(&field, &calibrate::Settings::default());
+    for (sensor, said) in found.mount.iter().zip(&said) {
+        let words = sensor.cannot_tell.clone().unwrap_or_default();
+        assert!(words.contains("another place"), "{sensor:?}");
+        assert!(sensor.tilt_error_deg.is_none() && sensor.translation_mm.iter().all(Option::is_none));
+        assert_eq!(sensor.corrected, said.mount);
+    }
+    assert!(found.relative_tilt.is_none());
 }
 
 fn room() -> BoxScene {

@@ -94,6 +94,8 @@ pub struct Scan {
     pub time_s: f64,
     /// Equations.
     pub rows: Vec<Row>,
+    /// Returns by sensor whose ray meets a surface, near to where they ended or not.
+    pub met: Vec<u64>,
 }
 
 /// Rays of each revolution, by their range in the list.
@@ -122,15 +124,26 @@ pub fn rows(
     let made = scans.par_iter().zip(poses).map(|((time_s, range), pose)| {
         let [x, y, z, a, b, c] = *pose;
         let off = Pose::new(DQuat::from_scaled_axis(DVec3::new(a, b, c)), DVec3::new(x, y, z));
-        let rays = &field.rays[range.clone()];
-        let rows =
-            rays.iter().filter_map(|ray| row(field, ray, &off, &offsets[ray.sensor], gate_m)).collect();
-        Scan { time_s: *time_s, rows }
+        let mut scan = Scan { time_s: *time_s, rows: Vec::new(), met: vec![0; offsets.len()] };
+        for ray in &field.rays[range.clone()] {
+            if let Some(near) = row(field, ray, &off, &offsets[ray.sensor], gate_m) {
+                scan.met[ray.sensor] += 1;
+                scan.rows.extend(near);
+            }
+        }
+        scan
     });
     made.collect()
 }
 
-fn row(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m: f64) -> Option<Row> {
+/// What a return whose ray meets a surface says: nothing where it ended beyond the gate.
+fn row(
+    field: &Field<'_>,
+    ray: &RecordedRay,
+    off: &Pose,
+    offset: &Offset,
+    gate_m: f64,
+) -> Option<Option<Row>> {
     let recorded_m = ray.range_m?;
     let sensor: &MountedSensor = &field.sensors[ray.sensor];
     let world_from_body = field.trajectory.at(ray.time_ns)? * *off;
@@ -143,8 +156,11 @@ fn row(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m
         return None;
     }
     let slope = placed.direction.dot(hit.normal);
-    if (recorded_m - range_m).abs() > gate_m || slope.abs() < LEAST_COSINE {
+    if slope.abs() < LEAST_COSINE {
         return None;
+    }
+    if (recorded_m - range_m).abs() > gate_m {
+        return Some(None);
     }
     let body_from_world = world_from_body.inverse();
     let mount_from_body = BODY_FROM_MOUNT_FRAME.transpose();
@@ -154,12 +170,12 @@ fn row(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m
     let normal_m = mount_from_body * normal;
     let lever_m = mount_from_body * (point_m - body_from_sensor.translation_m);
     let mount_turn = lever_m.cross(normal_m);
-    Some(Row {
+    Some(Some(Row {
         sensor: ray.sensor,
         residual_m: slope * (recorded_m - range_m),
         of_mount: [-normal_m.x, -normal_m.y, -normal_m.z, -mount_turn.x, -mount_turn.y, -mount_turn.z, slope],
         of_pose: [-normal.x, -normal.y, -normal.z, -turn.x, -turn.y, -turn.z],
-    })
+    }))
 }
 
 #[cfg(test)]

@@ -155,6 +155,10 @@ const SMALL_STEP: f64 = 0.05;
 /// Least of revolutions and rays per sensor to say anything.
 const LEAST_RAYS: u64 = 500;
 
+/// Least share of the returns whose rays meet a surface that end near to it. In the place that was recorded all but
+/// people and furniture do; in another one, a house for a hall, a sixth, which fit something to a hundredth of a degree.
+const LEAST_NEAR: f64 = 1.0 / 3.0;
+
 /// Checks the mounts of a rig against a scene.
 pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
     let sensors = field.sensors.len();
@@ -239,7 +243,10 @@ fn report(
     let MountedSensor { name, mount, .. } = &field.sensors[sensor];
     let seen = &solution.observed[sensor];
     let rays = rows.iter().flat_map(|scan| &scan.rows).filter(|row| row.sensor == sensor).count() as u64;
-    let enough = rays >= LEAST_RAYS;
+    let met: u64 = rows.iter().map(|scan| scan.met[sensor]).sum();
+    let near_share = rays as f64 / met.max(1) as f64;
+    let (many, near) = (rays >= LEAST_RAYS, near_share >= LEAST_NEAR);
+    let enough = many && near;
     let at = 7 * sensor;
     let estimate = |weights: [f64; 7], value: f64| {
         let weights = nalgebra::DVector::from_row_slice(&weights);
@@ -255,10 +262,16 @@ fn report(
     let along = [0.0, 0.0, 0.0, axis.x, axis.y, axis.z, 0.0];
     let told = enough && seen.tells(&along);
     let tilt = told.then(|| estimate(along, turn.dot(axis)).scaled(1f64.to_degrees()));
-    let cannot_tell = match (enough, told) {
-        (true, true) => None,
-        (true, false) => Some("cannot tell here: the surfaces it saw leave the tilt open".to_owned()),
-        (false, _) => Some(format!("cannot tell here: {rays} usable rays")),
+    let cannot_tell = match (many, near, told) {
+        (true, true, true) => None,
+        (true, true, false) => Some("cannot tell here: the surfaces it saw leave the tilt open".to_owned()),
+        (true, false, _) => Some(format!(
+            "cannot tell here: only {:.0} % of the returns end within {} m of where the scene has a surface, from the best mount, \
+             too: is the scene another place, or the trajectory in another frame?",
+            100.0 * near_share,
+            gather::LAST_GATE_M
+        )),
+        (false, ..) => Some(format!("cannot tell here: {rays} usable rays")),
     };
     let degrees = 1f64.to_degrees();
     SensorCheck {
@@ -268,13 +281,13 @@ fn report(
         u95_deg: tilt.map(|tilt| tilt.u95),
         p_value: tilt.map(|tilt| tilt.p_value),
         observable: if enough { seen.names() } else { Vec::new() },
-        condition_number: seen.condition_number,
+        condition_number: seen.condition_number.filter(|_| near),
         rotation_deg: [0, 1, 2].map(|axis| single(3 + axis, turn[axis], degrees)),
         translation_mm: [0, 1, 2].map(|axis| single(axis, offset.translation_m[axis], 1e3)),
         range_offset_mm: single(6, offset.range_m, 1e3),
         rays,
         cannot_tell,
-        corrected: offset.corrected(mount, &seen.is_told),
+        corrected: if near { offset.corrected(mount, &seen.is_told) } else { *mount },
     }
 }
 

@@ -31,6 +31,12 @@ pub fn the_command_finds_writes_and_goes_on() {
 
     let evaluated = json(&["evaluate", "--json", "--mount", &mount]);
     assert_eq!(evaluated["objective"], whole["best"]["objective"], "the mount file scores as found");
+    let notice = |arguments: &[&str]| {
+        let output = outrigger(&[&["evaluate", "--no-baselines", "--mount", &mount], arguments].concat());
+        String::from_utf8_lossy(&output.stderr).contains("found with other settings")
+    };
+    assert!(!notice(&[]));
+    assert!(notice(&["--lambda", "1500"]) && notice(&["--path", "forward"]));
 
     // the plan is made for the first budget, so both legs are given the same one by interrupting at a limit
     search(&["--method", "pattern", "--evals", "30", "--seed", "3", "--resume", &state]);

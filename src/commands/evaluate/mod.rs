@@ -129,7 +129,7 @@ struct Document<'a> {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let (objective, sensors) = match (&args.mount, &args.masters) {
+    let (objective, sensors, said) = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
         (None, None) => bail!("give --mount or --masters"),
@@ -182,10 +182,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     } else {
         output::print_text(&summary(&document))?;
     }
+    if let Some(said) = said.filter(|said| (said - evaluation.objective).abs() > 0.005) {
+        output::say_notice(&format!(
+            "the mount file says J {said:.2}: it was found with other settings than these (--path, --voxel, --azimuths, \
+             --sub-poses, --phase, --lambda, ...); give the same to meet it again"
+        ));
+    }
     Ok(Outcome::Done)
 }
 
-fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<(Objective, Vec<Placement>)> {
+/// What to score, the sensors, and the score that their file has.
+type Asked = (Objective, Vec<Placement>, Option<f64>);
+
+fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
     let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
     let masters = &masters.of(experiment)?;
@@ -195,10 +204,10 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<(Objective, Ve
         );
     }
     let sensors = experiment.sensors(masters);
-    Ok((objective, sensors))
+    Ok((objective, sensors, None))
 }
 
-fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<(Objective, Vec<Placement>)> {
+fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
     let file = MountFile::read(path)?;
     let objective = args.experiment.objective(file.preset.as_deref(), Roll::Free)?;
     let experiment = objective.simulator().experiment();
@@ -236,7 +245,7 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<(Objective, Vec<Pla
     }
     let as_listed = Experiment { mirror: false, ..*experiment };
     let sensors = as_listed.sensors(&listed);
-    Ok((objective, sensors))
+    Ok((objective, sensors, file.objective))
 }
 
 fn summary(document: &Document) -> String {
