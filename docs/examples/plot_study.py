@@ -56,7 +56,7 @@ some = points[:: max(1, len(points) // 50_000)]
 near = np.linalg.norm(some[:, :2], axis=1) < np.quantile(np.linalg.norm(some[:, :2], axis=1), 0.98)
 dots = cloud.scatter(some[near, 0], some[near, 1], c=some[near, 2], s=0.3, cmap="viridis", rasterized=True)
 figure.colorbar(dots, ax=cloud, label="z, m")
-cloud.set(xlabel="x, m", ylabel="y, m", title=points_csv.name, aspect="equal")
+cloud.set(xlabel="x, m", ylabel="y, m", title=points_npy.name, aspect="equal")
 
 figure.savefig(picture, dpi=110)
 print(picture)
