@@ -105,27 +105,33 @@ fn measured(
 }
 
 fn check(scene: &BoxScene, model: &str, tilt_deg: f64, bias_m: f64) -> calibrate::MountCheck {
-    let scene = Scene::Box(scene.clone());
+    check_against(scene, scene, model, tilt_deg, bias_m)
+}
+
+/// Recorded in one scene, held against another.
+fn check_against(
+    recorded: &BoxScene,
+    scene: &BoxScene,
+    model: &str,
+    tilt_deg: f64,
+    bias_m: f64,
+) -> calibrate::MountCheck {
+    let [recorded, scene] = [recorded, scene].map(|scene| Scene::Box(scene.clone()));
     let walk = Trajectory::straight(DVec3::new(-1.5, 0.3, 1.4), DVec3::new(1.7, 0.1, 1.4), 0.8, 0);
     let said = pair(model);
     let mut truth: Vec<Mount> = said.iter().map(|sensor| sensor.mount).collect();
     truth[0].pitch_rad += tilt_deg.to_radians();
-    let rays = measured(&scene, &walk, &said, &truth, bias_m);
+    let rays = measured(&recorded, &walk, &said, &truth, bias_m);
     let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
     calibrate::check(&field, &calibrate::Settings::default())
 }
 
 /// A recording of another place fits some mount as well as any; nothing is made of that.
 fn another_place_says_nothing_about_the_mounts() {
-    let walk = Trajectory::straight(DVec3::new(-1.5, 0.3, 1.4), DVec3::new(1.7, 0.1, 1.4), 0.8, 0);
-    let said = pair("os1-64");
-    let truth: Vec<Mount> = said.iter().map(|sensor| sensor.mount).collect();
-    let rays = measured(&Scene::Box(room()), &walk, &said, &truth, 0.0);
     // only its floor is where the room's is
-    let scene = Scene::Box(BoxScene::closed(DVec3::new(-20.0, -20.0, 0.0), DVec3::new(20.0, 20.0, 10.0)));
-    let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
-    let found = calibrate::check(&field, &calibrate::Settings::default());
-    for (sensor, said) in found.mount.iter().zip(&said) {
+    let elsewhere = BoxScene::closed(DVec3::new(-20.0, -20.0, 0.0), DVec3::new(20.0, 20.0, 10.0));
+    let found = check_against(&room(), &elsewhere, "os1-64", 0.0, 0.0);
+    for (sensor, said) in found.mount.iter().zip(pair("os1-64")) {
         let words = sensor.cannot_tell.clone().unwrap_or_default();
         assert!(words.contains("another place"), "{sensor:?}");
         assert!(sensor.tilt_error_deg.is_none() && sensor.translation_mm.iter().all(Option::is_none));

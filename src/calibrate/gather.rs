@@ -126,9 +126,13 @@ pub fn rows(
         let off = Pose::new(DQuat::from_scaled_axis(DVec3::new(a, b, c)), DVec3::new(x, y, z));
         let mut scan = Scan { time_s: *time_s, rows: Vec::new(), met: vec![0; offsets.len()] };
         for ray in &field.rays[range.clone()] {
-            if let Some(near) = row(field, ray, &off, &offsets[ray.sensor], gate_m) {
-                scan.met[ray.sensor] += 1;
-                scan.rows.extend(near);
+            match said(field, ray, &off, &offsets[ray.sensor], gate_m) {
+                Said::Nothing => {}
+                Said::Elsewhere => scan.met[ray.sensor] += 1,
+                Said::Near(row) => {
+                    scan.met[ray.sensor] += 1;
+                    scan.rows.push(row);
+                }
             }
         }
         scan
@@ -136,31 +140,35 @@ pub fn rows(
     made.collect()
 }
 
-/// What a return whose ray meets a surface says: nothing where it ended beyond the gate.
-fn row(
-    field: &Field<'_>,
-    ray: &RecordedRay,
-    off: &Pose,
-    offset: &Offset,
-    gate_m: f64,
-) -> Option<Option<Row>> {
-    let recorded_m = ray.range_m?;
+/// What a ray says of mount and pose.
+enum Said {
+    /// No return, or its ray meets no surface well enough.
+    Nothing,
+    /// The return lies beyond the gate from where its ray meets a surface.
+    Elsewhere,
+    /// The return lies at a surface.
+    Near(Row),
+}
+
+fn said(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m: f64) -> Said {
+    let Some(recorded_m) = ray.range_m else { return Said::Nothing };
     let sensor: &MountedSensor = &field.sensors[ray.sensor];
-    let world_from_body = field.trajectory.at(ray.time_ns)? * *off;
+    let Some(world_from_body) = field.trajectory.at(ray.time_ns) else { return Said::Nothing };
+    let world_from_body = world_from_body * *off;
     let body_from_sensor = offset.body_from_sensor(&ray.mount(field.sensors));
     let world_from_sensor = world_from_body * body_from_sensor;
     let placed = ray.place(field.sensors, &world_from_sensor);
-    let hit = field.scene.cast(placed.origin_m, placed.direction)?;
+    let Some(hit) = field.scene.cast(placed.origin_m, placed.direction) else { return Said::Nothing };
     let range_m = hit.distance_m + placed.range_offset_m + offset.range_m;
     if range_m < sensor.model.min_range_m || range_m > sensor.model.max_range_m {
-        return None;
+        return Said::Nothing;
     }
     let slope = placed.direction.dot(hit.normal);
     if slope.abs() < LEAST_COSINE {
-        return None;
+        return Said::Nothing;
     }
     if (recorded_m - range_m).abs() > gate_m {
-        return Some(None);
+        return Said::Elsewhere;
     }
     let body_from_world = world_from_body.inverse();
     let mount_from_body = BODY_FROM_MOUNT_FRAME.transpose();
@@ -170,12 +178,12 @@ fn row(
     let normal_m = mount_from_body * normal;
     let lever_m = mount_from_body * (point_m - body_from_sensor.translation_m);
     let mount_turn = lever_m.cross(normal_m);
-    Some(Some(Row {
+    Said::Near(Row {
         sensor: ray.sensor,
         residual_m: slope * (recorded_m - range_m),
         of_mount: [-normal_m.x, -normal_m.y, -normal_m.z, -mount_turn.x, -mount_turn.y, -mount_turn.z, slope],
         of_pose: [-normal.x, -normal.y, -normal.z, -turn.x, -turn.y, -turn.z],
-    }))
+    })
 }
 
 #[cfg(test)]

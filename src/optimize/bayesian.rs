@@ -11,6 +11,7 @@ use std::num::NonZeroUsize;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::forward_substitution::LANES;
 use super::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
 use super::{Acquisition, Candidate, Optimizer, Settings, Space, Trial, Variable, generator, normal};
 use crate::rng::Rng;
@@ -27,8 +28,8 @@ const REFIT_FROM_ONE_START: usize = 60;
 const GLOBAL_CANDIDATES: usize = 500;
 const LOCAL_CENTRES: usize = 5;
 const LOCAL_CANDIDATES: usize = 60;
-/// Candidates that one thread takes at a time.
-const JUDGED_AT_ONCE: usize = 64;
+/// Candidates that one thread takes at a time: as many as a solution of the model has lanes.
+const JUDGED_AT_ONCE: usize = LANES;
 const REFINED: usize = 3;
 const REFINE_ROUNDS: usize = 8;
 

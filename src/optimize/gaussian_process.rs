@@ -7,6 +7,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::{Deserialize, Serialize};
 
 use super::ascent::minimise;
+use super::forward_substitution::{LANES, solve_lower};
+use crate::instructions::Instructions;
 
 /// Length scales are shares of a variable's range.
 const LN_LENGTH: (f64, f64) = (-3.9, 3.0);
@@ -16,8 +18,6 @@ const LN_NOISE: (f64, f64) = (-16.0, 0.7);
 const PRIOR_LENGTH: (f64, f64) = (-0.7, 1.2);
 const PRIOR_NOISE: (f64, f64) = (-6.0, 3.0);
 const FIRST_JITTER: f64 = 1e-10;
-/// Predictions made at once.
-const LANES: usize = 8;
 const SQRT_5: f64 = 2.236_067_977_499_79;
 
 /// Logarithms of the length scales, one per role, and of the noise ratio.
@@ -224,7 +224,7 @@ impl GaussianProcess {
         let (mean, weights, variance) = trend(&cholesky, &data.values);
         let lower = cholesky.l();
         let mut ones = vec![[1.0; LANES]; n];
-        solve_lower(&lower, &mut ones);
+        solve_lower(&lower, &mut ones, Instructions::best());
         let ones = ones.into_iter().map(|lanes| lanes[0]).collect();
         (mean.is_finite() && variance.is_finite()).then_some(Self {
             data,
@@ -244,12 +244,13 @@ impl GaussianProcess {
         self.predict_many(&[point.to_vec()])[0]
     }
 
-    /// Beliefs at points of the unit cube, several at a time: each entry of the factor is then read once for all of them.
+    /// Beliefs at points of the unit cube, `LANES` at a time: each entry of the factor is then read once for all of them.
     /// What is believed of a point does not depend on its neighbours in the list.
     pub fn predict_many(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
         let ones_ones: f64 = self.ones.iter().map(|o| o * o).sum();
         let mut beliefs = Vec::with_capacity(points.len());
         let mut right = vec![[0.0; LANES]; self.data.points.len()];
+        let instructions = Instructions::best();
         for group in points.chunks(LANES) {
             let mut means = [self.mean; LANES];
             for (row, known) in self.data.points.iter().enumerate() {
@@ -259,7 +260,7 @@ impl GaussianProcess {
                     right[row][lane] = value;
                 }
             }
-            solve_lower(&self.lower, &mut right);
+            solve_lower(&self.lower, &mut right, instructions);
             let (mut explained, mut ones_solved) = ([0.0; LANES], [0.0; LANES]);
             for (solved, one) in right.iter().zip(&self.ones) {
                 for lane in 0..LANES {
@@ -284,20 +285,6 @@ impl GaussianProcess {
 
 fn distance(a: &[f64], b: &[f64], inverse_lengths: &[f64]) -> f64 {
     a.iter().zip(b).zip(inverse_lengths).map(|((a, b), inverse)| ((a - b) * inverse).powi(2)).sum()
-}
-
-/// Forward substitution in place for several right sides at once, column by column so that no loop waits for a sum.
-fn solve_lower(lower: &DMatrix<f64>, right: &mut [[f64; LANES]]) {
-    let n = right.len();
-    for (j, column) in lower.as_slice().chunks_exact(n).enumerate() {
-        let solved = right[j].map(|value| value / column[j]);
-        right[j] = solved;
-        for (values, l) in right[j + 1..].iter_mut().zip(&column[j + 1..]) {
-            for (value, solved) in values.iter_mut().zip(solved) {
-                *value -= solved * l;
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ mod certificate;
 mod cma_es;
 mod differential_evolution;
 mod final_look;
+pub mod forward_substitution;
 mod gaussian_process;
 mod genetic;
 mod lines;

@@ -4,6 +4,8 @@ pub mod datagram;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
 
 use libtest_mimic::{Arguments, Trial};
 
@@ -65,11 +67,13 @@ pub fn shared(path: &str) -> PathBuf {
     shared_folder().expect("the case is run only with the folder").join(path)
 }
 
-/// Runs every case; the closing lines are the runner's own.
+/// Runs every case; the closing lines are the runner's own. With `OUTRIGGER_CASE_TIMES` set the seconds of each case
+/// come before them, longest first.
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let arguments = Arguments::from_args();
     let mut left_out = Vec::new();
     let mut trials = Vec::new();
+    let times_s = Arc::new(Mutex::new(Vec::new()));
     for (module, cases) in modules {
         for case in *cases {
             let name = format!("{module}::{}", case.name);
@@ -77,10 +81,15 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
             if let Some(missing) = missing {
                 left_out.push((name.clone(), missing));
             }
-            let run = case.run;
+            let (run, times_s, timed) = (case.run, times_s.clone(), name.clone());
             trials.push(
                 Trial::test(name, move || {
+                    let start = Instant::now();
                     run();
+                    times_s
+                        .lock()
+                        .expect("held for a push only")
+                        .push((start.elapsed().as_secs_f64(), timed));
                     Ok(())
                 })
                 .with_ignored_flag(missing.is_some()),
@@ -88,6 +97,13 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
         }
     }
     let conclusion = libtest_mimic::run(&arguments, trials);
+    if std::env::var_os("OUTRIGGER_CASE_TIMES").is_some() {
+        let mut times_s = times_s.lock().expect("every case has ended");
+        times_s.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (time_s, name) in times_s.iter() {
+            eprintln!("{time_s:8.2} s {name}");
+        }
+    }
     if !left_out.is_empty() && !arguments.list {
         eprintln!("LEFT OUT: {} comparisons:", left_out.len());
         for (name, missing) in left_out {

@@ -129,7 +129,7 @@ struct Document<'a> {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let (objective, sensors, said) = match (&args.mount, &args.masters) {
+    let Asked { objective, sensors, stated } = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
         (None, None) => bail!("give --mount or --masters"),
@@ -182,17 +182,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     } else {
         output::print_text(&summary(&document))?;
     }
-    if let Some(said) = said.filter(|said| (said - evaluation.objective).abs() > 0.005) {
+    if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
         output::say_notice(&format!(
-            "the mount file says J {said:.2}: it was found with other settings than these (--path, --voxel, --azimuths, \
+            "the mount file says J {stated:.2}: it was found with other settings than these (--path, --voxel, --azimuths, \
              --sub-poses, --phase, --lambda, ...); give the same to meet it again"
         ));
     }
     Ok(Outcome::Done)
 }
 
-/// What to score, the sensors, and the score that their file has.
-type Asked = (Objective, Vec<Placement>, Option<f64>);
+/// What to score.
+struct Asked {
+    objective: Objective,
+    sensors: Vec<Placement>,
+    /// The score that the mount file states.
+    stated: Option<f64>,
+}
 
 fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
     let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
@@ -204,7 +209,7 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
         );
     }
     let sensors = experiment.sensors(masters);
-    Ok((objective, sensors, None))
+    Ok(Asked { objective, sensors, stated: None })
 }
 
 fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
@@ -245,7 +250,7 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
     }
     let as_listed = Experiment { mirror: false, ..*experiment };
     let sensors = as_listed.sensors(&listed);
-    Ok((objective, sensors, file.objective))
+    Ok(Asked { objective, sensors, stated: file.objective })
 }
 
 fn summary(document: &Document) -> String {
