@@ -67,8 +67,8 @@ pub fn shared(path: &str) -> PathBuf {
     shared_folder().expect("the case is run only with the folder").join(path)
 }
 
-/// Runs every case; the closing lines are the runner's own. With `OUTRIGGER_CASE_TIMES` set the seconds of each case
-/// come before them, longest first.
+/// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case come
+/// before them, longest first (a name that is none of the program's: reports tell what those hold).
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let arguments = Arguments::from_args();
     let mut left_out = Vec::new();
@@ -97,7 +97,7 @@ pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
         }
     }
     let conclusion = libtest_mimic::run(&arguments, trials);
-    if std::env::var_os("OUTRIGGER_CASE_TIMES").is_some() {
+    if std::env::var_os("CASE_TIMES").is_some() {
         let mut times_s = times_s.lock().expect("every case has ended");
         times_s.sort_by(|a, b| b.0.total_cmp(&a.0));
         for (time_s, name) in times_s.iter() {
