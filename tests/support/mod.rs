@@ -67,8 +67,8 @@ pub fn shared(path: &str) -> PathBuf {
     shared_folder().expect("the case is run only with the folder").join(path)
 }
 
-/// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case come
-/// before them, longest first (a name that is none of the program's: reports tell what those hold).
+/// Runs every case; the closing lines are the runner's own. With `CASE_TIMES` set the seconds of each case follow on
+/// stderr, longest first (a name that is none of the program's: reports tell what those hold).
 pub fn run(modules: &[(&str, &[Case])]) -> ExitCode {
     let arguments = Arguments::from_args();
     let mut left_out = Vec::new();
