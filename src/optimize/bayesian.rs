@@ -30,6 +30,11 @@ const LOCAL_CENTRES: usize = 5;
 const LOCAL_CANDIDATES: usize = 60;
 /// Candidates that one thread takes at a time: as many as a solution of the model has lanes.
 const JUDGED_AT_ONCE: usize = LANES;
+/// Share of the evaluations that a count gets which can still win but has not the best point, and how many at most.
+const OTHER_SHARE: f64 = 0.2;
+const OTHER_MAX: usize = 40;
+/// Points from which on a count has a model of its own.
+const OTHER_MODELLED_FROM: usize = 4;
 const REFINED: usize = 3;
 const REFINE_ROUNDS: usize = 8;
 
@@ -46,8 +51,16 @@ pub struct Bayesian {
     trials: Vec<Trial>,
     /// Best so far after each trial.
     bests: Vec<usize>,
-    hyper: Option<Hyper>,
-    fitted_at: usize,
+    fitted: Option<Fitted>,
+    /// The same for the proposals made for a count apart.
+    fitted_apart: Option<Fitted>,
+}
+
+/// Parameters of the process, and how many trials they are from.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Fitted {
+    hyper: Hyper,
+    trials: usize,
 }
 
 impl Bayesian {
@@ -63,8 +76,8 @@ impl Bayesian {
             step: 0,
             trials: Vec::new(),
             bests: Vec::new(),
-            hyper: None,
-            fitted_at: 0,
+            fitted: None,
+            fitted_apart: None,
         }
     }
 
@@ -78,7 +91,7 @@ impl Bayesian {
 
     /// The length scale of each variable, as a share of its range, once the process is fitted.
     pub(super) fn lengths(&self) -> Option<Vec<f64>> {
-        let hyper = self.hyper.as_ref()?;
+        let hyper = &self.fitted.as_ref()?.hyper;
         let names = role_names(&self.space);
         let of = |variable: &Variable| {
             let place = names.iter().position(|name| *name == variable.role)?;
@@ -98,32 +111,18 @@ impl Bayesian {
             && (now.score - then.score).abs() < STALL_TOLERANCE * now.score.abs().max(1e-12)
     }
 
-    /// Fits when the data have grown by a tenth since the last fit: from the parameters found then, or from several
-    /// starts at first.
-    fn fit(&mut self, data: &Data, roles: usize, rng: &mut Rng) -> Hyper {
-        let count = self.trials.len();
-        if let Some(hyper) = &self.hyper
-            && count < self.fitted_at + 1 + self.fitted_at / 12
-        {
-            return hyper.clone();
-        }
-        let mut random = || {
-            let mut start = Hyper::typical(roles);
-            for length in &mut start.ln_lengths {
-                *length += 1.5 * (rng.uniform() - 0.5);
-            }
-            start.ln_noise = rng.between(-12.0, -1.0);
-            start
-        };
-        let (starts, iterations) = match &self.hyper {
-            Some(hyper) if count > REFIT_FROM_ONE_START => (vec![hyper.clone()], 8),
-            Some(hyper) => (vec![hyper.clone(), random()], 20),
-            None => (std::iter::once(Hyper::typical(roles)).chain((0..4).map(|_| random())).collect(), 40),
-        };
-        let hyper = data.fit(&starts, iterations);
-        self.hyper = Some(hyper.clone());
-        self.fitted_at = count;
-        hyper
+    /// The count that the next proposal is for although the best point has another. Where many sensors see nearly all
+    /// there is, whatever their tilts, their scores lie so close together that the model, scaled by them, never gets to
+    /// fewer sensors, of which only the well tilted ones are better.
+    fn neglected(&self, space: &Space, best: &Trial) -> Option<f64> {
+        let count_of = |trial: &Trial| trial.candidate.values[0];
+        let due = OTHER_MAX.min((OTHER_SHARE * self.trials.len() as f64) as usize);
+        let had = |count: f64| self.trials.iter().filter(|trial| count_of(trial) == count).count();
+        space
+            .ceilings()
+            .filter(|(count, ceiling)| *count != count_of(best) && *ceiling > best.score && had(*count) < due)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(count, _)| count)
     }
 
     /// The next points. Those after the first reckon with the ones before as if they had come out at the median: a
@@ -136,8 +135,16 @@ impl Bayesian {
             0.0 => self.space.that_can_exceed(best.score),
             _ => self.space.clone(),
         };
+        let apart = match best.violation {
+            0.0 => self.neglected(&space, best),
+            _ => None,
+        };
+        let space = apart.map_or(space.clone(), |count| space.at_count(count));
         let view = View::new(&space);
         let known: Vec<&Trial> = self.trials.iter().filter(|trial| is_inside(&space, trial)).collect();
+        if apart.is_some() && known.len() < OTHER_MODELLED_FROM {
+            return (0..self.batch.get()).map(|_| Candidate { values: space.sample(&mut rng) }).collect();
+        }
         let points: Vec<Vec<f64>> = known.iter().map(|trial| view.unit(&trial.candidate.values)).collect();
         let merits = merits(&known);
         let greatest = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -146,7 +153,8 @@ impl Bayesian {
         let centres =
             order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
         let mut known = Known { space: &space, view: &view, points, merits, greatest, centres };
-        let hyper = self.fit(&known.data(), view.role_count, &mut rng);
+        let fitted = if apart.is_some() { &mut self.fitted_apart } else { &mut self.fitted };
+        let hyper = Fitted::renewed(fitted, &known.data(), view.role_count, &mut rng);
         let mut merits = known.merits.clone();
         merits.sort_by(f64::total_cmp);
         let lie = merits[merits.len() / 2];
@@ -159,6 +167,35 @@ impl Bayesian {
             proposed.push(Candidate { values });
         }
         proposed
+    }
+}
+
+impl Fitted {
+    /// Fits when the data have grown by a tenth since the last fit: from the parameters found then, or from several
+    /// starts at first.
+    fn renewed(last: &mut Option<Self>, data: &Data, roles: usize, rng: &mut Rng) -> Hyper {
+        let trials = data.len();
+        if let Some(fitted) = last
+            && (fitted.trials..fitted.trials + 1 + fitted.trials / 12).contains(&trials)
+        {
+            return fitted.hyper.clone();
+        }
+        let mut random = || {
+            let mut start = Hyper::typical(roles);
+            for length in &mut start.ln_lengths {
+                *length += 1.5 * (rng.uniform() - 0.5);
+            }
+            start.ln_noise = rng.between(-12.0, -1.0);
+            start
+        };
+        let (starts, iterations) = match last {
+            Some(fitted) if trials > REFIT_FROM_ONE_START => (vec![fitted.hyper.clone()], 8),
+            Some(fitted) => (vec![fitted.hyper.clone(), random()], 20),
+            None => (std::iter::once(Hyper::typical(roles)).chain((0..4).map(|_| random())).collect(), 40),
+        };
+        let hyper = data.fit(&starts, iterations);
+        *last = Some(Self { hyper: hyper.clone(), trials });
+        hyper
     }
 }
 
@@ -223,7 +260,8 @@ fn role_names(space: &Space) -> Vec<usize> {
 }
 
 fn is_inside(space: &Space, trial: &Trial) -> bool {
-    trial.candidate.values[0] <= space.variables()[0].high
+    let first = &space.variables()[0];
+    (first.low..=first.high).contains(&trial.candidate.values[0])
 }
 
 /// Scores made fit for a stationary model: standardised by the better half, the worse half drawn in logarithmically, so

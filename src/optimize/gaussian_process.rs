@@ -61,6 +61,11 @@ impl Data {
         Self { roles, role_count, points, values: DVector::from_vec(values) }
     }
 
+    /// Number of observations.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
     /// Squared differences of all pairs `j <= i`, summed by role, role after role for each pair.
     fn differences(&self) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.points.len() * (self.points.len() + 1) / 2 * self.role_count);

@@ -138,6 +138,21 @@ impl Space {
         rest
     }
 
+    /// The values of variable 0 with what no point that has them can exceed, where that is known.
+    pub fn ceilings(&self) -> impl Iterator<Item = (f64, f64)> {
+        let least = self.variables[0].low;
+        self.ceilings.iter().enumerate().map(move |(place, ceiling)| (least + place as f64, *ceiling))
+    }
+
+    /// The part of the space in which variable 0 has this value.
+    pub fn at_count(&self, count: f64) -> Self {
+        let mut part = self.clone();
+        part.ceilings =
+            self.ceilings().filter(|(other, _)| *other == count).map(|(_, ceiling)| ceiling).collect();
+        (part.variables[0].low, part.variables[0].high) = (count, count);
+        part
+    }
+
     /// What no point of the space can exceed, where that is known.
     pub fn ceiling(&self) -> Option<f64> {
         self.ceilings.iter().copied().reduce(f64::max)

@@ -63,8 +63,8 @@ impl Study for SensorCount {
         let mut table = Table::new(
             "sensor-count",
             "Best J known by number of sensors, and the prices at which each number wins",
-            "J at lambda 2000, best over the seeds; worth is J without the price. A number wins at the lambdas of its column; \
-             where it has none, it never does.",
+            "J at lambda 2000, best over the seeds. What was found with roll 0 counts among the mounts whose roll is free. A \
+             number wins at the lambdas of its column; where it has none, it never does.",
             &[
                 "sensor",
                 "path",
@@ -78,7 +78,7 @@ impl Study for SensorCount {
                 "best at 2000",
             ],
         );
-        let mut fours = Vec::new();
+        let mut winners = Vec::new();
         for preset in ["paper-os1-64", "paper-vlp-16"] {
             for path in ["lateral", "forward"] {
                 for roll in ["0", "free"] {
@@ -88,7 +88,7 @@ impl Study for SensorCount {
                         let of: Vec<&Row> = here
                             .iter()
                             .filter(|row| {
-                                text(row, "part") == part && number(row, "roll_deg").is_none() == is_free
+                                text(row, "part") == part && (is_free || number(row, "roll_deg").is_some())
                             })
                             .copied()
                             .collect();
@@ -99,26 +99,49 @@ impl Study for SensorCount {
                         continue;
                     }
                     let at_2000 = winner(worths, 2000.0);
-                    if at_2000 == 4 {
-                        fours.push(format!("{preset}, path {path}, roll {roll}"));
-                    }
+                    winners.push((at_2000, format!("{preset}, path {path}, roll {roll}")));
                     table.rows.push(row_of(preset, path, roll, worths, at_2000));
                 }
             }
         }
-        let summary = if fours.is_empty() {
-            "At the published price two sensors win everywhere.".into()
-        } else {
-            format!(
-                "At the published price four sensors win in: {}; two elsewhere or as the table says.",
-                fours.join("; ")
-            )
-        };
+        let summary = summary(&winners);
         Findings { summary, tables: vec![table], ..Findings::default() }
     }
 }
 
 const COUNTS: [f64; 3] = [1.0, 2.0, 4.0];
+
+/// Which number wins in most settings, and where another does.
+fn summary(winners: &[(usize, String)]) -> String {
+    let settings = |count: usize| winners.iter().filter(move |(winner, _)| *winner == count);
+    let counts = COUNTS.map(|count| count as usize);
+    let Some(most) = counts.into_iter().max_by_key(|count| settings(*count).count()) else {
+        return String::new();
+    };
+    let others: Vec<String> = counts
+        .into_iter()
+        .filter(|count| *count != most && settings(*count).next().is_some())
+        .map(|count| {
+            let places: Vec<&str> = settings(count).map(|(_, place)| place.as_str()).collect();
+            format!("{} in {}", named(count), places.join("; "))
+        })
+        .collect();
+    let wins = format!(
+        "At the published price {} best in {} of {} settings",
+        named(most),
+        settings(most).count(),
+        winners.len()
+    );
+    if others.is_empty() { format!("{wins}.") } else { format!("{wins}, {}.", others.join(", ")) }
+}
+
+fn named(count: usize) -> &'static str {
+    match count {
+        1 => "one sensor is",
+        2 => "two sensors are",
+        _ => "four sensors are",
+    }
+}
 
 fn winner(worths: [f64; 3], lambda: f64) -> usize {
     let score = |place: &usize| worths[*place] - lambda * COUNTS[*place];
@@ -151,5 +174,34 @@ mod tests {
         let row = row_of("p", "lateral", "0", [30_000.0, 31_000.0, 36_000.0], 4);
         assert_eq!(row[6..9], ["2,000", "never", "2,000"]);
         assert_eq!(winner([30_000.0, 34_000.0, 35_000.0], 2000.0), 2);
+    }
+
+    #[test]
+    fn what_was_found_with_roll_0_counts_where_roll_is_free() {
+        let row = |part: &str, roll_deg: Option<f64>, worth: f64| {
+            let row = json!({ "part": part, "preset": "paper-os1-64", "path": "lateral", "roll_deg": roll_deg, "worth": worth });
+            row.as_object().cloned().unwrap_or_default()
+        };
+        let rows = [
+            row("1 sensor", Some(0.0), 30_741.0),
+            row("1 sensor", None, 30_657.0),
+            row("2 sensors", Some(0.0), 34_737.0),
+            row("2 sensors", None, 34_780.0),
+            row("4 sensors", Some(0.0), 34_754.0),
+            row("4 sensors", None, 34_758.0),
+        ];
+        let found = SensorCount.findings(&rows);
+        let js: Vec<&[String]> = found.tables[0].rows.iter().map(|row| &row[3..6]).collect();
+        assert_eq!(js, [["28,741.0", "30,737.0", "26,754.0"], ["28,741.0", "30,780.0", "26,758.0"]]);
+        assert_eq!(found.summary, "At the published price two sensors are best in 2 of 2 settings.");
+    }
+
+    #[test]
+    fn the_summary_says_where_another_number_wins() {
+        let winners = [(2, "a"), (4, "b"), (2, "c")].map(|(count, place)| (count, place.to_string()));
+        assert_eq!(
+            summary(&winners),
+            "At the published price two sensors are best in 2 of 3 settings, four sensors are in b."
+        );
     }
 }
