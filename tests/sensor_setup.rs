@@ -66,7 +66,7 @@ fn an_ouster_is_read_set_and_saved() {
             ("OS-1-64", "992200000777"),
             "{before:?}"
         );
-        assert!(before.firmware.contains(if old { "v2.4.0" } else { "v3.1.0" }), "{before:?}");
+        assert!(before.firmware.contains(if old { "v2.4.0" } else { "v3.2.0" }), "{before:?}");
         assert_eq!((before.status.as_str(), before.clock.locked), ("RUNNING", Some(true)), "{before:?}");
         assert_eq!(kinds(&before), ["destination"], "nothing else ails it: {before:?}");
         Metadata::parse(before.metadata.as_deref().unwrap(), "mock").unwrap();

@@ -111,6 +111,19 @@ impl Bayesian {
             && (now.score - then.score).abs() < STALL_TOLERANCE * now.score.abs().max(1e-12)
     }
 
+    /// Where the next proposal lies: among what can beat the best point, or in the part of it at one count, and whether
+    /// it is that part.
+    fn next_space(&self, best: &Trial) -> (Space, bool) {
+        if best.violation > 0.0 {
+            return (self.space.clone(), false);
+        }
+        let space = self.space.that_can_exceed(best.score);
+        match self.neglected(&space, best) {
+            Some(count) => (space.at_count(count), true),
+            None => (space, false),
+        }
+    }
+
     /// The count that the next proposal is for although the best point has another. Where many sensors see nearly all
     /// there is, whatever their tilts, their scores lie so close together that the model, scaled by them, never gets to
     /// fewer sensors, of which only the well tilted ones are better.
@@ -131,18 +144,10 @@ impl Bayesian {
         let mut rng = generator(self.seed, self.step);
         self.step += 1;
         let best = &self.trials[self.bests[self.trials.len() - 1]];
-        let space = match best.violation {
-            0.0 => self.space.that_can_exceed(best.score),
-            _ => self.space.clone(),
-        };
-        let apart = match best.violation {
-            0.0 => self.neglected(&space, best),
-            _ => None,
-        };
-        let space = apart.map_or(space.clone(), |count| space.at_count(count));
+        let (space, is_apart) = self.next_space(best);
         let view = View::new(&space);
         let known: Vec<&Trial> = self.trials.iter().filter(|trial| is_inside(&space, trial)).collect();
-        if apart.is_some() && known.len() < OTHER_MODELLED_FROM {
+        if is_apart && known.len() < OTHER_MODELLED_FROM {
             return (0..self.batch.get()).map(|_| Candidate { values: space.sample(&mut rng) }).collect();
         }
         let points: Vec<Vec<f64>> = known.iter().map(|trial| view.unit(&trial.candidate.values)).collect();
@@ -153,7 +158,7 @@ impl Bayesian {
         let centres =
             order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
         let mut known = Known { space: &space, view: &view, points, merits, greatest, centres };
-        let fitted = if apart.is_some() { &mut self.fitted_apart } else { &mut self.fitted };
+        let fitted = if is_apart { &mut self.fitted_apart } else { &mut self.fitted };
         let hyper = Fitted::renewed(fitted, &known.data(), view.role_count, &mut rng);
         let mut merits = known.merits.clone();
         merits.sort_by(f64::total_cmp);
@@ -174,7 +179,7 @@ impl Fitted {
     /// Fits when the data have grown by a tenth since the last fit: from the parameters found then, or from several
     /// starts at first.
     fn renewed(last: &mut Option<Self>, data: &Data, roles: usize, rng: &mut Rng) -> Hyper {
-        let trials = data.len();
+        let trials = data.count();
         if let Some(fitted) = last
             && (fitted.trials..fitted.trials + 1 + fitted.trials / 12).contains(&trials)
         {

@@ -62,7 +62,7 @@ impl Data {
     }
 
     /// Number of observations.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.points.len()
     }
 

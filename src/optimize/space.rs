@@ -338,6 +338,12 @@ mod tests {
         let most = |score| space.that_can_exceed(score).variables()[0].high;
         assert_eq!([most(5.0), most(10.0), most(19.0), most(25.0), most(99.0)], [3.0, 2.0, 2.0, 1.0, 1.0]);
         assert_eq!(Space::new(vec![count(3.0)]).unwrap().that_can_exceed(99.0).variables()[0].high, 3.0);
+        let part = space.at_count(2.0);
+        assert_eq!(
+            (part.variables()[0].low, part.variables()[0].high, part.ceiling()),
+            (2.0, 2.0, Some(20.0))
+        );
+        assert_eq!(space.ceilings().collect::<Vec<_>>(), [(1.0, 30.0), (2.0, 20.0), (3.0, 10.0)]);
     }
 
     #[test]

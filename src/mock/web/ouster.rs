@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value, json};
 
 use super::{Answer, Request, WebFault};
+use crate::setup::ouster::version_of;
 
-/// Firmware that stages settings, and one that knows commands only.
-const NEW: &str = "ousteros-image-prod-bootes-v3.1.0+20240425162143";
+/// Firmware from this version on stages settings; before, it knows commands only.
+const STAGING_FROM: [u32; 2] = [3, 1];
 const OLD: &str = "ousteros-image-prod-aries-v2.4.0+20221130230319";
 
 /// What an Ouster says and takes.
@@ -18,7 +19,8 @@ pub struct OusterWeb {
     active: Map<String, Value>,
     staged: Map<String, Value>,
     saved: Map<String, Value>,
-    firmware: &'static str,
+    /// As its metadata say.
+    firmware: String,
     /// Settings that its packets are bound to.
     fixed: bool,
     ready_at: Instant,
@@ -33,6 +35,7 @@ impl OusterWeb {
     /// Behind these metadata (the nested JSON shape); `fixed` where packets are sent that do not follow a change of mode.
     pub fn new(metadata: &str, fixed: bool) -> Option<Self> {
         let metadata: Value = serde_json::from_str(metadata).ok()?;
+        let firmware = metadata.pointer("/sensor_info/image_rev")?.as_str()?.to_owned();
         let mut active = metadata.get("config_params")?.as_object()?.clone();
         for (key, value) in [
             ("udp_dest", json!("")),
@@ -54,7 +57,7 @@ impl OusterWeb {
             staged: active.clone(),
             saved: active.clone(),
             active,
-            firmware: NEW,
+            firmware,
             fixed,
             ready_at: Instant::now(),
             restart: Duration::from_millis(200),
@@ -67,7 +70,7 @@ impl OusterWeb {
 
     /// The same with firmware that has no staging.
     pub fn with_old_firmware(mut self) -> Self {
-        self.firmware = OLD;
+        self.firmware = OLD.to_owned();
         self
     }
 
@@ -113,7 +116,7 @@ impl OusterWeb {
     }
 
     fn is_old(&self) -> bool {
-        self.firmware == OLD
+        version_of(&self.firmware).is_some_and(|version| version < STAGING_FROM)
     }
 
     fn status(&self, fault: Option<WebFault>) -> &'static str {
@@ -134,7 +137,7 @@ impl OusterWeb {
         let mut document = self.metadata.clone();
         document["config_params"] = Value::Object(self.active.clone());
         document["sensor_info"]["status"] = self.status(fault).into();
-        document["sensor_info"]["image_rev"] = self.firmware.into();
+        document["sensor_info"]["image_rev"] = self.firmware.clone().into();
         document
     }
 

@@ -1,6 +1,8 @@
 //! The published re-score: every ray of every pose leaves its nominal direction by a little, at random, as the beam's
 //! divergence would have it.
 
+use rayon::prelude::*;
+
 use super::{ExperimentError, Placement, Seen, Simulator, brute};
 use crate::coverage::Coverage;
 use crate::rng::Rng;
@@ -25,9 +27,10 @@ impl Simulator {
             return Err(ExperimentError::NotFinite { what: format!("a spread of {spread_deg} degrees") });
         }
         let spread = spread_deg.to_radians();
-        let see =
-            |(index, sensor)| self.of(sensor).see_one_spread(sensor, spread, &mut Rng::new(seed, index));
-        let (bitmaps, lost_rays) = (0..).zip(sensors).map(see).unzip();
+        let see = |(index, sensor): (usize, &Placement)| {
+            self.of(sensor).see_one_spread(sensor, spread, &mut Rng::new(seed, index as u64))
+        };
+        let (bitmaps, lost_rays) = sensors.par_iter().enumerate().map(see).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })
     }
 
