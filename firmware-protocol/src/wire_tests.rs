@@ -288,6 +288,20 @@ fn other_versions_are_counted_and_their_greetings_heard() {
 }
 
 #[test]
+fn angles_of_a_pair_beyond_three_bytes_keep_their_sign() {
+    let said = |a_urad, b_urad| {
+        let bytes = Command::Order { id: 7, order: Order::MovePair { a_urad, b_urad } }.encode();
+        match Command::decode(bytes.message(), bytes.bytes()) {
+            Ok(Command::Order { order: Order::MovePair { a_urad, b_urad }, .. }) => [a_urad, b_urad],
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(said(8_388_607, -8_388_607), [8_388_607, -8_388_607]);
+    assert_eq!(said(8_388_608, -8_388_609), [8_388_607, -8_388_607]);
+    assert_eq!(said(i32::MAX, i32::MIN), [8_388_607, -8_388_607]);
+}
+
+#[test]
 fn a_heartbeat_has_two_flags() {
     let flags = |flags| Report::decode(0x04, &[1, flags, 0, 0, 0, 0, 0, 0]);
     assert!(matches!(flags(3), Ok(Report::Heartbeat { armed: true, homed: true, .. })));
