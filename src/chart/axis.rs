@@ -3,48 +3,88 @@
 /// An axis from data to pixels.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    low: f64,
-    high: f64,
+    scale: Scale,
     from_px: f64,
     to_px: f64,
-    step: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Scale {
+    Even {
+        low: f64,
+        high: f64,
+        step: f64,
+    },
+    /// Powers of ten.
+    Decades {
+        low: i32,
+        high: i32,
+    },
 }
 
 impl Axis {
     /// Spans the values (widened to round numbers) between two pixel positions with about `wanted` ticks.
     pub fn around(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64, wanted: usize) -> Self {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for value in values.filter(|value| value.is_finite()) {
-            low = low.min(value);
-            high = high.max(value);
-        }
-        if low > high {
-            (low, high) = (0.0, 1.0);
-        }
+        let (mut low, mut high) = span(values.filter(|value| value.is_finite())).unwrap_or((0.0, 1.0));
         if high - low <= f64::EPSILON * high.abs().max(1.0) {
             let pad = if low == 0.0 { 1.0 } else { 0.05 * low.abs() };
             (low, high) = (low - pad, high + pad);
         }
         let step = round_step((high - low) / wanted.max(1) as f64);
-        Self { low: (low / step).floor() * step, high: (high / step).ceil() * step, from_px, to_px, step }
+        let scale = Scale::Even { low: (low / step).floor() * step, high: (high / step).ceil() * step, step };
+        Self { scale, from_px, to_px }
     }
 
-    /// Pixel position of a value.
+    /// Spans the values above 0 by whole decades, evenly in their logarithm.
+    pub fn decades(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64) -> Self {
+        let above = values.filter(|value| value.is_finite() && *value > 0.0);
+        let (low, high) = span(above).unwrap_or((1.0, 10.0));
+        let low = low.log10().floor() as i32;
+        let high = (high.log10().ceil() as i32).max(low + 1);
+        Self { scale: Scale::Decades { low, high }, from_px, to_px }
+    }
+
+    /// Pixel position of a value; over decades at the nearer end where it lies beyond.
     pub fn px(&self, value: f64) -> f64 {
-        self.from_px + (value - self.low) / (self.high - self.low) * (self.to_px - self.from_px)
+        let share = match self.scale {
+            Scale::Even { low, high, .. } => (value - low) / (high - low),
+            Scale::Decades { .. } if value <= 0.0 => 0.0,
+            Scale::Decades { low, high } => {
+                ((value.log10() - f64::from(low)) / f64::from(high - low)).clamp(0.0, 1.0)
+            }
+        };
+        self.from_px + share * (self.to_px - self.from_px)
     }
 
-    /// Ticks: value and label.
+    /// Ticks: pixel position and label.
     pub fn ticks(&self) -> Vec<(f64, String)> {
-        let count = ((self.high - self.low) / self.step).round() as usize;
-        let decimals = (-self.step.log10().floor()).max(0.0) as usize;
-        (0..=count)
-            .map(|place| {
-                let value = self.low + place as f64 * self.step;
-                (value, super::number(value, decimals))
-            })
-            .collect()
+        match self.scale {
+            Scale::Even { low, high, step } => {
+                let count = ((high - low) / step).round() as usize;
+                let decimals = (-step.log10().floor()).max(0.0) as usize;
+                let value = |place: usize| low + place as f64 * step;
+                (0..=count)
+                    .map(|place| (self.px(value(place)), super::number(value(place), decimals)))
+                    .collect()
+            }
+            Scale::Decades { low, high } => {
+                let label = |power: i32| match power {
+                    -3..=0 => format!("{:.*}", power.unsigned_abs() as usize, 10f64.powi(power)),
+                    1..=5 => super::number(10f64.powi(power), 0),
+                    _ => format!("1e{power}"),
+                };
+                (low..=high).map(|power| (self.px(10f64.powi(power)), label(power))).collect()
+            }
+        }
     }
+}
+
+/// The least and the greatest value; none of no values.
+fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.fold(None, |span, value| match span {
+        None => Some((value, value)),
+        Some((low, high)) => Some((f64::min(low, value), f64::max(high, value))),
+    })
 }
 
 /// The least of 1, 2, 5 times a power of ten that is not below the raw step.
@@ -64,8 +104,13 @@ mod tests {
     #[test]
     fn ticks_are_round_and_hold_the_data() {
         let axis = Axis::around([3.0, 97.0].into_iter(), 0.0, 100.0, 5);
-        let values: Vec<f64> = axis.ticks().iter().map(|tick| tick.0).collect();
-        assert_eq!(values, [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]);
+        let ticks = axis.ticks();
+        let [px, labels]: [Vec<String>; 2] = [
+            ticks.iter().map(|tick| tick.0.to_string()).collect(),
+            ticks.into_iter().map(|tick| tick.1).collect(),
+        ];
+        assert_eq!(labels, ["0", "20", "40", "60", "80", "100"]);
+        assert_eq!(px, labels);
     }
 
     #[test]
@@ -74,5 +119,16 @@ mod tests {
         assert!((0.0..=100.0).contains(&axis.px(5.0)));
         let empty = Axis::around(std::iter::empty(), 0.0, 10.0, 4);
         assert!(empty.ticks().len() > 1);
+    }
+
+    #[test]
+    fn decades_lie_evenly_and_hold_the_data() {
+        let axis = Axis::decades([20.0, 3000.0].into_iter(), 0.0, 300.0);
+        let ticks: Vec<(f64, String)> = axis.ticks();
+        let labels: Vec<&str> = ticks.iter().map(|tick| tick.1.as_str()).collect();
+        assert_eq!(labels, ["10", "100", "1,000", "10,000"]);
+        assert!(ticks.iter().zip([0.0, 100.0, 200.0, 300.0]).all(|(tick, px)| (tick.0 - px).abs() < 1e-9));
+        assert_eq!(axis.px(0.0), 0.0);
+        assert!(Axis::decades([0.0, -1.0].into_iter(), 0.0, 10.0).ticks().len() > 1);
     }
 }

@@ -18,6 +18,8 @@ pub struct LineChart {
     pub series: Vec<Series>,
     /// Values between steps hold (best so far), instead of being joined by slanted lines.
     pub steps: bool,
+    /// The x axis shows decades.
+    pub x_decades: bool,
 }
 
 /// One line.
@@ -42,14 +44,17 @@ impl LineChart {
     /// The picture.
     pub fn svg(&self) -> String {
         let all = || self.series.iter().flat_map(|series| &series.points);
-        let x = Axis::around(all().map(|p| p[0]), LEFT, WIDTH - RIGHT, 8);
+        let xs = all().map(|p| p[0]);
+        let x = match self.x_decades {
+            true => Axis::decades(xs, LEFT, WIDTH - RIGHT),
+            false => Axis::around(xs, LEFT, WIDTH - RIGHT, 8),
+        };
         let y = Axis::around(all().map(|p| p[1]), HEIGHT - BOTTOM, TOP, 5);
         let mut svg = format!(
             "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(&self.title)
         );
-        for (value, label) in y.ticks() {
-            let at = y.px(value);
+        for (at, label) in y.ticks() {
             let _ = write!(
                 svg,
                 "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{:.1}\"/><text x=\"{:.1}\" y=\"{:.1}\" \
@@ -59,8 +64,7 @@ impl LineChart {
                 at + 4.0
             );
         }
-        for (value, label) in x.ticks() {
-            let at = x.px(value);
+        for (at, label) in x.ticks() {
             let _ = write!(
                 svg,
                 "<path class=\"grid\" d=\"M{at:.1} {:.1}v4\"/><text x=\"{at:.1}\" y=\"{:.1}\" \

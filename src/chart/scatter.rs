@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::axis::Axis;
 use super::escape;
 
 /// A chart of named points; less is better on both axes. What is not above zero cannot be shown on a logarithm and
@@ -56,8 +57,8 @@ impl ScatterChart {
 
     /// The picture.
     pub fn svg(&self) -> String {
-        let x = Decades::around(self.points.iter().map(|point| point.at[0]), LEFT, WIDTH - RIGHT);
-        let y = Decades::around(self.points.iter().map(|point| point.at[1]), HEIGHT - BOTTOM, TOP);
+        let x = Axis::decades(self.points.iter().map(|point| point.at[0]), LEFT, WIDTH - RIGHT);
+        let y = Axis::decades(self.points.iter().map(|point| point.at[1]), HEIGHT - BOTTOM, TOP);
         let mut svg = format!(
             "<svg class=\"chart\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(&self.title)
@@ -211,45 +212,6 @@ impl Room {
             && other.left < self.right
             && self.top < other.bottom
             && other.top < self.bottom
-    }
-}
-
-/// A logarithmic axis over whole decades.
-struct Decades {
-    low: i32,
-    high: i32,
-    from_px: f64,
-    to_px: f64,
-}
-
-impl Decades {
-    fn around(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64) -> Self {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for value in values.filter(|value| value.is_finite() && *value > 0.0) {
-            low = low.min(value);
-            high = high.max(value);
-        }
-        if low > high {
-            (low, high) = (1.0, 10.0);
-        }
-        let low = low.log10().floor() as i32;
-        let high = (high.log10().ceil() as i32).max(low + 1);
-        Self { low, high, from_px, to_px }
-    }
-
-    fn px(&self, value: f64) -> f64 {
-        let place = if value > 0.0 { value.log10() } else { f64::from(self.low) };
-        let share = (place - f64::from(self.low)) / f64::from(self.high - self.low);
-        self.from_px + share.clamp(0.0, 1.0) * (self.to_px - self.from_px)
-    }
-
-    fn ticks(&self) -> Vec<(f64, String)> {
-        let label = |power: i32| match power {
-            -3..=0 => format!("{:.*}", power.unsigned_abs() as usize, 10f64.powi(power)),
-            1..=5 => super::number(10f64.powi(power), 0),
-            _ => format!("1e{power}"),
-        };
-        (self.low..=self.high).map(|power| (self.px(10f64.powi(power)), label(power))).collect()
     }
 }
 

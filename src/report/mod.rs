@@ -41,7 +41,7 @@ impl Report {
 
     /// A table; the first column is text, numbers stand right.
     pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
-        self.body.push_str("<div class=\"scroll\"><table><thead><tr>");
+        self.body.push_str("<div class=\"scroll table\"><table><thead><tr>");
         let classes: Vec<&str> = (0..header.len())
             .map(|column| if is_of_numbers(rows, column) { "" } else { " class=\"words\"" })
             .collect();

@@ -150,7 +150,7 @@ fn figure(points: &[Point], preset: &str, path: &str) -> Figure {
         x_label: "least angle between spin axes, degrees".into(),
         y_label: "voxels seen".into(),
         series: series.into_iter().filter(|series| !series.points.is_empty()).collect(),
-        steps: false,
+        ..LineChart::default()
     };
     let caption = format!("{preset}, path {path}: most voxels found with at least this angle.");
     Figure { svg: chart.svg(), caption }

@@ -271,7 +271,7 @@ fn shares_figure(sensor: &str, places: &[Place]) -> Figure {
         x_label: "pitch, degrees".into(),
         y_label: "share of the scene's best, %".into(),
         series: scenes.iter().map(line).collect(),
-        steps: false,
+        ..LineChart::default()
     };
     Figure {
         svg: chart.svg(),

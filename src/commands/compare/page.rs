@@ -281,7 +281,7 @@ fn rays_section(report: &mut Report, comparison: &Comparison, replayed: &Replaye
         x_label: "angle from the surface's normal (deg)".into(),
         y_label: "rays that agree (%)".into(),
         series: series.collect(),
-        steps: false,
+        ..LineChart::default()
     };
     report.figure(&chart.svg(), "The more obliquely a surface is seen, the more a pose error shows.");
 }

@@ -152,6 +152,7 @@ fn search_section(report: &mut Report, document: &Document) {
         y_label: "best J so far (voxels)".into(),
         series: vec![Series { name: search.method.clone(), points }],
         steps: true,
+        ..LineChart::default()
     };
     let caption = format!(
         "J = {} after {} evaluations ({} s): preset {}, the platform walking along its own forward axis.",

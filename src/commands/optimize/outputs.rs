@@ -145,6 +145,7 @@ fn convergence(page: &mut Report, document: &Document) {
         y_label: "best score so far".into(),
         series: vec![Series { name: document.method.name().into(), points }],
         steps: true,
+        ..LineChart::default()
     };
     let caption = format!(
         "{} rays in {} s, {} s of them the search's own.",

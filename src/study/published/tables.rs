@@ -146,16 +146,17 @@ pub fn convergence(rows: &[Row]) -> Vec<Figure> {
             let ours =
                 chosen(rows, &[("part", "table 3"), ("preset", preset), ("method", row.method.name())]);
             let most = numbers(&ours, "used_evaluations").into_iter().fold(0.0, f64::max);
-            let points = (10..=200).filter_map(|step| {
+            let points = (50..=200).filter_map(|step| {
                 // evenly spaced in the logarithm
                 let count = 10f64.powf(f64::from(step) / 50.0).round();
-                (count <= most).then(|| Some([count.log10(), median_after(&ours, count)?]))?
+                (count <= most).then(|| Some([count, median_after(&ours, count)?]))?
             });
-            Series { name: row.method.name().into(), points: points.filter(|p| p[0] >= 1.0).collect() }
+            Series { name: row.method.name().into(), points: points.collect() }
         });
         let chart = LineChart {
             title: format!("Convergence, {preset}"),
-            x_label: "evaluations, logarithm to base 10".into(),
+            x_label: "evaluations".into(),
+            x_decades: true,
             y_label: "best J so far, median".into(),
             series: series.collect(),
             steps: true,

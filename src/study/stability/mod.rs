@@ -221,7 +221,7 @@ fn figure(case: &Case, measured: &Measured) -> Option<Figure> {
         x_label: x,
         y_label: y,
         series: vec![chart::Series { name: String::new(), points }],
-        steps: false,
+        ..LineChart::default()
     };
     Some(Figure { svg: chart.svg(), caption: format!("{}: {}.", case.name, case.about) })
 }
