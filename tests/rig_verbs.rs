@@ -243,6 +243,10 @@ fn the_mock_runs_until_it_is_interrupted() {
     let reports: Vec<outrigger::servo::ServoReport> =
         lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(reports.iter().any(|report| report.axis == 1 && report.faults == ["stall"]), "{lines}");
+    let cleared = document(&outrigger(&["rig", "clear", "--port", port, "--json"]));
+    for axis in 0..2 {
+        assert_eq!(cleared["axes"][axis]["state"], "idle", "{cleared:#}");
+    }
     kill(Pid::from_raw(running.0.id() as i32), Signal::SIGINT).unwrap();
     assert_eq!(running.0.wait().unwrap().code(), Some(0));
 }

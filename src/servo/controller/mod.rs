@@ -177,7 +177,9 @@ impl<L: Link> RigController<L> {
         }
         self.ask("a heartbeat without faults", &[], |view| {
             view.heartbeat.is_some_and(|heartbeat| heartbeat.faults.is_empty())
-        })
+        })?;
+        // who asks for the state next must not see the one from before
+        self.see("a rig without faults", |state| !matches!(state, State::Fault | State::EStop))
     }
 
     /// Talks for a while: heartbeats out, positions in.
