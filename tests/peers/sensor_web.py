@@ -47,7 +47,7 @@ def reads_it(program):
         with mock(program, *options) as (address, _):
             http = sensor.SensorHttp.create(address)
             version = http.firmware_version()
-            expect("firmware", (version.major, version.minor), (2, 4) if options else (3, 1))
+            expect("firmware", (version.major, version.minor), (2, 4) if options else (3, 2))
             info = SensorInfo(http.metadata())
             state = outrigger(program, "info", address)["sensors"][0]
             expect("serial", str(info.sn), state["serial"])
