@@ -154,10 +154,16 @@ fn row_of(preset: &str, path: &str, roll: &str, worths: [f64; 3], at_2000: usize
     let tie = |few: usize, many: usize| (worths[many] - worths[few]) / (COUNTS[many] - COUNTS[few]);
     let (one_two, two_four, one_four) = (tie(0, 1), tie(1, 2), tie(0, 2));
     let n = |value: f64| chart::number(value, 0);
+    // no price is below nothing
+    let below = |value: f64| if value > 0.0 { n(value) } else { "never".into() };
     let (one, two, four) = if two_four < one_two {
-        (n(one_two), format!("{} and {}", n(two_four), n(one_two)), n(two_four))
+        (
+            n(one_two.max(0.0)),
+            format!("{} and {}", n(two_four.max(0.0)), n(one_two.max(0.0))),
+            below(two_four),
+        )
     } else {
-        (n(one_four), "never".into(), n(one_four))
+        (n(one_four.max(0.0)), "never".into(), below(one_four))
     };
     let j = |place: usize| chart::number(worths[place] - 2000.0 * COUNTS[place], 1);
     vec![preset.into(), path.into(), roll.into(), j(0), j(1), j(2), one, two, four, at_2000.to_string()]
@@ -173,6 +179,8 @@ mod tests {
         assert_eq!(row[6..9], ["4,000", "500 and 4,000", "500"]);
         let row = row_of("p", "lateral", "0", [30_000.0, 31_000.0, 36_000.0], 4);
         assert_eq!(row[6..9], ["2,000", "never", "2,000"]);
+        let row = row_of("p", "lateral", "0", [30_000.0, 34_000.0, 33_900.0], 2);
+        assert_eq!(row[6..9], ["4,000", "0 and 4,000", "never"]);
         assert_eq!(winner([30_000.0, 34_000.0, 35_000.0], 2000.0), 2);
     }
 
