@@ -141,6 +141,6 @@ fn chart(title: &str, x_label: &str, y_label: &str, points: Vec<[f64; 2]>) -> Li
         x_label: x_label.into(),
         y_label: y_label.into(),
         series: vec![Series { name: String::new(), points }],
-        steps: false,
+        ..LineChart::default()
     }
 }
