@@ -415,13 +415,17 @@ fn a_proof_keeps_the_staged_method_from_counts_that_cannot_win() {
     assert_eq!(dear.load(Ordering::Relaxed), 0, "one part scores above 0.7 at once: more cannot win");
 }
 
+/// The published search with the OS1-64.
+fn published(path: Path) -> MountProblem {
+    let experiment = Experiment { path, ..Experiment::published(Preset::named("paper-os1-64").unwrap()) };
+    let objective = Objective::new(Simulator::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
+    MountProblem::new(objective, 5, KeepApart::None)
+}
+
 /// Along the path four OS1-64 see nearly everything whatever their tilts, for a J of 26,700 to 26,850; two need the right
 /// tilt, and reach 28,300. From these seeds a model of all counts at once never came back to two.
 fn a_plateau_of_many_sensors_does_not_hide_few() {
-    let experiment =
-        Experiment { path: Path::Forward, ..Experiment::published(Preset::named("paper-os1-64").unwrap()) };
-    let objective = Objective::new(Simulator::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
-    let problem = MountProblem::new(objective, 5, KeepApart::None);
+    let problem = published(Path::Forward);
     for seed in [1, 5] {
         let mut search = Search::new(problem.space().unwrap(), Kind::Bayesian, settings(seed, 56));
         search.run(56, |x| problem.measure(x), |_| (), &AtomicBool::new(false)).unwrap();
@@ -470,9 +474,7 @@ fn methods_beat_chance_on_the_published_objective() {
     let text = std::fs::read_to_string(shared("reference/optimizers/published_os1_64.json")).unwrap();
     let reference: serde_json::Value = serde_json::from_str(&text).unwrap();
     let chance = reference["budgets"]["56"]["random search"]["median"].as_f64().unwrap();
-    let experiment = Experiment::published(Preset::named("paper-os1-64").unwrap());
-    let objective = Objective::new(Simulator::new(&experiment).unwrap(), Weights::default(), 0.0).unwrap();
-    let problem = MountProblem::new(objective, 5, KeepApart::None);
+    let problem = published(Path::Lateral);
     for kind in [Kind::Staged, Kind::Bayesian, Kind::Pattern] {
         let mut scores: Vec<f64> = (1..=5)
             .map(|seed| {

@@ -59,7 +59,7 @@ impl Ouster {
     }
 
     fn stages(&self) -> bool {
-        version_of(&self.firmware).is_none_or(|version| version >= STAGING)
+        stages(&self.firmware)
     }
 
     /// Reads everything.
@@ -237,8 +237,13 @@ fn same(wanted: &Value, after: &Value) -> bool {
     wanted == after || text(wanted) == text(after)
 }
 
+/// Whether this firmware stages settings; before, it knows commands only.
+pub(crate) fn stages(firmware: &str) -> bool {
+    version_of(firmware).is_none_or(|version| version >= STAGING)
+}
+
 /// Major and minor version within a firmware's name (`ousteros-image-prod-bootes-v3.1.0+0123`).
-pub(crate) fn version_of(firmware: &str) -> Option<[u32; 2]> {
+fn version_of(firmware: &str) -> Option<[u32; 2]> {
     let at = firmware.rfind("-v").map_or_else(|| usize::from(firmware.starts_with('v')), |at| at + 2);
     let mut parts = firmware.get(at..)?.split('.').map(|part| part.parse().ok());
     Some([parts.next()??, parts.next()??])

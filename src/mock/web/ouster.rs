@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value, json};
 
 use super::{Answer, Request, WebFault};
-use crate::setup::ouster::version_of;
+use crate::setup::ouster::stages;
 
-/// Firmware from this version on stages settings; before, it knows commands only.
-const STAGING_FROM: [u32; 2] = [3, 1];
+/// Firmware that has no staging.
 const OLD: &str = "ousteros-image-prod-aries-v2.4.0+20221130230319";
 
 /// What an Ouster says and takes.
@@ -19,8 +18,6 @@ pub struct OusterWeb {
     active: Map<String, Value>,
     staged: Map<String, Value>,
     saved: Map<String, Value>,
-    /// As its metadata say.
-    firmware: String,
     /// Settings that its packets are bound to.
     fixed: bool,
     ready_at: Instant,
@@ -35,7 +32,7 @@ impl OusterWeb {
     /// Behind these metadata (the nested JSON shape); `fixed` where packets are sent that do not follow a change of mode.
     pub fn new(metadata: &str, fixed: bool) -> Option<Self> {
         let metadata: Value = serde_json::from_str(metadata).ok()?;
-        let firmware = metadata.pointer("/sensor_info/image_rev")?.as_str()?.to_owned();
+        metadata.pointer("/sensor_info/image_rev")?.as_str()?;
         let mut active = metadata.get("config_params")?.as_object()?.clone();
         for (key, value) in [
             ("udp_dest", json!("")),
@@ -57,7 +54,6 @@ impl OusterWeb {
             staged: active.clone(),
             saved: active.clone(),
             active,
-            firmware,
             fixed,
             ready_at: Instant::now(),
             restart: Duration::from_millis(200),
@@ -70,7 +66,7 @@ impl OusterWeb {
 
     /// The same with firmware that has no staging.
     pub fn with_old_firmware(mut self) -> Self {
-        self.firmware = OLD.to_owned();
+        self.metadata["sensor_info"]["image_rev"] = OLD.into();
         self
     }
 
@@ -116,7 +112,11 @@ impl OusterWeb {
     }
 
     fn is_old(&self) -> bool {
-        version_of(&self.firmware).is_some_and(|version| version < STAGING_FROM)
+        !stages(self.firmware())
+    }
+
+    fn firmware(&self) -> &str {
+        self.metadata.pointer("/sensor_info/image_rev").and_then(Value::as_str).unwrap_or_default()
     }
 
     fn status(&self, fault: Option<WebFault>) -> &'static str {
@@ -137,7 +137,6 @@ impl OusterWeb {
         let mut document = self.metadata.clone();
         document["config_params"] = Value::Object(self.active.clone());
         document["sensor_info"]["status"] = self.status(fault).into();
-        document["sensor_info"]["image_rev"] = self.firmware.clone().into();
         document
     }
 
@@ -150,7 +149,7 @@ impl OusterWeb {
             |name: &str, usual: bool| query(name).map_or(usual, |value| value.eq_ignore_ascii_case("true"));
         match (request.method.as_str(), path) {
             ("GET", "sensor/metadata") => Answer::json(&self.document(request.fault)),
-            ("GET", "system/firmware") => Answer::json(&json!({ "fw": self.firmware })),
+            ("GET", "system/firmware") => Answer::json(&json!({ "fw": self.firmware() })),
             ("GET", "sensor/config") => {
                 // old firmware has the page, but no staging in it
                 let staged = is("staging", false) && !self.is_old();
