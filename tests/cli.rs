@@ -2,6 +2,8 @@
 
 use std::process::{Command, Output};
 
+use sensors::capture::PcapWriter;
+
 use crate::support::{Case, case};
 
 pub const CASES: &[Case] = &[
@@ -108,13 +110,27 @@ fn a_missing_or_wrong_file_is_named() {
     )
     .unwrap();
     let nan = nan.to_str().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (mount, walk, capture) = (path("mount.json"), path("walk.tum"), path("empty.pcap"));
+    std::fs::write(&mount, std::fs::read_to_string(nan).unwrap().replace("NaN", "0")).unwrap();
+    std::fs::write(&walk, "0 0 0 1 0 0 0 1\n1 1 0 1 0 0 0 1\n").unwrap();
+    let _header = PcapWriter::new(std::fs::File::create(&capture).unwrap()).unwrap();
+    let elsewhere = ["predict", "--mount", &mount, "--trajectory", &walk, "--scene", "Cargo.toml"];
     for (arguments, named) in [
         (&["decode", "no-such.pcap"][..], "no-such.pcap"),
         (&["inspect", "no-such.pcap"], "no-such.pcap"),
         (&["boresight", "no-such-session"], "no-such-session: No such file"),
         (&["stand", "no-such-session"], "no-such-session: No such file"),
         (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),
-        (&["boresight", "Cargo.toml"], "Cargo.toml: give --mount"),
+        (&["boresight", "Cargo.toml"], "Cargo.toml is no capture"),
+        (&["compare", "Cargo.toml", "--room=-5,-4,0,5,4,3"], "Cargo.toml is no capture"),
+        (&["boresight", &capture], "empty.pcap: give --mount"),
+        (&elsewhere, "expected a session, a mesh (.obj, .ply, .stl, .gltf, .glb) or a cloud (.ply"),
+        (&["rig", "status", "--port", "Cargo.toml"], "cannot open Cargo.toml: it is no serial device"),
+        (
+            &["rig", "status", "--port", "dynamixel:Cargo.toml@57600:1,2"],
+            "cannot open Cargo.toml: it is no serial",
+        ),
         (&["decode", "Cargo.toml"], "Cargo.toml"),
         (&["inspect", "src"], "src: a folder without manifest.json; expected a capture file, or a session"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),

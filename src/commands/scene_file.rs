@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, anyhow, bail, ensure};
 use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use serde::Serialize;
@@ -12,7 +12,9 @@ use super::compare::feed::{self, Taken};
 use super::ground::{MeshArgs, MeshTaken};
 use crate::record::Session;
 use crate::rig::Rig;
-use crate::scene::{CloudPoint, Mesh, Scene, VoxelMap, is_cloud, read_cloud};
+use crate::scene::{
+    CLOUD_ENDINGS, CloudPoint, MESH_ENDINGS, Mesh, MeshFileError, Scene, VoxelMap, is_cloud, read_cloud,
+};
 use crate::trajectory::Trajectory;
 
 /// Rays longer than this are not believed, m.
@@ -77,7 +79,14 @@ pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Re
     }
     if !is_session && !is_cloud(path) {
         ensure!(map_args.map_path.is_none(), "--map-path is about a cloud, and {} is none", path.display());
-        let read = mesh_args.read(path)?;
+        let read = mesh_args.read(path).map_err(|error| match error.downcast_ref() {
+            Some(MeshFileError::UnknownFormat { .. }) => anyhow!(
+                "{}: its name has no ending that is known; expected a session, a mesh ({MESH_ENDINGS}) or a cloud \
+                 ({CLOUD_ENDINGS})",
+                path.display()
+            ),
+            _ => error,
+        })?;
         let mesh = Arc::new(read.mesh);
         let scene = Scene::Mesh(mesh.clone());
         return Ok(ReadScene { scene, mesh: Some((mesh, read.taken)), map: None, warnings: read.warnings });

@@ -226,11 +226,17 @@ impl Shared {
         *lock(&self.rig) = None;
         *lock(&self.interrupt) = None;
         self.motion.forget_pitches();
+        let error = error.to_string();
         let mut state = lock(&self.state);
-        (state.connected, state.error) = (false, Some(error.to_string()));
+        let is_news = state.error.as_ref() != Some(&error); // each try fails for the same reason
+        (state.connected, state.error) = (false, Some(error.clone()));
         if let Some(status) = &mut state.status {
             status.armed = false;
             status.axes.iter_mut().for_each(|axis| axis.source = "stale".into());
+        }
+        drop(state);
+        if is_news {
+            self.journal.tell("rig_lost", error);
         }
     }
 
@@ -244,13 +250,12 @@ impl Shared {
                         Ok(()) => {
                             self.journal.tell("rig_back", "the rig is connected; home it before it moves")
                         }
-                        Err(error) => lock(&self.state).error = Some(error.to_string()),
+                        Err(error) => self.lost(&error),
                     }
                 }
                 continue;
             };
             if let Err(error) = self.watch(&rig) {
-                self.journal.tell("rig_lost", error.to_string());
                 self.lost(&error);
             }
         }

@@ -70,15 +70,19 @@ pub enum Kind {
     Random,
     /// Random search, then pattern search.
     Pattern,
-    /// Gaussian process and expected improvement.
+    /// Gaussian process and expected improvement (`bo` for short).
+    #[value(alias = "bo")]
     Bayesian,
-    /// Genetic algorithm, then pattern search.
+    /// Genetic algorithm, then pattern search (`ga` for short).
+    #[value(alias = "ga")]
     Genetic,
-    /// Particle swarm, then pattern search.
+    /// Particle swarm, then pattern search (`pso` for short).
+    #[value(alias = "pso")]
     ParticleSwarm,
     /// Covariance matrix adaptation with margin for integers.
     CmaEs,
-    /// Differential evolution with success-history adaptation.
+    /// Differential evolution with success-history adaptation (`de` for short).
+    #[value(alias = "de")]
     DifferentialEvolution,
 }
 

@@ -9,9 +9,9 @@ mod tree;
 mod voxels;
 
 pub use box_scene::BoxScene;
-pub use cloud_file::{CloudFileError, CloudPoint, is_cloud, read_cloud};
+pub use cloud_file::{CLOUD_ENDINGS, CloudFileError, CloudPoint, is_cloud, read_cloud};
 pub use mesh::{Mesh, MeshError};
-pub use mesh_file::{LoadedMesh, MeshFileError, MeshUnit, UpAxis, load_mesh};
+pub use mesh_file::{LoadedMesh, MESH_ENDINGS, MeshFileError, MeshUnit, UpAxis, load_mesh};
 pub use voxels::{Cell, Sight, VoxelMap, VoxelMapError};
 
 use std::sync::Arc;

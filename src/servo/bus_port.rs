@@ -20,10 +20,7 @@ impl BusPort {
     /// Opens an adapter, for this program alone.
     pub fn open(path: &Path, baud: u32) -> Result<Self, LinkError> {
         let path = path.display().to_string();
-        let failed = |error: serialport::Error| match error.description.contains("exclusive lock") {
-            true => LinkError::InUse { path: path.clone() },
-            false => LinkError::Open { path: path.clone(), reason: error.to_string() },
-        };
+        let failed = |error| LinkError::refused(&path, &error);
         let port = serialport::new(&path, baud).timeout(WRITE_TIMEOUT).open_native().map_err(failed)?;
         port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
         Ok(Self { path, port })

@@ -1,5 +1,6 @@
 //! What goes wrong between host and rig. Every error says what to look at.
 
+use std::os::unix::fs::FileTypeExt as _;
 use std::time::Duration;
 
 use firmware_protocol::{AckCode, ResetCause};
@@ -50,6 +51,20 @@ pub enum LinkError {
         /// How often the message was offered.
         offers: u32,
     },
+}
+
+impl LinkError {
+    /// A serial device that could not be opened.
+    pub(super) fn refused(path: &str, error: &serialport::Error) -> Self {
+        let path = path.to_owned();
+        if error.description.contains("exclusive lock") {
+            return Self::InUse { path };
+        }
+        let is_other = std::fs::metadata(&path).is_ok_and(|file| !file.file_type().is_char_device());
+        // the system calls it no typewriter
+        let reason = if is_other { "it is no serial device".into() } else { error.to_string() };
+        Self::Open { path, reason }
+    }
 }
 
 /// A conversation with a rig that did not end as wanted.

@@ -53,10 +53,7 @@ impl SerialLink {
 
     fn open_framed(path: &Path, framing: Framing) -> Result<Self, LinkError> {
         let path = path.display().to_string();
-        let failed = |error: serialport::Error| match error.description.contains("exclusive lock") {
-            true => LinkError::InUse { path: path.clone() },
-            false => LinkError::Open { path: path.clone(), reason: error.to_string() },
-        };
+        let failed = |error| LinkError::refused(&path, &error);
         let mut port = serialport::new(&path, BAUD).timeout(READ_TIMEOUT).open_native().map_err(failed)?;
         let mut input = port.try_clone_native().map_err(failed)?;
         port.set_timeout(WRITE_TIMEOUT).map_err(failed)?;

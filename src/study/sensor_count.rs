@@ -154,16 +154,12 @@ fn row_of(preset: &str, path: &str, roll: &str, worths: [f64; 3], at_2000: usize
     let tie = |few: usize, many: usize| (worths[many] - worths[few]) / (COUNTS[many] - COUNTS[few]);
     let (one_two, two_four, one_four) = (tie(0, 1), tie(1, 2), tie(0, 2));
     let n = |value: f64| chart::number(value, 0);
-    // no price is below nothing
+    let from = |value: f64| n(value.max(0.0)); // no price is below nothing
     let below = |value: f64| if value > 0.0 { n(value) } else { "never".into() };
     let (one, two, four) = if two_four < one_two {
-        (
-            n(one_two.max(0.0)),
-            format!("{} and {}", n(two_four.max(0.0)), n(one_two.max(0.0))),
-            below(two_four),
-        )
+        (from(one_two), format!("{} and {}", from(two_four), from(one_two)), below(two_four))
     } else {
-        (n(one_four.max(0.0)), "never".into(), below(one_four))
+        (from(one_four), "never".into(), below(one_four))
     };
     let j = |place: usize| chart::number(worths[place] - 2000.0 * COUNTS[place], 1);
     vec![preset.into(), path.into(), roll.into(), j(0), j(1), j(2), one, two, four, at_2000.to_string()]

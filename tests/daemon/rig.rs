@@ -94,9 +94,13 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
 pub fn the_rig_is_unplugged_and_comes_back() {
     let first = MockRig::start(MockConfig::default(), 3).unwrap();
     let bench = bench([-20.0, 20.0]);
-    plug(&bench, &first);
     let daemon = bench.start(&[]);
-    daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
+    assert!(daemon.wait_for_problem("rig_lost").contains("cannot open"));
+    plug(&bench, &first);
+    let status = daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
+    let named = |event: &&Value| event["event"] == "rig_lost";
+    let lost: Vec<&Value> = status["events"].as_array().unwrap().iter().filter(named).collect();
+    assert_eq!(lost.len(), 1, "however often it was tried: {lost:?}");
     daemon.order("/api/v1/rig/arm", "");
     first.close();
     assert!(daemon.wait_for_problem("rig_lost").contains("hung up"));

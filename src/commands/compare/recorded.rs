@@ -4,6 +4,7 @@ use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use sensors::capture::CaptureReader;
 
 use super::feed::{self, AxisSummary, Fed, Taken};
 use crate::commands::recording::{Recording, SensorArgs};
@@ -60,7 +61,13 @@ impl Recorded {
             Some(said) => Some(MountFile::read(said)?),
             None => session.as_ref().map(Session::mount).transpose()?.flatten(),
         };
-        let Some(mount) = mount else { return Ok(None) };
+        let Some(mount) = mount else {
+            // what is no recording at all does not lack a mount; a pipe could be read but once
+            if path.is_file() {
+                CaptureReader::open(path)?;
+            }
+            return Ok(None);
+        };
         let rig = mount.rig()?;
         let (source, axes) = match session {
             Some(session) if sensors.meta.is_empty() => {

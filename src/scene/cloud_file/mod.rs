@@ -29,7 +29,7 @@ pub struct CloudPoint {
 }
 
 /// Endings of the files that can be read.
-const KNOWN: &str = ".ply (without faces), .pcd, .las, .laz";
+pub const CLOUD_ENDINGS: &str = ".ply (without faces), .pcd, .las, .laz";
 
 /// Whether a file is a point cloud, and not a mesh, by its ending; a PLY file by what its header lists.
 pub fn is_cloud(path: &Path) -> bool {
@@ -125,7 +125,7 @@ pub enum CloudFileError {
         source: std::io::Error,
     },
     /// The name says no known format.
-    #[error("{}: no point cloud by its name; known are {KNOWN}", path.display())]
+    #[error("{}: no point cloud by its name; known are {CLOUD_ENDINGS}", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,

@@ -64,6 +64,9 @@ const SMALLEST_EXTENT_M: f64 = 0.5;
 /// Beyond this the single precision of the ray caster is coarser than half a millimetre, m.
 const PRECISE_EXTENT_M: f64 = 8000.0;
 
+/// Endings of the files that can be read.
+pub const MESH_ENDINGS: &str = ".obj, .ply, .stl, .gltf, .glb";
+
 /// Reads a mesh file; the name's ending says which format. `unit` and `up` are what the user stated.
 ///
 /// # Errors
@@ -186,7 +189,7 @@ pub enum MeshFileError {
         source: std::io::Error,
     },
     /// The name says no known format.
-    #[error("{}: no mesh format by its name; known are .obj, .ply, .stl, .gltf, .glb", path.display())]
+    #[error("{}: no mesh format by its name; known are {MESH_ENDINGS}", path.display())]
     UnknownFormat {
         /// The file.
         path: PathBuf,
