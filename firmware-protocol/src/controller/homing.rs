@@ -40,6 +40,10 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 }
                 Home::ByServo { longest_us } => self.home_by_servo(number, longest_us),
             };
+            if !self.homing[number] {
+                // before anything says that it is homed: the last angle told counts from elsewhere
+                self.tell_position(number, tell);
+            }
             match went_on {
                 Ok(true) => {}
                 Ok(false) => break, // the axes behind it wait for it

@@ -47,14 +47,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             self.introduce(tell);
         }
         if due(now, &mut self.schedule.position_us, self.config.position_every_us.into()) {
-            for (number, axis) in self.axes.iter().enumerate() {
-                tell(Report::Position {
-                    axis: number as u8,
-                    source: self.source(number),
-                    time_ms: (axis.measured_us / 1000) as u16,
-                    position_urad: axis.measured_urad,
-                });
-            }
+            (0..N).for_each(|number| self.tell_position(number, tell));
         }
         if due(now, &mut self.schedule.target_us, TARGET_US) {
             for (number, axis) in self.axes.iter().enumerate() {
@@ -97,6 +90,16 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 self.tell_fault(fault, tell);
             }
         }
+    }
+
+    pub(super) fn tell_position(&self, number: usize, tell: &mut impl FnMut(Report)) {
+        let axis = &self.axes[number];
+        tell(Report::Position {
+            axis: number as u8,
+            source: self.source(number),
+            time_ms: (axis.measured_us / 1000) as u16,
+            position_urad: axis.measured_urad,
+        });
     }
 
     pub(super) fn tell_fault(&self, fault: Fault, tell: &mut impl FnMut(Report)) {

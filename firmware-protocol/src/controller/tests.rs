@@ -348,6 +348,34 @@ fn an_axis_without_an_absolute_encoder_homes_on_its_switch() {
     assert_eq!(bench.pair(1_040_000, 0), AckCode::Accepted, "limits are those of the homed angle");
 }
 
+/// A host that puts the last angle it heard beside "homed" must not have one that counts from elsewhere.
+#[test]
+fn an_angle_of_the_new_zero_is_told_before_homed_is() {
+    let mut bench = switched([200_000, -600_000]);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    let (mut heard, mut homed) = ([None; 2], [false; 2]);
+    while bench.controller.state() == State::Homing {
+        bench.reports.clear();
+        bench.step(1000);
+        let at = bench.at();
+        for report in &bench.reports {
+            match *report {
+                Report::Position { axis, position_urad, .. } => {
+                    heard[usize::from(axis)] = Some(position_urad)
+                }
+                Report::Target { axis, homed: is_homed, .. } => homed[usize::from(axis)] = is_homed,
+                Report::Done { .. } => homed = [true; 2],
+                _ => {}
+            }
+            for axis in (0..2).filter(|axis| homed[*axis]) {
+                let angle = heard[axis].unwrap_or(i32::MAX);
+                assert!((angle - at[axis]).abs() < 10_000, "axis {axis} at {}: {angle} was told", at[axis]);
+            }
+        }
+    }
+    assert_eq!((bench.controller.state(), homed), (State::Holding, [true; 2]));
+}
+
 #[test]
 fn a_switch_that_never_closes_is_a_fault() {
     let mut bench = switched([200_000, 0]);
