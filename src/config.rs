@@ -80,7 +80,7 @@ impl SensorConfig {
                 Stream { listen: Listen { name, address, source }, metadata, host }
             };
         let lidar = listen.map(|address| stream(name.clone(), address, metadata, host));
-        let aside = listen_aside.map(|address| stream(format!("{name}-aside"), address, None, None));
+        let aside = listen_aside.map(|address| stream(crate::record::aside_of(&name), address, None, None));
         lidar.into_iter().chain(aside)
     }
 }

@@ -88,6 +88,14 @@ pub struct Rig {
     pub sensors: Vec<MountedSensor>,
 }
 
+/// Nobody says where a sensor sits.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the mount file does not say where {name:?} sits; it names {known}")]
+pub struct NoSeat {
+    name: String,
+    known: String,
+}
+
 impl Rig {
     /// Each sensor followed by its mirror image across the platform's plane of symmetry.
     pub fn mirrored(masters: Vec<MountedSensor>) -> Self {
@@ -100,6 +108,17 @@ impl Rig {
             [master, image]
         };
         Self { sensors: masters.into_iter().flat_map(pair).collect() }
+    }
+
+    /// Place of a sensor, by name.
+    ///
+    /// # Errors
+    /// No sensor has it.
+    pub fn seat(&self, name: &str) -> Result<usize, NoSeat> {
+        self.sensors.iter().position(|sensor| sensor.name == name).ok_or_else(|| NoSeat {
+            name: name.to_owned(),
+            known: self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", "),
+        })
     }
 
     /// Distances between sensor origins beside what the pair needs, every pair once: the sum of both housing radii, or

@@ -45,6 +45,7 @@ pub const CASES: &[Case] = &[
     ),
     case("a_silent_sensor_is_named", program::a_silent_sensor_is_named),
     case("two_mock_sensors_are_recorded_and_decoded", program::two_mock_sensors_are_recorded_and_decoded),
+    case("what_record_keeps_is_enough_to_compare", program::what_record_keeps_is_enough_to_compare),
     with_machine(
         "tshark_reads_a_session",
         "tshark is not installed",

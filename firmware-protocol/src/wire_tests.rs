@@ -257,6 +257,7 @@ fn frames_are_as_long_as_the_layout_allows() {
         let mut receiver = Receiver::default();
         let again: Vec<_> = heard.encode().bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
         assert_eq!(again, [heard]);
+        assert_eq!(heard.encode().bytes().len(), MAX_WIRE - MAX_DATA + length);
     }
     let malformed = LinkCounters { malformed: 1, ..LinkCounters::default() };
     assert_eq!(receive(LINK_VERSION, id.encode(), &[0xAB; MAX_DATA + 1]), (None, malformed));

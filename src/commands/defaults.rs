@@ -46,8 +46,11 @@ pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigErr
 }
 
 /// Keys that a verb takes from another's section where its own does not say otherwise.
-const INHERITED: [(&str, &str, &[&str]); 3] = [
+/// A later line wins.
+const INHERITED: [(&str, &str, &[&str]); 5] = [
     ("daemon", "predict", &FROM_PREDICT),
+    ("record", "predict", &["mount"]),
+    ("record", "daemon", &["mount"]),
     ("doctor", "rig", &["port"]),
     ("doctor", "record", &["receive_buffer"]),
 ];

@@ -13,7 +13,8 @@ use tokio::signal::unix::{SignalKind, signal};
 use super::{Context, Outcome, output};
 use crate::config::{SensorConfig, Stream};
 use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
-use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
+use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, is_aside};
+use crate::rig::{MountFile, Rig};
 use crate::setup::{Sensor, warnings};
 
 /// How often counters are looked at.
@@ -29,6 +30,10 @@ pub struct Args {
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
     source: Vec<(String, IpAddr)>,
+    /// Where the sensors sit: kept with the session, which compare, boresight, stand and odometry then know it from. That of
+    /// [daemon] or [predict] where [record] names none.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
     /// The session's folder, empty or absent; by default named after the time.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -48,6 +53,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let sensor = listens.iter_mut().find(|listen| listen.name == *name);
         sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
     }
+    let mount = args.mount.as_deref().map(seats).transpose()?;
     let metadata: Vec<Option<String>> = wanted.iter().map(metadata_of).collect::<anyhow::Result<_>>()?;
     let options =
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
@@ -66,6 +72,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .collect();
     let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::record::folder_name_now()));
     let session = SessionWriter::create(&dir, &infos)?;
+    if let Some((mount, rig)) = &mount {
+        session.put_mount(mount)?;
+        warn_unseated(rig, &listens);
+    }
     let recording = Recording::start(receiver, session)?;
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_all().build().context("no tokio runtime")?;
@@ -88,6 +98,20 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
         bail!("{}: no [[sensor]] has a `listen`", config.path.display());
     }
     Ok(wanted)
+}
+
+fn seats(path: &Path) -> anyhow::Result<(MountFile, Rig)> {
+    let mount = MountFile::read(path)?;
+    let rig = mount.rig()?;
+    Ok((mount, rig))
+}
+
+/// What nobody knows the seat of is recorded all the same.
+fn warn_unseated(rig: &Rig, listens: &[Listen]) {
+    let names = || listens.iter().map(|listen| listen.name.as_str());
+    for error in names().filter(|name| !is_aside(name, names())).filter_map(|name| rig.seat(name).err()) {
+        say(&format!("warning: {error}"));
+    }
 }
 
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself.

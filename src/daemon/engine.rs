@@ -171,6 +171,11 @@ impl Daemon {
             hub: Arc::clone(&hub),
             survey: Arc::clone(&survey),
         };
+        for sensor in &sensors {
+            if let Some(error) = place.unseated(&sensor.config.name) {
+                journal.tell_of(&sensor.config.name, "unseated", error.to_string());
+            }
+        }
         let mut threads = Vec::new();
         let mut inlets = Vec::new();
         for (sensor, settings) in sensors.iter().enumerate() {

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::Pose;
-use crate::rig::{Mount, MountFile, MountedSensor, Rig};
+use crate::rig::{Mount, MountFile, MountedSensor, NoSeat, Rig};
 use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
@@ -53,7 +53,12 @@ impl Place {
 
     /// A sensor of the rig, by name, with its place.
     pub(super) fn mounted(&self, name: &str) -> Option<(usize, &MountedSensor)> {
-        self.rig.sensors.iter().enumerate().find(|(_, sensor)| sensor.name == name)
+        self.rig.seat(name).ok().map(|seat| (seat, &self.rig.sensors[seat]))
+    }
+
+    /// Why nothing is known of where a sensor sits, though there are mounts.
+    pub(super) fn unseated(&self, name: &str) -> Option<NoSeat> {
+        self.mount.as_ref().and_then(|_| self.rig.seat(name).err())
     }
 }
 

@@ -108,6 +108,14 @@ fn of_sensor(sensor: &SensorStatus, list: &mut List) {
             "Correct the model in rig.toml, or the cables: predictions are made for the model that is named.",
         );
     }
+    if let Some(why) = &sensor.unseated {
+        list.warn(
+            name,
+            "unseated",
+            format!("What {name} sees is drawn as if it sat at the platform's origin: {why}."),
+            "Give it one name in rig.toml and in the mount file; a session without cannot be compared.",
+        );
+    }
     if let Some(clock) = &sensor.clock {
         if sensor.recent_clock_jumps > 0 && sensor.recent_restarts == 0 {
             let jump_s = clock.jumps.last().map_or(0.0, |jump| jump.change_s);

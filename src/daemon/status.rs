@@ -142,6 +142,8 @@ pub struct SensorStatus {
     pub buffer_warning: Option<String>,
     /// The packets are those of another model than configured.
     pub is_other_model: bool,
+    /// There are mounts, and it has none: why.
+    pub unseated: Option<String>,
 }
 
 /// What a sensor lost since the daemon started, by where.

@@ -35,6 +35,13 @@ pub struct Manifest {
     pub losses: Losses,
 }
 
+impl Manifest {
+    /// Whether an entry is what another one sends beside its lidar packets.
+    pub fn is_aside(&self, entry: &SensorEntry) -> bool {
+        super::is_aside(&entry.name, self.sensors.iter().map(|sensor| sensor.name.as_str()))
+    }
+}
+
 /// One sensor of a session.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SensorEntry {

@@ -91,6 +91,20 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
     );
 }
 
+pub fn a_sensor_that_the_mounts_do_not_name_is_told() {
+    let bench = Bench::new(&["left", "right"], "[predict]\nmount = \"mount.json\"\n");
+    let sensors =
+        vec![entry("left", "os1-16", [-0.1, 0.0], -20.0), entry("mirrored", "vlp-16", [0.1, 0.0], 20.0)];
+    MountFile::new(sensors).write(&bench.path("mount.json")).unwrap();
+    let daemon = bench.start(&[]);
+    assert!(daemon.wait_for_problem("unseated").contains("where \"right\" sits; it names left, mirrored"));
+    let status = daemon.status();
+    let unseated = |event: &&Value| event["event"] == "unseated";
+    let told: Vec<&Value> = status["events"].as_array().unwrap().iter().filter(unseated).collect();
+    assert!(told.len() == 1 && told[0]["sensor"] == "right", "{told:?}");
+    assert_eq!(daemon.end().0, Some(0));
+}
+
 pub fn the_rig_is_unplugged_and_comes_back() {
     let first = MockRig::start(MockConfig::default(), 3).unwrap();
     let bench = bench([-20.0, 20.0]);

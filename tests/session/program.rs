@@ -6,6 +6,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use outrigger::receive::{Listen, Options, Receiver};
 use outrigger::record::Session;
+use outrigger::rig::{MountFile, SensorEntry};
 use sensors::Decoder;
 use sensors::ouster::{Metadata, OusterDecoder};
 use sensors::velodyne::VelodyneDecoder;
@@ -151,6 +152,82 @@ pub fn two_mock_sensors_are_recorded_and_decoded() {
         assert_eq!(stats.lost_packets, sent[sensor]["faults"]["dropped"], "{stats:?}");
     }
     assert!(sent[1]["faults"]["dropped"].as_u64() > Some(0));
+}
+
+/// Ports for what comes beside lidar packets, as `init` writes them, and the mount that the prediction names.
+pub fn what_record_keeps_is_enough_to_compare() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let entry = |name: &str, x_m: f64, pitch_deg: f64| SensorEntry {
+        name: name.into(),
+        model: "vlp-16".into(),
+        x_m,
+        y_m: 0.0,
+        z_m: 0.1,
+        pitch_deg,
+        roll_deg: 0.0,
+    };
+    MountFile::new(vec![entry("left", -0.1, -20.0), entry("right", 0.1, 20.0)])
+        .write(&path("mount.json"))
+        .unwrap();
+    let sensor = |name: &str| {
+        let any = "\"127.0.0.1:0\"";
+        format!("[[sensor]]\nname = \"{name}\"\nmodel = \"vlp-16\"\nlisten = {any}\nlisten_aside = {any}\n")
+    };
+    let rest = "[predict]\nmount = \"mount.json\"\n";
+    let config = ["format = \"outrigger-rig/1\"\n", &sensor("left"), &sensor("right"), rest].concat();
+    std::fs::write(path("rig.toml"), config).unwrap();
+    let dir = path("walk");
+    let mut command = outrigger();
+    command.arg("record").arg("--config").arg(path("rig.toml")).arg("--out").arg(&dir);
+    let recorder = Recorder::start(command);
+    wait_until("the session has its manifest", || Session::is_session(&dir));
+    let manifest = Session::open(&dir).unwrap().manifest().clone();
+    let address = |name: &str| {
+        let entry = manifest.sensors.iter().find(|sensor| sensor.name == name).unwrap();
+        entry.address.unwrap().to_string()
+    };
+    let room = "-6,-4,-1.5,6,4,2.5";
+    let mock = |name: &str| {
+        let (to, aside) = (address(name), address(&format!("{name}-aside")));
+        let mut command = outrigger();
+        command.args([
+            "mock",
+            "sensor",
+            "--model",
+            "vlp-16",
+            "--name",
+            name,
+            "--to",
+            &to,
+            "--aside-to",
+            &aside,
+        ]);
+        command.arg("--mounts").arg(path("mount.json")).arg(format!("--box={room}"));
+        command.args(["--duration", "0.6", "--rate", "max"]).spawn().unwrap()
+    };
+    for child in [mock("left"), mock("right")] {
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    }
+    kill(Pid::from_raw(recorder.child.id() as i32), Signal::SIGINT).unwrap();
+    let (code, _, said) = recorder.end();
+    assert!(code == Some(0) && !said.contains("warning"), "{code:?} {said}");
+    let asides = manifest.sensors.iter().filter(|entry| manifest.is_aside(entry)).count();
+    assert_eq!((manifest.sensors.len(), asides), (4, 2));
+    let compared = outrigger()
+        .args(["compare", "--json", "--trajectory", "still", &format!("--room={room}")])
+        .arg(&dir)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&compared.stderr);
+    let document: serde_json::Value = serde_json::from_slice(&compared.stdout).expect(&said);
+    let coverage = &document["coverage"];
+    assert!(coverage["recorded"].as_u64() > Some(10_000), "{document:#}");
+    assert_eq!(
+        (&coverage["recorded"], &document["faults"]),
+        (&coverage["as_driven"], &serde_json::json!([]))
+    );
 }
 
 pub fn has_tshark() -> bool {

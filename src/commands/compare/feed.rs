@@ -1,6 +1,5 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
-use anyhow::Context as _;
 use sensors::ouster::{Metadata, OusterDecoder};
 use sensors::velodyne::{Options, VelodyneDecoder};
 use sensors::{Decoded, Decoder, Frame, SensorModel};
@@ -9,8 +8,8 @@ use serde::Serialize;
 use crate::commands::recording::Recording;
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory, TiltReading};
-use crate::record::Session;
-use crate::rig::{MountedSensor, Rig};
+use crate::record::{SensorEntry, Session};
+use crate::rig::{MountedSensor, NoSeat, Rig};
 use crate::servo::ServoReport;
 use crate::watch::is_model;
 
@@ -112,7 +111,9 @@ pub fn session(
     let seats = seats(session, rig)?;
     let mut decoders = decoders(session, rig)?;
     for (entry, seat) in session.manifest().sensors.iter().zip(&seats) {
-        fed.sensors[*seat].lost = entry.losses.total();
+        if let Some(seat) = seat {
+            fed.sensors[*seat].lost = entry.losses.total();
+        }
     }
     let mut hand = |sensor: usize, model: &SensorModel, decoded: Decoded<'_>, fed: &mut Fed| {
         let Decoded::Frame(frame) = decoded else { return };
@@ -125,7 +126,7 @@ pub fn session(
     let mut packets = session.packets()?;
     let mut bytes = 0;
     while let Some((interface, packet)) = packets.next()? {
-        let sensor = seats[interface];
+        let Some(sensor) = seats[interface] else { continue };
         fed.sensors[sensor].packets_recorded += 1;
         bytes += packet.payload.len() as u64;
         let (decoder, model) = &mut decoders[sensor];
@@ -149,15 +150,16 @@ pub fn session(
     Ok(fed)
 }
 
-/// Place in the rig of each sensor of a session, by name.
-fn seats(session: &Session, rig: &Rig) -> anyhow::Result<Vec<usize>> {
-    let seat = |name: &String| {
-        rig.sensors.iter().position(|sensor| sensor.name == *name).with_context(|| {
-            let known: Vec<&str> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-            format!("the session holds sensor {name:?}, the mount file names {}", known.join(", "))
-        })
+/// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
+fn seats(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
+    let manifest = session.manifest();
+    let seat = |entry: &SensorEntry| {
+        if manifest.is_aside(entry) {
+            return Ok(None);
+        }
+        rig.seat(&entry.name).map(Some)
     };
-    session.manifest().sensors.iter().map(|entry| seat(&entry.name)).collect()
+    manifest.sensors.iter().map(seat).collect()
 }
 
 type Placed = (Box<dyn Decoder>, SensorModel);

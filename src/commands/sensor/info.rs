@@ -49,7 +49,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if context.json {
         output::print_json(&json!({ "sensors": states }))?;
     } else {
-        output::print_text(&states.iter().map(text).collect::<String>())?;
+        let saved = args.save_metadata.iter().map(|path| format!("metadata in {}\n", path.display()));
+        output::print_text(&states.iter().map(text).chain(saved).collect::<String>())?;
     }
     Ok(Outcome::Done)
 }

@@ -248,6 +248,7 @@ impl Look {
             first_damage: numbers.first_damage.clone(),
             buffer_warning: sockets.iter().find_map(|socket| socket.buffer_warning()),
             is_other_model: numbers.is_other_model,
+            unseated: core.place.unseated(&config.name).map(|error| error.to_string()),
         }
     }
 }
