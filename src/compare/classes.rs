@@ -1,6 +1,9 @@
 //! What became of recorded rays, counted.
 
+use glam::DVec3;
 use serde::Serialize;
+
+use crate::scene::Scene;
 
 /// Azimuth sectors of a strip.
 pub const SECTORS: usize = 72;
@@ -38,6 +41,24 @@ impl RayClass {
             (Some(predicted), Some(recorded)) if recorded < predicted => Self::Short,
             (Some(_), Some(_)) => Self::Long,
         }
+    }
+
+    /// The same in a scene that may be a map: that knows its surfaces to a cell, and a ray that passes low over a floor
+    /// crosses many cells of it before it ends. So what ends where the map has a surface agrees. `end_m` gives the recorded
+    /// point in the scene's frame.
+    pub fn in_scene(
+        scene: &Scene,
+        predicted_m: Option<f64>,
+        recorded_m: Option<f64>,
+        gate_m: f64,
+        end_m: impl FnOnce(f64) -> Option<DVec3>,
+    ) -> Self {
+        let class = Self::of(predicted_m, recorded_m, gate_m);
+        let (Scene::Voxels(map), Self::Short | Self::Long | Self::Extra) = (scene, class) else {
+            return class;
+        };
+        let ends_at_surface = recorded_m.and_then(end_m).is_some_and(|end_m| map.is_at_surface(end_m));
+        if ends_at_surface { Self::Agree } else { class }
     }
 }
 
@@ -161,7 +182,33 @@ fn sum(cells: &[RayClasses]) -> RayClasses {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::scene::VoxelMap;
+
+    #[test]
+    fn what_ends_where_a_map_has_a_surface_agrees() {
+        let mut map = VoxelMap::new(0.1, 1, 100.0).unwrap();
+        for x in 0..100 {
+            map.add_point(DVec3::new(0.1 * f64::from(x) + 0.05, 0.05, 0.02));
+        }
+        let floor = Scene::Voxels(Arc::new(map));
+        // low over the floor: 0.3 m above its beginning, and on it after 6 m
+        let (origin_m, direction) = (DVec3::new(0.0, 0.05, 0.32), DVec3::new(6.0, 0.0, -0.3).normalize());
+        let predicted_m = floor.cast(origin_m, direction).map(|hit| hit.distance_m);
+        assert!(predicted_m < Some(5.0), "its cells begin 8 cm higher: {predicted_m:?}");
+        let class = |scene: &Scene, recorded_m: f64| {
+            let end_m = |range_m| Some(origin_m + range_m * direction);
+            RayClass::in_scene(scene, predicted_m, Some(recorded_m), 0.1, end_m)
+        };
+        let floor_m = 6.0_f64.hypot(0.3);
+        assert_eq!(class(&floor, floor_m), RayClass::Agree);
+        assert_eq!(class(&floor, 1.5), RayClass::Short);
+        assert_eq!(class(&floor, 11.0), RayClass::Long, "half a metre below the floor");
+        let exact = Scene::Box(crate::scene::BoxScene::closed(DVec3::ZERO, DVec3::splat(9.0)));
+        assert_eq!(class(&exact, floor_m), RayClass::Long);
+    }
 
     #[test]
     fn every_way_of_counting_counts_every_ray() {

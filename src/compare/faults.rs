@@ -157,5 +157,7 @@ fn class(field: &Field<'_>, ray: &RecordedRay, reading: &Reading) -> RayClass {
         .cast(placed.origin_m / reading.unit_m, placed.direction)
         .map(|hit| hit.distance_m * reading.unit_m + placed.range_offset_m)
         .filter(|range_m| (model.min_range_m..=model.max_range_m).contains(range_m));
-    RayClass::of(predicted_m, ray.range_m, field.agree_within_m)
+    RayClass::in_scene(field.scene, predicted_m, ray.range_m, field.agree_within_m, |range_m| {
+        Some(placed.at_range(range_m) / reading.unit_m)
+    })
 }

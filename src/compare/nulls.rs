@@ -4,7 +4,7 @@
 
 use rayon::prelude::*;
 
-use super::{Patches, RayClass, RecordedRay};
+use super::{Patches, PlacedRay, RayClass, RecordedRay};
 use crate::rig::MountedSensor;
 use crate::rng::Rng;
 use crate::scene::Scene;
@@ -153,11 +153,15 @@ impl Calibration {
 }
 
 impl Field<'_> {
+    /// A ray where the mount and the way as said put it; none outside the way's time.
+    fn place(&self, ray: &RecordedRay) -> Option<PlacedRay> {
+        let world_from_body = self.trajectory.at(ray.time_ns)?;
+        Some(ray.place(self.sensors, &(world_from_body * ray.mount(self.sensors).body_from_sensor())))
+    }
+
     fn foresee(&self, ray: &RecordedRay, patches: &Patches) -> Foreseen {
         let nothing = Foreseen { range_m: None, patch: None };
-        let Some(world_from_body) = self.trajectory.at(ray.time_ns) else { return nothing };
-        let world_from_sensor = world_from_body * ray.mount(self.sensors).body_from_sensor();
-        let placed = ray.place(self.sensors, &world_from_sensor);
+        let Some(placed) = self.place(ray) else { return nothing };
         let Some((range_m, normal)) = placed.cast(self.scene, &self.sensors[ray.sensor]) else {
             return nothing;
         };
@@ -187,8 +191,9 @@ fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> 
 fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], patches: usize) -> Run {
     let mut tally = vec![[0u32; 2]; patches];
     let (mut agree, mut informative) = (0u64, 0u64);
-    for (foreseen, recorded) in foreseen.iter().zip(recorded) {
-        let class = RayClass::of(foreseen.range_m, *recorded, field.agree_within_m);
+    for ((foreseen, recorded), ray) in foreseen.iter().zip(recorded).zip(field.rays) {
+        let end_m = |range_m| field.place(ray).map(|placed| placed.at_range(range_m));
+        let class = RayClass::in_scene(field.scene, foreseen.range_m, *recorded, field.agree_within_m, end_m);
         informative += u64::from(class != RayClass::Nothing);
         agree += u64::from(class == RayClass::Agree);
         if let Some(patch) = foreseen.patch {

@@ -240,15 +240,16 @@ impl Lay<'_> {
         let raw_mm = self.frame.first.range_mm[self.frame.index(column, fired.channel)];
         let recorded_m = (raw_mm > 0).then(|| f64::from(raw_mm) * 1e-3);
         let predicted_m = predicted.map(|hit| hit.distance_m + fired.range_offset_m);
-        let class = RayClass::of(predicted_m, recorded_m, self.gate.agree_within_m);
-        let cosine = predicted.map(|hit| -hit.normal.dot(direction));
-        shard.breakdown[self.sensor].count(fired.channel, fired.azimuth_rad, cosine, class);
-        let predicted_point = predicted.map(|hit| origin_m + hit.distance_m * direction);
         // a calibrated HDL-64E does not place near points on a straight ray
         let placed_point = recorded_m.map(|range_m| {
             let point = model.point(fired.channel, fired.azimuth_rad, range_m);
             fired.world_from_sensor.transform_point(point)
         });
+        let gate_m = self.gate.agree_within_m;
+        let class = RayClass::in_scene(self.scene, predicted_m, recorded_m, gate_m, |_| placed_point);
+        let cosine = predicted.map(|hit| -hit.normal.dot(direction));
+        shard.breakdown[self.sensor].count(fired.channel, fired.azimuth_rad, cosine, class);
+        let predicted_point = predicted.map(|hit| origin_m + hit.distance_m * direction);
         if let Some(point_m) = predicted_point {
             shard.as_driven.add(self.sensor, point_m);
             if class == RayClass::Agree {

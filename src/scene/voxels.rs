@@ -140,6 +140,12 @@ impl VoxelMap {
         self.state(self.cell_at(point_m), &mut LastRegion::default())
     }
 
+    /// Whether the cell around a point, or one of the 6 beside it, is occupied.
+    pub fn is_at_surface(&self, point_m: DVec3) -> bool {
+        let (cell, mut last) = (self.cell_at(point_m), LastRegion::default());
+        self.state(cell, &mut last) == Cell::Occupied || self.touches_surface(cell, &mut last)
+    }
+
     /// Number of cells that are free, and that are occupied.
     pub fn counts(&self) -> [u64; 2] {
         let mut counts = [0, 0];

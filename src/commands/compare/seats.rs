@@ -1,7 +1,7 @@
 //! Where a recording shows that a sensor sits otherwise than said.
 
 use super::judge::Comparison;
-use crate::calibrate::SensorCheck;
+use crate::calibrate::{Estimate, SensorCheck};
 
 /// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.
 const TILT_MATTERS_DEG: f64 = 0.1;
@@ -13,9 +13,16 @@ const TURN_P: f64 = 0.001;
 /// Shifts of a mount below this are not worth a word, mm, nor are half as large ones of ranges: plates are not measured better.
 const SHIFT_MATTERS_MM: f64 = 30.0;
 
+/// Nobody mounts a sensor so far from where it was said to be, mm.
+const NO_MOUNT_MM: f64 = 500.0;
+
 /// Whether an estimate is no chance and large enough to be felt.
 fn matters(value: f64, u95: f64, least: f64, p_value: f64, most_p: f64) -> bool {
     value.abs() > least.max(u95) && p_value < most_p
+}
+
+fn shift_matters(shift: &Estimate) -> bool {
+    matters(shift.value, shift.u95, SHIFT_MATTERS_MM, shift.p_value, TURN_P)
 }
 
 /// How a sensor surely sits otherwise than said.
@@ -37,7 +44,7 @@ pub fn off_its_seat(check: &SensorCheck) -> Vec<String> {
         }
     }
     for (shift, axis) in check.translation_mm.iter().zip(["right", "ahead", "up"]) {
-        if let Some(shift) = shift.filter(|s| matters(s.value, s.u95, SHIFT_MATTERS_MM, s.p_value, TURN_P)) {
+        if let Some(shift) = shift.filter(shift_matters) {
             words.push(format!(
                 "{sensor} sits {:+.0} +- {:.0} mm {axis} of where it was said to be",
                 shift.value, shift.u95
@@ -47,9 +54,30 @@ pub fn off_its_seat(check: &SensorCheck) -> Vec<String> {
     words
 }
 
+/// Whether the shifts are rather those of the way or the scene: every sensor has the same, or one has more than any mount.
+fn shifts_are_shared(checks: &[SensorCheck]) -> bool {
+    let Some((first, others)) = checks.split_first() else { return false };
+    (0..3).any(|axis| {
+        let Some(shift) = first.translation_mm[axis].filter(shift_matters) else { return false };
+        let is_alike = |other: &SensorCheck| {
+            other.translation_mm[axis].filter(shift_matters).is_some_and(|other| {
+                (other.value - shift.value).abs() < shift.u95.hypot(other.u95).max(SHIFT_MATTERS_MM)
+            })
+        };
+        others.iter().all(is_alike) && (!others.is_empty() || shift.value.abs() > NO_MOUNT_MM)
+    })
+}
+
 /// What is surely off of the mounts.
 pub fn off(comparison: &Comparison) -> Vec<String> {
     let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_seat).collect();
+    if shifts_are_shared(&comparison.mount) {
+        words.push(
+            "rather than the mounts, the way or the scene is shifted by that: do both begin at one point (an odometry \
+             begins at its own)?"
+                .into(),
+        );
+    }
     if let Some(relative) = &comparison.relative_tilt
         && matters(relative.error_deg, relative.u95_deg, TILT_MATTERS_DEG, relative.p_value, TILT_P)
     {
@@ -69,4 +97,43 @@ pub fn off_in_range(check: &SensorCheck) -> Option<String> {
         let what = if offset.value > 0.0 { "long" } else { "short" };
         format!("{}: ranges are {:.0} +- {:.0} mm too {what}", check.sensor, offset.value.abs(), offset.u95)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(ahead_mm: Option<f64>, right_mm: f64) -> SensorCheck {
+        let estimate = |value| Estimate { value, sd: 5.0, u95: 10.0, p_value: 1e-9 };
+        SensorCheck {
+            sensor: "a".into(),
+            tilt_error_deg: None,
+            sd_deg: None,
+            u95_deg: None,
+            p_value: None,
+            observable: Vec::new(),
+            condition_number: None,
+            rotation_deg: [None; 3],
+            translation_mm: [Some(estimate(right_mm)), ahead_mm.map(estimate), None],
+            range_offset_mm: None,
+            rays: 1,
+            cannot_tell: None,
+            corrected: Default::default(),
+        }
+    }
+
+    #[test]
+    fn what_all_sensors_share_is_not_their_mounts() {
+        assert!(shifts_are_shared(&[check(Some(200.0), 5.0), check(Some(190.0), -40.0)]));
+        assert!(shifts_are_shared(&[check(Some(-900.0), 0.0)]));
+        for mounts in [
+            &[check(Some(200.0), 0.0), check(Some(-200.0), 0.0)][..],
+            &[check(Some(200.0), 0.0), check(None, 0.0)],
+            &[check(Some(20.0), 0.0), check(Some(20.0), 0.0)],
+            &[check(Some(200.0), 0.0)],
+            &[],
+        ] {
+            assert!(!shifts_are_shared(mounts), "{mounts:?}");
+        }
+    }
 }
