@@ -348,6 +348,21 @@ fn an_axis_without_an_absolute_encoder_homes_on_its_switch() {
     assert_eq!(bench.pair(1_040_000, 0), AckCode::Accepted, "limits are those of the homed angle");
 }
 
+#[test]
+fn a_rig_that_still_brakes_from_seeking_takes_no_move() {
+    let mut bench = switched([200_000, 100_000]);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    bench.run(20_000);
+    assert_eq!(bench.pair(300_000, 300_000), AckCode::Accepted);
+    bench.run(5000);
+    assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
+    bench.run(300);
+    assert_eq!(bench.order(Order::Hold), AckCode::Accepted);
+    assert_eq!((bench.controller.state(), bench.pair(0, 0)), (State::Holding, AckCode::Busy));
+    bench.run(1000);
+    assert_eq!(bench.pair(0, 0), AckCode::Accepted);
+}
+
 /// A host that puts the last angle it heard beside "homed" must not have one that counts from elsewhere.
 #[test]
 fn an_angle_of_the_new_zero_is_told_before_homed_is() {
