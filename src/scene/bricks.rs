@@ -11,6 +11,11 @@ pub(crate) const CELLS: usize = 512;
 const REACH: i32 = 1 << 20;
 const FREE: u64 = u64::MAX;
 const NONE: u32 = u32::MAX;
+/// Regions that have a table from their first brick on: 16 MiB of tables.
+const TABLES: usize = 8192;
+/// Bricks that any later region lists before it gets one: points that lie far apart have a region each, and tables of 2 KiB
+/// for one brick would fill gigabytes. A list takes longer to search.
+const LISTED: usize = 8;
 
 /// Cell around a point, for cells of edge `1 / per_m`. Saturates far outside, where no brick is.
 #[inline]
@@ -43,7 +48,51 @@ pub(crate) struct BrickIndex {
 #[derive(Clone, Debug)]
 struct Region {
     key: u64,
-    bricks: Box<[u32; CELLS]>,
+    numbers: Numbers,
+}
+
+/// Numbers of a region's bricks by their place in it.
+#[derive(Clone, Debug)]
+enum Numbers {
+    /// Place and number of the first ones; free entries have no number.
+    Listed([(u16, u32); LISTED]),
+    All(Box<[u32; CELLS]>),
+}
+
+impl Numbers {
+    /// Of a region that comes after so many others.
+    fn after(regions: usize) -> Self {
+        if regions < TABLES { Self::All(Box::new([NONE; CELLS])) } else { Self::Listed([(0, NONE); LISTED]) }
+    }
+
+    #[inline]
+    fn get(&self, place: usize) -> u32 {
+        match self {
+            Self::All(table) => table[place],
+            Self::Listed(list) => listed(list, place),
+        }
+    }
+
+    fn set(&mut self, place: usize, number: u32) {
+        match self {
+            Self::All(table) => table[place] = number,
+            Self::Listed(list) => match list.iter_mut().find(|(_, listed)| *listed == NONE) {
+                Some(free) => *free = (place as u16, number),
+                None => {
+                    let mut table = Box::new([NONE; CELLS]);
+                    list.iter().for_each(|(place, number)| table[usize::from(*place)] = *number);
+                    table[place] = number;
+                    *self = Self::All(table);
+                }
+            },
+        }
+    }
+}
+
+/// Apart, so that walks along a surface, whose regions have tables, stay short.
+#[inline(never)]
+fn listed(list: &[(u16, u32); LISTED], place: usize) -> u32 {
+    list.iter().find(|(listed, _)| usize::from(*listed) == place).map_or(NONE, |(_, number)| *number)
 }
 
 /// The region that was asked for last: the next question is likely about the same one.
@@ -69,7 +118,9 @@ impl BrickIndex {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let tables = std::mem::size_of_val(&self.keys[..]) + std::mem::size_of_val(&self.slots[..]);
-        let regions = self.regions.len() * (size_of::<Region>() + size_of::<[u32; CELLS]>());
+        let has_table = |region: &&Region| matches!(region.numbers, Numbers::All(_));
+        let regions = size_of_val(&self.regions[..])
+            + self.regions.iter().filter(has_table).count() * size_of::<[u32; CELLS]>();
         tables + regions + std::mem::size_of_val(&self.bricks[..])
     }
 
@@ -90,7 +141,7 @@ impl BrickIndex {
         if region != last.region {
             *last = LastRegion { region, number: self.region(region) };
         }
-        let found = self.regions.get(last.number as usize)?.bricks[inside];
+        let found = self.regions.get(last.number as usize)?.numbers.get(inside);
         (found != NONE).then_some(found)
     }
 
@@ -104,12 +155,14 @@ impl BrickIndex {
             }
             *last = LastRegion { region, number };
         }
-        let place = &mut self.regions[last.number as usize].bricks[inside];
-        if *place == NONE {
-            *place = self.bricks.len() as u32;
+        let numbers = &mut self.regions[last.number as usize].numbers;
+        let mut number = numbers.get(inside);
+        if number == NONE {
+            number = self.bricks.len() as u32;
+            numbers.set(inside, number);
             self.bricks.push(brick);
         }
-        Some(*place)
+        Some(number)
     }
 
     fn region(&self, region: [i32; 3]) -> u32 {
@@ -129,7 +182,7 @@ impl BrickIndex {
     }
 
     fn add_region(&mut self, key: u64) -> u32 {
-        self.regions.push(Region { key, bricks: Box::new([NONE; CELLS]) });
+        self.regions.push(Region { key, numbers: Numbers::after(self.regions.len()) });
         if 2 * self.regions.len() > self.keys.len() {
             let size = (2 * self.keys.len()).max(64);
             self.keys = vec![FREE; size];
@@ -188,6 +241,32 @@ mod tests {
         assert_eq!(index.find_or_add([8 * REACH, 0, 0]), None);
         assert_eq!(index.find([i32::MAX; 3]), None);
         assert_eq!((index.bricks().len(), index.bricks()[77]), (5000, brick(77)));
+    }
+
+    #[test]
+    fn a_late_region_lists_a_few_bricks_and_has_a_table_of_many() {
+        let mut index = BrickIndex::default();
+        let apart = |n: i32| [8 * (n % 256), 8 * (n / 256), 0];
+        let tables = TABLES as i32;
+        for n in 0..2 * tables {
+            assert_eq!(index.find_or_add(apart(n)), Some(n as u32));
+        }
+        assert!((0..2 * tables).all(|n| index.find(apart(n)) == Some(n as u32)));
+        let bytes = index.bytes();
+        assert!(bytes < TABLES * 2500, "{bytes} bytes, half of the regions with tables");
+        // all of the last region, from its last place to the first: no place is where its number would be
+        let near = |n: i32| {
+            let corner = apart(2 * tables - 1);
+            let [x, y, z] = [n % 8, n / 8 % 8, n / 64];
+            [corner[0] + x, corner[1] + y, corner[2] + z]
+        };
+        for n in (1..512).rev() {
+            assert_eq!(index.find(near(n)), None);
+            assert_eq!(index.find_or_add(near(n)), Some((2 * tables + 511 - n) as u32));
+            assert!((n..512).all(|n| index.find(near(n)) == Some((2 * tables + 511 - n) as u32)), "{n}");
+            assert_eq!(index.find(near(0)), Some((2 * tables - 1) as u32));
+        }
+        assert_eq!(index.bytes() - bytes, size_of::<[u32; CELLS]>() + 511 * size_of::<[i32; 3]>());
     }
 
     #[test]
