@@ -117,6 +117,27 @@ pub struct SensorCheck {
     pub corrected: Mount,
 }
 
+impl SensorCheck {
+    /// Nothing is told of a sensor, and its mount is as said.
+    pub(crate) fn untold(sensor: &str, mount: Mount) -> Self {
+        Self {
+            sensor: sensor.to_owned(),
+            tilt_error_deg: None,
+            sd_deg: None,
+            u95_deg: None,
+            p_value: None,
+            observable: Vec::new(),
+            condition_number: None,
+            rotation_deg: [None; 3],
+            translation_mm: [None; 3],
+            range_offset_mm: None,
+            rays: 0,
+            cannot_tell: None,
+            corrected: mount,
+        }
+    }
+}
+
 /// Tilt of the first sensor against that of the second.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RelativeTilt {
@@ -204,19 +225,8 @@ pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
 
 fn nothing(field: &Field<'_>, why: &str) -> MountCheck {
     let silent = |sensor: &MountedSensor| SensorCheck {
-        sensor: sensor.name.clone(),
-        tilt_error_deg: None,
-        sd_deg: None,
-        u95_deg: None,
-        p_value: None,
-        observable: Vec::new(),
-        condition_number: None,
-        rotation_deg: [None; 3],
-        translation_mm: [None; 3],
-        range_offset_mm: None,
-        rays: 0,
         cannot_tell: Some(why.to_owned()),
-        corrected: sensor.mount,
+        ..SensorCheck::untold(&sensor.name, sensor.mount)
     };
     MountCheck {
         mount: field.sensors.iter().map(silent).collect(),

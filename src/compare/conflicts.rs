@@ -47,9 +47,7 @@ impl Conflicts {
         let map = || VoxelMap::new(CELL_M, 1, LONGEST_RAY_M).ok();
         let (mut recorded, mut predicted) = (map()?, map()?);
         for ray in field.rays {
-            let Some(world_from_body) = field.trajectory.at(ray.time_ns) else { continue };
-            let seat = ray.mount(field.sensors).body_from_sensor();
-            let placed = ray.place(field.sensors, &(world_from_body * seat));
+            let Some(placed) = field.place(ray) else { continue };
             if let Some(range_m) = ray.range_m {
                 recorded.add_return(placed.origin_m, placed.at_range(range_m));
             }

@@ -154,9 +154,8 @@ impl Calibration {
 
 impl Field<'_> {
     /// A ray where the mount and the way as said put it; none outside the way's time.
-    fn place(&self, ray: &RecordedRay) -> Option<PlacedRay> {
-        let world_from_body = self.trajectory.at(ray.time_ns)?;
-        Some(ray.place(self.sensors, &(world_from_body * ray.mount(self.sensors).body_from_sensor())))
+    pub(super) fn place(&self, ray: &RecordedRay) -> Option<PlacedRay> {
+        ray.place_on(self.sensors, self.trajectory, ray.time_ns)
     }
 
     fn foresee(&self, ray: &RecordedRay, patches: &Patches) -> Foreseen {
@@ -178,9 +177,7 @@ fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> 
         let mut rng = Rng::new(seed, number as u64);
         let kept = rng.uniform() >= healthy.drop_out;
         let noise_m = healthy.range_sd_m * rng.normal();
-        let world_from_body = true_way.at(ray.time_ns)?;
-        let world_from_sensor = world_from_body * ray.mount(field.sensors).body_from_sensor();
-        let placed = ray.place(field.sensors, &world_from_sensor);
+        let placed = ray.place_on(field.sensors, &true_way, ray.time_ns)?;
         let (range_m, _) = placed.cast(field.scene, &field.sensors[ray.sensor])?;
         kept.then_some(range_m + noise_m)
     })

@@ -7,6 +7,7 @@ use sensors::{Frame, SensorModel};
 use crate::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
 use crate::scene::Scene;
+use crate::trajectory::Trajectory;
 
 /// One ray as it was recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +41,12 @@ impl RecordedRay {
     /// Mount of its sensor when it was taken.
     pub fn mount(&self, sensors: &[MountedSensor]) -> Mount {
         Mount { pitch_rad: self.pitch_rad, ..sensors[self.sensor].mount }
+    }
+
+    /// The ray where its mount as said and a way at a time put it; none outside the way's time.
+    pub fn place_on(&self, sensors: &[MountedSensor], way: &Trajectory, time_ns: u64) -> Option<PlacedRay> {
+        let world_from_body = way.at(time_ns)?;
+        Some(self.place(sensors, &(world_from_body * self.mount(sensors).body_from_sensor())))
     }
 
     /// The ray in the world of a sensor placed there.

@@ -177,9 +177,7 @@ fn costs(field: &Field<'_>, offset_ns: i64) -> Vec<Cost> {
         .map(|rays| {
             let each = rays.iter().filter_map(|ray| {
                 let time_ns = ray.time_ns.checked_add_signed(offset_ns)?;
-                let world_from_body = field.trajectory.at(time_ns)?;
-                let seat = ray.mount(field.sensors).body_from_sensor();
-                let placed = ray.place(field.sensors, &(world_from_body * seat));
+                let placed = ray.place_on(field.sensors, field.trajectory, time_ns)?;
                 let met = placed.cast(field.scene, &field.sensors[ray.sensor]);
                 let Some((predicted_m, _)) = met else { return Some(1.0) };
                 let off_m2 = (ray.range_m? - predicted_m).powi(2);

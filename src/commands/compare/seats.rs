@@ -106,19 +106,8 @@ mod tests {
     fn check(ahead_mm: Option<f64>, right_mm: f64) -> SensorCheck {
         let estimate = |value| Estimate { value, sd: 5.0, u95: 10.0, p_value: 1e-9 };
         SensorCheck {
-            sensor: "a".into(),
-            tilt_error_deg: None,
-            sd_deg: None,
-            u95_deg: None,
-            p_value: None,
-            observable: Vec::new(),
-            condition_number: None,
-            rotation_deg: [None; 3],
             translation_mm: [Some(estimate(right_mm)), ahead_mm.map(estimate), None],
-            range_offset_mm: None,
-            rays: 1,
-            cannot_tell: None,
-            corrected: Default::default(),
+            ..SensorCheck::untold("a", Default::default())
         }
     }
 
