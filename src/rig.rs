@@ -10,7 +10,7 @@ pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };
 pub use touching::{Touching, housing_gap_m};
-pub use unit::{Unit, UnitChoice, UnitError};
+pub use unit::{CalibrationFile, Unit, UnitChoice, UnitError};
 
 use glam::{DMat3, DQuat, DVec3};
 use sensors::SensorModel;

@@ -4,6 +4,7 @@ mod recordings;
 mod rig_faults;
 mod stand;
 mod statistics;
+mod units;
 
 use glam::DVec3;
 use outrigger::calibrate;
@@ -32,6 +33,8 @@ pub const CASES: &[Case] = &[
     case("sensors_are_held_against_each_other", rig_faults::sensors_are_held_against_each_other),
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
     case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),
+    case("a_calibration_counts_wherever_it_is_named", units::a_calibration_counts_wherever_it_is_named),
+    case("another_sensor_than_the_mount_says_is_named", units::another_sensor_than_the_mount_says_is_named),
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
     case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),

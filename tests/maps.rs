@@ -288,7 +288,7 @@ fn a_session_is_a_scene() {
             .unwrap();
     }
     let file = folder.put_mount("recorder.json", "os1-64");
-    writer.put_mount(&file).unwrap();
+    writer.put_mount(&file, &[]).unwrap();
     let closed = |name: &str| folder.document(&["--scene", &folder.text(name)]);
     writer.flush().unwrap();
     writer.put_trajectory(&walk).unwrap();

@@ -1,6 +1,6 @@
 //! What every decoder of a sensor's packets does, and what it counts.
 
-use crate::{Completed, Frame, Packet};
+use crate::{Completed, Frame, Packet, SensorModel};
 
 /// Turns one sensor's packets into frames. Two families live behind it: `ouster::OusterDecoder` and
 /// `velodyne::VelodyneDecoder`.
@@ -24,6 +24,9 @@ pub trait Decoder {
 
     /// Everything counted so far.
     fn stats(&self) -> &DecodeStats;
+
+    /// Beams that its frames are measured along, once they are known.
+    fn model(&self) -> Option<&SensorModel>;
 
     /// Takes one packet and hands everything it completed to `out`.
     fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(Decoded<'_>)) -> Result<(), Rejected> {

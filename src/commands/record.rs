@@ -14,7 +14,7 @@ use super::{Context, Outcome, output};
 use crate::config::{SensorConfig, Stream};
 use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, is_aside};
-use crate::rig::{MountFile, Rig};
+use crate::rig::{CalibrationFile, MountFile, Rig};
 use crate::setup::{Sensor, warnings};
 
 /// How often counters are looked at.
@@ -53,7 +53,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let sensor = listens.iter_mut().find(|listen| listen.name == *name);
         sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
     }
-    let mount = args.mount.as_deref().map(seats).transpose()?;
+    let seats = args.mount.as_deref().map(seats).transpose()?;
     let metadata: Vec<Option<String>> = wanted.iter().map(metadata_of).collect::<anyhow::Result<_>>()?;
     let options =
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
@@ -72,8 +72,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .collect();
     let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::record::folder_name_now()));
     let session = SessionWriter::create(&dir, &infos)?;
-    if let Some((mount, rig)) = &mount {
-        session.put_mount(mount)?;
+    if let Some(Seats { mount, rig, calibrations }) = &seats {
+        session.put_mount(mount, calibrations)?;
         warn_unseated(rig, &listens);
     }
     let recording = Recording::start(receiver, session)?;
@@ -100,10 +100,16 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
     Ok(wanted)
 }
 
-fn seats(path: &Path) -> anyhow::Result<(MountFile, Rig)> {
+/// Where the sensors sit, and the calibrations that go with it.
+struct Seats {
+    mount: MountFile,
+    rig: Rig,
+    calibrations: Vec<CalibrationFile>,
+}
+
+fn seats(path: &Path) -> anyhow::Result<Seats> {
     let mount = MountFile::read(path)?;
-    let rig = mount.rig()?;
-    Ok((mount, rig))
+    Ok(Seats { rig: mount.rig()?, calibrations: mount.calibration_files()?, mount })
 }
 
 /// What nobody knows the seat of is recorded all the same.

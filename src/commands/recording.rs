@@ -23,8 +23,11 @@ const MOST_METADATA_BYTES: u64 = 1 << 20;
 pub struct Recording {
     path: PathBuf,
     metadata: Vec<(Metadata, String)>,
-    calibrations: Vec<(Option<IpAddr>, Calibration)>,
+    calibrations: Vec<Meant>,
 }
+
+/// A calibration, and where the Velodyne sends from that it is meant for; every one where nobody says.
+pub type Meant = (Option<IpAddr>, Calibration);
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
 #[derive(clap::Args, Debug, Default)]
@@ -35,6 +38,13 @@ pub struct SensorArgs {
     /// Calibration of a Velodyne (db.xml or YAML); with several, name each by its address: 192.168.1.201=left.xml.
     #[arg(long, value_name = "[ADDRESS=]FILE")]
     pub calibration: Vec<String>,
+}
+
+impl SensorArgs {
+    /// The calibrations, read.
+    pub fn calibrations(&self) -> anyhow::Result<Vec<Meant>> {
+        self.calibration.iter().map(|text| calibration(text)).collect()
+    }
 }
 
 /// How a pass over the packets ended.
@@ -72,9 +82,7 @@ impl Recording {
             let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
             metadata.push((Metadata::parse(&text, &name)?, name));
         }
-        let calibrations =
-            sensors.calibration.iter().map(|text| calibration(text)).collect::<Result<_, _>>()?;
-        Ok(Self { path, metadata, calibrations })
+        Ok(Self { path, metadata, calibrations: sensors.calibrations()? })
     }
 
     /// The file that is read.
@@ -179,7 +187,7 @@ impl Ending {
 }
 
 /// `FILE` or `ADDRESS=FILE`.
-fn calibration(text: &str) -> anyhow::Result<(Option<IpAddr>, Calibration)> {
+fn calibration(text: &str) -> anyhow::Result<Meant> {
     let named = text.split_once('=').and_then(|(address, path)| Some((address.parse().ok()?, path)));
     let (source, path) = named.map_or((None, text), |(address, path)| (Some(address), path));
     let bytes = std::fs::read(path).with_context(|| path.to_owned())?;

@@ -203,6 +203,7 @@ impl Daemon {
                 .collect(),
             config,
             mount: place.mount.clone(),
+            calibrations: place.calibrations.clone(),
             trajectory: place.trajectory.clone().filter(|_| !place.starts_with_recording),
         };
         let recorder =

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::Pose;
-use crate::rig::{Mount, MountFile, MountedSensor, NoSeat, Rig};
+use crate::rig::{CalibrationFile, Mount, MountFile, MountedSensor, NoSeat, Rig};
 use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
@@ -21,6 +21,8 @@ const STANDING_NS: u64 = 300_000_000;
 pub struct Place {
     /// Mounts, in the order of the rig's axes.
     pub mount: Option<MountFile>,
+    /// What the mounts name of them.
+    pub calibrations: Vec<CalibrationFile>,
     /// The rig of these mounts; empty without them.
     pub rig: Rig,
     /// What stands around, for a prediction.

@@ -12,7 +12,7 @@ use super::status::{LastSession, RecorderStatus};
 use super::tap::Tap;
 use crate::receive::{Tally, now_ns};
 use crate::record::{self, Manifest, SensorInfo, SessionError, SessionWriter};
-use crate::rig::MountFile;
+use crate::rig::{CalibrationFile, MountFile};
 use crate::trajectory::Trajectory;
 
 /// How often the recorder looks at the disk and its own files.
@@ -45,6 +45,7 @@ pub(super) struct Papers {
     pub sensors: Vec<SensorInfo>,
     pub config: Option<String>,
     pub mount: Option<MountFile>,
+    pub calibrations: Vec<CalibrationFile>,
     pub trajectory: Option<Trajectory>,
 }
 
@@ -266,7 +267,7 @@ impl Worker {
             session.put_config(config)?;
         }
         if let Some(mount) = &self.papers.mount {
-            session.put_mount(mount)?;
+            session.put_mount(mount, &self.papers.calibrations)?;
         }
         if let Some(trajectory) = &self.papers.trajectory {
             session.put_trajectory(trajectory)?;

@@ -9,6 +9,7 @@
 //! mount.json           where the sensors sit on it
 //! rig.toml             the configuration it was recorded with
 //! metadata/NAME.json   Ouster metadata of the sensor called NAME
+//! calibrations/NAME.*  the file that the mount file names for that sensor
 //! ```
 //!
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
@@ -67,6 +68,8 @@ pub mod file {
     pub const MOUNT: &str = "mount.json";
     /// Folder of sensor metadata.
     pub const METADATA: &str = "metadata";
+    /// Folder of the calibrations that the mount file names.
+    pub const CALIBRATIONS: &str = "calibrations";
     /// Space kept back for closing the session on a full disk; gone once it is closed.
     pub(super) const RESERVE: &str = ".reserve";
 }

@@ -15,7 +15,7 @@ use super::ticker::Ticker;
 use super::whole_file::WholeFile;
 use super::{FileEntry, SessionError, disk, file};
 use crate::receive::{Datagram, Listen, Tally, now_ns};
-use crate::rig::MountFile;
+use crate::rig::{CalibrationFile, MountFile};
 use crate::trajectory::Trajectory;
 
 /// Kept back on the disk for closing the session: statistics, manifest and some lines need far less.
@@ -152,10 +152,18 @@ impl SessionWriter {
         self.with(|open, dir| write_line(&mut open.events, &dir.join(file::EVENTS), event))
     }
 
-    /// Keeps a copy of the mounts.
-    pub fn put_mount(&self, mount: &MountFile) -> Result<(), SessionError> {
+    /// Keeps a copy of the mounts, and one of each calibration that they name: a session is read wherever it is taken.
+    pub fn put_mount(&self, mount: &MountFile, calibrations: &[CalibrationFile]) -> Result<(), SessionError> {
+        let mut mount = mount.clone();
+        mount.calibrations = None;
+        for CalibrationFile { sensor, ending, content } in calibrations {
+            check_name(sensor)?;
+            let inside = format!("{}/{sensor}.{ending}", file::CALIBRATIONS);
+            self.put(&inside, content)?;
+            mount.calibrations.get_or_insert_default().insert(sensor.clone(), inside.into());
+        }
         let path = self.shared.dir.join(file::MOUNT);
-        let text = serde_json::to_string_pretty(mount)
+        let text = serde_json::to_string_pretty(&mount)
             .map_err(|error| SessionError::Content { path, reason: error.to_string() })?;
         self.put(file::MOUNT, format!("{text}\n").as_bytes())
     }
@@ -443,14 +451,20 @@ fn disk_full(dir: &Path, written_bytes: u64, not_written: u64, error: SessionErr
 fn check_names(sensors: &[SensorInfo]) -> Result<(), SessionError> {
     for (index, sensor) in sensors.iter().enumerate() {
         let name = &sensor.name;
-        let wrong = |reason| SessionError::Name { name: name.clone(), reason };
-        let allowed = |letter: char| letter.is_ascii_alphanumeric() || "._-".contains(letter);
-        if name.is_empty() || name.starts_with('.') || !name.chars().all(allowed) {
-            return Err(wrong("use letters, digits, '.', '_' and '-', not '.' first"));
-        }
+        check_name(name)?;
         if sensors[..index].iter().any(|other| other.name == *name) {
-            return Err(wrong("two sensors have it"));
+            return Err(SessionError::Name { name: name.clone(), reason: "two sensors have it" });
         }
+    }
+    Ok(())
+}
+
+/// Whether a name can be that of a file.
+fn check_name(name: &str) -> Result<(), SessionError> {
+    let allowed = |letter: char| letter.is_ascii_alphanumeric() || "._-".contains(letter);
+    if name.is_empty() || name.starts_with('.') || !name.chars().all(allowed) {
+        let reason = "use letters, digits, '.', '_' and '-', not '.' first";
+        return Err(SessionError::Name { name: name.to_owned(), reason });
     }
     Ok(())
 }

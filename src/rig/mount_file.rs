@@ -11,15 +11,16 @@
 //!
 //! The last three are optional: which experiment the mount was found in (of a rig of several models the experiments of
 //! all, with commas between them), its score there, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
-//! roll_deg), whose models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by name of a
-//! sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so that writing and reading loses nothing.
+//! roll_deg), whose models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by
+//! name of a sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so
+//! that writing and reading loses nothing.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
-use super::{Mount, MountedSensor, Rig, published_export};
+use super::{Mount, published_export};
 use crate::files;
 
 /// What `format` says.
@@ -36,9 +37,10 @@ pub struct MountFile {
     frame: String,
     /// Every physical sensor, mirrored ones included.
     pub sensors: Vec<SensorEntry>,
-    /// Calibration of the unit in a sensor's place, by its name: a path as seen from this file.
+    /// Calibration of the unit in a sensor's place, by its name. In the file a path is as seen from its folder, here as
+    /// seen from where the program runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub calibrations: Option<BTreeMap<String, String>>,
+    pub calibrations: Option<BTreeMap<String, PathBuf>>,
     /// Sensors before mirroring: `[x_m, y_m, z_m, pitch_deg, roll_deg]` each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub masters: Option<Vec<[f64; 5]>>,
@@ -116,29 +118,33 @@ impl MountFile {
     pub fn read(path: &Path) -> Result<Self, MountFileError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
-        Self::from_json(&text).map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })
+        let mut file = Self::from_json(&text)
+            .map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
+        for calibration in file.calibrations.iter_mut().flat_map(BTreeMap::values_mut) {
+            *calibration = files::folder_of(path).join(&*calibration);
+        }
+        Ok(file)
     }
 
     /// Writes a file, whole or not at all. What [`MountFile::read`] would refuse is not written.
     pub fn write(&self, path: &Path) -> Result<(), MountFileError> {
         self.check().map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
-        let text = serde_json::to_string_pretty(self)
+        let text = serde_json::to_string_pretty(&self.seen_from(files::folder_of(path)))
             .map_err(|error| MountFileError::Wrong { path: path.to_owned(), reason: error.to_string() })?;
         files::write_whole(path, format!("{text}\n").as_bytes())
             .map_err(|source| MountFileError::Unwritable { path: path.to_owned(), source })
     }
 
-    /// The rig that the file describes, with nominal models.
-    pub fn rig(&self) -> Result<Rig, catalogue::ModelError> {
-        let sensors = self
-            .sensors
-            .iter()
-            .map(|entry| {
-                let model = catalogue::nominal(&entry.model)?;
-                Ok(MountedSensor { name: entry.name.clone(), model, mount: entry.mount() })
-            })
-            .collect::<Result<_, _>>()?;
-        Ok(Rig { sensors })
+    /// The same with paths as seen from a folder: absolute ones where they do not lie in it.
+    fn seen_from(&self, folder: &Path) -> Self {
+        let mut file = self.clone();
+        for path in file.calibrations.iter_mut().flat_map(BTreeMap::values_mut) {
+            *path = match path.strip_prefix(folder) {
+                Ok(inside) => inside.to_owned(),
+                Err(_) => std::path::absolute(&*path).unwrap_or_else(|_| path.clone()),
+            };
+        }
+        file
     }
 
     fn from_json(text: &str) -> Result<Self, String> {

@@ -9,6 +9,7 @@ use sensors::velodyne::{Calibration, CalibrationError, Product};
 use sensors::{SensorModel, catalogue};
 
 use super::{MountFile, MountedSensor, Rig};
+use crate::files;
 
 /// Beams of two products that differ by less than this are taken for the same, rad (root mean square).
 const SAME_BEAMS_RAD: f64 = 1e-6;
@@ -24,6 +25,17 @@ pub struct Unit {
     pub rate_hz: f64,
     /// What was concluded and not said, for the user.
     pub notice: Option<String>,
+}
+
+/// The file with a sensor's calibration, to be kept beside what was measured with it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CalibrationFile {
+    /// Name of the sensor.
+    pub sensor: String,
+    /// Of the file's name: says which kind it is.
+    pub ending: String,
+    /// Its bytes.
+    pub content: Vec<u8>,
 }
 
 /// Which sensor is meant: `[NAME=]MODEL`, `[NAME=]FILE` or `[NAME=]MODEL:FILE`.
@@ -178,11 +190,11 @@ fn nearest(path: &Path, calibration: &Calibration) -> Result<(Product, Option<St
 
 impl MountFile {
     /// The units of the rig, in order. A sensor is what `choices` say (the last one that names it, or that names none),
-    /// else its calibration in the file, else the nominal model. `folder` is that of the mount file.
+    /// else its calibration in the file, else the nominal model.
     ///
     /// # Errors
     /// As [`Unit::calibrated`], and a choice for a sensor that the rig has not.
-    pub fn units(&self, folder: &Path, choices: &[UnitChoice]) -> Result<Vec<Unit>, UnitError> {
+    pub fn units(&self, choices: &[UnitChoice]) -> Result<Vec<Unit>, UnitError> {
         let has = |name: &str| self.sensors.iter().any(|sensor| sensor.name == name);
         if let Some(name) = choices.iter().filter_map(|c| c.sensor.as_deref()).find(|name| !has(name)) {
             let known: Vec<_> = self.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
@@ -197,12 +209,33 @@ impl MountFile {
                 }
                 Some(UnitChoice { model: Some(model), .. }) => Unit::nominal(model),
                 _ => match self.calibrations.as_ref().and_then(|files| files.get(&entry.name)) {
-                    Some(file) => Unit::calibrated(&folder.join(file), Some(&entry.model)),
+                    Some(file) => Unit::calibrated(file, Some(&entry.model)),
                     None => Unit::nominal(&entry.model),
                 },
             }
         };
         self.sensors.iter().map(unit).collect()
+    }
+
+    /// The rig that the file describes, each sensor as calibrated there.
+    ///
+    /// # Errors
+    /// As [`Unit::calibrated`].
+    pub fn rig(&self) -> Result<Rig, UnitError> {
+        Ok(self.rig_of(&self.units(&[])?))
+    }
+
+    /// The calibrations that the file names, read, in order of the sensors' names.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn calibration_files(&self) -> Result<Vec<CalibrationFile>, UnitError> {
+        let read = |(sensor, path): (&String, &PathBuf)| {
+            let content =
+                std::fs::read(path).map_err(|source| UnitError::Unreadable { path: path.clone(), source })?;
+            Ok(CalibrationFile { sensor: sensor.clone(), ending: files::ending(path), content })
+        };
+        self.calibrations.iter().flatten().map(read).collect()
     }
 
     /// The rig with these units on its mounts.
@@ -370,15 +403,15 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("front.yaml"), yaml("vlp-16", 2e-3)).unwrap();
         let mut file = MountFile::new(vec![entry("left", "os1-64"), entry("front", "vlp-16")]);
-        file.calibrations = Some([("front".to_owned(), "front.yaml".to_owned())].into());
-        let units = file.units(folder.path(), &[]).unwrap();
+        file.calibrations = Some([("front".to_owned(), folder.path().join("front.yaml"))].into());
+        let units = file.units(&[]).unwrap();
         assert_eq!((units[0].columns, units[1].columns), (1024, 1800));
         assert_ne!(units[1].model, catalogue::nominal("vlp-16").unwrap());
         let choice = |text: &str| text.parse::<UnitChoice>().unwrap();
-        let units = file.units(folder.path(), &[choice("front=vlp-16"), choice("os0-32")]).unwrap();
+        let units = file.units(&[choice("front=vlp-16"), choice("os0-32")]).unwrap();
         assert_eq!(units[1].model, catalogue::nominal("vlp-16").unwrap());
         assert_eq!(file.rig_of(&units).sensors[0].model.name, "os0-32");
-        let error = file.units(folder.path(), &[choice("rear=vlp-16")]).unwrap_err().to_string();
+        let error = file.units(&[choice("rear=vlp-16")]).unwrap_err().to_string();
         assert!(error.contains("rear") && error.contains("left, front"), "{error}");
     }
 }

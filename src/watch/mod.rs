@@ -3,7 +3,7 @@
 use crate::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};
-use sensors::velodyne::{Fix, Position, PulseState};
+use sensors::velodyne::{Fix, Position, Product, PulseState};
 use sensors::{DecodeStats, Decoded, Health};
 use serde::Serialize;
 
@@ -175,8 +175,12 @@ pub fn is_model(said: &str, product: &str, model: &str) -> bool {
     let plain = |name: &str| -> String {
         name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase()
     };
+    // a Puck LITE sends what a VLP-16 sends
+    let velodynes = Product::from_name(said).zip(Product::from_name(model));
     let said = plain(said);
-    plain(product).starts_with(&said) || plain(model).starts_with(&said)
+    plain(product).starts_with(&said)
+        || plain(model).starts_with(&said)
+        || velodynes.is_some_and(|(said, found)| said.sends_as(found))
 }
 
 /// Events per second between the first and the last.

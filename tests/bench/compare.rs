@@ -76,7 +76,7 @@ fn record(session: &Path, house: &Path, way: &Trajectory) {
             })
             .unwrap();
     }
-    writer.put_mount(&MountFile::new(SIDES.map(|(name, side)| entry(name, side)).to_vec())).unwrap();
+    writer.put_mount(&MountFile::new(SIDES.map(|(name, side)| entry(name, side)).to_vec()), &[]).unwrap();
     writer.flush().unwrap();
     writer.put_trajectory(way).unwrap();
     writer.close(None).unwrap();

@@ -83,7 +83,7 @@ impl Servo {
             pitch_deg: 0.0,
             roll_deg: 0.0,
         };
-        writer.put_mount(&MountFile::new(vec![entry])).unwrap();
+        writer.put_mount(&MountFile::new(vec![entry]), &[]).unwrap();
         writer.flush().unwrap();
         writer.close(None).unwrap();
     }

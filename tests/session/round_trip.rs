@@ -82,7 +82,7 @@ pub fn what_goes_beside_the_packets_comes_back() {
         roll_deg: 0.0,
     }]);
     writer.put_trajectory(&path).unwrap();
-    writer.put_mount(&mount).unwrap();
+    writer.put_mount(&mount, &[]).unwrap();
     for number in 0..3 {
         writer
             .write_servo(&serde_json::json!({"axis": "left", "position_deg": 20.0 + f64::from(number)}))

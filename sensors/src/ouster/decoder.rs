@@ -10,7 +10,7 @@ use super::profile::Profile;
 use super::stream::{Line, Stream};
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
-use crate::{Completed, DecodeStats, Decoder, Packet, Rejected};
+use crate::{Completed, DecodeStats, Decoder, Packet, Rejected, SensorModel};
 
 /// Decodes the packets of one sensor. Memory is bounded and reused: a few frames and a few held packets.
 pub struct OusterDecoder {
@@ -295,6 +295,11 @@ impl Decoder for OusterDecoder {
 
     fn stats(&self) -> &DecodeStats {
         &self.stats
+    }
+
+    /// That of the metadata.
+    fn model(&self) -> Option<&SensorModel> {
+        Some(&self.metadata.model)
     }
 }
 

@@ -74,10 +74,7 @@ impl Sensor {
     /// Product, as metadata or packets say.
     pub fn product(&self) -> String {
         match &self.family {
-            Family::Ouster(decoder) => match decoder.metadata().product_line.as_str() {
-                "" => format!("Ouster with {} channels", decoder.metadata().pixels_per_column),
-                line => line.to_owned(),
-            },
+            Family::Ouster(decoder) => decoder.metadata().product(),
             Family::Velodyne(decoder) => {
                 decoder.identity().map_or("unknown".into(), |identity| identity.product.name().into())
             }
@@ -118,10 +115,12 @@ impl Sensor {
         if let Some(Ok(model)) = &self.calibrated {
             return Some(model);
         }
-        match &self.family {
-            Family::Ouster(decoder) => Some(&decoder.metadata().model),
-            Family::Velodyne(decoder) => decoder.model(),
-        }
+        self.family.decoder().model()
+    }
+
+    /// Whether the model is that of a calibration that was given for it.
+    pub fn is_calibrated(&self) -> bool {
+        matches!(self.calibrated, Some(Ok(_)))
     }
 
     /// Why the calibration that was given for it is not used.

@@ -105,12 +105,6 @@ impl VelodyneDecoder {
         self.stream.as_ref().map(|stream| &stream.identity)
     }
 
-    /// Beams of the sensor, once it is known: the model given in [`Options`], or the nominal one with fire offsets
-    /// that follow the measured cycle, or, once an HDL-64E has sent it, the unit's own calibration.
-    pub fn model(&self) -> Option<&SensorModel> {
-        self.model.as_ref()
-    }
-
     /// Which returns the latest packet carried; none for HDL-64E, whose packets do not say.
     pub fn return_mode(&self) -> Option<ReturnMode> {
         self.mode
@@ -308,6 +302,12 @@ impl Decoder for VelodyneDecoder {
 
     fn stats(&self) -> &DecodeStats {
         &self.stats
+    }
+
+    /// The model given in [`Options`], or the nominal one with fire offsets that follow the measured cycle, or, once an
+    /// HDL-64E has sent it, the unit's own calibration.
+    fn model(&self) -> Option<&SensorModel> {
+        self.model.as_ref()
     }
 }
 

@@ -122,6 +122,11 @@ impl Product {
         }
     }
 
+    /// Whether nothing in the packets tells this product from the other: the same one, or one with the same byte.
+    pub fn sends_as(self, other: Self) -> bool {
+        self == other || self.model_byte().is_some_and(|byte| other.model_byte() == Some(byte))
+    }
+
     /// Time from one firing sequence to the next, ns. Sources: VLP-16 manual 63-9243 ch. 9, HDL-32E application
     /// note 63-9277, VLP-32C manual 63-9325, HDL-64E S2 and S3 manuals (firing time tables). VLS-128: as measured
     /// in a capture (firmware differ: 53.3 to 57.8 us; the decoder measures). HDL-64E S1: not published, about

@@ -1,17 +1,18 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
 use sensors::ouster::{Metadata, OusterDecoder};
+use sensors::router::Family;
 use sensors::velodyne::{Options, VelodyneDecoder};
 use sensors::{Decoded, Decoder, Frame, SensorModel};
 use serde::Serialize;
 
+use super::beams::Seat;
 use crate::commands::recording::Recording;
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory, TiltReading};
 use crate::record::{SensorEntry, Session};
 use crate::rig::{MountedSensor, NoSeat, Rig};
 use crate::servo::ServoReport;
-use crate::watch::is_model;
 
 /// One sensor's packets.
 #[derive(Debug, Default, Serialize)]
@@ -109,14 +110,13 @@ pub fn session(
 ) -> anyhow::Result<Fed> {
     let mut fed = Fed::of(rig);
     let seats = seats(session, rig)?;
-    let mut decoders = decoders(session, rig)?;
+    let mut heard = heard(session, rig)?;
     for (entry, seat) in session.manifest().sensors.iter().zip(&seats) {
         if let Some(seat) = seat {
             fed.sensors[*seat].lost = entry.losses.total();
         }
     }
-    let mut hand = |sensor: usize, model: &SensorModel, decoded: Decoded<'_>, fed: &mut Fed| {
-        let Decoded::Frame(frame) = decoded else { return };
+    let mut hand = |sensor: usize, model: &SensorModel, frame: &Frame, fed: &mut Fed| {
         let number = fed.count(sensor, frame);
         let [first_ns, last_ns] = frame.host_time_ns;
         let middle_ns = first_ns + last_ns.saturating_sub(first_ns) / 2;
@@ -129,14 +129,15 @@ pub fn session(
         let Some(sensor) = seats[interface] else { continue };
         fed.sensors[sensor].packets_recorded += 1;
         bytes += packet.payload.len() as u64;
-        let (decoder, model) = &mut decoders[sensor];
         // what a decoder refuses it has counted
-        let _ = decoder.push(&packet, &mut |decoded| hand(sensor, model, decoded, &mut fed));
+        let _ = heard[sensor].decoder.take(&packet);
+        heard[sensor].hand_out(&mut |model, frame| hand(sensor, model, frame, &mut fed));
         progress(bytes);
     }
-    for (sensor, (decoder, model)) in decoders.iter_mut().enumerate() {
-        decoder.finish(&mut |decoded| hand(sensor, model, decoded, &mut fed));
-        let stats = decoder.stats();
+    for (sensor, heard) in heard.iter_mut().enumerate() {
+        heard.decoder.end();
+        heard.hand_out(&mut |model, frame| hand(sensor, model, frame, &mut fed));
+        let stats = heard.decoder.stats();
         let summary = &mut fed.sensors[sensor];
         summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
         summary.complete_frames = stats.complete_frames;
@@ -145,6 +146,10 @@ pub fn session(
             fed.faults
                 .push(foreign(&rig.sensors[sensor], "its packets bear another serial number or format"));
         }
+        let model = heard.decoder.model().filter(|_| stats.packets > 0);
+        fed.faults.extend(model.and_then(|model| {
+            heard.seat.wrong_model(heard.product.as_deref().unwrap_or(&model.name), model)
+        }));
     }
     fed.losses.extend(session.problems().iter().cloned());
     Ok(fed)
@@ -162,21 +167,39 @@ fn seats(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
     manifest.sensors.iter().map(seat).collect()
 }
 
-type Placed = (Box<dyn Decoder>, SensorModel);
+/// One sensor of a session on its way to frames.
+struct Heard<'a> {
+    seat: Seat<'a>,
+    decoder: Box<dyn Decoder>,
+    /// As its metadata say; none for a Velodyne.
+    product: Option<String>,
+}
 
-/// A decoder per sensor of the rig, and the beams its packets are placed by.
-fn decoders(session: &Session, rig: &Rig) -> anyhow::Result<Vec<Placed>> {
-    let decoder = |sensor: &MountedSensor| -> anyhow::Result<Placed> {
-        Ok(match session.metadata(&sensor.name)? {
-            Some(text) => {
-                let metadata = Metadata::parse(&text, &sensor.name)?;
-                let model = metadata.model.clone();
-                (Box::new(OusterDecoder::new(metadata)), model)
+impl Heard<'_> {
+    /// Hands out every frame that is complete.
+    fn hand_out(&mut self, take: &mut dyn FnMut(&SensorModel, &Frame)) {
+        while self.decoder.completed_mut().advance() {
+            if let (Some(Decoded::Frame(frame)), Some(found)) =
+                (self.decoder.completed().current(), self.decoder.model())
+            {
+                take(if self.product.is_some() { found } else { self.seat.beams(found) }, frame);
             }
-            None => (Box::new(VelodyneDecoder::new(Options::default())), sensor.model.clone()),
-        })
+        }
+    }
+}
+
+/// A decoder per sensor of the rig.
+fn heard<'a>(session: &Session, rig: &'a Rig) -> anyhow::Result<Vec<Heard<'a>>> {
+    let heard = |mounted: &'a MountedSensor| -> anyhow::Result<Heard<'a>> {
+        let Some(text) = session.metadata(&mounted.name)? else {
+            let decoder = Box::new(VelodyneDecoder::new(Options::default()));
+            return Ok(Heard { seat: Seat::of(mounted), decoder, product: None });
+        };
+        let metadata = Metadata::parse(&text, &mounted.name)?;
+        let product = Some(metadata.product());
+        Ok(Heard { seat: Seat::of(mounted), decoder: Box::new(OusterDecoder::new(metadata)), product })
     };
-    rig.sensors.iter().map(decoder).collect()
+    rig.sensors.iter().map(heard).collect()
 }
 
 /// What the axes of a session measured; nothing where it holds no reports.
@@ -217,6 +240,7 @@ pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, 
 pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
     let mut router = recording.router()?;
     let mut fed = Fed::of(rig);
+    let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
     let mut crowd = 0;
     let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         let Decoded::Frame(frame) = decoded else { return };
@@ -224,7 +248,10 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
             crowd = crowd.max(at + 1);
             return;
         }
-        let model = sensor.model().unwrap_or(&rig.sensors[at].model);
+        let found = sensor.model().unwrap_or(&rig.sensors[at].model);
+        // what was typed counts more than what the mount file names
+        let is_open = matches!(sensor.family(), Family::Velodyne(_)) && !sensor.is_calibrated();
+        let model = if is_open { seats[at].beams(found) } else { found };
         let number = fed.count(at, frame);
         take(Taken { sensor: at, number, model, pitch_rad: None, frame });
     };
@@ -239,7 +266,7 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         recording.name(),
         rig.sensors.len()
     );
-    for (sensor, mounted) in router.sensors().iter().zip(&rig.sensors) {
+    for ((sensor, mounted), seat) in router.sensors().iter().zip(&rig.sensors).zip(&seats) {
         let stats = sensor.stats();
         let summary = fed.sensors.iter_mut().find(|summary| summary.sensor == mounted.name);
         let Some(summary) = summary else { continue };
@@ -247,7 +274,7 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         summary.lost = stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
         summary.complete_frames = stats.complete_frames;
         fed.losses.extend(unread::sensor_losses(&mounted.name, stats));
-        fed.faults.extend(wrong_model(mounted, sensor));
+        fed.faults.extend(sensor.model().and_then(|model| seat.wrong_model(&sensor.product(), model)));
     }
     fed.losses.extend(ending.losses());
     if fed.sensors.iter().all(|sensor| sensor.frames == 0) {
@@ -275,26 +302,4 @@ fn foreign(sensor: &MountedSensor, reason: &str) -> Fault {
         agree_share: None,
         explained_share: None,
     }
-}
-
-/// The mount file and the packets name different sensors.
-fn wrong_model(mounted: &MountedSensor, sensor: &sensors::router::Sensor) -> Option<Fault> {
-    let model = sensor.model()?;
-    if is_model(&mounted.model.name, &sensor.product(), &model.name) {
-        return None;
-    }
-    Some(Fault {
-        name: "wrong_model",
-        sensors: vec![mounted.name.clone()],
-        words: format!(
-            "{} is a {} of {} channels, the mount file says {} of {}: the prediction was made for another sensor",
-            mounted.name,
-            sensor.product(),
-            model.channels(),
-            mounted.model.name,
-            mounted.model.channels()
-        ),
-        agree_share: None,
-        explained_share: None,
-    })
 }

@@ -1,5 +1,6 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
+mod beams;
 pub mod feed;
 pub mod judge;
 pub mod page;

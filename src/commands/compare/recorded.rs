@@ -3,11 +3,12 @@
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
+use sensors::velodyne::Product;
 
 use super::feed::{self, AxisSummary, Fed, Taken};
-use crate::commands::recording::{Recording, SensorArgs};
+use crate::commands::recording::{Meant, Recording, SensorArgs};
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::geometry::Pose;
 use crate::record::Session;
@@ -68,9 +69,10 @@ impl Recorded {
             }
             return Ok(None);
         };
-        let rig = mount.rig()?;
+        let mut rig = mount.rig()?;
         let (source, axes) = match session {
             Some(session) if sensors.meta.is_empty() => {
+                calibrate(&mut rig, &session, &sensors.calibrations()?)?;
                 let (tilts, axes) = feed::tilts(&session, &rig)?;
                 (Source::Session(Box::new(session), tilts), axes)
             }
@@ -144,4 +146,27 @@ impl Recorded {
         let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
         Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
     }
+}
+
+/// Gives the Velodynes of a session the calibrations that were typed for them.
+fn calibrate(rig: &mut Rig, session: &Session, calibrations: &[Meant]) -> anyhow::Result<()> {
+    let entries = &session.manifest().sensors;
+    let source = |name: &str| entries.iter().find(|entry| entry.name == name).and_then(|entry| entry.source);
+    for address in calibrations.iter().filter_map(|(address, _)| *address) {
+        ensure!(
+            entries.iter().any(|entry| entry.source == Some(address)),
+            "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \
+             in the mount file, or without an address where one holds for every Velodyne",
+            session.dir().join(crate::record::file::MANIFEST).display()
+        );
+    }
+    for mounted in &mut rig.sensors {
+        let Some(product) = Product::from_name(&mounted.model.name) else { continue };
+        let from = source(&mounted.name);
+        let meant = calibrations.iter().find(|(address, _)| address.is_none() || *address == from);
+        if let Some((_, calibration)) = meant {
+            mounted.model = calibration.model(product).with_context(|| mounted.name.clone())?;
+        }
+    }
+    Ok(())
 }

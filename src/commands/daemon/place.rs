@@ -7,7 +7,6 @@ use anyhow::{Context as _, bail};
 use crate::commands::ground::{MeshArgs, Room, read_trajectory};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::daemon::Place;
-use crate::files::folder_of;
 use crate::rig::MountFile;
 
 /// What the live view knows of mounts, scene and way. Each is that of `[predict]` where `[daemon]` names none.
@@ -53,8 +52,9 @@ pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
     let mut place = Place { voxel_m: args.cell, ..Place::default() };
     if let Some(path) = &args.mount {
         let file = MountFile::read(path)?;
-        let units = file.units(folder_of(path), &[])?;
+        let units = file.units(&[])?;
         place.rig = file.rig_of(&units);
+        place.calibrations = file.calibration_files()?;
         place.mount = Some(file);
     }
     place.scene = match (&args.scene, &args.room) {

@@ -83,7 +83,7 @@ pub fn record(
         devices.push((device, address));
     }
     let writer = SessionWriter::create(session, &infos)?;
-    writer.put_mount(walk.mount)?;
+    writer.put_mount(walk.mount, &[])?;
     writer.put_trajectory(walk.trajectory)?;
     let recording = Recording::start(receiver, writer)?;
     let sent: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(0)).collect();

@@ -21,7 +21,6 @@ use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
 use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
 use crate::coverage::{Coverage, VoxelGrid};
-use crate::files::folder_of;
 use crate::rig::{MountFile, Rig, Unit, UnitChoice};
 use crate::scene::{Mesh, Scene};
 use crate::trajectory::Trajectory;
@@ -140,7 +139,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
 fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     let file = MountFile::read(&args.mount)?;
-    let units = file.units(folder_of(&args.mount), &args.sensor)?;
+    let units = file.units(&args.sensor)?;
     let rig = file.rig_of(&units);
     if args.out.is_some() && rig.sensors.len() > 32 {
         bail!("{} sensors: a coverage file has bits for 32", rig.sensors.len());

@@ -11,7 +11,6 @@ use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch
 use crate::commands::ground::{MeshTaken, stations};
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{MAIN_RANK, Surface};
-use crate::files::folder_of;
 use crate::rig::{Mount, MountFile, MountedSensor, Rig, Unit, UnitChoice};
 use crate::scene::{Mesh, Scene};
 use crate::simulate::fan::BeamFan;
@@ -58,7 +57,7 @@ pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
         }
         (None, Some(path)) => {
             let file = MountFile::read(path)?;
-            let units = file.units(folder_of(path), &args.sensor)?;
+            let units = file.units(&args.sensor)?;
             let place = |(entry, unit): (&crate::rig::SensorEntry, Unit)| Placed {
                 name: entry.name.clone(),
                 mount: entry.mount(),

@@ -101,6 +101,14 @@ impl Metadata {
         write::to_json(self)
     }
 
+    /// The product line, or what is known without one.
+    pub fn product(&self) -> String {
+        match self.product_line.as_str() {
+            "" => format!("Ouster with {} channels", self.pixels_per_column),
+            line => line.to_owned(),
+        }
+    }
+
     /// Serial number as the packets carry it; `None` when not said or not a number.
     pub fn serial_number(&self) -> Option<u64> {
         self.serial.parse().ok().filter(|serial| *serial != 0)

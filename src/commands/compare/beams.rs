@@ -1,0 +1,96 @@
+//! Which beams a recorded frame was measured along: packets say it, and where they cannot, the mount file does.
+
+use sensors::velodyne::Product;
+use sensors::{SensorModel, catalogue};
+
+use crate::compare::Fault;
+use crate::rig::MountedSensor;
+use crate::watch::is_model;
+
+/// What a mount file says of the sensor in one place.
+#[derive(Clone, Copy)]
+pub struct Seat<'a> {
+    mounted: &'a MountedSensor,
+    is_calibrated: bool,
+}
+
+impl<'a> Seat<'a> {
+    /// Of a sensor of the rig; one that differs from the nominal sensor of its name has a calibration.
+    pub fn of(mounted: &'a MountedSensor) -> Self {
+        let nominal = catalogue::nominal(&mounted.model.name);
+        Self { mounted, is_calibrated: nominal.is_ok_and(|nominal| nominal != mounted.model) }
+    }
+
+    /// The beams of a Velodyne whose packets are those of `found`: as calibrated, where the mount file names a
+    /// calibration; of the product that it names, where packets do not tell that from `found`; otherwise `found`.
+    pub fn beams(&self, found: &'a SensorModel) -> &'a SensorModel {
+        let said = &self.mounted.model;
+        // of its own product the packets know more than the nominal model: their cycle, or the unit's calibration
+        let knows_more = self.is_calibrated || said.name != found.name;
+        let products = Product::from_name(&said.name).zip(Product::from_name(&found.name));
+        let could_be = products.is_some_and(|(said, found)| said.sends_as(found));
+        if knows_more && could_be { said } else { found }
+    }
+
+    /// The mount file and the packets name different sensors. `product` is that of metadata or packets.
+    pub fn wrong_model(&self, product: &str, found: &SensorModel) -> Option<Fault> {
+        let said = &self.mounted.model;
+        if is_model(&said.name, product, &found.name) {
+            return None;
+        }
+        let name = &self.mounted.name;
+        Some(Fault {
+            name: "wrong_model",
+            sensors: vec![name.clone()],
+            words: format!(
+                "{name} is a {product} of {} channels, the mount file says {} of {}: the prediction was made for another sensor",
+                found.channels(),
+                said.name,
+                said.channels()
+            ),
+            agree_share: None,
+            explained_share: None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sensors::SensorModel;
+
+    use super::*;
+
+    fn nominal(name: &str) -> SensorModel {
+        catalogue::nominal(name).unwrap()
+    }
+
+    fn raised(name: &str) -> SensorModel {
+        let model = nominal(name);
+        let mut beams = model.beams().to_vec();
+        beams[0].elevation_rad += 0.01;
+        model.with_beams(beams)
+    }
+
+    #[test]
+    fn packets_know_best_but_where_they_cannot_tell() {
+        for (said, found, is_said, is_wrong) in [
+            (nominal("vlp-16"), raised("vlp-16"), false, false), // as the unit said of itself
+            (raised("vlp-16"), nominal("vlp-16"), true, false),  // a calibration was named
+            (nominal("puck-lite"), nominal("vlp-16"), true, false),
+            (raised("puck-lite"), nominal("vlp-16"), true, false),
+            (nominal("vlp-32a"), nominal("vlp-32b"), true, false),
+            (nominal("puck-hi-res"), nominal("vlp-16"), false, true),
+            (raised("vlp-16"), nominal("puck-hi-res"), false, true),
+            (nominal("vlp-16"), nominal("vlp-32c"), false, true),
+            (raised("hdl-64e-s2"), nominal("hdl-64e-s2"), true, false),
+            (nominal("hdl-64e-s2"), nominal("hdl-64e-s3"), false, true),
+        ] {
+            let mounted = MountedSensor { name: "front".into(), model: said, mount: Default::default() };
+            let seat = Seat::of(&mounted);
+            let expected = if is_said { &mounted.model } else { &found };
+            let names = format!("{} {}", mounted.model.name, found.name);
+            assert_eq!(seat.beams(&found), expected, "{names}");
+            assert_eq!(seat.wrong_model(&found.name, &found).is_some(), is_wrong, "{names}");
+        }
+    }
+}

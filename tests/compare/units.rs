@@ -1,0 +1,142 @@
+//! A session of a Velodyne: whose beams it is compared with.
+
+use std::net::SocketAddr;
+use std::path::Path;
+use std::process::Command;
+
+use glam::DVec3;
+use outrigger::geometry::Pose;
+use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::record::{SensorInfo, Session, SessionWriter};
+use outrigger::rig::{MountFile, SensorEntry};
+use outrigger::scene::{BoxScene, Scene};
+use outrigger::trajectory::Trajectory;
+use sensors::velodyne::{Product, ReturnMode};
+use sensors::{Packet, catalogue};
+use serde_json::Value;
+
+const SOURCE: &str = "10.0.0.7:2368";
+/// The calibration of a unit that is not the one that recorded: every beam is raised by so much.
+const RAISED_DEG: f64 = 8.0;
+
+fn calibration() -> String {
+    let mut yaml = "lasers:\n".to_owned();
+    for (id, beam) in catalogue::nominal("vlp-16").unwrap().beams().iter().enumerate() {
+        let vertical_rad = beam.elevation_rad + RAISED_DEG.to_radians();
+        yaml += &format!("- {{laser_id: {id}, vert_correction: {vertical_rad}, rot_correction: 0}}\n");
+    }
+    yaml
+}
+
+/// A mount file and the calibration that it names.
+fn write_mount(path: &Path, model: &str, calibration: Option<&str>) -> MountFile {
+    let [x_m, y_m, z_m, pitch_deg, roll_deg] = [0.0; 5];
+    let entry = SensorEntry { name: "front".into(), model: model.into(), x_m, y_m, z_m, pitch_deg, roll_deg };
+    let mut file = MountFile::new(vec![entry]);
+    file.calibrations =
+        calibration.map(|name| [("front".to_owned(), path.parent().unwrap().join(name))].into());
+    file.write(path).unwrap();
+    MountFile::read(path).unwrap()
+}
+
+/// Half a second of a VLP-16 of nominal beams that stands in a room.
+fn record(session: &Path, mount: &MountFile) {
+    let source: SocketAddr = SOURCE.parse().unwrap();
+    let info = SensorInfo { name: "front".into(), source: Some(source.ip()), ..SensorInfo::default() };
+    let writer = SessionWriter::create(session, &[info]).unwrap();
+    let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.3), DVec3::new(5.0, 3.5, 1.7)));
+    let (begin_ns, length_ns) = (1_763_722_223_000_000_000, 500_000_000);
+    let still =
+        Trajectory::new(vec![(begin_ns, Pose::IDENTITY), (begin_ns + length_ns, Pose::IDENTITY)]).unwrap();
+    let surroundings = Surroundings {
+        scene: &scene,
+        trajectory: &still,
+        body_from_sensor: &|_| Pose::IDENTITY,
+        noise_m: 0.0,
+        seed: 1,
+    };
+    let destination = "10.0.0.100:2368".parse().unwrap();
+    MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
+        .unwrap()
+        .run(&surroundings, |host_time_ns, payload| {
+            writer.write_packet(0, &Packet { host_time_ns, source, destination, payload })
+        })
+        .unwrap();
+    writer.put_mount(mount, &mount.calibration_files().unwrap()).unwrap();
+    writer.flush().unwrap();
+    writer.close(None).unwrap();
+}
+
+fn compare(recording: &Path, more: &[&str]) -> (Value, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    command.arg("compare").arg(recording).args(["--json", "--nulls", "0", "--trajectory", "still"]);
+    let output = command.args(["--room=-4,-3,-1.3,5,3.5,1.7"]).args(more).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    (serde_json::from_slice(&output.stdout).unwrap_or_default(), said)
+}
+
+fn agreeing(document: &Value) -> f64 {
+    let rays = &document["rays"]["front"];
+    let count = |name: &str| rays[name].as_f64().unwrap_or_else(|| panic!("{document:#}"));
+    count("agree") / ["agree", "short", "long", "extra", "drop"].iter().map(|name| count(name)).sum::<f64>()
+}
+
+/// Wherever a calibration is named, in the mount file or on the line, of a session or of a capture, it decides.
+pub fn a_calibration_counts_wherever_it_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let text = |name: &str| path(name).display().to_string();
+    std::fs::create_dir(path("units")).unwrap();
+    std::fs::write(path("units/front.yaml"), calibration()).unwrap();
+    record(&path("plain"), &write_mount(&path("plain.json"), "vlp-16", None));
+    record(&path("named"), &write_mount(&path("named.json"), "vlp-16", Some("units/front.yaml")));
+
+    let kept = Session::open(&path("named")).unwrap();
+    assert!(kept.problems().is_empty(), "{:?}", kept.problems());
+    let written = std::fs::read_to_string(path("named/mount.json")).unwrap();
+    assert!(written.contains("\"calibrations/front.yaml\""), "{written}");
+    assert_eq!(std::fs::read_to_string(path("named/calibrations/front.yaml")).unwrap(), calibration());
+    std::fs::rename(path("named"), path("taken-away")).unwrap();
+
+    let nominal = agreeing(&compare(&path("plain"), &[]).0);
+    assert!(nominal > 0.99, "{nominal}");
+    let (yaml, named) = (text("units/front.yaml"), text("named.json"));
+    let by_address = format!("10.0.0.7={yaml}");
+    let packets = path("plain/packets.pcapng");
+    let raised = agreeing(&compare(&path("taken-away"), &[]).0);
+    assert!(raised < 0.95, "{raised}");
+    for (recording, more) in [
+        (&path("plain"), &["--mount", &named][..]),
+        (&path("plain"), &["--calibration", &yaml]),
+        (&path("plain"), &["--calibration", &by_address]),
+        (&packets, &["--mount", &named]),
+        (&packets, &["--mount", &text("plain.json"), "--calibration", &yaml]),
+    ] {
+        let (document, said) = compare(recording, more);
+        let found = agreeing(&document);
+        assert!((found - raised).abs() < 1e-9, "{more:?}: {found}, not {raised}: {said}");
+    }
+    let (_, said) = compare(&path("plain"), &["--calibration", &format!("10.0.0.8={yaml}")]);
+    assert!(said.contains("10.0.0.8") && said.contains("calibrations"), "{said}");
+
+    // the corrected mount names the file from where it lies itself
+    std::fs::create_dir(path("found")).unwrap();
+    let corrected = text("found/mount.json");
+    compare(&path("plain"), &["--mount", &named, "--corrected-mount", &corrected]);
+    let corrected = MountFile::read(Path::new(&corrected)).unwrap();
+    assert_eq!(corrected.calibration_files().unwrap()[0].content, calibration().into_bytes());
+}
+
+/// A session says so when the mount file names another sensor than that which sent.
+pub fn another_sensor_than_the_mount_says_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    record(&path("session"), &write_mount(&path("mount.json"), "vlp-32c", None));
+    let (document, said) = compare(&path("session"), &[]);
+    assert_eq!(document["faults"][0]["name"], "wrong_model", "{document:#} {said}");
+    assert!(agreeing(&document) > 0.99, "compared with the beams of the packets");
+    // the same packets as a VLP-16's
+    record(&path("lite"), &write_mount(&path("lite.json"), "puck-lite", None));
+    let (document, _) = compare(&path("lite"), &[]);
+    assert_eq!(document["faults"].as_array().map(Vec::len), Some(0), "{document:#}");
+}
