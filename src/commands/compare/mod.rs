@@ -1,13 +1,14 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
 mod beams;
+pub mod comparison;
 pub mod feed;
 pub mod judge;
 pub mod page;
 pub mod place;
 pub mod recorded;
 mod seats;
-pub mod verdict;
+mod verdict;
 
 use std::path::{Path, PathBuf};
 
@@ -26,11 +27,11 @@ use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
 
+use comparison::{Comparison, Verdict};
 use feed::{AxisSummary, Fed, SensorSummary};
-use judge::{Comparison, Given};
+use judge::Given;
 use place::PlaceArgs;
 use recorded::Recorded;
-use verdict::Verdict;
 
 /// Samples of the surface.
 const SAMPLES: usize = 200_000;

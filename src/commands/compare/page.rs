@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 
 use super::Document;
-use super::judge::Comparison;
-use super::verdict::Verdict;
+use super::comparison::{Comparison, Verdict};
 use crate::chart::{CellClass, CellMap, LineChart, Series, number};
 use crate::commands::output;
 use crate::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};

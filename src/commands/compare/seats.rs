@@ -1,6 +1,6 @@
 //! Where a recording shows that a sensor sits otherwise than said.
 
-use super::judge::Comparison;
+use super::comparison::Comparison;
 use crate::calibrate::{Estimate, SensorCheck};
 
 /// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.

@@ -1,8 +1,6 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
-use serde::Serialize;
-
-use super::judge::Comparison;
+use super::comparison::{Comparison, Verdict};
 use super::seats::{off, off_in_range, off_its_seat};
 use crate::chart::number;
 use crate::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
@@ -17,52 +15,31 @@ const MATCH_AGREE_SHARE: f64 = 0.95;
 const RARE: f64 = 0.05;
 /// Fewer rays than one revolution of the smallest sensor say nothing.
 const LEAST_RAYS: u64 = 5_000;
+/// Rays that the trajectory does not reach are worth a word from this share, per cent: first and last columns lie where it ends.
+const UNPLACED_PERCENT: f64 = 0.1;
 /// Contradicting cells are worth a word from this share of the cells that both know.
 const CONFLICTS_MATTER: f64 = 0.02;
 
-/// What the comparison comes to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Verdict {
-    /// The recording covers what was promised.
-    Matches,
-    /// It does not.
-    Differs,
-    /// Too little was recorded to say.
-    CannotTell,
-}
-
-impl Verdict {
-    /// From everything that was found. One sensor that says nothing is enough not to call it a match.
-    pub fn of(comparison: &Comparison) -> Self {
-        if !comparison.faults.is_empty() {
-            return Self::Differs;
-        }
-        let informative = |sensor: &RayClasses| sensor.informative() >= LEAST_RAYS;
-        if !comparison.rays.values().any(|sensor| informative(&sensor.classes)) {
-            return Self::CannotTell;
-        }
-        let null = comparison.prediction.as_ref();
-        let as_healthy = |p_value: Option<f64>| p_value.is_some_and(|p| p > RARE);
-        let rays_fine = comparison.rays.values().all(|sensor| {
-            informative(&sensor.classes)
-                && (sensor.agree_share >= Some(MATCH_AGREE_SHARE)
-                    || as_healthy(null.and_then(|null| null.agree_p_value)))
-        });
-        let patches_fine = comparison.agreement.as_ref().is_none_or(|agreement| {
-            agreement.patches.agreement.iou >= Some(MATCH_IOU) || as_healthy(agreement.p_value)
-        });
-        if rays_fine && patches_fine && off(comparison).is_empty() { Self::Matches } else { Self::Differs }
+/// From everything that was found. One sensor that says nothing is enough not to call it a match.
+pub fn verdict(comparison: &Comparison) -> Verdict {
+    if !comparison.faults.is_empty() {
+        return Verdict::Differs;
     }
-
-    /// One sentence.
-    pub fn words(self) -> &'static str {
-        match self {
-            Self::Matches => "The recording covers what was promised",
-            Self::Differs => "The recording is not what was promised",
-            Self::CannotTell => "Too little was recorded to tell",
-        }
+    let informative = |sensor: &RayClasses| sensor.informative() >= LEAST_RAYS;
+    if !comparison.rays.values().any(|sensor| informative(&sensor.classes)) {
+        return Verdict::CannotTell;
     }
+    let null = comparison.prediction.as_ref();
+    let as_healthy = |p_value: Option<f64>| p_value.is_some_and(|p| p > RARE);
+    let rays_fine = comparison.rays.values().all(|sensor| {
+        informative(&sensor.classes)
+            && (sensor.agree_share >= Some(MATCH_AGREE_SHARE)
+                || as_healthy(null.and_then(|null| null.agree_p_value)))
+    });
+    let patches_fine = comparison.agreement.as_ref().is_none_or(|agreement| {
+        agreement.patches.agreement.iou >= Some(MATCH_IOU) || as_healthy(agreement.p_value)
+    });
+    if rays_fine && patches_fine && off(comparison).is_empty() { Verdict::Matches } else { Verdict::Differs }
 }
 
 /// What is missing, where, and why most likely.
@@ -119,8 +96,8 @@ fn contradictions(conflicts: &Conflicts) -> Vec<String> {
 fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -> Vec<String> {
     let all = total.informative();
     let mut words = Vec::new();
-    if total.unplaced > 0 {
-        let share = 100.0 * total.unplaced as f64 / (all + total.nothing + total.unplaced) as f64;
+    let share = 100.0 * total.unplaced as f64 / (all + total.nothing + total.unplaced).max(1) as f64;
+    if share >= UNPLACED_PERCENT {
         words.push(format!(
             "{name}: {share:.1} % of the rays lie outside the trajectory's time (give --time-offset if the clocks differ)"
         ));

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{AxisSummary, SensorSummary};
-use crate::commands::compare::judge::Comparison;
 
 /// Format name, also what marks a folder as made by the demo.
 pub const FORMAT: &str = "outrigger-demo/1";

@@ -15,8 +15,8 @@ use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 
 use super::{Context, Outcome, output, signals};
+use crate::commands::compare::comparison::Verdict;
 use crate::commands::compare::feed::SensorSummary;
-use crate::commands::compare::verdict::Verdict;
 use crate::coverage::VoxelGrid;
 use crate::files::write_json;
 use crate::receive::now_ns;

@@ -1,8 +1,8 @@
 //! The demo's report page.
 
 use crate::chart::{CellClass, LineChart, Series, number};
+use crate::commands::compare::comparison::Verdict;
 use crate::commands::compare::page::where_different;
-use crate::commands::compare::verdict::Verdict;
 use crate::compare::{Agreement, CellKinds, RayClasses, Replayed, Table, cell_kinds};
 use crate::report::{Report, unfold_box};
 

@@ -3,8 +3,9 @@
 
 use anyhow::Context as _;
 
+use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, AxisSummary, SensorSummary};
-use crate::commands::compare::judge::{self, Comparison, Given};
+use crate::commands::compare::judge::{self, Given};
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::coverage::Coverage;
 use crate::record::Session;

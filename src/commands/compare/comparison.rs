@@ -1,0 +1,103 @@
+//! What a replayed recording comes to: the document that `compare` and `demo` share.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::calibrate::{RelativeTilt, SensorCheck};
+use crate::compare::{
+    Agreement, Conflicts, CoverageCounts, Fault, NullTest, PatchAgreement, RayClasses, SurfaceShare,
+};
+
+/// Predicted against recorded.
+#[derive(Debug, Serialize)]
+pub struct Comparison {
+    pub verdict: Verdict,
+    /// What is missing, where, and why most likely.
+    pub words: Vec<String>,
+    pub faults: Vec<Fault>,
+    pub rays: BTreeMap<String, RayReport>,
+    /// As driven against recorded, on the patches that can be seen from the path.
+    pub agreement: Option<Measured>,
+    /// The same with points where they were measured, not where they were predicted.
+    pub agreement_as_placed: Option<PatchAgreement>,
+    /// Planned against as driven, cells.
+    pub execution: Agreement,
+    /// As driven against recorded, cells.
+    pub model: Agreement,
+    /// Cells.
+    pub coverage: CoverageCounts,
+    pub surface: Option<SurfaceReport>,
+    pub mount: Vec<SensorCheck>,
+    pub relative_tilt: Option<RelativeTilt>,
+    pub mount_check: Option<CheckReport>,
+    /// Cells that are free in the recording and occupied in the scene, or the other way round.
+    pub conflicts: Option<Conflicts>,
+    /// Healthy simulated runs beside the recording.
+    pub prediction: Option<NullTest>,
+}
+
+/// One sensor's rays.
+#[derive(Debug, Serialize)]
+pub struct RayReport {
+    #[serde(flatten)]
+    pub classes: RayClasses,
+    pub agree_share: Option<f64>,
+    pub by_channel: Vec<RayClasses>,
+    /// Sectors of 5 degrees of the encoder, clockwise from 0.
+    pub by_azimuth: Vec<RayClasses>,
+    /// Bins of 10 degrees from the normal.
+    pub by_incidence: Vec<RayClasses>,
+}
+
+/// Agreement with how sure it is.
+#[derive(Debug, Serialize)]
+pub struct Measured {
+    #[serde(flatten)]
+    pub patches: PatchAgreement,
+    /// How often healthy simulated runs agree no better.
+    pub p_value: Option<f64>,
+}
+
+/// Share of the surface's sample points within 5 cm.
+#[derive(Debug, Serialize)]
+pub struct SurfaceReport {
+    pub observable_share: f64,
+    pub as_driven: SurfaceShare,
+    /// Snapped to the prediction: errors can only lower it.
+    pub recorded: SurfaceShare,
+    /// As measured.
+    pub placed: SurfaceShare,
+}
+
+/// How the mount check went.
+#[derive(Debug, Serialize)]
+pub struct CheckReport {
+    pub rounds: usize,
+    pub converged: bool,
+    pub residual_sd_mm: f64,
+    pub scans: usize,
+}
+
+/// What the comparison comes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// The recording covers what was promised.
+    Matches,
+    /// It does not.
+    Differs,
+    /// Too little was recorded to say.
+    CannotTell,
+}
+
+impl Verdict {
+    /// One sentence.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Matches => "The recording covers what was promised",
+            Self::Differs => "The recording is not what was promised",
+            Self::CannotTell => "Too little was recorded to tell",
+        }
+    }
+}
