@@ -1,8 +1,25 @@
 //! Score: the terms of J, each with its own number.
 //!
 //! J = U + R_ov(rho) + R_ang(delta) - lambda N: cells seen, a window for the share seen twice, an angle between spin
-//! axes, a price per sensor (of its type, where types differ); where asked for, how well the hits tie scans down. Method: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR
-//! Mount Configurations for Mapping Systems", equations 8 to 15.
+//! axes, a price per sensor (of its type, where types differ); where asked for, how well the hits tie scans down. Method:
+//! "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR Mount Configurations for Mapping Systems",
+//! equations 8 to 15.
+//!
+//! ```
+//! use outrigger::objective::{Objective, Weights};
+//! use outrigger::simulate::published::{Experiment, Placement, Preset, Simulator};
+//!
+//! let experiment = Experiment::published(Preset::named("paper-os1-64")?);
+//! let objective = Objective::new(Simulator::new(&experiment)?, Weights::default(), 0.0)?;
+//! // one master: 6 cm to the right, tilted outward by 25 degrees; its mirror image comes with it
+//! let found = objective.evaluate(&[Placement::from([0.06, 0.0, 0.0, 25.0, 0.0])])?;
+//! assert_eq!(found.sensors, 2);
+//! assert_eq!(found.terms.coverage, found.unique_voxels as f64);
+//! assert_eq!(found.terms.cost, -2.0 * 2000.0);
+//! assert_eq!(found.objective, found.terms.objective());
+//! assert!(found.violations.is_empty(), "two housings of 85 mm, 120 mm apart");
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use sensors::catalogue;
 

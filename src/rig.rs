@@ -18,6 +18,20 @@ use sensors::SensorModel;
 use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
 
 /// Where a sensor sits and how it is tilted, in the mount frame (x right, y forward, z up).
+///
+/// ```
+/// use glam::DVec3;
+/// use outrigger::rig::Mount;
+///
+/// // right of the platform, tipped outward by 30 degrees: what looked up looks to the right
+/// let right = Mount { x_m: 0.1, pitch_rad: 30_f64.to_radians(), ..Mount::default() };
+/// let body_from_sensor = right.body_from_sensor(); // x forward, y left, z up
+/// assert!(body_from_sensor.transform_point(DVec3::ZERO).abs_diff_eq(DVec3::new(0.0, -0.1, 0.0), 1e-12));
+/// let up = body_from_sensor.rotation * DVec3::Z;
+/// assert!((up.y + 0.5).abs() < 1e-12);
+/// // its mirror image looks to the left
+/// assert!(((right.mirrored().body_from_sensor().rotation * DVec3::Z).y - 0.5).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Mount {
     /// Right of the platform's origin, m.

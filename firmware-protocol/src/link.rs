@@ -114,6 +114,18 @@ pub struct LinkCounters {
 }
 
 /// Bytes to frames.
+///
+/// ```
+/// use firmware_protocol::{Command, Frame, Receiver};
+///
+/// let order = Command::TimeSync { sequence: 5 };
+/// let mut receiver = Receiver::default();
+/// // whatever came before: a frame ends with the zero byte that no other byte of it is
+/// let line = [&[0xAB, 0x00][..], Frame::command(0, 1, &order).encode().bytes()].concat();
+/// let frame = line.iter().find_map(|byte| receiver.push(*byte)).unwrap();
+/// assert_eq!(Command::decode(order.encode().message(), frame.data()), Ok(order));
+/// assert_eq!((receiver.counters().frames, receiver.counters().malformed), (1, 1));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Receiver {
     buffer: [u8; MAX_WIRE],

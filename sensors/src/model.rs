@@ -66,6 +66,15 @@ impl Ray {
 }
 
 /// A sensor: its beams and the limits of what it measures.
+///
+/// ```
+/// let model = sensors::catalogue::nominal("os1-64")?;
+/// assert_eq!(model.channels(), 64);
+/// let ray = model.ray(0, 0.0); // the highest beam, encoder at zero
+/// assert!(ray.direction.z > 0.35 && (ray.direction.length() - 1.0).abs() < 1e-12);
+/// assert_eq!(ray.at_range(12.0), model.point(0, 0.0, 12.0));
+/// # Ok::<(), sensors::catalogue::ModelError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorModel {
     /// Name as in the model list (`os1-64`, `vlp-16`) or the product line of a calibrated unit.

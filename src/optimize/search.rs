@@ -61,6 +61,27 @@ pub enum SearchError {
 }
 
 /// A search under way: all of its state, as plain data.
+///
+/// ```
+/// use outrigger::optimize::{Kind, Measured, Search, Settings, Space, Variable};
+/// use std::sync::atomic::AtomicBool;
+///
+/// let pitch = Variable {
+///     name: "pitch_deg".into(), low: -60.0, high: 60.0, integer: false, active_from: None, role: 0,
+/// };
+/// let mut search = Search::new(Space::new(vec![pitch])?, Kind::Bayesian, Settings::new(1, 30));
+/// let score = |values: &[f64]| Ok::<_, String>(Measured { score: -(values[0] - 25.0).powi(2), violation: 0.0, rays: 0 });
+/// search.run(15, score, |_| (), &AtomicBool::new(false))?;
+///
+/// // written down and taken up again, it goes on as if nothing had happened
+/// let mut resumed: Search = serde_json::from_str(&serde_json::to_string(&search)?)?;
+/// for search in [&mut search, &mut resumed] {
+///     search.run(30, score, |_| (), &AtomicBool::new(false))?;
+/// }
+/// assert_eq!(search.best(), resumed.best());
+/// assert!((search.best().unwrap().candidate.values[0] - 25.0).abs() < 0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Search {
     space: Space,

@@ -12,6 +12,25 @@
 //! calibrations/NAME.*  the file that the mount file names for that sensor
 //! ```
 //!
+//! ```
+//! use outrigger::record::{SensorInfo, Session, SessionWriter};
+//! use sensors::Packet;
+//!
+//! let folder = tempfile::tempdir()?;
+//! let walk = folder.path().join("walk");
+//! let writer = SessionWriter::create(&walk, &[SensorInfo { name: "left".into(), ..SensorInfo::default() }])?;
+//! let (source, destination) = ("192.168.1.201:2368".parse()?, "192.168.1.1:2368".parse()?);
+//! writer.write_packet(0, &Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload: b"..." })?;
+//! writer.close(None)?;
+//!
+//! let session = Session::open(&walk)?; // every file against its checksum
+//! assert!(session.problems().is_empty() && session.manifest().complete);
+//! let mut packets = session.packets()?;
+//! let (sensor, packet) = packets.next()?.unwrap();
+//! assert_eq!((sensor, packet.payload, packet.source), (0, &b"..."[..], source));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 

@@ -28,6 +28,15 @@ pub struct Hit {
 }
 
 /// A scene in world coordinates.
+///
+/// ```
+/// use glam::DVec3;
+/// use outrigger::scene::{BoxScene, Scene};
+///
+/// let room = Scene::Box(BoxScene::closed(DVec3::ZERO, DVec3::new(6.0, 4.0, 2.5)));
+/// let hit = room.cast(DVec3::new(1.0, 2.0, 1.0), DVec3::X).unwrap();
+/// assert_eq!((hit.distance_m, hit.normal), (5.0, DVec3::NEG_X));
+/// ```
 #[derive(Clone, Debug)]
 pub enum Scene {
     /// An axis-aligned box seen from inside.

@@ -100,7 +100,7 @@ const FORMS: [&str; 7] = [
     "a serial port",
 ];
 
-/// Whether an address names something else than a file: its form has a word of [`FORMS`] before the colon.
+/// Whether an address names something else than a file: its form has a word of `FORMS` before the colon.
 pub fn is_no_path(address: &str) -> bool {
     let known = FORMS.iter().filter_map(|form| form.split_once(':'));
     address.split_once(':').is_some_and(|(word, _)| known.into_iter().any(|(form, _)| form == word))

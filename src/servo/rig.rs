@@ -31,6 +31,24 @@ enum Job {
 }
 
 /// A connected rig. Dropping it disarms: the axes hold.
+///
+/// ```
+/// use outrigger::mock::rig::{MockConfig, MockRig};
+/// use outrigger::servo::Rig;
+///
+/// let mock = MockRig::start(MockConfig::default(), 1)?; // behind a pseudo terminal, as a board behind its serial line
+/// let rig = Rig::connect(mock.path())?;
+/// assert!(rig.apply(&[0.1, -0.1]).is_err(), "nothing moves that is not armed");
+/// rig.arm()?;
+/// rig.home()?;
+/// let applied = rig.apply(&[0.1, -0.1])?;
+/// for (axis, asked_rad) in applied.axes.iter().zip([0.1, -0.1]) {
+///     assert!((axis.measured_rad - asked_rad).abs() < 0.3_f64.to_radians());
+///     assert_eq!(axis.source, "measured");
+/// }
+/// assert!(rig.apply(&[2.0, 0.0]).is_err(), "beyond its limits");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Rig {
     jobs: Sender<Job>,
     interrupt: Interrupt,

@@ -15,6 +15,18 @@ use glam::DVec3;
 use crate::geometry::Pose;
 
 /// Where the body was: poses at strictly increasing times, interpolated in between (slerp and straight line).
+///
+/// ```
+/// use outrigger::trajectory::Trajectory;
+///
+/// let walk = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0 1\n")?; // time, position, quaternion
+/// let half_way = walk.at(11_000_000_000).unwrap();
+/// assert_eq!(half_way.translation_m.to_array(), [1.5, 0.0, 1.0]);
+/// assert!(walk.at(13_000_000_000).is_none(), "nobody knows where it went then");
+/// let error = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0\n").unwrap_err();
+/// assert!(error.to_string().contains("line 2"), "{error}");
+/// # Ok::<(), outrigger::trajectory::TrajectoryError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     time_ns: Vec<u64>,

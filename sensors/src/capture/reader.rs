@@ -20,17 +20,24 @@ use crate::Packet;
 /// Reads a capture from front to back: pcap or pcapng in either byte order, plain or gzip. Memory does not depend on
 /// the file's length, and no packet costs an allocation (but for those with pcapng options of their own).
 ///
-/// ```no_run
-/// # fn main() -> Result<(), sensors::capture::CaptureError> {
-/// let mut capture = sensors::capture::CaptureReader::open("drive.pcapng".as_ref())?;
-/// while let Some(packet) = capture.next()? {
-///     println!("{} {} bytes", packet.source, packet.payload.len());
+/// ```
+/// use sensors::Packet;
+/// use sensors::capture::{CaptureReader, PcapWriter};
+///
+/// let (source, destination) = ("192.168.1.201:2368".parse()?, "192.168.1.1:2368".parse()?);
+/// let mut file = Vec::new();
+/// let mut writer = PcapWriter::new(&mut file)?;
+/// for (host_time_ns, payload) in [(1, b"one"), (2, b"two")] {
+///     writer.write(&Packet { host_time_ns, source, destination, payload })?;
 /// }
-/// if let Some(cut) = capture.counters().truncated {
-///     println!("{cut}");
-/// }
-/// # Ok(())
-/// # }
+/// file.pop(); // the disk was full
+///
+/// let mut capture = CaptureReader::new(std::io::Cursor::new(file), "drive.pcap")?;
+/// let packet = capture.next()?.unwrap();
+/// assert_eq!((packet.source, packet.payload), (source, &b"one"[..]));
+/// assert!(capture.next()?.is_none());
+/// assert!(capture.counters().truncated.is_some(), "the second packet lacks a byte, and that is counted");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct CaptureReader {
     framing: Framing,
