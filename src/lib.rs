@@ -33,6 +33,7 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+pub mod features;
 pub mod files;
 pub mod instructions;
 pub mod statistics;
@@ -65,5 +66,6 @@ pub mod study;
 pub mod setup;
 pub mod mock;
 pub mod config;
+#[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod commands;

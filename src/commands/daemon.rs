@@ -2,26 +2,21 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context as _, bail};
 use clap::ValueEnum;
-use tokio::signal::unix::{Signal, SignalKind, signal};
-use tokio::sync::watch;
-
-use super::{Context, Outcome, output, record, rig};
-use crate::config::Config;
-use crate::daemon::{
-    Daemon, Ending, RecorderSettings, RigSettings, SensorSettings, Settings, Token, Web, WebSettings,
-};
-use crate::receive;
-use crate::rig::MountFile;
 
 pub(super) mod place;
+#[cfg(feature = "daemon")]
+mod serve;
+#[cfg(feature = "daemon")]
 mod service;
+#[cfg(feature = "daemon")]
+mod surroundings;
 
 use place::PlaceArgs;
+#[cfg(feature = "daemon")]
+pub use serve::run;
 
 const AFTER: &str = "\
 Sensors, the rig and the prediction come from the same rig.toml: [[sensor]], [rig] (port, limits_deg, ...), [record] \
@@ -94,193 +89,8 @@ fn parse_minutes(text: &str) -> Result<Duration, String> {
     if time.is_zero() { Err(format!("{text}: expected minutes above zero")) } else { Ok(time) }
 }
 
-/// Runs the verb.
-pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let Some(config) = context.config else {
-        bail!("which sensors? --config RIG.toml (`outrigger init` writes one)");
-    };
-    start_log(args);
-    let settings = settings(args, config)?;
-    let web = Web::bind(WebSettings {
-        listen: args.listen,
-        token: token(args)?,
-        host_names: args.host_name.clone(),
-        listeners: args.foxglove_origin.clone(),
-    })?;
-    let runtime = tokio::runtime::Builder::new_multi_thread()
-        .worker_threads(2)
-        .enable_all()
-        .build()
-        .context("no runtime")?;
-    // before anything is opened: a signal that comes early is not lost
-    let signals = runtime.block_on(async {
-        Ok::<_, std::io::Error>([signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?])
-    });
-    let signals = signals.context("signals cannot be caught")?;
-    let daemon = Arc::new(Daemon::start(settings)?);
-    let ending = runtime.block_on(serve(web, Arc::clone(&daemon), signals, context))?;
-    runtime.shutdown_timeout(Duration::from_secs(1));
-    Ok(conclude(&ending))
-}
-
-async fn serve(
-    web: Web,
-    daemon: Arc<Daemon>,
-    signals: [Signal; 2],
-    context: Context,
-) -> anyhow::Result<Ending> {
-    let address = web.address();
-    let (stop, stopped) = watch::channel(false);
-    let mut serving = tokio::spawn(web.serve(Arc::clone(&daemon), stopped));
-    announce(&daemon, address, context).await?;
-    service::ready(&format!("http://{address}/"));
-    let [mut interrupt, mut terminate] = signals;
-    let watchdog = tokio::spawn(service::feed_watchdog(Arc::clone(&daemon)));
-    let served = tokio::select! {
-        _ = interrupt.recv() => None,
-        _ = terminate.recv() => None,
-        served = &mut serving => Some(served),
-    };
-    service::stopping();
-    tokio::spawn(async move {
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
-        std::process::exit(130); // who asks twice does not want to wait for a disk
-    });
-    // data first: the page may wait
-    let ending =
-        tokio::task::spawn_blocking(move || daemon.stop()).await.context("the daemon did not end")?;
-    watchdog.abort();
-    stop.send_replace(true);
-    match served {
-        Some(served) => served.context("the page broke")??,
-        None => serving.await.context("the page broke")??,
-    }
-    Ok(ending)
-}
-
-/// Says where the page is once everything runs.
-async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) -> anyhow::Result<()> {
-    let mut states = daemon.states();
-    states.changed().await.context("the daemon ended at once")?;
-    let status = states.borrow().clone();
-    for sensor in &status.sensors {
-        if let Some(address) = sensor.address {
-            tracing::info!(sensor = sensor.name, "listening on {address}");
-        }
-    }
-    if context.json {
-        let sensors: Vec<_> = status
-            .sensors
-            .iter()
-            .map(|sensor| {
-                serde_json::json!({
-                    "name": sensor.name, "address": sensor.address, "address_aside": sensor.address_aside,
-                })
-            })
-            .collect();
-        let url = format!("http://{address}/");
-        output::print_json(&serde_json::json!({ "url": url, "sensors": sensors }))
-    } else {
-        output::print_text(&format!("http://{address}/\n"))
-    }
-}
-
-fn conclude(ending: &Ending) -> Outcome {
-    let recorder = &ending.recorder;
-    match &recorder.last {
-        Some(last) => tracing::info!(
-            sessions = recorder.sessions,
-            lost = recorder.lost,
-            "the last session is {}",
-            last.dir.display()
-        ),
-        None => tracing::info!("nothing was recorded"),
-    }
-    if ending.data_lost { Outcome::DataLost } else { Outcome::Done }
-}
-
-fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
-    let sensors: Vec<SensorSettings> = config
-        .sensors
-        .iter()
-        .filter(|sensor| sensor.listen.is_some())
-        .map(|sensor| {
-            let lidar = sensor.streams().next();
-            let metadata = lidar.map(|lidar| record::metadata_of(&lidar)).transpose()?.flatten();
-            Ok(SensorSettings { config: sensor.clone(), metadata })
-        })
-        .collect::<anyhow::Result<_>>()?;
-    if sensors.is_empty() {
-        bail!("{}: no [[sensor]] has a `listen`", config.path.display());
-    }
-    if args.stop_below_mib > args.warn_below_mib {
-        bail!("--stop-below-mib {} is above --warn-below-mib {}", args.stop_below_mib, args.warn_below_mib);
-    }
-    let of_record: record::Args = super::section(config, &["record"], |verb| match verb {
-        super::Verb::Record(args) => Some(args),
-        _ => None,
-    })?;
-    let place = place::place(&args.place)?;
-    let config_text = std::fs::read_to_string(&config.path)
-        .with_context(|| format!("cannot read {}", config.path.display()))?;
-    Ok(Settings {
-        sensors,
-        receive: receive::Options {
-            receive_buffer_bytes: usize::from(of_record.receive_buffer) << 20,
-            ..receive::Options::default()
-        },
-        recorder: RecorderSettings {
-            folder: args.out.clone(),
-            at_start: args.record,
-            rotate_bytes: args.rotate_mib.map(|mib| mib << 20),
-            rotate_after: args.rotate_minutes,
-            warn_below_bytes: args.warn_below_mib << 20,
-            stop_below_bytes: args.stop_below_mib << 20,
-            held_up: Duration::from_millis(args.hold_up_writes_ms),
-        },
-        rig: rig_settings(args, config, place.mount.as_ref())?,
-        place,
-        config: Some(config_text),
-    })
-}
-
-fn rig_settings(
-    args: &Args,
-    config: &'static Config,
-    mount: Option<&MountFile>,
-) -> anyhow::Result<Option<RigSettings>> {
-    let of_rig: rig::Args = super::section(config, &["rig", "status"], |verb| match verb {
-        super::Verb::Rig(args) => Some(args),
-        _ => None,
-    })?;
-    let Some(port) = of_rig.port.clone() else { return Ok(None) };
-    let mount_pitches_deg: Vec<f64> =
-        mount.map(|mount| mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect()).unwrap_or_default();
-    let options = rig::options(&of_rig, mount_pitches_deg.len().max(2))?;
-    Ok(Some(RigSettings { port, options, mount_pitches_deg, disarm_after: args.disarm_minutes }))
-}
-
-fn token(args: &Args) -> anyhow::Result<Option<Token>> {
-    let text = match (&args.token_file, &args.token) {
-        (Some(path), _) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("token {}", path.display()))?;
-            Some((text, path.display().to_string()))
-        }
-        (None, Some(token)) => Some((token.clone(), "OUTRIGGER_DAEMON_TOKEN".into())),
-        (None, None) => None,
-    };
-    text.map(|(text, name)| Token::new(&text).map_err(|reason| anyhow::anyhow!("{name}: {reason}")))
-        .transpose()
-}
-
-fn start_log(args: &Args) {
-    let log = tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(args.log_level);
-    // a program that has a log already keeps it
-    let _ = match args.log_format {
-        LogFormat::Text => log.with_target(false).with_ansi(false).try_init(),
-        LogFormat::Json => log.json().flatten_event(true).with_target(false).try_init(),
-    };
+/// Says that the daemon was left out: its flags are known all the same, as one rig.toml serves every build.
+#[cfg(not(feature = "daemon"))]
+pub fn run(_: &Args, _: super::Context) -> anyhow::Result<super::Outcome> {
+    anyhow::bail!("{}", crate::features::left_out("the daemon", "daemon"))
 }

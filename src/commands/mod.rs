@@ -145,19 +145,6 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
     }
 }
 
-/// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
-fn section<T>(config: &Config, words: &[&str], of_verb: impl FnOnce(Verb) -> Option<T>) -> anyhow::Result<T> {
-    let command = defaults::apply(Cli::command(), config)?;
-    let matches = command.try_get_matches_from(std::iter::once("outrigger").chain(words.iter().copied()));
-    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
-    let cli = parsed.map_err(|error| {
-        let text = defaults::with_origin(error, config).to_string();
-        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
-        anyhow::anyhow!("{}: [{}]: {first}", config.path.display(), words[0])
-    })?;
-    of_verb(cli.verb).ok_or_else(|| anyhow::anyhow!("[{}] is another verb", words[0]))
-}
-
 fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
     output::say_error(&error.into());
     ExitCode::FAILURE

@@ -4,11 +4,16 @@
 //! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` (`gps_time` in LAS) the device
 //! clock in seconds.
 
+mod bag;
 mod cloud;
 mod csv;
+#[cfg(feature = "survey")]
 mod e57;
+#[cfg(feature = "mcap")]
 pub mod foxglove;
+#[cfg(feature = "survey")]
 mod las;
+#[cfg(feature = "mcap")]
 mod mcap;
 mod npy;
 mod pcd;
@@ -22,12 +27,14 @@ use std::path::{Path, PathBuf};
 
 use sensors::ouster::ImuSample;
 
+#[cfg(not(all(feature = "mcap", feature = "survey")))]
+use crate::features::left_out;
 use crate::files;
 
 use record::RecordWriter;
 
+pub use bag::write_metadata as write_bag_metadata;
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
-pub use mcap::{Topic, write_metadata as write_bag_metadata};
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -97,6 +104,19 @@ pub struct Kind {
     pub schema_data: fn() -> Cow<'static, [u8]>,
     /// How messages are written: `protobuf`, `cdr`.
     pub encoding: &'static str,
+}
+
+/// What a topic has taken so far.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// With its leading slash.
+    pub name: String,
+    /// Type of its messages.
+    pub kind: &'static str,
+    /// Number of messages.
+    pub messages: u32,
+    /// Earliest and latest time of record, ns since 1970.
+    pub log_time_ns: [u64; 2],
 }
 
 /// `/NAME/KIND`, with what a ROS name may not hold turned into underscores.
@@ -221,11 +241,20 @@ fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
         Format::Ply => Box::new(RecordWriter::new(file, ply::header)?),
         Format::Csv => Box::new(csv::CsvWriter::new(file)?),
         Format::Npy => Box::new(npy::NpyWriter::new(file)?),
+        #[cfg(feature = "survey")]
         Format::Las => Box::new(las::LasWriter::new(file, false)?),
+        #[cfg(feature = "survey")]
         Format::Laz => Box::new(las::LasWriter::new(file, true)?),
+        #[cfg(feature = "survey")]
         Format::E57 => Box::new(e57::E57Writer::new(file)?),
+        #[cfg(feature = "mcap")]
         Format::Mcap => Box::new(mcap::McapWriter::new(file, mcap::Dialect::Ros2)?),
+        #[cfg(feature = "mcap")]
         Format::Foxglove => Box::new(mcap::McapWriter::new(file, mcap::Dialect::Foxglove)?),
+        #[cfg(not(feature = "survey"))]
+        Format::Las | Format::Laz | Format::E57 => return Err(left_out("LAS, LAZ and E57", "survey").into()),
+        #[cfg(not(feature = "mcap"))]
+        Format::Mcap | Format::Foxglove => return Err(left_out("MCAP", "mcap").into()),
     })
 }
 

@@ -2,7 +2,6 @@
 //!
 //! Source: MCAP specification, version 0.
 
-mod bag;
 mod cdr;
 mod ros2;
 
@@ -14,28 +13,13 @@ use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use sensors::ouster::ImuSample;
 
-use super::{Cause, Cloud, CloudWriter, Kind, Source, foxglove, topic};
-
-pub use bag::write_metadata;
+use super::{Cause, Cloud, CloudWriter, Kind, Source, Topic, foxglove, topic};
 
 /// Which messages a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Dialect {
     Ros2,
     Foxglove,
-}
-
-/// What a topic has taken so far.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Topic {
-    /// With its leading slash.
-    pub name: String,
-    /// Type of its messages.
-    pub kind: &'static str,
-    /// Number of messages.
-    pub messages: u32,
-    /// Earliest and latest time of record, ns since 1970.
-    pub log_time_ns: [u64; 2],
 }
 
 pub(super) struct McapWriter {

@@ -9,7 +9,7 @@ mod pcd;
 mod ply;
 
 use std::fs::File;
-use std::io::{BufReader, Read as _};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
@@ -67,9 +67,15 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
     Ok(())
 }
 
+#[cfg(not(feature = "survey"))]
+fn read_las(_: File, _: &mut dyn FnMut(CloudPoint)) -> Result<(), String> {
+    Err(crate::features::left_out("LAS and LAZ", "survey"))
+}
+
+#[cfg(feature = "survey")]
 fn read_las(file: File, take: &mut dyn FnMut(CloudPoint)) -> las::Result<()> {
     const AT_ONCE: u64 = 1 << 16;
-    let mut reader = las::Reader::new(BufReader::new(file))?;
+    let mut reader = las::Reader::new(std::io::BufReader::new(file))?;
     loop {
         let points = reader.read_points(AT_ONCE)?;
         if points.is_empty() {

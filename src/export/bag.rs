@@ -5,7 +5,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::super::{ExportError, Written};
+use super::{ExportError, Written};
 use crate::files;
 
 /// Writes `metadata.yaml` beside `mcap_name`, the finished file in `folder`.

@@ -1,0 +1,49 @@
+//! From what was said of mounts, scene and way to what the daemon knows of them.
+
+use anyhow::{Context as _, bail};
+
+use super::place::PlaceArgs;
+use crate::commands::ground::read_trajectory;
+use crate::commands::scene_file;
+use crate::daemon::Place;
+use crate::rig::MountFile;
+
+/// Reads what is named.
+pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
+    if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
+        bail!("--cell {}, expected 0.01 to 10 m", args.cell);
+    }
+    let mut place = Place { voxel_m: args.cell, ..Place::default() };
+    if let Some(path) = &args.mount {
+        let file = MountFile::read(path)?;
+        let units = file.units(&[])?;
+        place.rig = file.rig_of(&units);
+        place.calibrations = file.calibration_files()?;
+        place.mount = Some(file);
+    }
+    place.scene = match (&args.scene, &args.room) {
+        (Some(_), Some(_)) => bail!("--scene and --room are both given: which of the two is it?"),
+        (Some(path), None) => {
+            let read = scene_file::read(path, &args.mesh, &args.map)?;
+            read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+            Some(read.scene)
+        }
+        (None, Some(room)) => Some(room.scene()),
+        (None, None) => None,
+    };
+    let cells = place.grid().cells.iter().map(|count| *count as f64).product::<f64>();
+    if cells > f64::from(1 << 27) {
+        bail!("--cell {} makes {cells:.0} cells of this scene: take larger ones", args.cell);
+    }
+    if let Some(path) = &args.trajectory {
+        place.trajectory =
+            Some(read_trajectory(path, args.rate).with_context(|| path.display().to_string())?);
+    }
+    if args.trajectory_starts_with_recording && args.trajectory.is_none() {
+        bail!(
+            "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml"
+        );
+    }
+    place.starts_with_recording = args.trajectory_starts_with_recording;
+    Ok(place)
+}
