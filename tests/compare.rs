@@ -34,6 +34,7 @@ pub const CASES: &[Case] = &[
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
     case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),
     case("a_calibration_counts_wherever_it_is_named", units::a_calibration_counts_wherever_it_is_named),
+    case("a_second_unit_under_one_name_is_told_of", units::a_second_unit_under_one_name_is_told_of),
     case("another_sensor_than_the_mount_says_is_named", units::another_sensor_than_the_mount_says_is_named),
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),

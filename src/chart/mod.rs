@@ -33,9 +33,26 @@ pub fn number(value: f64, decimals: usize) -> String {
     if fraction.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{fraction}") }
 }
 
+/// A difference for people: always signed, and `+` where it rounds to nothing.
+pub fn signed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:+.decimals$}");
+    let is_nothing = value.is_finite() && !text.chars().any(|c| ('1'..='9').contains(&c));
+    if is_nothing { text.replace('-', "+") } else { text }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_has_no_minus() {
+        assert_eq!(
+            [-0.04, -0.06, 0.04, -12.0].map(|value| signed(value, 1)),
+            ["+0.0", "-0.1", "+0.0", "-12.0"]
+        );
+        assert_eq!(signed(f64::NEG_INFINITY, 1), "-inf");
+        assert_eq!(number(-0.0004, 3), "0.000");
+    }
 
     #[test]
     fn numbers_are_grouped_and_never_minus_zero() {

@@ -11,7 +11,8 @@ use super::ground::PoseErrorArgs;
 use super::odometry::{self, OdometryArgs};
 use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
-use crate::calibrate::{Estimate, Pair, RelativeMount, relative_mount};
+use crate::calibrate::{Pair, RelativeMount, relative_mount};
+use crate::chart::signed;
 use crate::compare::RecordedRay;
 use crate::trajectory::Trajectory;
 
@@ -138,8 +139,8 @@ fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: tilted {:+.3} +- {:.3} degrees (95 %) beside what was said, p {:.3}{}",
-            tilt.error_deg,
+            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, p {:.3}{}",
+            signed(tilt.error_deg, 3),
             tilt.u95_deg,
             tilt.p_value,
             if is_off(found) { "" } else { ": as said, as far as can be told" }
@@ -155,14 +156,11 @@ fn text(document: &Document) -> String {
         if found.windows == 0 {
             continue;
         }
-        let figure = |estimate: &Option<Estimate>, digits: usize| {
-            estimate.map_or("-".into(), |told| format!("{:+.digits$} +- {:.digits$}", told.value, told.u95))
-        };
-        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| figure(&found.rotation_deg[axis], 3));
-        let [x, y, z] = [0, 1, 2].map(|axis| figure(&found.translation_mm[axis], 1));
+        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| output::estimate(found.rotation_deg[axis], 3));
+        let [x, y, z] = [0, 1, 2].map(|axis| output::estimate(found.translation_mm[axis], 1));
         let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
         let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range     {} mm", figure(&found.range_offset_mm, 1));
+        let _ = writeln!(text, "  range     {} mm", output::estimate(found.range_offset_mm, 1));
         let _ = writeln!(
             text,
             "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",

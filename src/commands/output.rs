@@ -4,6 +4,8 @@ use std::io::Write;
 
 use anyhow::Context as _;
 
+use crate::calibrate::Estimate;
+use crate::chart::signed;
 use crate::rig::{Clearance, Touching};
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
@@ -36,6 +38,11 @@ pub fn print_result(
     }
     problems.iter().for_each(|problem| say_notice(problem));
     Ok(())
+}
+
+/// A value and half of its 95 % interval, for a text or a page; `-` where it is not known.
+pub fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
+    estimate.map_or("-".into(), |told| format!("{} +- {:.decimals$}", signed(told.value, decimals), told.u95))
 }
 
 /// Prints a notice on stderr: done as asked, with something the user may not expect.

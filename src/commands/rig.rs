@@ -199,7 +199,11 @@ fn obey_interrupts(rig: &Rig) -> anyhow::Result<()> {
     let (signals, interrupt) = (signals::interrupts()?, rig.interrupt());
     std::thread::spawn(move || {
         for () in signals {
-            let what = if interrupt.raise() == 1 { "holding; Ctrl-C again for e-stop" } else { "e-stop" };
+            let what = if interrupt.raise() == 1 {
+                "braking, then holding; Ctrl-C again for e-stop"
+            } else {
+                "e-stop"
+            };
             output::say_notice(what);
         }
     });

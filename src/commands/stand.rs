@@ -216,11 +216,8 @@ fn text(document: &Document) -> String {
             let _ =
                 writeln!(text, "  {:+8.3} deg {:<10}  {}", found.measured_deg, reached(found), beside(found));
         }
-        let figure = |found: Option<Estimate>, digits: usize| {
-            found.map_or("-".into(), |told| format!("{:+.digits$} +- {:.digits$}", told.value, told.u95))
-        };
-        let _ = writeln!(text, "  scale     1 {}", figure(test.scale_error, 4));
-        let _ = writeln!(text, "  play      {} deg", figure(test.play_deg, 3));
+        let _ = writeln!(text, "  scale     1 {}", output::estimate(test.scale_error, 4));
+        let _ = writeln!(text, "  play      {} deg", output::estimate(test.play_deg, 3));
         if let (Some([x, y, z]), Some(off_deg), Some(sd_deg)) =
             (test.axis, test.axis_off_deg, test.axis_sd_deg)
         {
@@ -244,7 +241,7 @@ fn reached(found: &FoundSetting) -> &'static str {
 fn beside(found: &FoundSetting) -> String {
     match (&found.error_deg, &found.cannot_tell) {
         _ if found.is_reference => "the reference".into(),
-        (Some(error), _) => format!("{:+.3} +- {:.3} deg beside it", error.value, error.u95),
+        (Some(error), _) => format!("{} deg beside it", output::estimate(Some(*error), 3)),
         (None, why) => why.clone().unwrap_or_else(|| "cannot tell here".into()),
     }
 }

@@ -29,6 +29,13 @@ pub struct Fault {
     pub explained_share: Option<f64>,
 }
 
+impl Fault {
+    /// One that rays say nothing about.
+    pub fn new(name: &'static str, sensors: Vec<String>, words: String) -> Self {
+        Self { name, sensors, words, agree_share: None, explained_share: None }
+    }
+}
+
 /// Another reading of a recording.
 struct Reading {
     fault: Fault,
@@ -66,13 +73,7 @@ pub fn misread(field: &Field<'_>) -> Option<Fault> {
 impl Reading {
     fn given(sensors: &[MountedSensor]) -> Self {
         Self {
-            fault: Fault {
-                name: "none",
-                sensors: Vec::new(),
-                words: String::new(),
-                agree_share: None,
-                explained_share: None,
-            },
+            fault: Fault::new("none", Vec::new(), String::new()),
             seat: (0..sensors.len()).collect(),
             mirrored: vec![false; sensors.len()],
             turned: vec![false; sensors.len()],

@@ -16,12 +16,14 @@ use sensors::{Packet, catalogue};
 use serde_json::Value;
 
 const SOURCE: &str = "10.0.0.7:2368";
+/// A second unit, whose packets came to the same port.
+const OTHER: &str = "10.0.0.9:2368";
 /// The calibration of a unit that is not the one that recorded: every beam is raised by so much.
 const RAISED_DEG: f64 = 8.0;
 
-fn calibration() -> String {
+fn calibration(model: &str) -> String {
     let mut yaml = "lasers:\n".to_owned();
-    for (id, beam) in catalogue::nominal("vlp-16").unwrap().beams().iter().enumerate() {
+    for (id, beam) in catalogue::nominal(model).unwrap().beams().iter().enumerate() {
         let vertical_rad = beam.elevation_rad + RAISED_DEG.to_radians();
         yaml += &format!("- {{laser_id: {id}, vert_correction: {vertical_rad}, rot_correction: 0}}\n");
     }
@@ -41,7 +43,13 @@ fn write_mount(path: &Path, model: &str, calibration: Option<&str>) -> MountFile
 
 /// Half a second of a VLP-16 of nominal beams that stands in a room.
 fn record(session: &Path, mount: &MountFile) {
-    let source: SocketAddr = SOURCE.parse().unwrap();
+    record_from(session, mount, &[SOURCE]);
+}
+
+/// The same, each packet from every one of these.
+fn record_from(session: &Path, mount: &MountFile, sources: &[&str]) {
+    let sources: Vec<SocketAddr> = sources.iter().map(|source| source.parse().unwrap()).collect();
+    let source = sources[0];
     let info = SensorInfo { name: "front".into(), source: Some(source.ip()), ..SensorInfo::default() };
     let writer = SessionWriter::create(session, &[info]).unwrap();
     let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.3), DVec3::new(5.0, 3.5, 1.7)));
@@ -59,7 +67,9 @@ fn record(session: &Path, mount: &MountFile) {
     MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
         .unwrap()
         .run(&surroundings, |host_time_ns, payload| {
-            writer.write_packet(0, &Packet { host_time_ns, source, destination, payload })
+            sources.iter().try_for_each(|source| {
+                writer.write_packet(0, &Packet { host_time_ns, source: *source, destination, payload })
+            })
         })
         .unwrap();
     writer.put_mount(mount, &mount.calibration_files().unwrap()).unwrap();
@@ -87,7 +97,7 @@ pub fn a_calibration_counts_wherever_it_is_named() {
     let path = |name: &str| folder.path().join(name);
     let text = |name: &str| path(name).display().to_string();
     std::fs::create_dir(path("units")).unwrap();
-    std::fs::write(path("units/front.yaml"), calibration()).unwrap();
+    std::fs::write(path("units/front.yaml"), calibration("vlp-16")).unwrap();
     record(&path("plain"), &write_mount(&path("plain.json"), "vlp-16", None));
     record(&path("named"), &write_mount(&path("named.json"), "vlp-16", Some("units/front.yaml")));
 
@@ -95,7 +105,10 @@ pub fn a_calibration_counts_wherever_it_is_named() {
     assert!(kept.problems().is_empty(), "{:?}", kept.problems());
     let written = std::fs::read_to_string(path("named/mount.json")).unwrap();
     assert!(written.contains("\"calibrations/front.yaml\""), "{written}");
-    assert_eq!(std::fs::read_to_string(path("named/calibrations/front.yaml")).unwrap(), calibration());
+    assert_eq!(
+        std::fs::read_to_string(path("named/calibrations/front.yaml")).unwrap(),
+        calibration("vlp-16")
+    );
     std::fs::rename(path("named"), path("taken-away")).unwrap();
 
     let nominal = agreeing(&compare(&path("plain"), &[]).0);
@@ -118,13 +131,34 @@ pub fn a_calibration_counts_wherever_it_is_named() {
     }
     let (_, said) = compare(&path("plain"), &["--calibration", &format!("10.0.0.8={yaml}")]);
     assert!(said.contains("10.0.0.8") && said.contains("calibrations"), "{said}");
+    // one of another product is no reason to take the nominal beams without a word
+    std::fs::write(path("units/other.yaml"), calibration("hdl-32e")).unwrap();
+    for recording in [&path("plain"), &packets] {
+        let more = ["--mount", &named, "--calibration", &text("units/other.yaml")];
+        let (document, said) = compare(recording, &more);
+        assert!(document.is_null() && said.contains("front") && said.contains("32"), "{said}");
+    }
 
     // the corrected mount names the file from where it lies itself
     std::fs::create_dir(path("found")).unwrap();
     let corrected = text("found/mount.json");
     compare(&path("plain"), &["--mount", &named, "--corrected-mount", &corrected]);
     let corrected = MountFile::read(Path::new(&corrected)).unwrap();
-    assert_eq!(corrected.calibration_files().unwrap()[0].content, calibration().into_bytes());
+    assert_eq!(corrected.calibration_files().unwrap()[0].content, calibration("vlp-16").into_bytes());
+}
+
+/// What a session keeps under a sensor's name and another sent is told of, and not taken for the sensor's.
+pub fn a_second_unit_under_one_name_is_told_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let mount = write_mount(&path("mount.json"), "vlp-16", None);
+    record(&path("one"), &mount);
+    record_from(&path("two"), &mount, &[SOURCE, OTHER]);
+    let (alone, _) = compare(&path("one"), &[]);
+    let (document, said) = compare(&path("two"), &[]);
+    assert_eq!(document["rays"], alone["rays"], "{said}");
+    let said = document["problems"].to_string();
+    assert!(said.contains("packets of a second sensor, from 10.0.0.9:2368"), "{document:#}");
 }
 
 /// A session says so when the mount file names another sensor than that which sent.

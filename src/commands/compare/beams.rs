@@ -1,5 +1,6 @@
 //! Which beams a recorded frame was measured along: packets say it, and where they cannot, the mount file does.
 
+use sensors::router::{Family, Sensor};
 use sensors::velodyne::Product;
 use sensors::{SensorModel, catalogue};
 
@@ -21,9 +22,17 @@ impl<'a> Seat<'a> {
         Self { mounted, is_calibrated: nominal.is_ok_and(|nominal| nominal != mounted.model) }
     }
 
+    /// The beams of what sits here, as its decoder knows it: what was typed for it counts more than what the mount file
+    /// names, and of an Ouster its metadata know all.
+    pub fn beams(&self, sensor: &'a Sensor) -> &'a SensorModel {
+        let found = sensor.model().unwrap_or(&self.mounted.model);
+        let is_open = matches!(sensor.family(), Family::Velodyne(_)) && !sensor.is_calibrated();
+        if is_open { self.velodyne_beams(found) } else { found }
+    }
+
     /// The beams of a Velodyne whose packets are those of `found`: as calibrated, where the mount file names a
     /// calibration; of the product that it names, where packets do not tell that from `found`; otherwise `found`.
-    pub fn beams(&self, found: &'a SensorModel) -> &'a SensorModel {
+    fn velodyne_beams(&self, found: &'a SensorModel) -> &'a SensorModel {
         let said = &self.mounted.model;
         // of its own product the packets know more than the nominal model: their cycle, or the unit's calibration
         let knows_more = self.is_calibrated || said.name != found.name;
@@ -39,18 +48,13 @@ impl<'a> Seat<'a> {
             return None;
         }
         let name = &self.mounted.name;
-        Some(Fault {
-            name: "wrong_model",
-            sensors: vec![name.clone()],
-            words: format!(
-                "{name} is a {product} of {} channels, the mount file says {} of {}: the prediction was made for another sensor",
-                found.channels(),
-                said.name,
-                said.channels()
-            ),
-            agree_share: None,
-            explained_share: None,
-        })
+        let words = format!(
+            "{name} is a {product} of {} channels, the mount file says {} of {}: the prediction was made for another sensor",
+            found.channels(),
+            said.name,
+            said.channels()
+        );
+        Some(Fault::new("wrong_model", vec![name.clone()], words))
     }
 }
 
@@ -89,7 +93,7 @@ mod tests {
             let seat = Seat::of(&mounted);
             let expected = if is_said { &mounted.model } else { &found };
             let names = format!("{} {}", mounted.model.name, found.name);
-            assert_eq!(seat.beams(&found), expected, "{names}");
+            assert_eq!(seat.velodyne_beams(&found), expected, "{names}");
             assert_eq!(seat.wrong_model(&found.name, &found).is_some(), is_wrong, "{names}");
         }
     }

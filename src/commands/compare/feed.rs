@@ -1,18 +1,16 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
-use sensors::ouster::{Metadata, OusterDecoder};
-use sensors::router::Family;
-use sensors::velodyne::{Options, VelodyneDecoder};
-use sensors::{Decoded, Decoder, Frame, SensorModel};
+use sensors::ouster::Metadata;
+use sensors::router::{Router, Sensor, Unclaimed};
+use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::beams::Seat;
-use crate::commands::recording::Recording;
+use crate::commands::recording::{Meant, Recording};
 use crate::commands::unread;
-use crate::compare::{Fault, TiltHistory, TiltReading};
+use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
 use crate::rig::{MountedSensor, NoSeat, Rig};
-use crate::servo::ServoReport;
 
 /// One sensor's packets.
 #[derive(Debug, Default, Serialize)]
@@ -32,18 +30,6 @@ pub struct SensorSummary {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks for it")]
 fn is_zero(value: &u64) -> bool {
     *value == 0
-}
-
-/// One servo axis.
-#[derive(Debug, Serialize)]
-pub struct AxisSummary {
-    pub sensor: String,
-    pub target_pitch_deg: f64,
-    /// Mean of what the axis measured while recording.
-    pub measured_pitch_deg: f64,
-    /// Greatest minus least of it.
-    pub measured_span_deg: f64,
-    pub reports: usize,
 }
 
 /// A frame on its way to be compared.
@@ -98,141 +84,120 @@ impl Fed {
         }
         summary.frames - 1
     }
+
+    /// Takes over what the decoder of a sensor counted, and looks whether it is the sensor that the mount file names.
+    fn close(&mut self, place: usize, sensor: &Sensor, seat: &Seat<'_>) -> anyhow::Result<()> {
+        let stats = sensor.stats();
+        let summary = &mut self.sensors[place];
+        if let Some(error) = sensor.calibration_error() {
+            anyhow::bail!("{}, a {}: --calibration: {error}", summary.sensor, sensor.product());
+        }
+        summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
+        summary.complete_frames = stats.complete_frames;
+        self.losses.extend(unread::sensor_losses(&summary.sensor, stats));
+        let model = sensor.model().filter(|_| stats.packets > 0);
+        self.faults.extend(model.and_then(|model| seat.wrong_model(&sensor.product(), model)));
+        Ok(())
+    }
+}
+
+/// A session, and what is known of its sensors beside their packets.
+pub struct Seated<'a> {
+    pub session: &'a Session,
+    pub rig: &'a Rig,
+    /// What its axes measured; of a sensor that has none, nothing.
+    pub tilts: &'a [TiltHistory],
+    /// What was typed for its Velodynes.
+    pub calibrations: &'a [Meant],
 }
 
 /// Every frame of a session, in the order of its packets.
 pub fn session(
-    session: &Session,
-    rig: &Rig,
-    tilts: &[TiltHistory],
+    seated: &Seated<'_>,
     progress: &mut dyn FnMut(u64),
     take: &mut dyn FnMut(Taken<'_>),
 ) -> anyhow::Result<Fed> {
+    let Seated { session, rig, tilts, .. } = seated;
     let mut fed = Fed::of(rig);
-    let seats = seats(session, rig)?;
-    let mut heard = heard(session, rig)?;
-    for (entry, seat) in session.manifest().sensors.iter().zip(&seats) {
-        if let Some(seat) = seat {
-            fed.sensors[*seat].lost = entry.losses.total();
+    let places = places(session, rig)?;
+    let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
+    let mut routers = routers(seated)?;
+    for (entry, place) in session.manifest().sensors.iter().zip(&places) {
+        if let Some(place) = place {
+            fed.sensors[*place].lost = entry.losses.total();
         }
     }
-    let mut hand = |sensor: usize, model: &SensorModel, frame: &Frame, fed: &mut Fed| {
-        let number = fed.count(sensor, frame);
+    let mut hand = |place: usize, at: usize, sensor: &Sensor, decoded: Decoded<'_>, fed: &mut Fed| {
+        let Decoded::Frame(frame) = decoded else { return };
+        if at != 0 {
+            return; // a second Velodyne under this name: its packets are told of below
+        }
+        let number = fed.count(place, frame);
         let [first_ns, last_ns] = frame.host_time_ns;
         let middle_ns = first_ns + last_ns.saturating_sub(first_ns) / 2;
-        let pitch_rad = tilts.get(sensor).and_then(|tilt| tilt.pitch_rad_at(middle_ns));
-        take(Taken { sensor, number, model, pitch_rad, frame });
+        let pitch_rad = tilts.get(place).and_then(|tilt| tilt.pitch_rad_at(middle_ns));
+        take(Taken { sensor: place, number, model: seats[place].beams(sensor), pitch_rad, frame });
     };
     let mut packets = session.packets()?;
     let mut bytes = 0;
     while let Some((interface, packet)) = packets.next()? {
-        let Some(sensor) = seats[interface] else { continue };
-        fed.sensors[sensor].packets_recorded += 1;
+        let Some(place) = places[interface] else { continue };
+        fed.sensors[place].packets_recorded += 1;
         bytes += packet.payload.len() as u64;
-        // what a decoder refuses it has counted
-        let _ = heard[sensor].decoder.take(&packet);
-        heard[sensor].hand_out(&mut |model, frame| hand(sensor, model, frame, &mut fed));
+        routers[place].push(&packet, &mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
         progress(bytes);
     }
-    for (sensor, heard) in heard.iter_mut().enumerate() {
-        heard.decoder.end();
-        heard.hand_out(&mut |model, frame| hand(sensor, model, frame, &mut fed));
-        let stats = heard.decoder.stats();
-        let summary = &mut fed.sensors[sensor];
-        summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
-        summary.complete_frames = stats.complete_frames;
-        fed.losses.extend(unread::sensor_losses(&summary.sensor, stats));
-        if stats.packets == 0 && summary.packets_recorded > 0 {
-            fed.faults
-                .push(foreign(&rig.sensors[sensor], "its packets bear another serial number or format"));
+    for (place, (router, seat)) in routers.iter_mut().zip(&seats).enumerate() {
+        router.finish(&mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
+        let mounted = &rig.sensors[place];
+        let mut sensors = router.sensors().iter();
+        if let Some(sensor) = sensors.next() {
+            fed.close(place, sensor, seat)?;
         }
-        let model = heard.decoder.model().filter(|_| stats.packets > 0);
-        fed.faults.extend(model.and_then(|model| {
-            heard.seat.wrong_model(heard.product.as_deref().unwrap_or(&model.name), model)
-        }));
+        for other in sensors {
+            let (packets, source) = (other.stats().packets, other.source());
+            let from = source.map_or(String::new(), |source| format!(", from {source}"));
+            fed.losses.push(format!("{}: {packets} packets of a second sensor{from}", mounted.name));
+        }
+        let left: Vec<&Unclaimed> = router.unclaimed().filter(|entry| entry.is_sensor_data).collect();
+        let is_silent = router.sensors().first().is_some_and(|sensor| sensor.stats().packets == 0);
+        match left.first() {
+            Some(first) if is_silent => fed.faults.push(foreign(mounted, &first.reason)),
+            _ => fed.losses.extend(left.iter().map(|entry| {
+                let Unclaimed { packets, length, reason, .. } = entry;
+                format!("{}: {packets} packets of {length} bytes are not its own: {reason}", mounted.name)
+            })),
+        }
     }
     fed.losses.extend(session.problems().iter().cloned());
     Ok(fed)
 }
 
 /// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
-fn seats(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
+fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
     let manifest = session.manifest();
-    let seat = |entry: &SensorEntry| {
+    let place = |entry: &SensorEntry| {
         if manifest.is_aside(entry) {
             return Ok(None);
         }
         rig.seat(&entry.name).map(Some)
     };
-    manifest.sensors.iter().map(seat).collect()
+    manifest.sensors.iter().map(place).collect()
 }
 
-/// One sensor of a session on its way to frames.
-struct Heard<'a> {
-    seat: Seat<'a>,
-    decoder: Box<dyn Decoder>,
-    /// As its metadata say; none for a Velodyne.
-    product: Option<String>,
-}
-
-impl Heard<'_> {
-    /// Hands out every frame that is complete.
-    fn hand_out(&mut self, take: &mut dyn FnMut(&SensorModel, &Frame)) {
-        while self.decoder.completed_mut().advance() {
-            if let (Some(Decoded::Frame(frame)), Some(found)) =
-                (self.decoder.completed().current(), self.decoder.model())
-            {
-                take(if self.product.is_some() { found } else { self.seat.beams(found) }, frame);
-            }
+/// A router per sensor of the rig, which knows what the session says of it: packets of one do not get to another.
+fn routers(seated: &Seated<'_>) -> anyhow::Result<Vec<Router>> {
+    let router = |mounted: &MountedSensor| -> anyhow::Result<Router> {
+        let mut router = Router::new();
+        if let Some(text) = seated.session.metadata(&mounted.name)? {
+            router.add_ouster(Metadata::parse(&text, &mounted.name)?, mounted.name.clone());
         }
-    }
-}
-
-/// A decoder per sensor of the rig.
-fn heard<'a>(session: &Session, rig: &'a Rig) -> anyhow::Result<Vec<Heard<'a>>> {
-    let heard = |mounted: &'a MountedSensor| -> anyhow::Result<Heard<'a>> {
-        let Some(text) = session.metadata(&mounted.name)? else {
-            let decoder = Box::new(VelodyneDecoder::new(Options::default()));
-            return Ok(Heard { seat: Seat::of(mounted), decoder, product: None });
-        };
-        let metadata = Metadata::parse(&text, &mounted.name)?;
-        let product = Some(metadata.product());
-        Ok(Heard { seat: Seat::of(mounted), decoder: Box::new(OusterDecoder::new(metadata)), product })
+        for (source, calibration) in seated.calibrations {
+            router.add_calibration(*source, calibration.clone());
+        }
+        Ok(router)
     };
-    rig.sensors.iter().map(heard).collect()
-}
-
-/// What the axes of a session measured; nothing where it holds no reports.
-pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, Vec<AxisSummary>)> {
-    let reports: Vec<ServoReport> = session.servo()?;
-    let (mut tilts, mut axes) = (Vec::new(), Vec::new());
-    for (axis, sensor) in rig.sensors.iter().enumerate() {
-        let rad = |urad: i32| f64::from(urad) * 1e-6;
-        let measured: Vec<TiltReading> = reports
-            .iter()
-            .filter(|report| report.axis == axis && report.source == "measured")
-            .map(|report| TiltReading {
-                time_ns: report.time_ns,
-                pitch_rad: rad(report.position_urad),
-                uncertainty_rad: report.uncertainty_urad.map(rad),
-                held_rad: (report.state == "holding").then(|| rad(report.target_urad)),
-            })
-            .collect();
-        let count = measured.len();
-        let sum: f64 = measured.iter().map(|reading| reading.pitch_rad).sum();
-        let tilt = TiltHistory::new(measured);
-        if let Some([least, greatest]) = tilt.span_rad() {
-            axes.push(AxisSummary {
-                sensor: sensor.name.clone(),
-                target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
-                measured_pitch_deg: (sum / count as f64).to_degrees(),
-                measured_span_deg: (greatest - least).to_degrees(),
-                reports: count,
-            });
-        }
-        tilts.push(tilt);
-    }
-    Ok((tilts, axes))
+    seated.rig.sensors.iter().map(router).collect()
 }
 
 /// Every frame of a capture. Sensors take their seats in the order of the mount file: Ousters in the order of their
@@ -242,18 +207,14 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
     let mut fed = Fed::of(rig);
     let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
     let mut crowd = 0;
-    let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
+    let mut hand = |at: usize, sensor: &Sensor, decoded: Decoded<'_>| {
         let Decoded::Frame(frame) = decoded else { return };
         if at >= rig.sensors.len() {
             crowd = crowd.max(at + 1);
             return;
         }
-        let found = sensor.model().unwrap_or(&rig.sensors[at].model);
-        // what was typed counts more than what the mount file names
-        let is_open = matches!(sensor.family(), Family::Velodyne(_)) && !sensor.is_calibrated();
-        let model = if is_open { seats[at].beams(found) } else { found };
         let number = fed.count(at, frame);
-        take(Taken { sensor: at, number, model, pitch_rad: None, frame });
+        take(Taken { sensor: at, number, model: seats[at].beams(sensor), pitch_rad: None, frame });
     };
     let ending = recording.each_packet(&mut |packet| {
         router.push(packet, &mut hand);
@@ -266,15 +227,9 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         recording.name(),
         rig.sensors.len()
     );
-    for ((sensor, mounted), seat) in router.sensors().iter().zip(&rig.sensors).zip(&seats) {
-        let stats = sensor.stats();
-        let summary = fed.sensors.iter_mut().find(|summary| summary.sensor == mounted.name);
-        let Some(summary) = summary else { continue };
-        summary.packets_recorded = stats.packets;
-        summary.lost = stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
-        summary.complete_frames = stats.complete_frames;
-        fed.losses.extend(unread::sensor_losses(&mounted.name, stats));
-        fed.faults.extend(sensor.model().and_then(|model| seat.wrong_model(&sensor.product(), model)));
+    for (at, (sensor, seat)) in router.sensors().iter().zip(&seats).enumerate() {
+        fed.sensors[at].packets_recorded = sensor.stats().packets;
+        fed.close(at, sensor, seat)?;
     }
     fed.losses.extend(ending.losses());
     if fed.sensors.iter().all(|sensor| sensor.frames == 0) {
@@ -295,11 +250,6 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
 }
 
 fn foreign(sensor: &MountedSensor, reason: &str) -> Fault {
-    Fault {
-        name: "metadata_of_another_unit",
-        sensors: vec![sensor.name.clone()],
-        words: format!("the metadata given for {} belong to another unit: {reason}", sensor.name),
-        agree_share: None,
-        explained_share: None,
-    }
+    let words = format!("the metadata given for {} belong to another unit: {reason}", sensor.name);
+    Fault::new("metadata_of_another_unit", vec![sensor.name.clone()], words)
 }

@@ -121,13 +121,7 @@ fn rays(replayed: &Replayed) -> impl Iterator<Item = RayReport> + '_ {
 
 /// Sensors that said nothing, or fell silent, or of which channels did.
 fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
-    let fault = |name, sensor: &str, words| Fault {
-        name,
-        sensors: vec![sensor.to_owned()],
-        words,
-        agree_share: None,
-        explained_share: None,
-    };
+    let fault = |name, sensor: &str, words| Fault::new(name, vec![sensor.to_owned()], words);
     let mut faults = Vec::new();
     for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
         let name = &sensor.name;

@@ -1,5 +1,6 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
+pub mod axes;
 mod beams;
 pub mod comparison;
 pub mod feed;
@@ -19,6 +20,7 @@ use super::ground::PoseErrorArgs;
 use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::calibrate::SensorCheck;
+use crate::chart::signed;
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::files::write_json;
@@ -27,8 +29,9 @@ use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
 
+use axes::AxisSummary;
 use comparison::{Comparison, Verdict};
-use feed::{AxisSummary, Fed, SensorSummary};
+use feed::{Fed, SensorSummary};
 use judge::Given;
 use place::PlaceArgs;
 use recorded::Recorded;
@@ -133,11 +136,11 @@ impl ZeroOffer {
     /// In words.
     pub fn words(&self) -> String {
         format!(
-            "the axis of {} measured {:+.3} deg and the sensor sat at {:+.3}: its zero wants {:+.3} +- {:.3} deg (offered, not applied)",
+            "the axis of {} measured {} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not applied)",
             self.sensor,
-            self.measured_deg,
-            self.measured_deg + self.add_deg,
-            self.add_deg,
+            signed(self.measured_deg, 3),
+            signed(self.measured_deg + self.add_deg, 3),
+            signed(self.add_deg, 3),
             self.u95_deg
         )
     }

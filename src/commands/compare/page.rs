@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::Document;
 use super::comparison::{Comparison, Verdict};
-use crate::chart::{CellClass, CellMap, LineChart, Series, number};
+use crate::chart::{CellClass, CellMap, LineChart, Series, number, signed};
 use crate::commands::output;
 use crate::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
 use crate::coverage::Coverage;
@@ -96,7 +96,7 @@ fn interval(ends: Option<[f64; 2]>) -> String {
 const BEAMS_DEG: f64 = 0.01;
 
 fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
-    let degrees = |value: f64, u95: f64| format!("{value:+.4} +- {u95:.4} deg");
+    let degrees = |value: f64, u95: f64| format!("{} +- {u95:.4} deg", signed(value, 4));
     let mut rows: Vec<Vec<String>> = Vec::new();
     for check in &comparison.mount {
         let tilt = check.tilt_error_deg.zip(check.u95_deg);
@@ -215,13 +215,10 @@ fn tilt_section(report: &mut Report, comparison: &Comparison) {
     report.table(&header, &tilt_rows(comparison));
     let mut rows = Vec::new();
     for check in &comparison.mount {
-        let of = |estimate: &Option<crate::calibrate::Estimate>, digits: usize| {
-            estimate.map_or("-".into(), |e| format!("{:+.digits$} +- {:.digits$}", e.value, e.u95))
-        };
         let mut row = vec![check.sensor.clone()];
-        row.extend(check.translation_mm.iter().map(|estimate| of(estimate, 1)));
-        row.extend(check.rotation_deg.iter().map(|estimate| of(estimate, 3)));
-        row.push(of(&check.range_offset_mm, 1));
+        row.extend(check.translation_mm.iter().map(|shift| output::estimate(*shift, 1)));
+        row.extend(check.rotation_deg.iter().map(|turn| output::estimate(*turn, 3)));
+        row.push(output::estimate(check.range_offset_mm, 1));
         rows.push(row);
     }
     let header = [

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
-use sensors::velodyne::Product;
 
-use super::feed::{self, AxisSummary, Fed, Taken};
+use super::axes::{AxisSummary, tilts};
+use super::feed::{self, Fed, Seated, Taken};
 use crate::commands::recording::{Meant, Recording, SensorArgs};
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::geometry::Pose;
@@ -17,7 +17,7 @@ use crate::servo::ServoReport;
 use crate::trajectory::Trajectory;
 
 enum Source {
-    Session(Box<Session>, Vec<TiltHistory>),
+    Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<Meant> },
     Capture(Recording),
 }
 
@@ -69,12 +69,13 @@ impl Recorded {
             }
             return Ok(None);
         };
-        let mut rig = mount.rig()?;
+        let rig = mount.rig()?;
         let (source, axes) = match session {
             Some(session) if sensors.meta.is_empty() => {
-                calibrate(&mut rig, &session, &sensors.calibrations()?)?;
-                let (tilts, axes) = feed::tilts(&session, &rig)?;
-                (Source::Session(Box::new(session), tilts), axes)
+                let calibrations = sensors.calibrations()?;
+                ensure_meant(&calibrations, &session)?;
+                let (tilts, axes) = tilts(&session, &rig)?;
+                (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
             }
             _ => (Source::Capture(Recording::open(path, sensors)?), Vec::new()),
         };
@@ -84,7 +85,7 @@ impl Recorded {
     /// What its axes reported; nothing for a capture.
     pub fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
         match &self.source {
-            Source::Session(session, _) => Ok(session.servo()?),
+            Source::Session { session, .. } => Ok(session.servo()?),
             Source::Capture(_) => Ok(Vec::new()),
         }
     }
@@ -92,7 +93,7 @@ impl Recorded {
     /// What it is, in words.
     pub fn what(&self) -> &'static str {
         match self.source {
-            Source::Session(..) => "the session",
+            Source::Session { .. } => "the session",
             Source::Capture(_) => "a capture",
         }
     }
@@ -100,7 +101,7 @@ impl Recorded {
     /// The way that it holds itself.
     pub fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
         match &self.source {
-            Source::Session(session, _) => Ok(session.trajectory()?),
+            Source::Session { session, .. } => Ok(session.trajectory()?),
             Source::Capture(_) => Ok(None),
         }
     }
@@ -108,7 +109,9 @@ impl Recorded {
     /// Every frame.
     pub fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
         match &self.source {
-            Source::Session(session, tilts) => feed::session(session, &self.rig, tilts, &mut |_| (), take),
+            Source::Session { session, tilts, calibrations } => {
+                feed::session(&Seated { session, rig: &self.rig, tilts, calibrations }, &mut |_| (), take)
+            }
             Source::Capture(recording) => feed::capture(recording, &self.rig, take),
         }
     }
@@ -148,10 +151,9 @@ impl Recorded {
     }
 }
 
-/// Gives the Velodynes of a session the calibrations that were typed for them.
-fn calibrate(rig: &mut Rig, session: &Session, calibrations: &[Meant]) -> anyhow::Result<()> {
+/// A calibration that is meant for an address is meant for a sensor of the session.
+fn ensure_meant(calibrations: &[Meant], session: &Session) -> anyhow::Result<()> {
     let entries = &session.manifest().sensors;
-    let source = |name: &str| entries.iter().find(|entry| entry.name == name).and_then(|entry| entry.source);
     for address in calibrations.iter().filter_map(|(address, _)| *address) {
         ensure!(
             entries.iter().any(|entry| entry.source == Some(address)),
@@ -159,14 +161,6 @@ fn calibrate(rig: &mut Rig, session: &Session, calibrations: &[Meant]) -> anyhow
              in the mount file, or without an address where one holds for every Velodyne",
             session.dir().join(crate::record::file::MANIFEST).display()
         );
-    }
-    for mounted in &mut rig.sensors {
-        let Some(product) = Product::from_name(&mounted.model.name) else { continue };
-        let from = source(&mounted.name);
-        let meant = calibrations.iter().find(|(address, _)| address.is_none() || *address == from);
-        if let Some((_, calibration)) = meant {
-            mounted.model = calibration.model(product).with_context(|| mounted.name.clone())?;
-        }
     }
     Ok(())
 }

@@ -3,8 +3,9 @@
 
 use anyhow::Context as _;
 
+use crate::commands::compare::axes::{AxisSummary, tilts};
 use crate::commands::compare::comparison::Comparison;
-use crate::commands::compare::feed::{self, AxisSummary, SensorSummary};
+use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::judge::{self, Given};
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::coverage::Coverage;
@@ -36,7 +37,7 @@ pub fn compare(
     progress: &mut dyn FnMut(u64),
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
-    let (tilts, axes) = feed::tilts(session, rig)?;
+    let (tilts, axes) = tilts(session, rig)?;
     // what the axis measured, never what it was told; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
         tilt.span_rad()
@@ -48,7 +49,8 @@ pub fn compare(
     if let Some(patches) = &patches {
         replay = replay.with_surface(patches);
     }
-    let fed = feed::session(session, rig, &tilts, progress, &mut |taken| {
+    let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
+    let fed = feed::session(&seated, progress, &mut |taken| {
         replay.set_model(taken.sensor, taken.model);
         if let Some(pitch_rad) = taken.pitch_rad {
             replay.set_pitch(taken.sensor, pitch_rad);
