@@ -18,6 +18,8 @@ mod watch;
 
 /// Time a move may take to settle after its path ended, µs.
 const SETTLE_US: u64 = 1_000_000;
+/// Readings that stay together for so long after a stop are those of a shaft that stands, µs.
+const REST_US: u64 = 300_000;
 
 /// One axis as the state machine knows it.
 #[derive(Clone, Copy, Debug)]
@@ -106,6 +108,8 @@ pub struct Controller<S, const N: usize> {
     path: Option<Path<N>>,
     path_ended_us: Option<u64>,
     disarm_when_stopped: bool,
+    /// Since when it is about to rest: disarmed, and not yet known to stand.
+    resting_since_us: Option<u64>,
     moved_by: u16,
     last_order: Option<u16>,
     answered: [Option<Answered>; 16],
@@ -160,6 +164,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             path: None,
             path_ended_us: None,
             disarm_when_stopped: false,
+            resting_since_us: None,
             moved_by: 0,
             last_order: None,
             answered: [None; 16],
@@ -249,6 +254,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 }
             }
         }
+        self.come_to_rest();
         match self.state {
             State::Moving if self.path.is_none() => self.settle(tell),
             State::Homing => self.home(tell),
@@ -272,14 +278,14 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    /// Stopped before the target: what it stands on is the target now. A rig that may not move pushes nowhere either: what
-    /// little the servo lags behind would go on for ever behind an encoder that stopped counting.
+    /// Stopped before the target: what it stands on is the target now.
     fn rest_where_told(&mut self) {
         let disarmed = core::mem::take(&mut self.disarm_when_stopped) || !self.armed;
+        if disarmed {
+            self.push_nowhere();
+            self.resting_since_us = Some(self.now_us);
+        }
         for axis in &mut self.axes {
-            if disarmed && matches!(axis.sense.reading, Reading::Measured(_)) {
-                axis.setpoint_urad = axis.measured_urad;
-            }
             axis.target_urad = axis.setpoint_urad;
         }
         if disarmed {
@@ -287,6 +293,34 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             if self.faults.is_empty() && self.state != State::Boot {
                 self.state = State::Idle;
             }
+        }
+    }
+
+    /// A rig that may not move pushes nowhere either: what little the servo lags behind would go on for ever behind an
+    /// encoder that stopped counting.
+    fn push_nowhere(&mut self) {
+        for axis in &mut self.axes {
+            if matches!(axis.sense.reading, Reading::Measured(_)) {
+                axis.setpoint_urad = axis.measured_urad;
+                axis.target_urad = axis.measured_urad;
+            }
+        }
+    }
+
+    /// Once a disarmed rig stands, what it was told at the moment that it stopped is no longer what it stands on: shafts
+    /// swing on and come back. Once, not ever again: a load would pull a set point along that follows it.
+    fn come_to_rest(&mut self) {
+        if self.armed {
+            self.resting_since_us = None;
+        }
+        let Some(since_us) = self.resting_since_us.filter(|_| self.path.is_none()) else { return };
+        let stands = |axis: &Axis| {
+            let is_measured = matches!(axis.sense.reading, Reading::Measured(_));
+            !is_measured || axis.asked_us.saturating_sub(axis.quiet_us.max(since_us)) > REST_US
+        };
+        if self.axes.iter().all(stands) {
+            self.push_nowhere();
+            self.resting_since_us = None;
         }
     }
 

@@ -242,6 +242,39 @@ fn lost_play_is_no_motion() {
     live(0, &events).unwrap();
 }
 
+/// A shaft that still swings when its rig is disarmed, and an encoder that stops counting just then.
+#[test]
+fn a_frozen_encoder_drives_no_disarmed_shaft() {
+    let run = |ms, step_us| Event::Run { ms, step_us };
+    let events = [
+        Event::Inject(0, AxisFault::EncoderFreeze),
+        Event::MakeReady,
+        Event::Order(Order::MovePair { a_urad: 0, b_urad: -116_582 }),
+        Event::MakeReady,
+        Event::Inject(1, AxisFault::EncoderFreeze),
+        run(762, 2042),
+        run(5000, 200),
+    ];
+    live(0, &events).unwrap();
+}
+
+/// A shaft that brakes for one reason, and an encoder that stops counting meanwhile: the first fault hides no second one.
+#[test]
+fn a_frozen_encoder_is_found_while_the_rig_brakes_for_another_fault() {
+    let events = [
+        Event::MakeReady,
+        Event::Order(Order::Profile { axis: 0, speed_mrad_s: 215, acceleration_mrad_s2: 172 }),
+        Event::Order(Order::MovePair { a_urad: 171_990, b_urad: 271_791 }),
+        Event::MakeReady,
+        Event::MakeReady,
+        Event::Inject(1, AxisFault::UnderVoltage(9000)),
+        Event::Inject(1, AxisFault::EncoderFreeze),
+        Event::MakeReady,
+        Event::MakeReady,
+    ];
+    live(0, &events).unwrap();
+}
+
 /// The property above must not hold for want of motion.
 #[test]
 fn the_property_sees_motion() {

@@ -85,7 +85,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    /// The first rule an axis breaks, the most telling first, with the value that broke it.
+    /// The first rule an axis breaks that is not latched yet, the most telling first, with the value that broke it. What is
+    /// latched hides nothing: a motor that stays hot for minutes may stall meanwhile.
     fn watch_axis(&mut self, number: usize) -> Option<(Fault, i32)> {
         let now = self.now_us;
         let config = self.config.axes[number];
@@ -110,27 +111,29 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         // until the last sample, not until now: what a slow bus has not told yet may have moved
         let still_us = axis.asked_us.saturating_sub(axis.quiet_us);
         let over = |time: Option<u64>, longest: u64| time.is_some_and(|time| time > longest);
-        if sense.temperature_c > config.temperature_limit_c {
-            Some((Fault::OverTemperature, sense.temperature_c.into()))
-        } else if over(supply_us, SUPPLY_US) {
-            Some((Fault::UnderVoltage, sense.supply_mv.into()))
-        } else if sense.reading == Reading::Invalid || (sense.reading == Reading::Missing && missing) {
-            Some((Fault::EncoderInvalid, 0))
-        } else if axis.jumped_us == Some(now) {
-            Some((Fault::EncoderJump, axis.measured_urad.saturating_sub(axis.setpoint_urad)))
-        } else if driven.is_some_and(|from| now.saturating_sub(from) > TORQUE_US) && !sense.torque {
-            Some((Fault::TorqueLost, 0))
-        } else if over(current_us, CURRENT_US) {
-            Some((Fault::OverCurrent, sense.current_ma.into()))
-        } else if over(away_us, STALL_US) && still_us > STALL_US {
-            Some((Fault::Stall, error))
-        } else if over(following_us, FOLLOWING_US) {
-            Some((Fault::FollowingError, error))
-        } else if axis.homed && outside(axis.measured_urad, &config) {
-            Some((Fault::SoftLimit, axis.measured_urad))
-        } else {
-            None
-        }
+        let is_lost = sense.reading == Reading::Invalid || (sense.reading == Reading::Missing && missing);
+        let is_let_go = driven.is_some_and(|from| now.saturating_sub(from) > TORQUE_US) && !sense.torque;
+        let rules = [
+            (
+                sense.temperature_c > config.temperature_limit_c,
+                Fault::OverTemperature,
+                sense.temperature_c.into(),
+            ),
+            (over(supply_us, SUPPLY_US), Fault::UnderVoltage, sense.supply_mv.into()),
+            (is_lost, Fault::EncoderInvalid, 0),
+            (
+                axis.jumped_us == Some(now),
+                Fault::EncoderJump,
+                axis.measured_urad.saturating_sub(axis.setpoint_urad),
+            ),
+            (is_let_go, Fault::TorqueLost, 0),
+            (over(current_us, CURRENT_US), Fault::OverCurrent, sense.current_ma.into()),
+            (over(away_us, STALL_US) && still_us > STALL_US, Fault::Stall, error),
+            (over(following_us, FOLLOWING_US), Fault::FollowingError, error),
+            (axis.homed && outside(axis.measured_urad, &config), Fault::SoftLimit, axis.measured_urad),
+        ];
+        let new = rules.into_iter().find(|(broken, fault, _)| *broken && !self.faults.contains(*fault));
+        new.map(|(_, fault, detail)| (fault, detail))
     }
 
     /// Whether an encoder stayed away too often, or tells of too long ago, to move on: the set points wait for it, so what is
@@ -165,6 +168,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         self.latched[usize::from(fault.code())] = super::Latched { axis, time_us: self.now_us, detail };
         self.armed = false;
         self.disarm_when_stopped = false;
+        self.resting_since_us = Some(self.now_us);
         self.end_homing();
         self.state = if self.faults.contains(Fault::EStop) { State::EStop } else { State::Fault };
         match fault {
