@@ -1,12 +1,20 @@
 //! Point files read back: each holds the points that were given, and appears only when whole.
 
 use std::path::Path;
+use std::process::Command;
 
+use clap::ValueEnum as _;
 use glam::DVec3;
 use outrigger::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
+use outrigger::geometry::Pose;
+use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::scene::{BoxScene, Scene};
+use outrigger::trajectory::Trajectory;
+use sensors::capture::PcapWriter;
 use sensors::ouster::ImuSample;
 use sensors::projection::points_f64;
-use sensors::{Frame, Layer, SensorModel, catalogue};
+use sensors::velodyne::{Product, ReturnMode};
+use sensors::{Frame, Layer, Packet, SensorModel, catalogue};
 
 use crate::support::{Case, case};
 
@@ -20,6 +28,7 @@ pub const CASES: &[Case] = &[
     case("foxglove_messages_hold_the_points", foxglove_messages_hold_the_points),
     case("inertial_samples_have_a_topic", inertial_samples_have_a_topic),
     case("a_file_appears_whole_or_not_at_all", a_file_appears_whole_or_not_at_all),
+    case("a_full_disk_is_named_and_leaves_nothing", a_full_disk_is_named_and_leaves_nothing),
     case("the_same_points_give_the_same_bytes", the_same_points_give_the_same_bytes),
 ];
 
@@ -301,6 +310,57 @@ fn a_file_appears_whole_or_not_at_all() {
     assert_eq!(std::fs::read(&path).unwrap(), before);
     again.finish().unwrap();
     assert!(std::fs::metadata(&path).unwrap().len() > before.len() as u64);
+}
+
+/// A second of a VLP-16 that stands in a room.
+fn write_capture(path: &Path) {
+    let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.3), DVec3::new(5.0, 3.5, 1.7)));
+    let still =
+        Trajectory::new([0, 1_000_000_000].map(|ns| (START_NS + ns, Pose::IDENTITY)).to_vec()).unwrap();
+    let around = Surroundings {
+        scene: &scene,
+        trajectory: &still,
+        body_from_sensor: &|_| Pose::IDENTITY,
+        noise_m: 0.01,
+        seed: 1,
+    };
+    let [source, destination] = ["10.0.0.7:2368", "10.0.0.100:2368"].map(|address| address.parse().unwrap());
+    let mut capture = PcapWriter::new(std::fs::File::create(path).unwrap()).unwrap();
+    MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
+        .unwrap()
+        .run(&around, |host_time_ns, payload| {
+            capture.write(&Packet { host_time_ns, source, destination, payload })
+        })
+        .unwrap();
+    capture.close().unwrap();
+}
+
+/// Whatever a file's writer does when it is dropped: what the disk said is said, and no file is left.
+fn a_full_disk_is_named_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let capture = folder.path().join("capture.pcap");
+    write_capture(&capture);
+    for format in Format::value_variants() {
+        let name = format!("points.{}", format.extension());
+        let (format, out) = (format.to_possible_value().unwrap(), folder.path().join("out"));
+        std::fs::create_dir(&out).unwrap();
+        // so many blocks of 1024 bytes, and a signal less: the disk's words but for the number
+        for blocks in [1, 60] {
+            let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+            let output = Command::new("bash")
+                .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_outrigger"), "decode"])
+                .arg(&capture)
+                .args(["--format", format.get_name(), "--out"])
+                .arg(out.join(&name))
+                .output()
+                .unwrap();
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{name}, {blocks}: {said}");
+            assert!(said.contains("File too large") && said.contains(&name), "{name}, {blocks}: {said}");
+        }
+        assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0, "{name}: something is left");
+        std::fs::remove_dir(&out).unwrap();
+    }
 }
 
 fn the_same_points_give_the_same_bytes() {

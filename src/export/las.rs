@@ -1,19 +1,21 @@
 //! LAS 1.4 and LAZ, point format 6 with the ring as an extra dimension. Source: ASPRS LAS specification 1.4 R15.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::Write as _;
 
 use las::point::Format;
 use las::{Builder, Point, Transform, Vector, Vlr, Writer};
 
 use super::record::seconds;
+use super::sink::{Failure, Sink};
 use super::{Cause, Cloud, CloudWriter};
 
 /// Steps of stored coordinates, m: a tenth of what sensors resolve; 32 bits reach 214 km with it.
 const STEP_M: f64 = 1e-4;
 
 pub(super) struct LasWriter {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<Sink>,
+    failure: Failure,
 }
 
 impl LasWriter {
@@ -29,7 +31,8 @@ impl LasWriter {
         builder.generating_software = concat!("outrigger ", env!("CARGO_PKG_VERSION")).into();
         builder.system_identifier = "LiDAR, sensor frame".into();
         builder.vlrs = vec![ring_dimension()];
-        Ok(Self { writer: Writer::new(BufWriter::new(file), builder.into_header()?)? })
+        let (sink, failure) = Sink::new(file);
+        Ok(Self { writer: Writer::new(sink, builder.into_header()?)?, failure })
     }
 }
 
@@ -51,11 +54,13 @@ impl CloudWriter for LasWriter {
                 ..Point::default()
             })?;
         }
-        Ok(())
+        self.failure.check()
     }
 
-    fn close(mut self: Box<Self>) -> Result<(), Cause> {
-        Ok(self.writer.close()?)
+    fn close(self: Box<Self>) -> Result<(), Cause> {
+        let Self { writer, failure } = *self;
+        writer.into_inner()?.flush()?;
+        failure.check()
     }
 }
 

@@ -19,6 +19,8 @@ mod npy;
 mod pcd;
 mod ply;
 mod record;
+#[cfg(any(feature = "mcap", feature = "survey"))]
+mod sink;
 
 use std::borrow::Cow;
 use std::fs::File;

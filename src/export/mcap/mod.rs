@@ -7,12 +7,13 @@ mod ros2;
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::Write as _;
 
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 use sensors::ouster::ImuSample;
 
+use super::sink::{Failure, Sink};
 use super::{Cause, Cloud, CloudWriter, Kind, Source, Topic, foxglove, topic};
 
 /// Which messages a file holds.
@@ -23,7 +24,8 @@ pub(super) enum Dialect {
 }
 
 pub(super) struct McapWriter {
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<Sink>,
+    failure: Failure,
     dialect: Dialect,
     schemas: BTreeMap<&'static str, u16>,
     topics: BTreeMap<String, (u16, Topic)>,
@@ -35,8 +37,9 @@ impl McapWriter {
             .profile(if dialect == Dialect::Ros2 { "ros2" } else { "" })
             .library(concat!("outrigger ", env!("CARGO_PKG_VERSION")))
             .compression(Some(mcap::Compression::Zstd));
-        let writer = options.create(BufWriter::new(file))?;
-        Ok(Self { writer, dialect, schemas: BTreeMap::new(), topics: BTreeMap::new() })
+        let (sink, failure) = Sink::new(file);
+        let writer = options.create(sink)?;
+        Ok(Self { writer, failure, dialect, schemas: BTreeMap::new(), topics: BTreeMap::new() })
     }
 
     fn write(
@@ -71,7 +74,7 @@ impl McapWriter {
             let header = MessageHeader { channel_id: *channel_id, sequence, log_time, publish_time };
             self.writer.write_to_known_channel(&header, message)?;
         }
-        Ok(())
+        self.failure.check()
     }
 }
 
@@ -98,8 +101,10 @@ impl CloudWriter for McapWriter {
         self.topics.values().map(|(_, topic)| topic.clone()).collect()
     }
 
-    fn close(mut self: Box<Self>) -> Result<(), Cause> {
-        self.writer.finish()?;
-        Ok(())
+    fn close(self: Box<Self>) -> Result<(), Cause> {
+        let Self { mut writer, failure, .. } = *self;
+        writer.finish()?;
+        writer.into_inner().flush()?;
+        failure.check()
     }
 }
