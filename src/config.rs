@@ -153,7 +153,7 @@ enum Endpoint {
 impl Config {
     /// Reads a file and checks everything in it but the settings, which the verbs know.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path)
+        let text = crate::files::read_text(path)
             .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }

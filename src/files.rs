@@ -1,4 +1,4 @@
-//! Files that appear under their name only when they are whole.
+//! Files that appear under their name only when they are whole, and text files.
 
 use std::fs::File;
 use std::io::{self, Write as _};
@@ -23,6 +23,19 @@ pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
     sync_folder(folder_of(path))
+}
+
+/// Reads a text file.
+///
+/// # Errors
+/// What the system says, or the first byte that is no text: some other file was named.
+pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
+    String::from_utf8(std::fs::read(path)?).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        let byte = error.as_bytes()[at];
+        let words = format!("expected text in UTF-8, found {byte:#04x} at byte {at}: another kind of file?");
+        io::Error::new(io::ErrorKind::InvalidData, words)
+    })
 }
 
 /// Puts a JSON document under its name whole or not at all.
@@ -60,6 +73,16 @@ mod tests {
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         let path = folder.path().join("a.json");
         write_json(&path, &[1, 2]).unwrap();
-        assert_eq!(std::fs::read_to_string(path).unwrap(), "[\n  1,\n  2\n]\n");
+        assert_eq!(read_text(path).unwrap(), "[\n  1,\n  2\n]\n");
+    }
+
+    #[test]
+    fn what_is_no_text_is_said_with_its_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.pcap");
+        std::fs::write(&path, b"ab\xd4\xc3").unwrap();
+        let said = read_text(&path).unwrap_err().to_string();
+        assert!(said.contains("0xd4 at byte 2"), "{said}");
+        assert_eq!(read_text(folder.path().join("absent")).unwrap_err().kind(), io::ErrorKind::NotFound);
     }
 }

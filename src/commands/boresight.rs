@@ -107,7 +107,7 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
         Some("still") => return recorded.still(),
         Some("odometry") => {}
         Some(name) => {
-            let text = std::fs::read_to_string(name).with_context(|| name.to_owned())?;
+            let text = crate::files::read_text(name).with_context(|| name.to_owned())?;
             return Trajectory::from_tum(&text).with_context(|| name.to_owned());
         }
         None => {
@@ -139,10 +139,10 @@ fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, p {:.3}{}",
+            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
-            tilt.p_value,
+            output::p_value(tilt.p_value),
             if is_off(found) { "" } else { ": as said, as far as can be told" }
         ),
         (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),

@@ -225,7 +225,7 @@ impl PoseErrorArgs {
 
 /// Reads a trajectory: TUM, or KITTI where a rate is given.
 pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
-    let text = std::fs::read_to_string(path)?;
+    let text = crate::files::read_text(path)?;
     Ok(match rate_hz {
         Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
         None => Trajectory::from_tum(&text)?,

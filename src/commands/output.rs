@@ -45,6 +45,11 @@ pub fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
     estimate.map_or("-".into(), |told| format!("{} +- {:.decimals$}", signed(told.value, decimals), told.u95))
 }
 
+/// A p value, for a text or a page: none is nothing.
+pub fn p_value(p_value: f64) -> String {
+    if p_value < 0.0005 { "p < 0.001".into() } else { format!("p {p_value:.3}") }
+}
+
 /// Prints a notice on stderr: done as asked, with something the user may not expect.
 pub fn say_notice(notice: &str) {
     let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");

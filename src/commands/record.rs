@@ -242,7 +242,7 @@ pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
 }
 
 fn read_metadata(path: &Path) -> anyhow::Result<String> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("metadata {}", path.display()))?;
+    let text = crate::files::read_text(path).with_context(|| format!("metadata {}", path.display()))?;
     Metadata::parse(&text, &path.display().to_string())?;
     Ok(text)
 }

@@ -79,7 +79,7 @@ impl Recording {
         let mut metadata = Vec::with_capacity(paths.len());
         for path in &paths {
             let name = path.display().to_string();
-            let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+            let text = crate::files::read_text(path).with_context(|| name.clone())?;
             metadata.push((Metadata::parse(&text, &name)?, name));
         }
         Ok(Self { path, metadata, calibrations: sensors.calibrations()? })

@@ -112,7 +112,7 @@ pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Re
 
 fn way(path: &Path) -> anyhow::Result<Trajectory> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    let text = crate::files::read_text(path).with_context(|| name.clone())?;
     Trajectory::from_tum(&text).context(name)
 }
 

@@ -118,7 +118,7 @@ impl Manifest {
     /// Reads the manifest of a session.
     pub fn read(dir: &Path) -> Result<Self, SessionError> {
         let path = dir.join(file::MANIFEST);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match crate::files::read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(SessionError::NotASession { dir: dir.to_owned() });
             }

@@ -118,7 +118,7 @@ impl Session {
 
     fn text(&self, relative: &str) -> Result<Option<String>, SessionError> {
         let path = self.dir.join(relative);
-        match fs::read_to_string(&path) {
+        match crate::files::read_text(&path) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(SessionError::io(&path, "cannot be read", error)),

@@ -116,7 +116,7 @@ impl MountFile {
     /// Reads a file, or the published program's export. Everything in it is checked: format, frame, names, models,
     /// finite numbers.
     pub fn read(path: &Path) -> Result<Self, MountFileError> {
-        let text = std::fs::read_to_string(path)
+        let text = crate::files::read_text(path)
             .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
         let mut file = Self::from_json(&text)
             .map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;

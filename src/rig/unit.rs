@@ -109,7 +109,7 @@ impl Unit {
         let unreadable = |source| UnitError::Unreadable { path: path.to_owned(), source };
         match FileKind::of(path) {
             Some(FileKind::Ouster) => {
-                let text = std::fs::read_to_string(path).map_err(unreadable)?;
+                let text = crate::files::read_text(path).map_err(unreadable)?;
                 Self::ouster(path, &text, stated)
             }
             Some(FileKind::Velodyne) => {

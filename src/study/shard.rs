@@ -124,7 +124,7 @@ impl Plan {
     /// Reads `plan.json`.
     pub fn read(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("plan.json");
-        let text = std::fs::read_to_string(&path).map_err(|error| {
+        let text = crate::files::read_text(&path).map_err(|error| {
             StudyError(format!("{}: {error}; `outrigger study plan` makes it", path.display()))
         })?;
         let plan: Self = serde_json::from_str(&text).map_err(|error| at(&path, error))?;

@@ -256,7 +256,7 @@ fn replayed(
 fn planned(args: &Args, scene: &Scene, rig: &Rig, grid: &VoxelGrid) -> anyhow::Result<Option<Coverage>> {
     let Some(path) = &args.planned else { return Ok(None) };
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    let text = crate::files::read_text(path).with_context(|| name.clone())?;
     let way: Trajectory = Trajectory::from_tum(&text).context(name)?;
     let mut scanner = Scanner::new(scene, &way, rig, Spin::default());
     // a replay lets beams pass through the other sensors too

@@ -103,7 +103,7 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
         rows.push(vec![
             check.sensor.clone(),
             tilt.map_or("cannot tell here".into(), |(value, u95)| degrees(value, u95)),
-            check.p_value.map_or("-".into(), |p| format!("p {p:.3}")),
+            check.p_value.map_or("-".into(), output::p_value),
             format!(
                 "told: {}",
                 if check.observable.is_empty() { "nothing".into() } else { check.observable.join(" ") }
@@ -115,7 +115,7 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
         rows.push(vec![
             relative.sensors.join(" - "),
             degrees(relative.error_deg, relative.u95_deg),
-            format!("p {:.3}", relative.p_value),
+            output::p_value(relative.p_value),
             match relative.error_deg.abs() + relative.u95_deg < BEAMS_DEG {
                 true => "less than beams are calibrated to".into(),
                 false => String::new(),

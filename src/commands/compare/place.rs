@@ -186,7 +186,7 @@ fn trajectory(
         notices.extend(odometry::remarks(&way));
         return Ok(way.walked.trajectory);
     }
-    let text = std::fs::read_to_string(path).with_context(|| name.clone())?;
+    let text = crate::files::read_text(path).with_context(|| name.clone())?;
     let Some(rate_hz) = args.rate else { return Trajectory::from_tum(&text).context(name) };
     let poses = Trajectory::from_kitti(&text, rate_hz).context(name)?;
     let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];

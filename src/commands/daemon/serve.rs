@@ -149,7 +149,7 @@ fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
         _ => None,
     })?;
     let place = place(&args.place)?;
-    let config_text = std::fs::read_to_string(&config.path)
+    let config_text = crate::files::read_text(&config.path)
         .with_context(|| format!("cannot read {}", config.path.display()))?;
     Ok(Settings {
         sensors,
@@ -204,7 +204,7 @@ fn section<T>(config: &Config, words: &[&str], of_verb: impl FnOnce(Verb) -> Opt
 fn token(args: &Args) -> anyhow::Result<Option<Token>> {
     let text = match (&args.token_file, &args.token) {
         (Some(path), _) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("token {}", path.display()))?;
+            let text = crate::files::read_text(path).with_context(|| format!("token {}", path.display()))?;
             Some((text, path.display().to_string()))
         }
         (None, Some(token)) => Some((token.clone(), "OUTRIGGER_DAEMON_TOKEN".into())),

@@ -360,7 +360,7 @@ fn build_trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 }
 
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("trajectory {}", path.display()))?;
+    let text = crate::files::read_text(path).with_context(|| format!("trajectory {}", path.display()))?;
     Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
 }
 

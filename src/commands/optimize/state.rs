@@ -54,7 +54,7 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
 
 /// The search of a state file; none if there is no such file yet.
 pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
-    let text = match std::fs::read_to_string(path) {
+    let text = match crate::files::read_text(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         text => text.with_context(|| format!("state file {} cannot be read", path.display()))?,
     };

@@ -34,7 +34,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let mut state = Sensor::at(host)?.read()?;
         if let Some(path) = &args.meta {
             let Some(metadata) = &state.metadata else { bail!("{host}: it has no metadata to compare with") };
-            let recorded = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            let recorded = crate::files::read_text(path).with_context(|| path.display().to_string())?;
             let differences =
                 warnings::of_metadata(metadata, &recorded).with_context(|| path.display().to_string())?;
             state.warnings.extend(differences);

@@ -170,7 +170,7 @@ fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneL
     let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
     let way = match trajectory {
         Some(file) => {
-            let text = std::fs::read_to_string(file).map_err(|error| of(file, &error))?;
+            let text = crate::files::read_text(file).map_err(|error| of(file, &error))?;
             Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
         }
         None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,
