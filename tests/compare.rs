@@ -33,6 +33,10 @@ pub const CASES: &[Case] = &[
     case("sensors_are_held_against_each_other", rig_faults::sensors_are_held_against_each_other),
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
     case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),
+    case(
+        "the_zero_that_is_offered_is_the_one_that_fits",
+        stand::the_zero_that_is_offered_is_the_one_that_fits,
+    ),
     case("a_calibration_counts_wherever_it_is_named", units::a_calibration_counts_wherever_it_is_named),
     case("a_second_unit_under_one_name_is_told_of", units::a_second_unit_under_one_name_is_told_of),
     case("another_sensor_than_the_mount_says_is_named", units::another_sensor_than_the_mount_says_is_named),

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
+use super::compare::axes::AxisZeros;
 use super::compare::recorded::{Kept, Recorded};
 use super::ground::PoseErrorArgs;
 use super::odometry::{self, OdometryArgs};
@@ -38,6 +39,8 @@ pub struct Args {
     /// Where the sensors sit; without it the session's own.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
+    #[command(flatten)]
+    zeros: AxisZeros,
     /// Way of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
     /// way that the recording itself tells; without it the session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
@@ -65,9 +68,9 @@ struct Document {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error()?;
-    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref())?;
+    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)?;
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
-    let mut problems = Vec::new();
+    let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;
     let Kept { rays, sensors, fed } = recorded.rays(RAYS)?;
     let mut relative = Vec::new();

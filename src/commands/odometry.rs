@@ -7,6 +7,7 @@ use anyhow::{Context as _, ensure};
 use sensors::Decoded;
 use serde::Serialize;
 
+use super::compare::axes::AxisZeros;
 use super::compare::recorded::Recorded;
 use super::ground::suspicions;
 use super::recording::{Recording, SensorArgs};
@@ -35,6 +36,8 @@ pub struct Args {
     /// Where the sensors sit; without it the session's own.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
+    #[command(flatten)]
+    zeros: AxisZeros,
     #[command(flatten)]
     settings: OdometryArgs,
     /// Write the way in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
@@ -104,13 +107,19 @@ pub struct Way {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
-    let way = match Recorded::open_if_seated(&args.recording, &args.sensors, args.mount.as_ref())? {
-        Some(recorded) => of_rig(&recorded, &args.settings)?,
-        None => of_one(&Recording::open(&args.recording, &args.sensors)?, &args.settings)?,
-    };
+    let mut notices = Vec::new();
+    let way =
+        match Recorded::open_if_seated(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)? {
+            Some(recorded) => {
+                notices.clone_from(&recorded.notices);
+                of_rig(&recorded, &args.settings)?
+            }
+            None => of_one(&Recording::open(&args.recording, &args.sensors)?, &args.settings)?,
+        };
     let trajectory = &way.walked.trajectory;
     let mut files = Vec::new();
-    let mut problems = remarks(&way);
+    let mut problems = notices;
+    problems.extend(remarks(&way));
     let mut write = |path: &PathBuf, text: String| {
         files.push(path.display().to_string());
         write_whole(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))

@@ -8,7 +8,7 @@ use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use serde::Serialize;
 
-use super::compare::axes::tilts;
+use super::compare::axes::{AxisZeros, tilts};
 use super::compare::feed::{self, Seated, Taken};
 use super::ground::{MeshArgs, MeshTaken};
 use crate::record::Session;
@@ -159,7 +159,7 @@ impl Making {
         let file = session.mount()?.with_context(|| lacks("mount file"))?;
         let trajectory = session.trajectory()?.with_context(|| lacks("trajectory"))?;
         let rig = file.rig()?;
-        let (tilts, _) = tilts(&session, &rig)?;
+        let (tilts, _) = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
         let seated = Seated { session: &session, rig: &rig, tilts: &tilts, calibrations: &[] };
         let fed = feed::session(&seated, &mut |_| (), &mut take)?;

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
+use super::compare::axes::AxisZeros;
 use super::compare::feed::Taken;
 use super::compare::recorded::Recorded;
 use super::recording::SensorArgs;
@@ -72,7 +73,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Session::is_session(&args.session),
         "{name} is no session: the angles of the axes are in none but those"
     );
-    let recorded = Recorded::open(&args.session, &SensorArgs::default(), args.mount.as_ref())?;
+    let zeros = AxisZeros::default(); // turns alone do not tell it
+    let recorded = Recorded::open(&args.session, &SensorArgs::default(), args.mount.as_ref(), &zeros)?;
     let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),

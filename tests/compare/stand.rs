@@ -20,16 +20,20 @@ const START_NS: u64 = 1_763_722_223_000_000_000;
 const HELD_NS: u64 = 1_500_000_000;
 const SETTINGS_DEG: [f64; 7] = [-20.0, -8.0, 6.0, 20.0, 7.0, -6.0, -18.0];
 
-/// Turned by `scale` times what is measured; `play_deg` less when it comes from below.
+/// Turned by `scale` times what is measured, and `zero_deg`; `play_deg` less when it comes from below.
+#[derive(Clone, Copy)]
 struct Servo {
     scale: f64,
     play_deg: f64,
+    zero_deg: f64,
 }
+
+const HONEST: Servo = Servo { scale: 1.0, play_deg: 0.0, zero_deg: 0.0 };
 
 impl Servo {
     fn true_deg(&self, setting: usize) -> f64 {
         let from_below = setting > 0 && SETTINGS_DEG[setting - 1] < SETTINGS_DEG[setting];
-        self.scale * SETTINGS_DEG[setting] - if from_below { self.play_deg } else { 0.0 }
+        self.zero_deg + self.scale * SETTINGS_DEG[setting] - if from_below { self.play_deg } else { 0.0 }
     }
 
     fn record(&self, session: &Path, settings: usize) {
@@ -100,7 +104,7 @@ fn stand(session: &Path) -> (Option<i32>, Value, String) {
 pub fn a_servo_s_scale_and_play_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("off");
-    Servo { scale: 1.03, play_deg: 0.4 }.record(&path, SETTINGS_DEG.len());
+    Servo { scale: 1.03, play_deg: 0.4, ..HONEST }.record(&path, SETTINGS_DEG.len());
     let (exit, document, said) = stand(&path);
     assert_eq!(exit, Some(3), "{document:#} {said}");
     assert_eq!(document["verdict"], "differs");
@@ -116,11 +120,11 @@ pub fn a_servo_s_scale_and_play_are_found() {
 pub fn an_honest_servo_does_as_it_measures() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("honest");
-    Servo { scale: 1.0, play_deg: 0.0 }.record(&path, SETTINGS_DEG.len());
+    HONEST.record(&path, SETTINGS_DEG.len());
     let (exit, document, said) = stand(&path);
     assert_eq!((exit, &document["verdict"]), (Some(0), &"as_measured".into()), "{document:#} {said}");
     let few = folder.path().join("few");
-    Servo { scale: 1.0, play_deg: 0.0 }.record(&few, 2);
+    HONEST.record(&few, 2);
     let (exit, document, said) = stand(&few);
     assert_eq!((exit, &document["verdict"]), (Some(3), &"cannot_tell".into()), "{document:#} {said}");
     std::fs::remove_file(few.join("servo.jsonl")).unwrap();
@@ -129,4 +133,41 @@ pub fn an_honest_servo_does_as_it_measures() {
     assert!(said.contains("no angle that an axis measured"), "{said}");
     let (exit, _, said) = stand(folder.path());
     assert!(exit == Some(1) && said.contains("is no session"), "{said}");
+}
+
+/// What `compare` offers as the zero of an axis is what makes the recording agree once it is typed.
+pub fn the_zero_that_is_offered_is_the_one_that_fits() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("session");
+    Servo { zero_deg: 2.0, ..HONEST }.record(&session, 2);
+    let compare = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        command.arg("compare").arg(&session).args(["--json", "--nulls", "0", "--trajectory", "still"]);
+        let output = command.arg("--room=-4,-3,-1.4,5,3.5,1.6").args(more).output().unwrap();
+        let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let share = |document: &Value| document["rays"]["left"]["agree_share"].as_f64().unwrap();
+    let (exit, document, said) = compare(&[]);
+    assert_eq!(exit, Some(3), "{said}");
+    assert!(share(&document) < 0.9, "{document:#}");
+    assert!(
+        said.contains("left: the mount file says +0.00 degrees") && said.contains("the axis counts"),
+        "{said}"
+    );
+    let zero_deg = document["servo_zero"][0]["add_deg"].as_f64().unwrap();
+    assert!((zero_deg - 2.0).abs() < 0.1, "{zero_deg}");
+
+    let typed = format!("left={zero_deg}");
+    let (exit, document, said) = compare(&["--axis-zero", &typed]);
+    assert_eq!(exit, Some(0), "{document:#} {said}");
+    assert!(share(&document) > 0.99, "{document:#}");
+    let again_deg = document["servo_zero"][0]["add_deg"].as_f64().unwrap();
+    assert!((again_deg - zero_deg).abs() < 0.05, "the whole zero is offered: {again_deg}");
+    assert!(document["rig"][0]["measured_pitch_deg"].as_f64().unwrap() < -13.0, "as measured");
+
+    let (exit, _, said) = compare(&["--axis-zero", "right=1"]);
+    assert!(exit == Some(1) && said.contains("--axis-zero right"), "{said}");
+    let (exit, _, said) = compare(&["--axis-zero", "left=far"]);
+    assert!(exit == Some(2) && said.contains("far"), "{said}");
 }

@@ -1,11 +1,53 @@
 //! What the axes of a session measured.
 
+use anyhow::ensure;
 use serde::Serialize;
 
+use crate::chart::signed;
 use crate::compare::{TiltHistory, TiltReading};
 use crate::record::Session;
-use crate::rig::Rig;
+use crate::rig::{MountedSensor, Rig};
 use crate::servo::ServoReport;
+
+/// A mount and an axis that differ by more do not say the same, rad: five times what a good servo errs.
+const CONTRADICTS_RAD: f64 = 0.3_f64.to_radians();
+
+/// Zeros of servo axes, as typed.
+#[derive(clap::Args, Debug, Default)]
+pub struct AxisZeros {
+    /// What the angles that an axis measured lack, degrees, as `compare` found it for the axis of this sensor; once per
+    /// sensor. Of the recording alone: the servo itself is not changed.
+    #[arg(long = "axis-zero", value_name = "SENSOR=DEG", value_parser = axis_zero)]
+    zeros_deg: Vec<(String, f64)>,
+}
+
+fn axis_zero(text: &str) -> Result<(String, f64), String> {
+    let (sensor, degrees) = text.split_once('=').ok_or("expected SENSOR=DEG")?;
+    let degrees: f64 = degrees.parse().map_err(|error| format!("{degrees:?}: {error}"))?;
+    if degrees.is_nan() || degrees.abs() > 180.0 {
+        return Err(format!("{degrees}: expected degrees within 180 of nothing"));
+    }
+    Ok((sensor.into(), degrees))
+}
+
+impl AxisZeros {
+    /// That of a sensor's axis.
+    fn rad(&self, sensor: &str) -> f64 {
+        let zero = self.zeros_deg.iter().find(|(name, _)| name == sensor);
+        zero.map_or(0.0, |(_, degrees)| degrees.to_radians())
+    }
+
+    /// Each belongs to an axis that measured something.
+    pub fn ensure_measured(&self, axes: &[AxisSummary]) -> anyhow::Result<()> {
+        for (name, _) in &self.zeros_deg {
+            ensure!(
+                axes.iter().any(|axis| axis.sensor == *name),
+                "--axis-zero {name}=...: the recording holds no angle that an axis of a sensor of this name measured"
+            );
+        }
+        Ok(())
+    }
+}
 
 /// One servo axis.
 #[derive(Debug, Serialize)]
@@ -14,25 +56,32 @@ pub struct AxisSummary {
     pub target_pitch_deg: f64,
     /// Mean of what the axis measured while recording.
     pub measured_pitch_deg: f64,
+    /// What was typed to be added to it.
+    pub zero_deg: f64,
     /// Greatest minus least of it.
     pub measured_span_deg: f64,
     pub reports: usize,
 }
 
-/// What the axes of a session measured; nothing where it holds no reports.
-pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, Vec<AxisSummary>)> {
+/// Pitches of a session's sensors as their axes measured them, their zeros added; nothing where it holds no reports.
+pub fn tilts(
+    session: &Session,
+    rig: &Rig,
+    zeros: &AxisZeros,
+) -> anyhow::Result<(Vec<TiltHistory>, Vec<AxisSummary>)> {
     let reports: Vec<ServoReport> = session.servo()?;
     let (mut tilts, mut axes) = (Vec::new(), Vec::new());
     for (axis, sensor) in rig.sensors.iter().enumerate() {
         let rad = |urad: i32| f64::from(urad) * 1e-6;
+        let zero_rad = zeros.rad(&sensor.name);
         let measured: Vec<TiltReading> = reports
             .iter()
             .filter(|report| report.axis == axis && report.source == "measured")
             .map(|report| TiltReading {
                 time_ns: report.time_ns,
-                pitch_rad: rad(report.position_urad),
+                pitch_rad: rad(report.position_urad) + zero_rad,
                 uncertainty_rad: report.uncertainty_urad.map(rad),
-                held_rad: (report.state == "holding").then(|| rad(report.target_urad)),
+                held_rad: (report.state == "holding").then(|| rad(report.target_urad) + zero_rad),
             })
             .collect();
         let count = measured.len();
@@ -42,7 +91,8 @@ pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, 
             axes.push(AxisSummary {
                 sensor: sensor.name.clone(),
                 target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
-                measured_pitch_deg: (sum / count as f64).to_degrees(),
+                measured_pitch_deg: (sum / count as f64 - zero_rad).to_degrees(),
+                zero_deg: zero_rad.to_degrees(),
                 measured_span_deg: (greatest - least).to_degrees(),
                 reports: count,
             });
@@ -50,4 +100,23 @@ pub fn tilts(session: &Session, rig: &Rig) -> anyhow::Result<(Vec<TiltHistory>, 
         tilts.push(tilt);
     }
     Ok((tilts, axes))
+}
+
+/// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says.
+pub fn contradicted(rig: &Rig, tilts: &[TiltHistory]) -> Vec<String> {
+    let words = |(sensor, tilt): (&MountedSensor, &TiltHistory)| {
+        let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, tilt.span_rad()?);
+        let differs = said_rad < least_rad - CONTRADICTS_RAD || said_rad > greatest_rad + CONTRADICTS_RAD;
+        let degrees = |rad: f64| signed(rad.to_degrees(), 2);
+        differs.then(|| {
+            format!(
+                "{}: the mount file says {} degrees, its axis measured {} to {}: the axis counts (--axis-zero adds to it)",
+                sensor.name,
+                degrees(said_rad),
+                degrees(least_rad),
+                degrees(greatest_rad)
+            )
+        })
+    };
+    rig.sensors.iter().zip(tilts).filter_map(words).collect()
 }

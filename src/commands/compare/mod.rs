@@ -29,7 +29,7 @@ use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
 
-use axes::AxisSummary;
+use axes::{AxisSummary, AxisZeros};
 use comparison::{Comparison, Verdict};
 use feed::{Fed, SensorSummary};
 use judge::Given;
@@ -60,6 +60,8 @@ pub struct Args {
     /// Where the sensors sit; without it the session's own.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
+    #[command(flatten)]
+    zeros: AxisZeros,
     #[command(flatten)]
     place: PlaceArgs,
     /// The way as planned (TUM): what it covers with the mounts as said is compared with what was driven.
@@ -106,13 +108,13 @@ pub struct Document {
     pub wall_s: f64,
 }
 
-/// What to add to an axis' zero so that it reads what its sensor's tilt is.
+/// What to add to what an axis measures so that it is its sensor's tilt.
 #[derive(Debug, Serialize)]
 pub struct ZeroOffer {
     pub sensor: String,
     /// Mean of what the axis measured, degrees.
     pub measured_deg: f64,
-    /// Found less measured, degrees.
+    /// Found less measured, degrees; what was typed as its zero is part of it.
     pub add_deg: f64,
     /// Half of its 95 % interval, degrees.
     pub u95_deg: f64,
@@ -126,7 +128,7 @@ impl ZeroOffer {
             Some(Self {
                 sensor: axis.sensor.clone(),
                 measured_deg: axis.measured_pitch_deg,
-                add_deg: check.tilt_error_deg?,
+                add_deg: axis.zero_deg + check.tilt_error_deg?,
                 u95_deg: check.u95_deg?,
             })
         };
@@ -136,12 +138,15 @@ impl ZeroOffer {
     /// In words.
     pub fn words(&self) -> String {
         format!(
-            "the axis of {} measured {} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not applied)",
+            "the axis of {} measured {} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not \
+             applied: --axis-zero {}={} compares with it)",
             self.sensor,
             signed(self.measured_deg, 3),
             signed(self.measured_deg + self.add_deg, 3),
             signed(self.add_deg, 3),
-            self.u95_deg
+            self.u95_deg,
+            self.sensor,
+            signed(self.add_deg, 3)
         )
     }
 }
@@ -151,7 +156,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
     let error = args.pose_error.error()?;
-    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref())?;
+    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)?;
     let place = place::read(&args.place, &recorded)?;
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);
@@ -180,7 +185,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         },
         &replayed,
     );
-    let mut problems = place.notices;
+    let mut problems = recorded.notices.clone();
+    problems.extend(place.notices);
     problems.extend(fed.losses.iter().cloned());
     let document = Document {
         format: "outrigger-compare/1",

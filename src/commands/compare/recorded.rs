@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
 
-use super::axes::{AxisSummary, tilts};
+use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
 use super::feed::{self, Fed, Seated, Taken};
 use crate::commands::recording::{Meant, Recording, SensorArgs};
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
@@ -28,6 +28,8 @@ pub struct Recorded {
     pub rig: Rig,
     /// What the axes measured, where the session holds it.
     pub axes: Vec<AxisSummary>,
+    /// What may not be as the user thinks.
+    pub notices: Vec<String>,
     span_ns: OnceCell<Option<[u64; 2]>>,
 }
 
@@ -43,8 +45,13 @@ pub struct Kept {
 impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `mount`
     /// says, or as the session does.
-    pub fn open(path: &Path, sensors: &SensorArgs, mount: Option<&PathBuf>) -> anyhow::Result<Self> {
-        Self::open_if_seated(path, sensors, mount)?.with_context(|| {
+    pub fn open(
+        path: &Path,
+        sensors: &SensorArgs,
+        mount: Option<&PathBuf>,
+        zeros: &AxisZeros,
+    ) -> anyhow::Result<Self> {
+        Self::open_if_seated(path, sensors, mount, zeros)?.with_context(|| {
             format!("{}: give --mount: the recording does not say where its sensors sit", path.display())
         })
     }
@@ -54,6 +61,7 @@ impl Recorded {
         path: &Path,
         sensors: &SensorArgs,
         mount: Option<&PathBuf>,
+        zeros: &AxisZeros,
     ) -> anyhow::Result<Option<Self>> {
         // a name that was mistyped is no recording without a mount
         std::fs::metadata(path).with_context(|| path.display().to_string())?;
@@ -70,16 +78,19 @@ impl Recorded {
             return Ok(None);
         };
         let rig = mount.rig()?;
+        let mut notices = Vec::new();
         let (source, axes) = match session {
             Some(session) if sensors.meta.is_empty() => {
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
-                let (tilts, axes) = tilts(&session, &rig)?;
+                let (tilts, axes) = tilts(&session, &rig, zeros)?;
+                notices = contradicted(&rig, &tilts);
                 (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
             }
             _ => (Source::Capture(Recording::open(path, sensors)?), Vec::new()),
         };
-        Ok(Some(Self { source, mount, rig, axes, span_ns: OnceCell::new() }))
+        zeros.ensure_measured(&axes)?;
+        Ok(Some(Self { source, mount, rig, axes, notices, span_ns: OnceCell::new() }))
     }
 
     /// What its axes reported; nothing for a capture.

@@ -111,7 +111,7 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
     } else if percent(total.short + total.long) > 2.0 {
         words.push(format!(
             "{name}: {:.1} % of the rays end early and {:.1} % late: most likely because it sits otherwise than said; compare \
-             again with the mount that --corrected-mount writes",
+             again with the mount that --corrected-mount writes (of a sensor whose axis measures: with --axis-zero)",
             percent(total.short),
             percent(total.long)
         ));

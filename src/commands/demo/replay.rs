@@ -3,7 +3,7 @@
 
 use anyhow::Context as _;
 
-use crate::commands::compare::axes::{AxisSummary, tilts};
+use crate::commands::compare::axes::{AxisSummary, AxisZeros, tilts};
 use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::judge::{self, Given};
@@ -37,7 +37,7 @@ pub fn compare(
     progress: &mut dyn FnMut(u64),
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
-    let (tilts, axes) = tilts(session, rig)?;
+    let (tilts, axes) = tilts(session, rig, &AxisZeros::default())?;
     // what the axis measured, never what it was told; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
         tilt.span_rad()
