@@ -298,6 +298,7 @@ fn rig(port: &Path) -> Check {
 
 fn text(document: &Document) -> String {
     let mut text = String::new();
+    let width = document.checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
     for check in &document.checks {
         let state = match check.state {
             State::Ok => "ok",
@@ -305,9 +306,9 @@ fn text(document: &Document) -> String {
             State::Bad => "MEND",
             State::Unknown => "?",
         };
-        let _ = writeln!(text, "{state:<5} {:<18} {}", check.name, check.found);
+        let _ = writeln!(text, "{state:<5} {:<width$} {}", check.name, check.found);
         if let Some(advice) = &check.advice {
-            let _ = writeln!(text, "{:24} -> {advice}", "");
+            let _ = writeln!(text, "{:indent$} -> {advice}", "", indent = width + 6);
         }
     }
     let count = |state: State| document.checks.iter().filter(|check| check.state == state).count();

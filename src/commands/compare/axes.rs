@@ -110,7 +110,7 @@ pub fn contradicted(rig: &Rig, tilts: &[TiltHistory]) -> Vec<String> {
         let degrees = |rad: f64| signed(rad.to_degrees(), 2);
         differs.then(|| {
             format!(
-                "{}: the mount file says {} degrees, its axis measured {} to {}: the axis counts (--axis-zero adds to it)",
+                "{}: the mount file says {} degrees, its axis {} to {}: the axis counts (--axis-zero adds to it)",
                 sensor.name,
                 degrees(said_rad),
                 degrees(least_rad),
