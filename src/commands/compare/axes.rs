@@ -102,13 +102,15 @@ pub fn tilts(
     Ok((tilts, axes))
 }
 
-/// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says.
-pub fn contradicted(rig: &Rig, tilts: &[TiltHistory]) -> Vec<String> {
+/// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
+/// knows.
+pub fn contradicted(rig: &Rig, tilts: &[TiltHistory], zeros: &AxisZeros) -> Vec<String> {
     let words = |(sensor, tilt): (&MountedSensor, &TiltHistory)| {
         let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, tilt.span_rad()?);
+        let is_typed = zeros.rad(&sensor.name) != 0.0;
         let differs = said_rad < least_rad - CONTRADICTS_RAD || said_rad > greatest_rad + CONTRADICTS_RAD;
         let degrees = |rad: f64| signed(rad.to_degrees(), 2);
-        differs.then(|| {
+        (differs && !is_typed).then(|| {
             format!(
                 "{}: the mount file says {} degrees, its axis {} to {}: the axis counts (--axis-zero adds to it)",
                 sensor.name,

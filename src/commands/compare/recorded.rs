@@ -84,7 +84,7 @@ impl Recorded {
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
                 let (tilts, axes) = tilts(&session, &rig, zeros)?;
-                notices = contradicted(&rig, &tilts);
+                notices = contradicted(&rig, &tilts, zeros);
                 (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
             }
             _ => (Source::Capture(Recording::open(path, sensors)?), Vec::new()),
