@@ -16,6 +16,17 @@ pub fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     builder.tempfile_in(folder_of(path))
 }
 
+/// Looks whether a file could be put under its name, before the work is done that it is to hold.
+pub fn check_place(path: &Path) -> io::Result<()> {
+    if path.is_dir() {
+        return Err(io::Error::new(
+            io::ErrorKind::IsADirectory,
+            "it is a folder, expected the name of a file",
+        ));
+    }
+    temporary_beside(path).map(drop)
+}
+
 /// Puts a file under its name whole or not at all, and on the disk.
 pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = temporary_beside(path)?;
@@ -69,7 +80,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let taken = folder.path().join("taken");
         std::fs::create_dir(&taken).unwrap();
-        assert!(write_whole(&taken, b"x").is_err());
+        assert!(write_whole(&taken, b"x").is_err() && check_place(&taken).is_err());
+        assert!(check_place(&folder.path().join("absent/a.json")).is_err());
+        check_place(&folder.path().join("a.json")).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
         let path = folder.path().join("a.json");
         write_json(&path, &[1, 2]).unwrap();

@@ -136,6 +136,9 @@ fn a_missing_or_wrong_file_is_named() {
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
         (&["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,0,0"], "paper-os1-64"),
+        // before the search, not after it
+        (&["optimize", "--evals", "100000", "--out", "no-such/m.json"], "cannot write no-such/m.json"),
+        (&["optimize", "--evals", "100000", "--report", "src"], "cannot write src: it is a folder"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_outrigger"))
             .args(arguments)

@@ -12,13 +12,14 @@ use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use serde::Serialize;
 
 pub use args::Args;
 use args::{Corners, Range};
 
 use super::{Context, Outcome, output, signals};
+use crate::files::check_place;
 use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
@@ -105,6 +106,11 @@ struct Best {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    for path in
+        [&args.out, &args.export_published, &args.csv, &args.report, &args.resume].into_iter().flatten()
+    {
+        check_place(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
     refuse_mixed(args, given.simulator().experiment())?;
     let finer = refine::Finer::asked(args, &given)?;
@@ -336,23 +342,29 @@ fn report(
         history: search.history().collect(),
     };
     let file = outputs::mount_file(problem, &masters, document.best.evaluation.objective);
-    if let Some(path) = &args.csv {
-        outputs::write_csv(path, &file, &document)?;
-    }
-    if let Some(path) = &args.report {
-        outputs::write_report(path, problem, &file, &masters, &document)?;
-    }
-    if let Some(path) = &args.out {
-        file.write(path)?;
-    }
-    if let Some(path) = &args.export_published {
-        published::write(path, problem, &file, &document)?;
-    }
+    let write = || -> anyhow::Result<()> {
+        if let Some(path) = &args.csv {
+            outputs::write_csv(path, &file, &document)?;
+        }
+        if let Some(path) = &args.report {
+            outputs::write_report(path, problem, &file, &masters, &document)?;
+        }
+        if let Some(path) = &args.out {
+            file.write(path)?;
+        }
+        if let Some(path) = &args.export_published {
+            published::write(path, problem, &file, &document)?;
+        }
+        Ok(())
+    };
+    let written = write();
+    // a disk that is full by now takes the files, not what was found
     if context.json {
         output::print_json(&document)?;
     } else {
         output::print_text(&summary(&document))?;
     }
+    written?;
     if !document.best.evaluation.feasible {
         output::say_notice(
             "the housings of the best mount would collide, so it cannot be built; --clearance housing searches among \
