@@ -75,6 +75,7 @@ impl Recorded {
             if path.is_file() {
                 CaptureReader::open(path)?;
             }
+            zeros.ensure_measured(&[])?;
             return Ok(None);
         };
         let rig = mount.rig()?;
