@@ -6,11 +6,9 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::compare::axes::AxisZeros;
-use super::compare::recorded::{Kept, Recorded};
+use super::compare::recorded::{Kept, Recorded, RecordedArgs};
 use super::ground::PoseErrorArgs;
 use super::odometry::{self, OdometryArgs};
-use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::calibrate::{Pair, RelativeMount, relative_mount};
 use crate::chart::signed;
@@ -32,15 +30,8 @@ const NOTABLE_DEG: f64 = 0.1;
                   Exit codes: 0 the sensors sit as said, 1 failed, 3 they do not, it cannot be told, or data was lost."
 )]
 pub struct Args {
-    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
-    recording: PathBuf,
     #[command(flatten)]
-    sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own.
-    #[arg(long, value_name = "FILE")]
-    mount: Option<PathBuf>,
-    #[command(flatten)]
-    zeros: AxisZeros,
+    recorded: RecordedArgs,
     /// Way of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
     /// way that the recording itself tells; without it the session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
@@ -68,7 +59,7 @@ struct Document {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error()?;
-    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)?;
+    let recorded = Recorded::open(&args.recorded)?;
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;

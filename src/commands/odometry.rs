@@ -7,10 +7,9 @@ use anyhow::{Context as _, ensure};
 use sensors::Decoded;
 use serde::Serialize;
 
-use super::compare::axes::AxisZeros;
-use super::compare::recorded::Recorded;
+use super::compare::recorded::{Recorded, RecordedArgs};
 use super::ground::suspicions;
-use super::recording::{Recording, SensorArgs};
+use super::recording::Recording;
 use super::{Context, Outcome, output, unread};
 use crate::files::write_whole;
 use crate::geometry::Pose;
@@ -29,15 +28,8 @@ use crate::trajectory::Trajectory;
                   Exit codes: 0 done, 1 failed, 3 done, but data was lost."
 )]
 pub struct Args {
-    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
-    recording: PathBuf,
     #[command(flatten)]
-    sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own.
-    #[arg(long, value_name = "FILE")]
-    mount: Option<PathBuf>,
-    #[command(flatten)]
-    zeros: AxisZeros,
+    recorded: RecordedArgs,
     #[command(flatten)]
     settings: OdometryArgs,
     /// Write the way in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
@@ -108,14 +100,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
     let mut notices = Vec::new();
-    let way =
-        match Recorded::open_if_seated(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)? {
-            Some(recorded) => {
-                notices.clone_from(&recorded.notices);
-                of_rig(&recorded, &args.settings)?
-            }
-            None => of_one(&Recording::open(&args.recording, &args.sensors)?, &args.settings)?,
-        };
+    let way = match Recorded::open_if_seated(&args.recorded)? {
+        Some(recorded) => {
+            notices.clone_from(&recorded.notices);
+            of_rig(&recorded, &args.settings)?
+        }
+        None => of_one(&Recording::open(&args.recorded.recording, &args.recorded.sensors)?, &args.settings)?,
+    };
     let trajectory = &way.walked.trajectory;
     let mut files = Vec::new();
     let mut problems = notices;

@@ -6,10 +6,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::compare::axes::AxisZeros;
 use super::compare::feed::Taken;
-use super::compare::recorded::Recorded;
-use super::recording::SensorArgs;
+use super::compare::recorded::{Recorded, RecordedArgs};
 use super::{Context, Outcome, output};
 use crate::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
 use crate::compare::Thinning;
@@ -73,8 +71,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Session::is_session(&args.session),
         "{name} is no session: the angles of the axes are in none but those"
     );
-    let zeros = AxisZeros::default(); // turns alone do not tell it
-    let recorded = Recorded::open(&args.session, &SensorArgs::default(), args.mount.as_ref(), &zeros)?;
+    // no zeros: turns alone do not tell them
+    let of =
+        RecordedArgs { recording: args.session.clone(), mount: args.mount.clone(), ..Default::default() };
+    let recorded = Recorded::open(&of)?;
     let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),

@@ -17,7 +17,6 @@ use anyhow::{Context as _, bail, ensure};
 use serde::Serialize;
 
 use super::ground::PoseErrorArgs;
-use super::recording::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::calibrate::SensorCheck;
 use crate::chart::signed;
@@ -29,12 +28,12 @@ use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::trajectory::Trajectory;
 
-use axes::{AxisSummary, AxisZeros};
+use axes::AxisSummary;
 use comparison::{Comparison, Verdict};
 use feed::{Fed, SensorSummary};
 use judge::Given;
 use place::PlaceArgs;
-use recorded::Recorded;
+use recorded::{Recorded, RecordedArgs};
 
 /// Samples of the surface.
 const SAMPLES: usize = 200_000;
@@ -53,15 +52,8 @@ const SETTLE_EVERY: u64 = 16;
                   Exit codes: 0 the recording matches, 1 failed, 3 it differs, cannot tell, or data was lost."
 )]
 pub struct Args {
-    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
-    recording: PathBuf,
     #[command(flatten)]
-    sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own.
-    #[arg(long, value_name = "FILE")]
-    mount: Option<PathBuf>,
-    #[command(flatten)]
-    zeros: AxisZeros,
+    recorded: RecordedArgs,
     #[command(flatten)]
     place: PlaceArgs,
     /// The way as planned (TUM): what it covers with the mounts as said is compared with what was driven.
@@ -156,7 +148,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
     let error = args.pose_error.error()?;
-    let recorded = Recorded::open(&args.recording, &args.sensors, args.mount.as_ref(), &args.zeros)?;
+    let recorded = Recorded::open(&args.recorded)?;
     let place = place::read(&args.place, &recorded)?;
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);

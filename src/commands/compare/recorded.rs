@@ -1,7 +1,7 @@
 //! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
 
 use std::cell::OnceCell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
@@ -15,6 +15,20 @@ use crate::record::Session;
 use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::servo::ServoReport;
 use crate::trajectory::Trajectory;
+
+/// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
+#[derive(clap::Args, Debug, Default)]
+pub struct RecordedArgs {
+    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
+    pub recording: PathBuf,
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+    /// Where the sensors sit; without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    pub mount: Option<PathBuf>,
+    #[command(flatten)]
+    pub zeros: AxisZeros,
+}
 
 enum Source {
     Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<Meant> },
@@ -43,26 +57,20 @@ pub struct Kept {
 }
 
 impl Recorded {
-    /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `mount`
+    /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
     /// says, or as the session does.
-    pub fn open(
-        path: &Path,
-        sensors: &SensorArgs,
-        mount: Option<&PathBuf>,
-        zeros: &AxisZeros,
-    ) -> anyhow::Result<Self> {
-        Self::open_if_seated(path, sensors, mount, zeros)?.with_context(|| {
-            format!("{}: give --mount: the recording does not say where its sensors sit", path.display())
+    pub fn open(args: &RecordedArgs) -> anyhow::Result<Self> {
+        Self::open_if_seated(args)?.with_context(|| {
+            format!(
+                "{}: give --mount: the recording does not say where its sensors sit",
+                args.recording.display()
+            )
         })
     }
 
     /// The same; none where nobody says where the sensors sit.
-    pub fn open_if_seated(
-        path: &Path,
-        sensors: &SensorArgs,
-        mount: Option<&PathBuf>,
-        zeros: &AxisZeros,
-    ) -> anyhow::Result<Option<Self>> {
+    pub fn open_if_seated(args: &RecordedArgs) -> anyhow::Result<Option<Self>> {
+        let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         // a name that was mistyped is no recording without a mount
         std::fs::metadata(path).with_context(|| path.display().to_string())?;
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
