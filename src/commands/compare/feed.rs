@@ -99,6 +99,26 @@ impl Fed {
         self.faults.extend(model.and_then(|model| seat.wrong_model(&sensor.product(), model)));
         Ok(())
     }
+
+    /// What came to a sensor's port and is not its own: packets of a second sensor, and those that no sensor claims. Where
+    /// all are such, the metadata belong to another unit.
+    fn tell_strangers(&mut self, mounted: &MountedSensor, router: &Router) {
+        let sensors = router.sensors();
+        for other in sensors.iter().skip(1) {
+            let (packets, source) = (other.stats().packets, other.source());
+            let from = source.map_or(String::new(), |source| format!(", from {source}"));
+            self.losses.push(format!("{}: {packets} packets of a second sensor{from}", mounted.name));
+        }
+        let left: Vec<&Unclaimed> = router.unclaimed().filter(|entry| entry.is_sensor_data).collect();
+        let is_silent = sensors.first().is_some_and(|sensor| sensor.stats().packets == 0);
+        match left.first() {
+            Some(first) if is_silent => self.faults.push(foreign(mounted, &first.reason)),
+            _ => self.losses.extend(left.iter().map(|entry| {
+                let Unclaimed { packets, length, reason, .. } = entry;
+                format!("{}: {packets} packets of {length} bytes are not its own: {reason}", mounted.name)
+            })),
+        }
+    }
 }
 
 /// A session, and what is known of its sensors beside their packets.
@@ -149,25 +169,10 @@ pub fn session(
     }
     for (place, (router, seat)) in routers.iter_mut().zip(&seats).enumerate() {
         router.finish(&mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
-        let mounted = &rig.sensors[place];
-        let mut sensors = router.sensors().iter();
-        if let Some(sensor) = sensors.next() {
+        if let Some(sensor) = router.sensors().first() {
             fed.close(place, sensor, seat)?;
         }
-        for other in sensors {
-            let (packets, source) = (other.stats().packets, other.source());
-            let from = source.map_or(String::new(), |source| format!(", from {source}"));
-            fed.losses.push(format!("{}: {packets} packets of a second sensor{from}", mounted.name));
-        }
-        let left: Vec<&Unclaimed> = router.unclaimed().filter(|entry| entry.is_sensor_data).collect();
-        let is_silent = router.sensors().first().is_some_and(|sensor| sensor.stats().packets == 0);
-        match left.first() {
-            Some(first) if is_silent => fed.faults.push(foreign(mounted, &first.reason)),
-            _ => fed.losses.extend(left.iter().map(|entry| {
-                let Unclaimed { packets, length, reason, .. } = entry;
-                format!("{}: {packets} packets of {length} bytes are not its own: {reason}", mounted.name)
-            })),
-        }
+        fed.tell_strangers(&rig.sensors[place], router);
     }
     fed.losses.extend(session.problems().iter().cloned());
     Ok(fed)
