@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::ouster::Metadata;
-use tokio::signal::unix::{SignalKind, signal};
 
+use super::signals::Wishes;
 use super::{Context, Outcome, output};
 use crate::config::{SensorConfig, Stream};
 use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
@@ -122,8 +122,7 @@ fn warn_unseated(rig: &Rig, listens: &[Listen]) {
 
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself.
 async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Duration>) -> anyhow::Result<()> {
-    let mut interrupt = signal(SignalKind::interrupt()).context("cannot wait for Ctrl-C")?;
-    let mut terminate = signal(SignalKind::terminate()).context("cannot wait for SIGTERM")?;
+    let mut wishes = Wishes::new().context("signals cannot be caught")?;
     let mut tick = tokio::time::interval(LOOK);
     let begun = Instant::now();
     let bar = ProgressBar::new_spinner();
@@ -134,8 +133,7 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
     let mut said_low_disk = false;
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
         tokio::select! {
-            _ = interrupt.recv() => break,
-            _ = terminate.recv() => break,
+            () = wishes.next() => break,
             _ = tick.tick() => {}
         }
         bar.set_message(status_line(recording, listens));

@@ -1,15 +1,50 @@
-//! Ctrl-C, counted: the first asks to stop in good order, later ones insist.
+//! Ctrl-C and SIGTERM, counted: the first asks to stop in good order, later ones insist.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::output;
 
-/// One message for each Ctrl-C (or SIGTERM) from now on, in place of ending the program.
+/// What comes so soon after a signal is the same wish, told twice: `timeout` signals its child and then the group that the
+/// child is in, and a terminal's Ctrl-C reaches a wrapper that passes it on.
+const SAME_WISH: Duration = Duration::from_millis(200);
+
+/// Wishes to stop.
+pub struct Wishes {
+    interrupt: Signal,
+    terminate: Signal,
+    last: Option<Instant>,
+}
+
+impl Wishes {
+    /// From now on signals end the program no more. In a runtime.
+    pub fn new() -> std::io::Result<Self> {
+        let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+        Ok(Self { interrupt, terminate, last: None })
+    }
+
+    /// Waits for the next one; may be dropped while it waits.
+    pub async fn next(&mut self) {
+        loop {
+            tokio::select! {
+                _ = self.interrupt.recv() => {}
+                _ = self.terminate.recv() => {}
+            }
+            let now = Instant::now();
+            if self.last.is_none_or(|last| now.duration_since(last) > SAME_WISH) {
+                self.last = Some(now);
+                return;
+            }
+        }
+    }
+}
+
+/// One message for each [wish](Wishes) from now on, in place of ending the program.
 pub fn interrupts() -> anyhow::Result<Receiver<()>> {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -21,11 +56,8 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
         .name("signals".into())
         .spawn(move || {
             runtime.block_on(async {
-                use tokio::signal::unix::{SignalKind, signal};
-                let streams = signal(SignalKind::interrupt())
-                    .and_then(|interrupt| Ok((interrupt, signal(SignalKind::terminate())?)));
-                let (mut interrupt, mut terminate) = match streams {
-                    Ok(streams) => streams,
+                let mut wishes = match Wishes::new() {
+                    Ok(wishes) => wishes,
                     Err(error) => {
                         let _ = ready.send(Err(error)); // the caller waits for it
                         return;
@@ -33,10 +65,7 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
                 };
                 let _ = ready.send(Ok(()));
                 loop {
-                    tokio::select! {
-                        _ = interrupt.recv() => {}
-                        _ = terminate.recv() => {}
-                    }
+                    wishes.next().await;
                     if sender.send(()).is_err() {
                         // nobody counts any more: end as the signal would have
                         std::process::exit(130);

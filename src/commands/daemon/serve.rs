@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use anyhow::{Context as _, bail};
 use clap::{CommandFactory as _, FromArgMatches as _};
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::watch;
 
 use super::surroundings::place;
 use super::{Args, LogFormat, service};
+use crate::commands::signals::Wishes;
 use crate::commands::{Cli, Context, Outcome, Verb, defaults, output, record, rig};
 use crate::config::Config;
 use crate::daemon::{
@@ -38,12 +38,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .build()
         .context("no runtime")?;
     // before anything is opened: a signal that comes early is not lost
-    let signals = runtime.block_on(async {
-        Ok::<_, std::io::Error>([signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?])
-    });
-    let signals = signals.context("signals cannot be caught")?;
+    let wishes = runtime.block_on(async { Wishes::new() }).context("signals cannot be caught")?;
     let daemon = Arc::new(Daemon::start(settings)?);
-    let ending = runtime.block_on(serve(web, Arc::clone(&daemon), signals, context))?;
+    let ending = runtime.block_on(serve(web, Arc::clone(&daemon), wishes, context))?;
     runtime.shutdown_timeout(Duration::from_secs(1));
     Ok(conclude(&ending))
 }
@@ -51,7 +48,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 async fn serve(
     web: Web,
     daemon: Arc<Daemon>,
-    signals: [Signal; 2],
+    mut wishes: Wishes,
     context: Context,
 ) -> anyhow::Result<Ending> {
     let address = web.address();
@@ -59,19 +56,14 @@ async fn serve(
     let mut serving = tokio::spawn(web.serve(Arc::clone(&daemon), stopped));
     announce(&daemon, address, context).await?;
     service::ready(&format!("http://{address}/"));
-    let [mut interrupt, mut terminate] = signals;
     let watchdog = tokio::spawn(service::feed_watchdog(Arc::clone(&daemon)));
     let served = tokio::select! {
-        _ = interrupt.recv() => None,
-        _ = terminate.recv() => None,
+        () = wishes.next() => None,
         served = &mut serving => Some(served),
     };
     service::stopping();
     tokio::spawn(async move {
-        tokio::select! {
-            _ = interrupt.recv() => {}
-            _ = terminate.recv() => {}
-        }
+        wishes.next().await;
         std::process::exit(130); // who asks twice does not want to wait for a disk
     });
     // data first: the page may wait
