@@ -10,7 +10,7 @@ use sensors::ouster::Metadata;
 use sensors::router::Router;
 use sensors::velodyne::Calibration;
 
-use crate::record::Session;
+use crate::record::{Manifest, Session};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders.
 const LEARN_PACKETS: usize = 20_000;
@@ -24,6 +24,8 @@ pub struct Recording {
     path: PathBuf,
     metadata: Vec<(Metadata, String)>,
     calibrations: Vec<Meant>,
+    /// What a session's recorder knows to be missing.
+    missing: Vec<String>,
 }
 
 /// A calibration, and where the Velodyne sends from that it is meant for; every one where nobody says.
@@ -55,6 +57,7 @@ pub struct Ending {
     pub damage: Option<CaptureError>,
     /// Interfaces of the last section.
     pub interfaces: Vec<Interface>,
+    missing: Vec<String>,
 }
 
 impl Recording {
@@ -70,19 +73,15 @@ impl Recording {
                 crate::record::file::MANIFEST
             );
         }
+        let mut missing = Vec::new();
         if capture.is_dir() {
+            missing = Manifest::read(capture)?.missing();
             path = capture.join(crate::record::file::PACKETS);
             if paths.is_empty() {
                 paths = json_files(&capture.join(crate::record::file::METADATA))?;
             }
         }
-        let mut metadata = Vec::with_capacity(paths.len());
-        for path in &paths {
-            let name = path.display().to_string();
-            let text = crate::files::read_text(path).with_context(|| name.clone())?;
-            metadata.push((Metadata::parse(&text, &name)?, name));
-        }
-        Ok(Self { path, metadata, calibrations: sensors.calibrations()? })
+        Ok(Self { path, metadata: metadata_of(&paths)?, calibrations: sensors.calibrations()?, missing })
     }
 
     /// The file that is read.
@@ -90,8 +89,9 @@ impl Recording {
         if self.is_standard_input() { "standard input".into() } else { self.path.display().to_string() }
     }
 
-    /// Metadata files in the folder of the capture that describe one of the given sensors, or that bear its name.
-    pub fn metadata_beside(&self, serials: &[u64]) -> Vec<PathBuf> {
+    /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
+    /// of one of these lengths, where any is known, and not among those given.
+    pub fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
         let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let Ok(files) = json_files(folder.unwrap_or(Path::new("."))) else { return Vec::new() };
@@ -99,12 +99,20 @@ impl Recording {
             let name = path.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
             name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
         };
+        let given: Vec<PathBuf> =
+            self.metadata.iter().filter_map(|(_, name)| std::fs::canonicalize(name).ok()).collect();
         let describes = |path: &PathBuf| {
+            if std::fs::canonicalize(path).is_ok_and(|path| given.contains(&path)) {
+                return false;
+            }
             let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
             let text = if small { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
             // what does not read as metadata is not what is looked for
             Metadata::parse(&text, "").is_ok_and(|metadata| {
-                metadata.serial_number().is_some_and(|serial| serials.contains(&serial)) || named(path)
+                let length = metadata.packet_format().packet_bytes();
+                (packet_bytes.is_empty() || packet_bytes.contains(&length))
+                    && (metadata.serial_number().is_some_and(|serial| serials.contains(&serial))
+                        || named(path))
             })
         };
         files.into_iter().take(MOST_FILES_BESIDE).filter(describes).collect()
@@ -155,7 +163,12 @@ impl Recording {
             }
         };
         bar.finish_and_clear();
-        Ok(Ending { counters: reader.counters().clone(), damage, interfaces: reader.interfaces().to_vec() })
+        Ok(Ending {
+            counters: reader.counters().clone(),
+            damage,
+            interfaces: reader.interfaces().to_vec(),
+            missing: self.missing.clone(),
+        })
     }
 
     fn is_standard_input(&self) -> bool {
@@ -164,10 +177,10 @@ impl Recording {
 }
 
 impl Ending {
-    /// Data that is missing because of the file, in words.
+    /// Data that is missing because of the file or its recorder, in words.
     pub fn losses(&self) -> Vec<String> {
         let counters = &self.counters;
-        let mut losses = Vec::new();
+        let mut losses = self.missing.clone();
         losses.extend(self.damage.as_ref().map(ToString::to_string));
         losses.extend(counters.truncated.as_ref().map(ToString::to_string));
         for (count, what) in [
@@ -184,6 +197,37 @@ impl Ending {
         }
         losses
     }
+}
+
+/// The metadata in some files; what describes a unit as another file does counts once.
+fn metadata_of(paths: &[PathBuf]) -> anyhow::Result<Vec<(Metadata, String)>> {
+    let mut known: Vec<(Metadata, String)> = Vec::with_capacity(paths.len());
+    for path in paths {
+        let name = path.display().to_string();
+        let text = crate::files::read_text(path).with_context(|| name.clone())?;
+        let metadata = Metadata::parse(&text, &name)?;
+        let same_unit = |(other, _): &&(Metadata, String)| {
+            let is_one = metadata.serial_number().is_some_and(|serial| other.serial_number() == Some(serial));
+            is_one && other.packet_format() == metadata.packet_format()
+        };
+        match known.iter().find(same_unit) {
+            Some((other, _)) if as_decoded(other) == as_decoded(&metadata) => {}
+            Some((_, other)) => bail!(
+                "{other} and {name}: both of sensor {}, with packets of the same format, and they differ: give the one \
+                 of the time of the recording",
+                metadata.serial
+            ),
+            None => known.push((metadata, name)),
+        }
+    }
+    Ok(known)
+}
+
+/// What decoding takes from metadata: not when it was switched on, what it runs and where it sends.
+fn as_decoded(metadata: &Metadata) -> Metadata {
+    let firmware = String::new();
+    let (lidar_port, imu_port, zone_port, destination) = (None, None, None, None);
+    Metadata { init_id: 0, firmware, lidar_port, imu_port, zone_port, destination, ..metadata.clone() }
 }
 
 /// `FILE` or `ADDRESS=FILE`.

@@ -1,10 +1,11 @@
 //! What is missing in a recording, why it gave nothing, and what would help.
 
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 use sensors::DecodeStats;
 use sensors::capture::CaptureCounters;
-use sensors::router::{Router, Unclaimed};
+use sensors::router::{Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 
@@ -39,9 +40,9 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
     for loss in ending.losses() {
         let _ = write!(text, "\n  {loss}");
     }
-    if unclaimed.iter().any(|entry| entry.needs_metadata) {
+    if needs_metadata(router) {
         let serials: Vec<u64> = unclaimed.iter().filter_map(|entry| entry.serial).collect();
-        let beside = recording.metadata_beside(&serials);
+        let beside = metadata_beside(recording, router, &serials);
         for path in &beside {
             let _ = write!(text, "\n{} lies beside it: try --meta {}", path.display(), path.display());
         }
@@ -52,6 +53,26 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
         }
     }
     text
+}
+
+/// Whether other metadata than those given, if any, would help.
+fn needs_metadata(router: &Router) -> bool {
+    router.unclaimed().any(|entry| entry.needs_metadata)
+        || router.sensors().iter().any(|sensor| sensor.misread_bytes().is_some())
+}
+
+/// Metadata files that lie beside a recording and would read what those given do not, of sensors with these serial numbers
+/// or named like the recording.
+pub fn metadata_beside(recording: &Recording, router: &Router, serials: &[u64]) -> Vec<PathBuf> {
+    if !needs_metadata(router) {
+        return Vec::new();
+    }
+    let unclaimed = router.unclaimed().filter(|entry| entry.is_ouster_lidar).map(|entry| entry.length);
+    let misread = router.sensors().iter().filter_map(Sensor::misread_bytes);
+    let serials_misread = router.sensors().iter().filter(|sensor| sensor.misread_bytes().is_some());
+    let serials_misread = serials_misread.filter_map(|sensor| sensor.serial().parse().ok());
+    let serials: Vec<u64> = serials.iter().copied().chain(serials_misread).collect();
+    recording.metadata_beside(&serials, &unclaimed.chain(misread).collect::<Vec<_>>())
 }
 
 /// What a file holds beside UDP datagrams; losses are [`Ending::losses`].

@@ -40,6 +40,22 @@ impl Manifest {
     pub fn is_aside(&self, entry: &SensorEntry) -> bool {
         super::is_aside(&entry.name, self.sensors.iter().map(|sensor| sensor.name.as_str()))
     }
+
+    /// Why the session is not whole, where it is not.
+    pub fn ended_early(&self) -> Option<String> {
+        let unclosed =
+            "the session was not closed: everything up to the last flush is there, losses are unknown";
+        self.failure.clone().or_else(|| (!self.complete).then(|| unclosed.into()))
+    }
+
+    /// What its recorder knows to be missing, in words.
+    pub fn missing(&self) -> Vec<String> {
+        let lost = |entry: &SensorEntry| {
+            let words = entry.losses.words();
+            (!words.is_empty()).then(|| format!("{}: packets lost while recording: {words}", entry.name))
+        };
+        self.ended_early().into_iter().chain(self.sensors.iter().filter_map(lost)).collect()
+    }
 }
 
 /// One sensor of a session.
@@ -79,6 +95,18 @@ impl Losses {
     /// All of them.
     pub fn total(&self) -> u64 {
         self.kernel_dropped + self.queue_dropped + self.not_written
+    }
+
+    /// Each kind that there was; empty without losses.
+    fn words(&self) -> String {
+        let kinds = [
+            (self.kernel_dropped, "dropped by the kernel, whose buffer was full"),
+            (self.queue_dropped, "for which the recorder was too slow"),
+            (self.not_written, "that the disk did not take"),
+        ];
+        let words =
+            kinds.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        words.collect::<Vec<_>>().join(", ")
     }
 
     pub(super) fn add(&mut self, other: &Self) {

@@ -24,15 +24,7 @@ impl Session {
     /// was not closed, a file that differs) is in [`Session::problems`].
     pub fn open(dir: &Path) -> Result<Self, SessionError> {
         let manifest = Manifest::read(dir)?;
-        let mut problems = Vec::new();
-        if let Some(failure) = &manifest.failure {
-            problems.push(failure.clone());
-        } else if !manifest.complete {
-            problems.push(
-                "the session was not closed: everything up to the last flush is there, losses are unknown"
-                    .into(),
-            );
-        }
+        let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
         for expected in &manifest.files {
             match disk::entry_of(dir, &expected.path) {
                 Ok(found) if found == *expected => {}

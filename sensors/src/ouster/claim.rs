@@ -11,6 +11,9 @@ pub enum Claim {
     Likely,
     /// Format fits and the packet comes from where this sensor's earlier packets came from.
     Familiar,
-    /// The packet carries this sensor's serial number.
+    /// The packet carries this sensor's serial number, and its length is another format's: the sensor was set differently, or
+    /// the packet is damaged.
+    Named,
+    /// The packet carries this sensor's serial number, and its length fits.
     Certain,
 }

@@ -75,7 +75,9 @@ impl OusterDecoder {
         }
         let header = Header::read(self.header_kind(bytes), bytes);
         match (header, self.metadata.serial_number()) {
-            (Some(header), Some(serial)) if header.serial == serial => Claim::Certain,
+            (Some(header), Some(serial)) if header.serial == serial => {
+                if bytes.len() == self.expected_bytes(header.kind) { Claim::Certain } else { Claim::Named }
+            }
             (Some(header), None) if bytes.len() == self.expected_bytes(header.kind) => {
                 self.claim_anonymous(packet, self.metadata.lidar_port)
             }

@@ -3,7 +3,7 @@
 use super::guess::Guess;
 use super::sensor::{Family, Sensor};
 use crate::Packet;
-use crate::ouster::{Metadata, Profile};
+use crate::ouster::Metadata;
 
 pub(super) fn ambiguous(count: usize) -> String {
     format!(
@@ -87,20 +87,13 @@ pub(super) fn unclaimed(
         );
     }
     match (guess, &ousters[..]) {
-        (Guess::OusterLidar { .. }, [(metadata, name)]) if metadata.profile != Profile::Legacy => {
-            format!(
-                "{guess}; {name} says {}: the sensor was set to LEGACY while it was recorded; take the metadata \
-                 of that time",
-                metadata.profile.name()
-            )
-        }
         (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
         _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
     }
 }
 
 /// What is wrong with a packet of a sensor that its decoder calls malformed, where a wrong setting explains it.
-pub(super) fn damaged(sensor: &Sensor, packet: &Packet<'_>, decoder_says: String) -> String {
+pub(super) fn other_setting(sensor: &Sensor, packet: &Packet<'_>) -> Option<String> {
     let guess = Guess::of(packet.payload);
     let length = packet.payload.len();
     match (&sensor.family, &guess) {
@@ -108,17 +101,27 @@ pub(super) fn damaged(sensor: &Sensor, packet: &Packet<'_>, decoder_says: String
             if length != decoder.metadata().packet_format().packet_bytes() =>
         {
             let name = sensor.metadata_name.as_deref().unwrap_or("metadata");
-            other_format(&guess, length, decoder.metadata(), name)
+            Some(other_format(&guess, length, decoder.metadata(), name))
         }
-        _ => decoder_says,
+        _ => None,
     }
 }
 
 fn other_format(guess: &Guess, length: usize, metadata: &Metadata, name: &str) -> String {
     let expected = metadata.packet_format();
+    // no setting changes how many beams a unit has
+    let is_other_unit = match guess {
+        Guess::OusterLidar { header: None, formats } => {
+            formats.iter().all(|format| format.pixels_per_column != expected.pixels_per_column)
+        }
+        _ => false,
+    };
+    let advice = match is_other_unit {
+        true => "these are the metadata of another unit; take those of the sensor that was recorded",
+        false => "the sensor was set differently while it was recorded; take the metadata of that time",
+    };
     format!(
-        "{guess}, {length} bytes; {name} says {} x {} pixels, {} columns per packet, {} bytes: the sensor was set \
-         differently while it was recorded; take the metadata of that time",
+        "{guess}, {length} bytes; {name} says {} x {} pixels, {} columns per packet, {} bytes: {advice}",
         expected.profile.name(),
         expected.pixels_per_column,
         expected.columns_per_packet,

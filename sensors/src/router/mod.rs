@@ -48,6 +48,8 @@ pub struct Unclaimed {
     pub is_sensor_data: bool,
     /// Metadata of its sensor would help.
     pub needs_metadata: bool,
+    /// An Ouster lidar packet: its length tells the formats that it can have.
+    pub is_ouster_lidar: bool,
     /// Serial number in the first of them.
     pub serial: Option<u64>,
 }
@@ -160,7 +162,10 @@ impl Router {
     /// The sensor to try; otherwise the reason, where it is known already.
     fn find(&mut self, packet: &Packet<'_>) -> Result<(usize, Option<Claim>), Option<String>> {
         match self.best_claim(packet) {
-            (Some((at, claim)), 1) => return Ok((at, Some(claim))),
+            // metadata of one unit as it was set at several times, none of which fits: the first says why
+            (Some((at, claim)), count) if count == 1 || claim == Claim::Named => {
+                return Ok((at, Some(claim)));
+            }
             (Some(_), count) => return Err(Some(explain::ambiguous(count))),
             (None, _) => {}
         }
@@ -248,7 +253,17 @@ impl Router {
         let is_sensor_data = guess != Guess::Unknown && guess != Guess::VelodyneBlocks;
         let (needs_metadata, serial) = (guess.is_ouster(), guess.serial());
         let (port, length) = key;
-        let entry = Unclaimed { port, length, packets: 1, reason, is_sensor_data, needs_metadata, serial };
+        let is_ouster_lidar = matches!(guess, Guess::OusterLidar { .. });
+        let entry = Unclaimed {
+            port,
+            length,
+            packets: 1,
+            reason,
+            is_sensor_data,
+            needs_metadata,
+            is_ouster_lidar,
+            serial,
+        };
         self.unclaimed.insert(key, entry);
     }
 }

@@ -17,6 +17,7 @@ pub struct Sensor {
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
     first_damage: Option<String>,
+    misread_bytes: Option<usize>,
     calibrated: Option<Result<SensorModel, CalibrationError>>,
 }
 
@@ -54,6 +55,7 @@ impl Sensor {
             first_source: None,
             data_port: None,
             first_damage: None,
+            misread_bytes: None,
             calibrated: None,
         }
     }
@@ -138,9 +140,16 @@ impl Sensor {
         self.first_damage.as_deref()
     }
 
+    /// Length of the first of its packets that is malformed, where the metadata of another time would read it, bytes.
+    pub fn misread_bytes(&self) -> Option<usize> {
+        self.misread_bytes
+    }
+
     pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
         if self.first_damage.is_none() {
-            self.first_damage = Some(explain::damaged(self, packet, reason));
+            let other = explain::other_setting(self, packet);
+            self.misread_bytes = other.is_some().then_some(packet.payload.len());
+            self.first_damage = Some(other.unwrap_or(reason));
         }
     }
 

@@ -135,7 +135,14 @@ impl SensorReport {
         let rate = self.frame_rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.2} Hz"));
         let points =
             self.points_per_frame.map_or(String::new(), |points| format!(", {points:.0} points each"));
-        let _ = writeln!(text, "    {} frames, {} whole{rate}{points}", self.frames, self.complete_frames);
+        let second = self
+            .points_second_per_frame
+            .map_or(String::new(), |points| format!(" and {points:.0} second returns"));
+        let _ = writeln!(
+            text,
+            "    {} frames, {} whole{rate}{points}{second}",
+            self.frames, self.complete_frames
+        );
         let counters = &self.counters;
         let _ = writeln!(
             text,
@@ -193,21 +200,15 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
             format!("{packets} packets of {length} bytes to port {port}: {reason}")
         })
         .collect();
-    if router.unclaimed().any(|entry| entry.needs_metadata) {
-        for path in recording.metadata_beside(&flows.serials()) {
-            advice.push(format!(
-                "{} lies beside the recording: try --meta {}",
-                path.display(),
-                path.display()
-            ));
-        }
+    for path in unread::metadata_beside(recording, router, &flows.serials()) {
+        advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
         if let Some(damage) = sensor.first_damage() {
             advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
         } else if sensor.stats().packets == 0 {
-            advice.push(format!("{name}: no packet of this sensor is in the recording"));
+            advice.push(format!("{name}: it fits no packet of the recording"));
         }
     }
     advice
