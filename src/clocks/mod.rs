@@ -274,18 +274,15 @@ impl ClockReport {
     /// In words.
     pub fn text(&self) -> String {
         let offset_s = self.host_minus_device_s;
+        let side = if offset_s > 0.0 { "behind" } else { "ahead of" };
         let mut text = match self.state {
             ClockState::SincePowerOn => "counts from power-on; not synchronised".to_owned(),
-            ClockState::Utc => format!("shows UTC ({:.3} ms behind the host)", offset_s * 1e3),
+            ClockState::Utc => format!("shows UTC ({:.3} ms {side} the host)", offset_s.abs() * 1e3),
             ClockState::Tai => {
                 format!("shows TAI by PTP ({:.3} s ahead of the host): subtract 37 s for UTC", -offset_s)
             }
             ClockState::Unknown => "the recording has no host times to compare with".to_owned(),
-            ClockState::Unsynchronised => format!(
-                "is {:.3} s {} the host",
-                offset_s.abs(),
-                if offset_s > 0.0 { "behind" } else { "ahead of" }
-            ),
+            ClockState::Unsynchronised => format!("is {:.3} s {side} the host", offset_s.abs()),
         };
         if let Some(drift_ppm) = self.drift_ppm {
             let uncertainty_ppm = self.drift_uncertainty_ppm.unwrap_or(0.0);

@@ -4,7 +4,7 @@ use crate::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};
 use sensors::velodyne::{Fix, Position, Product, PulseState};
-use sensors::{DecodeStats, Decoded, Health};
+use sensors::{DecodeStats, Decoded, Frame, Health};
 use serde::Serialize;
 
 /// Running numbers of one sensor.
@@ -12,15 +12,24 @@ use serde::Serialize;
 pub struct Watch {
     frames: u64,
     complete: u64,
-    points: u64,
-    points_second: u64,
-    device_span_ns: Option<[u64; 2]>,
+    points: Points,
+    points_of_whole: Points,
+    /// Revolutions that begin where revolutions do, and when the first and the last of them began, by the device's clock.
+    begun: u64,
+    begun_span_ns: Option<[u64; 2]>,
     clock: ClockWatch,
     imu_samples: u64,
     position_packets: u64,
     position: Option<Position>,
     zone_reports: u64,
     health: Option<Health>,
+}
+
+/// Points of some revolutions.
+#[derive(Clone, Copy, Default)]
+struct Points {
+    first: u64,
+    second: u64,
 }
 
 /// One sensor as it is reported.
@@ -52,9 +61,9 @@ pub struct SensorReport {
     pub complete_frames: u64,
     /// By the device's clock.
     pub frame_rate_hz: Option<f64>,
-    /// First returns in a revolution, on average.
+    /// First returns in a whole revolution, on average; in any, where none is whole.
     pub points_per_frame: Option<f64>,
-    /// Second returns in a revolution, on average.
+    /// Second returns likewise.
     pub points_second_per_frame: Option<f64>,
     /// Inertial samples.
     pub imu_samples: u64,
@@ -85,12 +94,17 @@ impl Watch {
             Decoded::Frame(frame) => {
                 self.frames += 1;
                 self.complete += u64::from(frame.complete);
-                self.points += frame.first.points() as u64;
-                self.points_second += frame.second.as_ref().map_or(0, |layer| layer.points() as u64);
+                self.points.add(frame);
+                if frame.complete {
+                    self.points_of_whole.add(frame);
+                }
                 self.health = Some(frame.health);
                 if let Some([first_ns, _]) = frame.time_span_ns() {
-                    let span_ns = self.device_span_ns.get_or_insert([first_ns; 2]);
-                    span_ns[1] = first_ns;
+                    // a recording begins in the middle of a revolution
+                    if self.frames > 1 || frame.complete {
+                        self.begun += 1;
+                        self.begun_span_ns.get_or_insert([first_ns; 2])[1] = first_ns;
+                    }
                     self.clock.add(frame.host_time_ns[0], first_ns);
                 }
             }
@@ -105,7 +119,11 @@ impl Watch {
 
     /// Says what was seen.
     pub fn report(&self, id: String, sensor: &Sensor) -> SensorReport {
-        let per_frame = |count: u64| (self.frames > 0).then(|| count as f64 / self.frames as f64);
+        let (points, of) = match self.complete {
+            0 => (self.points, self.frames),
+            whole => (self.points_of_whole, whole),
+        };
+        let per_frame = |count: u64| (of > 0).then(|| count as f64 / of as f64);
         let (mut firmware, mut timestamp_mode, mut remark) = (String::new(), None, None);
         let gps_sentence;
         match sensor.family() {
@@ -133,9 +151,9 @@ impl Watch {
             timestamp_mode,
             frames: self.frames,
             complete_frames: self.complete,
-            frame_rate_hz: self.device_span_ns.and_then(|span_ns| rate_hz(self.frames, span_ns)),
-            points_per_frame: per_frame(self.points),
-            points_second_per_frame: per_frame(self.points_second).filter(|_| self.points_second > 0),
+            frame_rate_hz: self.begun_span_ns.and_then(|span_ns| rate_hz(self.begun, span_ns)),
+            points_per_frame: per_frame(points.first),
+            points_second_per_frame: per_frame(points.second).filter(|_| points.second > 0),
             imu_samples: self.imu_samples,
             position_packets: self.position_packets,
             zone_reports: self.zone_reports,
@@ -150,6 +168,13 @@ impl Watch {
             warnings: self.health.map(warnings).unwrap_or_default(),
             counters: sensor.stats().clone(),
         }
+    }
+}
+
+impl Points {
+    fn add(&mut self, frame: &Frame) {
+        self.first += frame.first.points() as u64;
+        self.second += frame.second.as_ref().map_or(0, |layer| layer.points() as u64);
     }
 }
 
