@@ -7,6 +7,7 @@ mod outputs;
 mod published;
 mod refine;
 mod state;
+mod summary;
 
 use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -362,7 +363,7 @@ fn report(
     if context.json {
         output::print_json(&document)?;
     } else {
-        output::print_text(&summary(&document))?;
+        output::print_text(&summary::text(&document))?;
     }
     written?;
     if !document.best.evaluation.feasible {
@@ -372,66 +373,4 @@ fn report(
         );
     }
     Ok(Outcome::Done)
-}
-
-fn summary(document: &Document) -> String {
-    let Document { best: Best { evaluation, masters, master_models }, .. } = document;
-    let mut text = format!(
-        "{}, path {:?}, {} with seed {}\n\
-         J              {:.2}; the highest was found at evaluation {} of {} ({})\n\
-         voxels seen    {} of {} that can be hit\n\
-         overlap        {:.2} %\n",
-        document.preset,
-        document.path,
-        document.method.name(),
-        document.seed,
-        evaluation.objective,
-        document.best_at,
-        document.evaluations,
-        match document.stopped_by {
-            StoppedBy::Budget => "all used",
-            StoppedBy::Converged => "then converged",
-            StoppedBy::Interrupted => "then interrupted",
-            StoppedBy::Rays => "then the rays were used up",
-        },
-        evaluation.unique_voxels,
-        evaluation.reachable_voxels,
-        100.0 * evaluation.overlap_ratio,
-    );
-    text += "master       x m      y m      z m    pitch     roll  model\n";
-    for (index, ([x_m, y_m, z_m, pitch_deg, roll_deg], model)) in
-        masters.iter().zip(master_models).enumerate()
-    {
-        let number = index + 1;
-        text += &format!("{number:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}  {model}\n");
-    }
-    for violation in &evaluation.violations {
-        text += &format!("allowed        no: {violation}\n");
-    }
-    if let Some(bound) = document.bound {
-        text += &format!(
-            "bound          no mount can score above {bound:.1}, {:.1} more than this one\n",
-            bound - evaluation.objective
-        );
-    }
-    if let Some(Proved { certificate, wall_s }) = &document.certificate {
-        text += &format!(
-            "proved         of one master: {:.1} more at most; {:.1} % of its space closed, {} regions in {wall_s:.1} s\n",
-            certificate.gap,
-            100.0 * certificate.closed_share,
-            certificate.regions
-        );
-    }
-    text += &document.fidelity.as_ref().map_or(String::new(), refine::Refined::lines);
-    text += &document.final_look.as_ref().map_or(String::new(), final_look::Looked::lines);
-    if let Some(spread) = &document.robust {
-        text += &format!(
-            "as built       J {:.1} on average, {:.1} at worst, standard deviation {:.1} over {} draws\n",
-            spread.mean, spread.worst, spread.deviation, spread.draws
-        );
-    }
-    text + &format!(
-        "{} rays in {:.3} s: objective {:.3} s, search itself {:.3} s\n",
-        document.rays, document.wall_s, document.objective_s, document.search_s
-    )
 }

@@ -58,18 +58,21 @@ pub(super) fn look(
 }
 
 impl Looked {
-    pub fn lines(&self) -> String {
+    pub fn verdicts(&self) -> [(&'static str, String); 2] {
         let FinalLook { model, tolerance, looked_at, chosen, favourite, rays, .. } = &self.look;
-        format!(
-            "as built       J {} on average with errors of {} m and {} degrees ({model}, phases free)\n\
-             \x20              the highest J as searched, {}, comes to {}; {looked_at} mounts looked at again, {} rays in {:.3} s\n",
+        let as_built = format!(
+            "J {} on average with errors of {} m and {} degrees ({model}, phases free)",
             chart::number(chosen.mean, 0),
             tolerance.position_m,
-            tolerance.angle_deg,
+            tolerance.angle_deg
+        );
+        let others = format!(
+            "the search's own favourite, {} as searched, comes to {}; {looked_at} mounts looked at again, {} rays in {:.3} s",
             chart::number(self.favourite_as_searched, 0),
             chart::number(favourite.mean, 0),
             chart::number(*rays as f64, 0),
             self.wall_s
-        )
+        );
+        [("as built", as_built), ("", others)]
     }
 }

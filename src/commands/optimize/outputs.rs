@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 
-use super::Document;
+use super::{Document, summary};
 use crate::chart::{LineChart, Series, number};
 use crate::commands::figures;
 use crate::files;
@@ -78,14 +78,13 @@ pub fn write_report(
     let mut page = Report::new(
         &format!("Mounts for {}", document.preset),
         &format!(
-            "{} sensors see {} of {} voxels that can be hit; J = {}. Searched by {}, the highest J at evaluation {} of {}.",
+            "{} sensors see {} of {} voxels that can be hit. Searched by {}; J = {}, {}.",
             evaluation.sensors,
             number(evaluation.unique_voxels as f64, 0),
             number(evaluation.reachable_voxels as f64, 0),
-            number(evaluation.objective, 1),
             document.method.name(),
-            document.best_at,
-            document.evaluations
+            number(evaluation.objective, 1),
+            summary::search(document)
         ),
         &document.command,
     );
@@ -131,8 +130,10 @@ fn mounts(page: &mut Report, file: &MountFile, document: &Document) {
             term("registration", terms.registration),
         ],
     );
-    for violation in &evaluation.violations {
-        page.paragraph(&format!("Not allowed: {violation}."));
+    let verdicts: Vec<_> =
+        summary::verdicts(document).into_iter().map(|(title, words)| vec![title.to_owned(), words]).collect();
+    if !verdicts.is_empty() {
+        page.table(&["this mount", ""], &verdicts);
     }
 }
 

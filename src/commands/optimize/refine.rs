@@ -135,16 +135,18 @@ fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
 }
 
 impl Refined {
-    pub fn lines(&self) -> String {
-        format!(
-            "converged      J {} +- {} ({}); {} mounts looked at again, {} may be as good, {} rays\n\
-             \x20              another might be {} better ({} % was allowed, {}); the search's own favourite has {}\n",
+    pub fn verdicts(&self) -> [(&'static str, String); 2] {
+        let judged = format!(
+            "J {} +- {} ({}); {} mounts looked at again, {} may be as good, {} rays",
             chart::number(self.judged.value, 0),
             chart::number(self.judged.bound, 0),
             self.level_name,
             self.looked_at,
             self.undecided,
-            chart::number(self.rays as f64, 0),
+            chart::number(self.rays as f64, 0)
+        );
+        let others = format!(
+            "another might be {} better ({} % was allowed, {}); the search's own favourite has {}",
             chart::number(self.regret_bound, 0),
             chart::number(100.0 * self.regret_asked, 2),
             if self.regret_bound <= self.regret_asked * self.judged.value.abs() {
@@ -153,6 +155,7 @@ impl Refined {
                 "not kept: rays or levels were used up"
             },
             chart::number(self.favourite.value, 0),
-        )
+        );
+        [("converged", judged), ("", others)]
     }
 }
