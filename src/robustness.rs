@@ -3,6 +3,8 @@
 //! Draws are fixed by a seed and the same for every mount that is judged (common random numbers), so that differences
 //! between mounts are differences of the mounts.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -172,7 +174,7 @@ impl Robustness {
     }
 
     /// Which of these sets of sensors counts most: all by a few of the draws, the better ones and the first by all.
-    /// None without candidates.
+    /// None without candidates, and where `stop` came before the end.
     ///
     /// # Errors
     /// Those of the objective.
@@ -180,22 +182,31 @@ impl Robustness {
         &self,
         candidates: &[Vec<Placement>],
         criterion: Criterion,
+        stop: &AtomicBool,
     ) -> Result<Option<Choice>, ExperimentError> {
         if candidates.is_empty() {
             return Ok(None);
         }
-        let first_looks: Vec<f64> = candidates
+        let unless_stopped = |look: &dyn Fn() -> Result<Spread, ExperimentError>| {
+            (!stop.load(Ordering::Relaxed)).then(look).transpose()
+        };
+        let first_looks: Option<Vec<f64>> = candidates
             .par_iter()
-            .map(|sensors| Ok(Spread::of(&self.some_scores(sensors, FEW)?).counts(criterion)))
+            .map(|sensors| {
+                let spread = unless_stopped(&|| Ok(Spread::of(&self.some_scores(sensors, FEW)?)))?;
+                Ok(spread.map(|spread| spread.counts(criterion)))
+            })
             .collect::<Result<_, ExperimentError>>()?;
+        let Some(first_looks) = first_looks else { return Ok(None) };
         let mut finalists: Vec<usize> = (1..candidates.len()).collect();
         finalists.sort_by(|a, b| first_looks[*b].total_cmp(&first_looks[*a]).then(a.cmp(b)));
         finalists.truncate((candidates.len() / FEW).max(1));
         finalists.insert(0, 0);
-        let spreads: Vec<Spread> = finalists
+        let spreads: Option<Vec<Spread>> = finalists
             .par_iter()
-            .map(|&candidate| self.spread(&candidates[candidate]))
+            .map(|&candidate| unless_stopped(&|| self.spread(&candidates[candidate])))
             .collect::<Result<_, ExperimentError>>()?;
+        let Some(spreads) = spreads else { return Ok(None) };
         let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
         let best = greatest(&counts);
         let few = self.draws.div_ceil(FEW);

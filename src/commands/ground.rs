@@ -126,6 +126,11 @@ fn guess(extent_units: [f64; 3]) -> String {
 impl MeshTaken {
     /// One line of a summary.
     pub fn line(&self) -> String {
+        format!("mesh           {}\n", self.words())
+    }
+
+    /// In words.
+    pub fn words(&self) -> String {
         let [x, y, z] = self.extent_m;
         let guessed = match (self.is_unit_stated, self.is_up_stated) {
             (true, true) => "",
@@ -133,7 +138,7 @@ impl MeshTaken {
             (true, false) => "; nobody stated the axis (--up)",
             (false, false) => "; nobody stated either (--mesh-unit, --up)",
         };
-        format!("mesh           {x:.2} x {y:.2} x {z:.2} m, read in {}, {} up{guessed}\n", self.unit, self.up)
+        format!("{x:.2} x {y:.2} x {z:.2} m, read in {}, {} up{guessed}", self.unit, self.up)
     }
 }
 

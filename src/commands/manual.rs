@@ -45,7 +45,9 @@ pub struct CompletionsArgs {
 
 /// Prints a completion script.
 pub fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
-    clap_complete::generate(args.shell, &mut Cli::command(), "outrigger", &mut std::io::stdout());
+    let mut script = Vec::new(); // what writes to stdout itself panics where its reader went away
+    clap_complete::generate(args.shell, &mut Cli::command(), "outrigger", &mut script);
+    output::print_text(&String::from_utf8(script)?)?;
     Ok(Outcome::Done)
 }
 
@@ -83,7 +85,9 @@ pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
             found.with_context(|| format!("no verb {verb:?}: there are {}", verbs.join(", ")))?.clone()
         }
     };
-    clap_mangen::Man::new(page).render(&mut std::io::stdout())?;
+    let mut text = Vec::new();
+    clap_mangen::Man::new(page).render(&mut text)?;
+    output::print_text(&String::from_utf8(text)?)?;
     Ok(Outcome::Done)
 }
 

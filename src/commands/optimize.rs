@@ -13,14 +13,13 @@ use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use serde::Serialize;
 
 pub use args::Args;
 use args::{Corners, Range};
 
 use super::{Context, Outcome, output, signals};
-use crate::files::check_place;
 use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
@@ -107,11 +106,7 @@ struct Best {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    for path in
-        [&args.out, &args.export_published, &args.csv, &args.report, &args.resume].into_iter().flatten()
-    {
-        check_place(path).with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    output::check_places([&args.out, &args.export_published, &args.csv, &args.report, &args.resume])?;
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
     refuse_mixed(args, given.simulator().experiment())?;
     let finer = refine::Finer::asked(args, &given)?;
@@ -191,8 +186,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         (None, None)
     } else {
         let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
-        let looked = looks_again.then(|| final_look::look(args, &given, &problem, &search)).transpose()?;
-        (refined, looked.flatten())
+        let looked = looks_again
+            .then(|| final_look::look(args, &given, &problem, &search, &stop))
+            .transpose()?
+            .flatten();
+        if looks_again && looked.is_none() && stop.load(Ordering::Relaxed) {
+            output::say_notice(
+                "interrupted: the best mount is given as searched, the look at the best ones not ended",
+            );
+        }
+        (refined, looked)
     };
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)

@@ -1,11 +1,13 @@
 //! What every verb prints the same way: the JSON document on stdout, errors on stderr, the command to run again.
 
 use std::io::Write;
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 
 use crate::calibrate::Estimate;
 use crate::chart::signed;
+use crate::files::check_place;
 use crate::rig::{Clearance, Touching};
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
@@ -38,6 +40,12 @@ pub fn print_result(
     }
     problems.iter().for_each(|problem| say_notice(problem));
     Ok(())
+}
+
+/// Looks, before the work is done, whether the files that were asked for could be written.
+pub fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> anyhow::Result<()> {
+    let mut asked = paths.into_iter().flatten();
+    asked.try_for_each(|path| check_place(path).with_context(|| format!("cannot write {}", path.display())))
 }
 
 /// A value and half of its 95 % interval, for a text or a page; `-` where it is not known.

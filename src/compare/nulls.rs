@@ -34,6 +34,13 @@ impl Default for Healthy {
     }
 }
 
+impl Healthy {
+    /// The least p value that so many runs can give.
+    pub fn least_p_value(&self) -> f64 {
+        1.0 / (1.0 + self.runs as f64)
+    }
+}
+
 /// Where a recording stands among healthy runs.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NullTest {

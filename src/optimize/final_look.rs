@@ -4,6 +4,8 @@
 //! sampling meets again. A few mounts that lie apart are therefore judged over mount errors in a model whose phases are
 //! free, which orders mounts far better than the published pattern does.
 
+use std::sync::atomic::AtomicBool;
+
 use serde::Serialize;
 
 use crate::fidelity::{BoxLadder, Ladder as _};
@@ -41,7 +43,7 @@ pub struct FinalLook {
 
 impl FinalLook {
     /// Judges masters, the search's own favourite first, that were found in this objective's experiment. Phases are left
-    /// to chance, whatever the tolerance says. None without mounts.
+    /// to chance, whatever the tolerance says. None without mounts, and where `stop` came before all were judged.
     ///
     /// # Errors
     /// Those of [`Robustness::new`] and of the objective.
@@ -49,13 +51,14 @@ impl FinalLook {
         objective: &Objective,
         mounts: &[Vec<Placement>],
         tolerance: Tolerance,
+        stop: &AtomicBool,
     ) -> Result<Option<Self>, RobustnessError> {
         let experiment = objective.simulator().experiment();
         let candidates: Vec<_> = mounts.iter().map(|masters| experiment.sensors(masters)).collect();
         let ladder = BoxLadder::new(objective)?;
         let tolerance = Tolerance { free_phase: true, ..tolerance };
         let robustness = Robustness::new(ladder.objective(LEVEL), tolerance, DRAWS, SEED)?;
-        Ok(robustness.choose(&candidates, Criterion::Expected)?.map(|choice| Self {
+        Ok(robustness.choose(&candidates, Criterion::Expected, stop)?.map(|choice| Self {
             best: choice.best,
             model: ladder.name(LEVEL),
             tolerance,

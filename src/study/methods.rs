@@ -1,6 +1,8 @@
 //! Every method at equal budgets, on both sensors and both paths, and the mounts it found under a converged model and under
 //! mount errors: which method's mounts are truly better.
 
+use std::sync::atomic::AtomicBool;
+
 use serde_json::{Value, json};
 
 use super::rows::{chosen, numbers};
@@ -77,8 +79,8 @@ impl Study for Methods {
         };
         let mut rows = vec![judged(found.row.clone(), &found.masters)?];
         if task.method == Kind::Staged {
-            let look =
-                FinalLook::at(&found.objective, &found.shortlist, TOLERANCE).map_err(StudyError::of)?;
+            let look = FinalLook::at(&found.objective, &found.shortlist, TOLERANCE, &AtomicBool::new(false))
+                .map_err(StudyError::of)?;
             if let Some(look) = look {
                 let masters = &found.shortlist[look.best];
                 let mut row = found.row.clone();

@@ -30,7 +30,9 @@ pub fn verdict(comparison: &Comparison) -> Verdict {
         return Verdict::CannotTell;
     }
     let null = comparison.prediction.as_ref();
-    let as_healthy = |p_value: Option<f64>| p_value.is_some_and(|p| p > RARE);
+    // too few runs tell nothing: the least p value among them is above RARE
+    let can_tell = null.is_some_and(|null| null.healthy.least_p_value() <= RARE);
+    let as_healthy = |p_value: Option<f64>| can_tell && p_value.is_some_and(|p| p > RARE);
     let rays_fine = comparison.rays.values().all(|sensor| {
         informative(&sensor.classes)
             && (sensor.agree_share >= Some(MATCH_AGREE_SHARE)

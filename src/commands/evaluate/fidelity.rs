@@ -126,10 +126,11 @@ fn others(objective: &Objective) -> LeftOut {
 }
 
 impl Fidelity {
-    pub fn lines(&self) -> String {
+    /// In words, each with a title.
+    pub fn verdicts(&self) -> Vec<(&'static str, String)> {
         let Settled { judged, within_tolerance, rays, .. } = &self.settled;
-        let mut text = format!(
-            "converged      J {} +- {} ({} % asked, {}), up to {}, {} rays\n",
+        let converged = format!(
+            "J {} +- {} ({} % asked, {}), up to {}, {} rays",
             chart::number(judged.value, 0),
             chart::number(judged.bound, 0),
             chart::number(100.0 * self.tolerance, 2),
@@ -137,10 +138,10 @@ impl Fidelity {
             self.level_name,
             chart::number(*rays as f64, 0),
         );
-        for LeftOut { what, worth, why, .. } in &self.left_out {
+        let left_out = self.left_out.iter().map(|LeftOut { what, worth, why, .. }| {
             let worth = worth.map_or(String::new(), |worth| format!("worth {worth:+.0}; "));
-            text += &format!("left out       {what}: {worth}{why}\n");
-        }
-        text
+            ("left out", format!("{what}: {worth}{why}"))
+        });
+        std::iter::once(("converged", converged)).chain(left_out).collect()
     }
 }

@@ -137,6 +137,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
         bail!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
     }
+    output::check_places([&args.report])?;
     let asked = args.fidelity.unwrap_or(FidelityArg::for_scene(args.experiment.is_new_scene()));
     let simulator = objective.simulator();
     let start = Instant::now();
@@ -173,14 +174,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
         wall_s,
     };
+    output::print_result(context.json, &document, || summary(&document), &[])?;
     if let Some(path) = &args.report {
         let page = page::page(&document, &seen.coverage);
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
-    }
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&summary(&document))?;
     }
     if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
         output::say_notice(&format!(
@@ -262,13 +259,13 @@ fn summary(document: &Document) -> String {
         term => format!(" {term:+.2} registration"),
     };
     let mut text = format!(
-        "{}, path {:?}\n\
+        "{}, path {}\n\
          J              {:.2} = coverage {:.0} {:+.2} overlap {:+.2} angular {:+.0} cost{registration}\n\
          voxels seen    {} of {} that can be hit ({:.2} %)\n\
          overlap        {:.2} %\n\
          least angle    {angle}\n",
         document.preset,
-        document.path,
+        document.path.name(),
         evaluation.objective,
         terms.coverage,
         terms.overlap,
@@ -305,8 +302,8 @@ fn summary(document: &Document) -> String {
     if let Some(rescored) = &document.rescored {
         text += &rescored.line();
     }
-    if let Some(fidelity) = &document.fidelity {
-        text += &fidelity.lines();
+    for (title, words) in document.fidelity.iter().flat_map(Fidelity::verdicts) {
+        text += &format!("{title:<15}{words}\n");
     }
     if evaluation.feasible {
         text += "allowed        yes: every pair of sensors keeps its distance\n";

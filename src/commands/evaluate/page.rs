@@ -1,6 +1,7 @@
 //! The page of `evaluate`.
 
 use super::Document;
+use super::fidelity::Fidelity;
 use crate::chart::number;
 use crate::commands::{figures, output};
 use crate::coverage::Coverage;
@@ -62,13 +63,18 @@ fn terms(report: &mut Report, document: &Document<'_>) {
     report.table(&["term", "value"], &rows);
     let angle = document.evaluation.min_angle_deg;
     report.paragraph(&format!(
-        "Overlap {:.2} % of the voxels seen; least angle between spin axes {}; walk {:?}, {} columns, {} poses per m.",
+        "Overlap {:.2} % of the voxels seen; least angle between spin axes {}; path {}, {} columns, {} poses per m.",
         100.0 * document.evaluation.overlap_ratio,
         angle.map_or("none (one sensor)".into(), |angle| format!("{angle:.1} degrees")),
-        document.path,
+        document.path.name(),
         document.azimuths,
         document.sub_poses
     ));
+    let verdicts: Vec<_> = document.fidelity.iter().flat_map(Fidelity::verdicts).collect();
+    if !verdicts.is_empty() {
+        let rows: Vec<_> = verdicts.into_iter().map(|(title, words)| vec![title.to_owned(), words]).collect();
+        report.table(&["sampled more finely", ""], &rows);
+    }
     if let Some(rescored) = &document.rescored {
         report.paragraph(&format!("Scored again {}.", rescored.line().trim_end()));
     }

@@ -121,7 +121,8 @@ impl FromStr for Range {
 
     fn from_str(text: &str) -> Result<Self, String> {
         match numbers(text)?.as_slice() {
-            [first, second] => Ok(Self(*first, *second)),
+            [first, second] if first <= second => Ok(Self(*first, *second)),
+            [first, second] => Err(format!("{first} is above {second}, expected the least one first")),
             other => Err(format!("{} numbers, expected 2", other.len())),
         }
     }
@@ -137,7 +138,17 @@ impl FromStr for Corners {
     fn from_str(text: &str) -> Result<Self, String> {
         let numbers = numbers(text)?;
         let found = numbers.len();
-        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected 6: x,x,y,y,z,z"))
+        let corners: [f64; 6] =
+            numbers.try_into().map_err(|_| format!("{found} numbers, expected 6: x,x,y,y,z,z"))?;
+        for (pair, name) in corners.chunks(2).zip(["x", "y", "z"]) {
+            if pair[0] > pair[1] {
+                return Err(format!(
+                    "{name}: {} is above {}, expected the least one first",
+                    pair[0], pair[1]
+                ));
+            }
+        }
+        Ok(Self(corners))
     }
 }
 

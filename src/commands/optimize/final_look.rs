@@ -1,5 +1,6 @@
 //! Whether the best mounts of a search are judged again as they would be built, and what is said of it.
 
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use anyhow::bail;
@@ -37,19 +38,20 @@ pub(super) fn is_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Re
     }
 }
 
-/// Judges the shortlist of a search again; nothing where no mount was feasible.
+/// Judges the shortlist of a search again; nothing where no mount was feasible, or `stop` came.
 pub(super) fn look(
     args: &Args,
     given: &Objective,
     problem: &MountProblem,
     search: &Search,
+    stop: &AtomicBool,
 ) -> anyhow::Result<Option<Looked>> {
     let start = Instant::now();
     let feasible: Vec<_> = search.shortlist().iter().filter(|trial| trial.violation == 0.0).collect();
     let mounts: Vec<_> = feasible.iter().map(|trial| problem.masters(&trial.candidate.values)).collect();
     let (position_m, angle_deg) = args.mount_errors();
     let tolerance = Tolerance { position_m, angle_deg, free_phase: true };
-    Ok(FinalLook::at(given, &mounts, tolerance)?.map(|look| Looked {
+    Ok(FinalLook::at(given, &mounts, tolerance, stop)?.map(|look| Looked {
         values: feasible[look.best].candidate.values.clone(),
         look,
         favourite_as_searched: feasible[0].score,

@@ -6,12 +6,12 @@ use super::{Best, Document, Proved, StoppedBy, final_look, refine};
 pub fn text(document: &Document) -> String {
     let Document { best: Best { evaluation, masters, master_models }, .. } = document;
     let mut text = format!(
-        "{}, path {:?}, {} with seed {}\n\
+        "{}, path {}, {} with seed {}\n\
          J              {:.2}; {}\n\
          voxels seen    {} of {} that can be hit\n\
          overlap        {:.2} %\n",
         document.preset,
-        document.path,
+        document.path.name(),
         document.method.name(),
         document.seed,
         evaluation.objective,

@@ -61,7 +61,10 @@ pub struct Document {
     pub left_out: Option<Vec<LeftOut>>,
     trajectory_length_m: f64,
     pub warnings: Vec<String>,
+    /// Seconds that the rig's own scan took.
     wall_s: f64,
+    /// With the single sensors beside it and what the model leaves out.
+    pub total_s: f64,
 }
 
 #[derive(Serialize)]
@@ -89,7 +92,7 @@ pub struct SurfaceDocument {
     pub covered: Covered,
     pub observable_share: f64,
     samples: usize,
-    mesh: MeshTaken,
+    pub mesh: MeshTaken,
 }
 
 /// What is known of the place.
@@ -179,6 +182,7 @@ impl Document {
             trajectory_length_m: scanner.trajectory.length_m(),
             warnings: place.warnings.clone(),
             wall_s,
+            total_s: wall_s,
             sensors,
         }
     }
@@ -214,6 +218,9 @@ impl Document {
                 single.model, single.pitch_deg, single.seen.unique_voxels, single.seen.gain_voxels
             );
         }
+        if let (Some(baselines), true) = (&self.baselines, self.surface.is_some()) {
+            text += &format!("{:15}best by {}\n", "", baselines.search_by);
+        }
         if let Some(surface) = &self.surface {
             text += &surface.mesh.line();
             text += &format!(
@@ -230,9 +237,11 @@ impl Document {
         }
         text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        self.left_out.iter().flatten().for_each(|left| text += &left.line());
+        for left in self.left_out.iter().flatten() {
+            text += &format!("left out       {}\n", left.words());
+        }
         text += &output::cannot_be_built(&self.violations, &self.touching);
-        text + &format!("{:.2} s\n", self.wall_s)
+        text + &format!("{:.2} s, {:.2} s of it for the rig\n", self.total_s, self.wall_s)
     }
 }
 

@@ -28,10 +28,10 @@ pub struct LeftOut {
 
 impl LeftOut {
     /// In words.
-    pub fn line(&self) -> String {
+    pub fn words(&self) -> String {
         let worth =
             self.worth.map_or(String::new(), |worth| format!("{:+.2} % of the voxels; ", 100.0 * worth));
-        format!("left out       {}: {worth}{}\n", self.what, self.why)
+        format!("{}: {worth}{}", self.what, self.why)
     }
 }
 

@@ -95,6 +95,7 @@ struct Place {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    output::check_places([&args.out, &args.report])?;
     let (units, rig) = units(args)?;
     let place = place(args)?;
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&place.warnings) {
@@ -116,23 +117,20 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
     let reachable =
         reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
-    if let Some(path) = &args.out {
-        let bytes = document::ply(&scanned.coverage, &rig);
-        crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
-    }
     let mut document =
         Document::new(&scanner, &place, &scanned, surface.as_ref(), &reachable, baselines, wall_s);
     if args.fidelity == FidelityArg::Auto {
         document.left_out = Some(left_out::left_out(&scanner, &place.grid));
     }
+    document.total_s = start.elapsed().as_secs_f64();
+    output::print_result(context.json, &document, || document.summary(), &[])?;
+    if let Some(path) = &args.out {
+        let bytes = document::ply(&scanned.coverage, &rig);
+        crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
+    }
     if let Some(path) = &args.report {
         let page = page::page(&document, &place, &scanned.coverage, &reachable);
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
-    }
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&document.summary())?;
     }
     Ok(Outcome::Done)
 }

@@ -44,6 +44,10 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
     beside(&mut report, document);
     pictures(&mut report, document, place, coverage, reachable);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
+    if let Some(left_out) = &document.left_out {
+        report.heading("What the model leaves out");
+        left_out.iter().for_each(|left| report.paragraph(&format!("{}.", left.words())));
+    }
     let tied = &document.tied;
     figures::registration_section(
         &mut report,
@@ -87,6 +91,7 @@ fn surface(report: &mut Report, document: &Document) {
         rows.push(std::iter::once(name.to_owned()).chain(covered).collect());
     }
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
+    report.paragraph(&format!("{}.", surface.mesh.words()));
     report.paragraph(&format!(
         "{:.2} % of the surface can be seen from the way at all.",
         100.0 * surface.observable_share

@@ -97,6 +97,10 @@ impl Document {
         }
         text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
         text += &output::cannot_be_built(&self.violations, &self.touching);
-        text + &format!("{} rays in {:.2} s\n", self.seen.rays, self.wall_s)
+        let beside = match &self.baselines {
+            Some(_) => format!("; the single sensors beside them {:.2} s (--no-baselines)", self.baselines_s),
+            None => String::new(),
+        };
+        text + &format!("{} rays in {:.2} s{beside}\n", self.seen.rays, self.wall_s)
     }
 }

@@ -24,7 +24,8 @@ use crate::rig::UnitChoice;
     after_help = "An ideal sensor is cast along the trajectory: every beam from the sensor's origin at its elevation (nominal, or \n\
                   as calibrated), columns evenly spaced, no noise. A surface sample is covered when some return lies within \n\
                   the threshold. Beside the mounts stand one level sensor and the best single one (pitch in steps of 5 \n\
-                  degrees, searched on about 24 revolutions), of the model with the most channels."
+                  degrees, searched on about 24 revolutions), of the model with the most channels, and the first of several\n\
+                  mounts without the others."
 )]
 pub struct Args {
     /// Surface: .ply, .obj, .stl, .gltf or .glb.
@@ -75,6 +76,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    output::check_places([&args.covered_out, &args.report])?;
     let start = Instant::now();
     let placed = field::placed(args)?;
     let (field, warnings) = field::field(args, &placed)?;
@@ -88,9 +90,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let observable_s = start.elapsed().as_secs_f64();
     let (seen, completeness) = field.see(&placed, &surface);
     let wall_s = start.elapsed().as_secs_f64();
-    if let Some(path) = &args.covered_out {
-        flags::write_flags(path, &completeness.covered(MAIN_RANK))?;
-    }
 
     let start = Instant::now();
     let baselines = (!args.no_baselines).then(|| field.baselines(&placed, &surface, &seen));
@@ -118,14 +117,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         baselines_s: start.elapsed().as_secs_f64(),
         seen,
     };
+    output::print_result(context.json, &document, || document.summary(), &[])?;
+    if let Some(path) = &args.covered_out {
+        flags::write_flags(path, &completeness.covered(MAIN_RANK))?;
+    }
     if let Some(path) = &args.report {
         let page = page::page(&document, &field, &placed, &surface);
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
-    }
-    if context.json {
-        output::print_json(&document)?;
-    } else {
-        output::print_text(&document.summary())?;
     }
     Ok(Outcome::Done)
 }

@@ -96,6 +96,14 @@ pub enum Path {
 }
 
 impl Path {
+    /// As flags and files call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Path::Lateral => "lateral",
+            Path::Forward => "forward",
+        }
+    }
+
     pub(super) fn axis(self) -> usize {
         match self {
             Path::Lateral => 0,
