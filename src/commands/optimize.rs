@@ -173,7 +173,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let start = Instant::now();
     let certificate =
-        args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?;
+        args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?.flatten();
+    if args.certify.is_some() && stop.load(Ordering::Relaxed) {
+        output::say_notice("interrupted: what is proved is what was bounded until then, if anything");
+    }
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
     let (refined, final_look) = if stop.load(Ordering::Relaxed) {

@@ -9,6 +9,7 @@ use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
 use sensors::router::Router;
 use sensors::velodyne::Calibration;
+use tempfile::NamedTempFile;
 
 use crate::record::{Manifest, Session};
 
@@ -26,6 +27,8 @@ pub struct Recording {
     calibrations: Vec<Meant>,
     /// What a session's recorder knows to be missing.
     missing: Vec<String>,
+    /// Standard input, where it is read more than once.
+    spooled: Option<NamedTempFile>,
 }
 
 /// A calibration, and where the Velodyne sends from that it is meant for; every one where nobody says.
@@ -81,12 +84,38 @@ impl Recording {
                 paths = json_files(&capture.join(crate::record::file::METADATA))?;
             }
         }
-        Ok(Self { path, metadata: metadata_of(&paths)?, calibrations: sensors.calibrations()?, missing })
+        Ok(Self {
+            path,
+            metadata: metadata_of(&paths)?,
+            calibrations: sensors.calibrations()?,
+            missing,
+            spooled: None,
+        })
+    }
+
+    /// The same for who reads it more than once: standard input is kept in a temporary file.
+    pub fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+        let mut recording = Self::open(capture, sensors)?;
+        if recording.is_standard_input() {
+            let spool = || {
+                let mut file = NamedTempFile::new()?;
+                std::io::copy(&mut std::io::stdin(), &mut file)?;
+                Ok::<_, std::io::Error>(file)
+            };
+            let file = spool().context("standard input cannot be kept in a temporary file (TMPDIR)")?;
+            recording.path = file.path().to_owned();
+            recording.spooled = Some(file);
+        }
+        Ok(recording)
     }
 
     /// The file that is read.
     pub fn name(&self) -> String {
-        if self.is_standard_input() { "standard input".into() } else { self.path.display().to_string() }
+        if self.is_standard_input() || self.spooled.is_some() {
+            "standard input".into()
+        } else {
+            self.path.display().to_string()
+        }
     }
 
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets

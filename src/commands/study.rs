@@ -79,6 +79,9 @@ struct Document<'a> {
     /// The command that starts what submit wrote.
     #[serde(skip_serializing_if = "Option::is_none")]
     start: Option<String>,
+    /// The part that was run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shard: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     findings: Option<&'a Findings>,
 }
@@ -109,6 +112,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 trajectory: args.trajectory.clone(),
                 count_instructions: args.count_instructions,
             };
+            if size.scene.is_some() && !study.takes_a_scene() {
+                anyhow::bail!("--scene is for studies in a scene: {name} has scenes of its own");
+            }
             if (size.trajectory.is_some() || size.count_instructions) && study.name() != "speed-accuracy" {
                 anyhow::bail!(
                     "--trajectory and --count-instructions are for speed-accuracy: {name} does not know them"
@@ -136,6 +142,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         folder: folder.display().to_string(),
         tasks: plan.tasks.len(),
         start,
+        shard: args.shard.filter(|_| action == Action::Run).map(|shard| shard.to_string()),
         findings: findings.as_ref(),
     };
     if context.json {
@@ -186,7 +193,8 @@ fn run_shards(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<bool> {
 
 fn summary(document: &Document) -> String {
     let Some(findings) = document.findings else {
-        let mut text = format!("{}: {} tasks in {}\n", document.study, document.tasks, document.folder);
+        let part = document.shard.as_ref().map_or(String::new(), |shard| format!("; shard {shard} is done"));
+        let mut text = format!("{}: {} tasks in {}{part}\n", document.study, document.tasks, document.folder);
         if let Some(start) = &document.start {
             text += &format!("start it with {start}\n");
         }

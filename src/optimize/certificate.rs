@@ -62,13 +62,13 @@ impl Ord for Open {
 }
 
 /// Bounds the rigs of one master in at most so many regions, or until `stop` is set; `best` is a score that was found.
-/// Of a mixed rig only the first sensor type is bounded.
+/// Of a mixed rig only the first sensor type is bounded. None where `stop` came before the whole space was bounded once.
 pub fn certify(
     problem: &MountProblem,
     best: f64,
     most_regions: usize,
     stop: &AtomicBool,
-) -> Result<Certificate, SpaceError> {
+) -> Result<Option<Certificate>, SpaceError> {
     let whole = region(problem)?;
     let bound = |region: &Region| bound(problem.objective(), region, problem.search().is_mirrored);
     // bounds of large regions say little and cost most: half of the work goes to even parts
@@ -78,7 +78,9 @@ pub fn certify(
     }
     let share = 1.0 / parts.len() as f64;
     let (mut regions, mut open_share) = (parts.len(), 1.0);
-    let bounded: Vec<f64> = parts.par_iter().map(bound).collect();
+    let unless_stopped = |region: &Region| (!stop.load(Memory::Relaxed)).then(|| bound(region));
+    let bounded: Option<Vec<f64>> = parts.par_iter().map(unless_stopped).collect();
+    let Some(bounded) = bounded else { return Ok(None) };
     let mut open = BinaryHeap::new();
     for (region, bound) in parts.into_iter().zip(bounded) {
         if bound > best {
@@ -100,7 +102,10 @@ pub fn certify(
         }
         regions += halves.len();
         // a part is no better than its whole, however the rounding goes
-        let bounded: Vec<f64> = halves.par_iter().map(|(half, most, _)| bound(half).min(*most)).collect();
+        let of_half = |(half, most, _): &(Region, f64, f64)| {
+            unless_stopped(half).map_or(*most, |bound| bound.min(*most))
+        };
+        let bounded: Vec<f64> = halves.par_iter().map(of_half).collect();
         for ((region, _, share), bound) in halves.into_iter().zip(bounded) {
             if bound > best {
                 open.push(Open { bound, region, share });
@@ -110,7 +115,7 @@ pub fn certify(
         }
     }
     let bound = open.peek().map_or(best, |greatest| greatest.bound);
-    Ok(Certificate { bound, gap: bound - best, regions, closed_share: 1.0 - open_share })
+    Ok(Some(Certificate { bound, gap: bound - best, regions, closed_share: 1.0 - open_share }))
 }
 
 /// All mounts of one master, symmetries folded.
@@ -225,7 +230,7 @@ mod tests {
         let best = 30_000.0;
         let after = |regions, threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| certify(&problem, best, regions, &AtomicBool::new(false)).unwrap())
+            pool.install(|| certify(&problem, best, regions, &AtomicBool::new(false)).unwrap().unwrap())
         };
         let (first, second) = (after(1, 1), after(33, 1));
         assert_eq!(second, after(33, 2), "the same on any number of threads");

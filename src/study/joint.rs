@@ -117,11 +117,15 @@ impl Study for Joint {
         Ok(vec![row])
     }
 
+    fn takes_a_scene(&self) -> bool {
+        true
+    }
+
     fn findings(&self, rows: &[Row]) -> Findings {
         let mut table = Table::new(
             "joint",
             "Voxels seen by a mirrored pair on a walk of at most 12 m",
-            "Median and range over the seeds. Violations of 0 m: every walk keeps its length and its distance from walls.",
+            "Median and range over the seeds; walks that break the length or the distance from walls (violation above 0 m) count for no claim.",
             &["sensor", "search", "voxels", "same walk, level mount", "length m", "pitch", "violation m"],
         );
         let mut claims = Vec::new();
@@ -147,14 +151,29 @@ impl Study for Joint {
                     words("violation_m", 2),
                 ]);
             }
-            let spreads = ["in turn", "together"].map(|part| Spread::of(&numbers(&of(part), "voxels")));
-            if let [Some(in_turn), Some(together)] = spreads {
-                claims.push(claim(sensor, &in_turn, &together));
-            }
+            let allowed = |part: &str| -> Vec<&Row> {
+                let is_allowed = |row: &&Row| row.get("violation_m").and_then(Value::as_f64) == Some(0.0);
+                of(part).into_iter().filter(is_allowed).collect()
+            };
+            let spreads = ["in turn", "together"].map(|part| Spread::of(&numbers(&allowed(part), "voxels")));
+            claims.push(match spreads {
+                [Some(in_turn), Some(together)] => claim(sensor, &in_turn, &together),
+                _ => Claim {
+                    claim: claimed(sensor),
+                    verdict: Verdict::CannotTell,
+                    because: format!(
+                        "{sensor}: one of the two searches found no walk that keeps its length and its distance from walls."
+                    ),
+                },
+            });
         }
         let summary = claims.iter().map(|claim| claim.because.clone()).collect::<Vec<_>>().join(" ");
         Findings { summary, claims, tables: vec![table], ..Findings::default() }
     }
+}
+
+fn claimed(sensor: &str) -> String {
+    format!("Walk and mount of {sensor} are better searched together")
 }
 
 fn claim(sensor: &str, in_turn: &Spread, together: &Spread) -> Claim {
@@ -167,7 +186,7 @@ fn claim(sensor: &str, in_turn: &Spread, together: &Spread) -> Claim {
         Verdict::CannotTell
     };
     Claim {
-        claim: format!("Walk and mount of {sensor} are better searched together"),
+        claim: claimed(sensor),
         verdict,
         because: format!(
             "{sensor}: together {} voxels [{}, {}], in turn {} [{}, {}] (medians over {} seeds, 95 % intervals).",

@@ -68,6 +68,16 @@ pub trait Study: Sync {
 
     /// What the rows of all tasks say.
     fn findings(&self, rows: &[Row]) -> Findings;
+
+    /// Whether it looks at a scene that is given.
+    fn takes_a_scene(&self) -> bool {
+        false
+    }
+
+    /// Whether what it says rests on how its seeds spread.
+    fn rests_on_seeds(&self) -> bool {
+        true
+    }
 }
 
 /// Every study.
@@ -116,6 +126,25 @@ pub struct Findings {
     /// Pictures.
     #[serde(skip)]
     pub figures: Vec<Figure>,
+}
+
+/// Fewer seeds have no spread to speak of.
+const FEW_SEEDS: u64 = 5;
+
+impl Findings {
+    /// As far as they hold when made at this size: a quick study or one of few seeds decides no claim.
+    pub fn at_size(mut self, study: &dyn Study, size: &Size) -> Self {
+        let too_small = if size.quick {
+            "--quick: this shows what the study writes, not what it finds.".to_owned()
+        } else if study.rests_on_seeds() && size.seeds < FEW_SEEDS {
+            format!("{} seeds are too few to tell anything for sure.", size.seeds)
+        } else {
+            return self;
+        };
+        self.summary = format!("{too_small} {}", self.summary);
+        self.claims.iter_mut().for_each(|claim| claim.verdict = Verdict::CannotTell);
+        self
+    }
 }
 
 /// A picture with its caption.

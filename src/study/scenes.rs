@@ -88,6 +88,14 @@ impl Study for Scenes {
         Ok(vec![row])
     }
 
+    fn rests_on_seeds(&self) -> bool {
+        false
+    }
+
+    fn takes_a_scene(&self) -> bool {
+        true
+    }
+
     fn findings(&self, rows: &[Row]) -> Findings {
         let mut findings = Findings::default();
         let mut advice = Vec::new();

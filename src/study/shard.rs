@@ -232,12 +232,12 @@ impl Plan {
         Ok(by_task.into_iter().flatten().flatten().collect())
     }
 
-    /// Writes `rows.csv` (without times: the same bytes however the study was cut), `times.csv`, a CSV per table,
+    /// Writes `rows.csv` (without times: the same bytes however the study was cut), `times.csv` where any was measured, a CSV per table,
     /// `findings.json` and `report.html`.
     pub fn merge(&self, folder: &Path) -> Result<Findings, StudyError> {
         let study = named(&self.study)?;
         let rows = self.rows(folder)?;
-        let findings = study.findings(&rows);
+        let findings = study.findings(&rows).at_size(study, &self.size);
         let write = |name: &str, content: &str| {
             let path = folder.join(name);
             files::write_whole(&path, content.as_bytes()).map_err(|error| at(&path, error))
@@ -248,7 +248,10 @@ impl Plan {
             rows.iter().map(|row| of_row(row).collect()).collect()
         };
         write("rows.csv", &csv(&keep(false)))?;
-        write("times.csv", &csv(&keep(true)))?;
+        let times = keep(true);
+        if times.iter().any(|row| !row.is_empty()) {
+            write("times.csv", &csv(&times))?;
+        }
         for table in &findings.tables {
             let lines = std::iter::once(&table.columns).chain(&table.rows);
             let text: String = lines.map(|cells| line(cells.iter().cloned())).collect();

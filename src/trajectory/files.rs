@@ -24,7 +24,10 @@ impl Trajectory {
         for (line, words) in data_lines(text) {
             let fields: Vec<&str> = words.split_whitespace().collect();
             if fields.len() != 8 {
-                let found = format!("{} fields, expected timestamp tx ty tz qx qy qz qw", fields.len());
+                let found = format!(
+                    "{} fields, expected 8 with blanks between them: timestamp tx ty tz qx qy qz qw",
+                    fields.len()
+                );
                 return Err(TrajectoryError::Line { line, found });
             }
             let time_ns = parse_seconds(fields[0])

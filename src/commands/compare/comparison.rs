@@ -37,6 +37,28 @@ pub struct Comparison {
     pub prediction: Option<NullTest>,
 }
 
+/// From this share of rays outside the trajectory's time the verdict is about a part of the recording.
+const PART_SHARE: f64 = 0.05;
+
+impl Comparison {
+    /// The verdict in one sentence, and how much of the recording it is about.
+    pub fn headline(&self) -> String {
+        let (mut unplaced, mut all) = (0, 0);
+        for RayReport { classes, .. } in self.rays.values() {
+            unplaced += classes.unplaced;
+            all += classes.informative() + classes.nothing + classes.unplaced;
+        }
+        let share = unplaced as f64 / all.max(1) as f64;
+        let part = match share >= PART_SHARE {
+            true => {
+                format!(", as far as the trajectory goes: {:.0} % of the rays lie outside it", 100.0 * share)
+            }
+            false => String::new(),
+        };
+        format!("{}{part}", self.verdict.words())
+    }
+}
+
 /// One sensor's rays.
 #[derive(Debug, Serialize)]
 pub struct RayReport {

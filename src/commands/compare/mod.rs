@@ -107,6 +107,8 @@ pub struct ZeroOffer {
     pub sensor: String,
     /// Mean of what the axis measured, degrees.
     pub measured_deg: f64,
+    /// What was typed to be added, degrees.
+    pub typed_deg: f64,
     /// Found less measured, degrees; what was typed as its zero is part of it.
     pub add_deg: f64,
     /// Half of its 95 % interval, degrees.
@@ -121,6 +123,7 @@ impl ZeroOffer {
             Some(Self {
                 sensor: axis.sensor.clone(),
                 measured_deg: axis.measured_pitch_deg,
+                typed_deg: axis.zero_deg,
                 add_deg: axis.zero_deg + check.tilt_error_deg?,
                 u95_deg: check.u95_deg?,
             })
@@ -130,15 +133,25 @@ impl ZeroOffer {
 
     /// In words.
     pub fn words(&self) -> String {
+        let (sensor, measured) = (&self.sensor, signed(self.measured_deg, 3));
+        if (self.add_deg - self.typed_deg).abs() <= self.u95_deg {
+            let typed = match self.typed_deg == 0.0 {
+                true => String::new(),
+                false => format!(" with {} deg added to it", signed(self.typed_deg, 3)),
+            };
+            return format!(
+                "the axis of {sensor} measured {measured} deg, and{typed} the sensor sat there: its zero is right within \
+                 {:.3} deg",
+                self.u95_deg
+            );
+        }
         format!(
-            "the axis of {} measured {} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not \
+            "the axis of {sensor} measured {measured} deg and the sensor sat at {}: its zero wants {} +- {:.3} deg (offered, not \
              applied: --axis-zero {}={} compares with it)",
-            self.sensor,
-            signed(self.measured_deg, 3),
             signed(self.measured_deg + self.add_deg, 3),
             signed(self.add_deg, 3),
             self.u95_deg,
-            self.sensor,
+            sensor,
             signed(self.add_deg, 3)
         )
     }

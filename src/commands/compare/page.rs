@@ -26,7 +26,7 @@ fn figure(value: Option<f64>) -> String {
 /// What a terminal shows.
 pub fn text(document: &Document) -> String {
     let comparison = &document.comparison;
-    let mut text = format!("{}\n", comparison.verdict.words());
+    let mut text = format!("{}\n", comparison.headline());
     for words in &comparison.words {
         let _ = writeln!(text, "  - {words}");
     }
@@ -134,10 +134,10 @@ pub fn page(document: &Document, replayed: &Replayed, scene: &Scene, trajectory:
         .as_ref()
         .and_then(|surface| Some((surface.recorded.of_observable?, surface.as_driven.of_observable?)));
     let summary = match (comparison.verdict, recorded) {
-        (Verdict::CannotTell, _) | (_, None) => format!("{}.", comparison.verdict.words()),
-        (verdict, Some((recorded, driven))) => format!(
+        (Verdict::CannotTell, _) | (_, None) => format!("{}.", comparison.headline()),
+        (_, Some((recorded, driven))) => format!(
             "{}: {:.2} % of the surface that can be seen from the path is recorded, {:.2} % was to be expected.",
-            verdict.words(),
+            comparison.headline(),
             100.0 * recorded,
             100.0 * driven
         ),

@@ -72,7 +72,9 @@ impl Recorded {
     pub fn open_if_seated(args: &RecordedArgs) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         // a name that was mistyped is no recording without a mount
-        std::fs::metadata(path).with_context(|| path.display().to_string())?;
+        if path.as_os_str() != "-" {
+            std::fs::metadata(path).with_context(|| path.display().to_string())?;
+        }
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let mount = match mount {
             Some(said) => Some(MountFile::read(said)?),
@@ -96,7 +98,7 @@ impl Recorded {
                 notices = contradicted(&rig, &tilts, zeros);
                 (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
             }
-            _ => (Source::Capture(Recording::open(path, sensors)?), Vec::new()),
+            _ => (Source::Capture(Recording::open_to_reread(path, sensors)?), Vec::new()),
         };
         zeros.ensure_measured(&axes)?;
         Ok(Some(Self { source, mount, rig, axes, notices, span_ns: OnceCell::new() }))

@@ -74,7 +74,7 @@ pub fn off(comparison: &Comparison) -> Vec<String> {
     if shifts_are_shared(&comparison.mount) {
         words.push(
             "rather than the mounts, the way or the scene is shifted by that: do both begin at one point (an odometry \
-             begins at its own)?"
+             begins at its own), and do the clocks agree (--time-offset search tells)?"
                 .into(),
         );
     }

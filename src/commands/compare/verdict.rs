@@ -101,7 +101,7 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
     let share = 100.0 * total.unplaced as f64 / (all + total.nothing + total.unplaced).max(1) as f64;
     if share >= UNPLACED_PERCENT {
         words.push(format!(
-            "{name}: {share:.1} % of the rays lie outside the trajectory's time (give --time-offset if the clocks differ)"
+            "{name}: {share:.1} % of the rays lie outside the trajectory's time (if the clocks differ, --time-offset search finds by how much)"
         ));
     }
     if all == 0 {

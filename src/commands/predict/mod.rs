@@ -23,6 +23,7 @@ use super::{Context, Outcome, output};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{MountFile, Rig, Unit, UnitChoice};
 use crate::scene::{Mesh, Scene};
+use crate::simulate::scan::Scanner;
 use crate::trajectory::Trajectory;
 
 /// Arguments of `predict`.
@@ -113,12 +114,21 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     let scanned = scan::scan(&scanner, &place.grid, surface.as_ref());
     let wall_s = start.elapsed().as_secs_f64();
+    let mut doubts = silent(&scanner, &scanned.returns);
+    doubts.extend(
+        surface
+            .as_ref()
+            .zip(place.mesh.as_ref())
+            .and_then(|(surface, (mesh, _))| few_samples(surface.samples.len(), mesh.area_m2(), args.voxel)),
+    );
+    doubts.iter().for_each(|doubt| output::say_notice(doubt));
     let baselines =
         (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
     let reachable =
         reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
     let mut document =
         Document::new(&scanner, &place, &scanned, surface.as_ref(), &reachable, baselines, wall_s);
+    document.warnings.extend(doubts);
     if args.fidelity == FidelityArg::Auto {
         document.left_out = Some(left_out::left_out(&scanner, &place.grid));
     }
@@ -184,6 +194,35 @@ fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
         // the map's cells are where its points are: a cell of the grid is a cell of the map
         Scene::Voxels(map) => map_grid(map, voxel_m),
         Scene::Mesh(_) | Scene::Box(_) => VoxelGrid::centred_on(bounds_m, voxel_m),
+    })
+}
+
+/// Sensors of which nothing came back, and why most likely.
+fn silent(scanner: &Scanner<'_>, returns: &[u64]) -> Vec<String> {
+    let silent = scanner.rig.sensors.iter().zip(returns).filter(|(_, returns)| **returns == 0);
+    silent
+        .map(|(sensor, _)| {
+            format!(
+                "{}: not one ray came back: is its mount in metres, is it inside the wearer or another housing, and does the \
+                 scene lie within its range?",
+                sensor.name
+            )
+        })
+        .collect()
+}
+
+/// A voxel of the surface is known of if a sample falls into it: of fewer samples for each than this, many are not.
+const SAMPLES_PER_VOXEL: f64 = 4.0;
+
+/// Says so where surface samples are too few to count the voxels that can be seen.
+fn few_samples(samples: usize, area_m2: f64, voxel_m: f64) -> Option<String> {
+    let needed = SAMPLES_PER_VOXEL * area_m2 / (voxel_m * voxel_m);
+    ((samples as f64) < needed).then(|| {
+        format!(
+            "{samples} samples on {area_m2:.0} m2 are too few for voxels of {voxel_m} m: more can be seen than are counted \
+             as such; --sample-count {:.0} would do",
+            needed.ceil()
+        )
     })
 }
 

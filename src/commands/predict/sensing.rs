@@ -119,8 +119,16 @@ impl SensingArgs {
         {
             bail!("--reflectivity {reflectivity}, expected above 0 and at most 1");
         }
-        if !(self.spin_phase.is_finite() && (0.0..1.0).contains(&self.drop_out)) {
-            bail!("--spin-phase takes an angle, --drop-out a share of at least 0 and below 1");
+        if !self.spin_phase.is_finite() {
+            bail!("--spin-phase {}, expected an angle", self.spin_phase);
+        }
+        if !(0.0..1.0).contains(&self.drop_out) {
+            bail!("--drop-out {}, expected a share of at least 0 and below 1", self.drop_out);
+        }
+        if let (Some(least), Some(greatest)) = (self.min_range, self.max_range)
+            && least >= greatest
+        {
+            bail!("--min-range {least} is not below --max-range {greatest}");
         }
         Ok(())
     }

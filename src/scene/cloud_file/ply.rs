@@ -6,13 +6,13 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, Property, PropertyAccess, PropertyAccessResult};
 
 use super::{CloudPoint, Fault, point, slot};
-use crate::scene::mesh_file::{Passed, element_fault, whole_number};
+use crate::scene::mesh_file::{Passed, element_fault, header_fault, whole_number};
 
 pub(super) fn read(bytes: &[u8], take: &mut dyn FnMut(CloudPoint)) -> Result<(), Fault> {
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
-        .map_err(|error| Fault::at("header", error.to_string()))?;
+        .map_err(|error| header_fault(bytes, &error))?;
     let Some(vertex) = header.elements.get("vertex") else {
         return Err(Fault::at("header", "no element vertex"));
     };

@@ -8,7 +8,7 @@ mod obj;
 mod ply;
 mod stl;
 
-pub(super) use ply::{Passed, element_fault, whole_number};
+pub(super) use ply::{Passed, element_fault, header_fault, whole_number};
 
 use std::path::{Path, PathBuf};
 

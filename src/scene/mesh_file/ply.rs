@@ -14,7 +14,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
-        .map_err(|error| Fault::at("header", error.to_string()))?;
+        .map_err(|error| header_fault(bytes, &error))?;
     check(&header)?;
     let mut soup = Soup::default();
     for (name, element) in &header.elements {
@@ -82,15 +82,42 @@ pub(in crate::scene) fn element_fault(
     bytes: &[u8],
     error: ParseError,
 ) -> Fault {
-    let count = header.elements.get(name).map_or(0, |element: &ElementDef| element.count);
-    let reason = format!("element {name} of {count}: {error}");
+    let element = header.elements.get(name);
+    let count = element.map_or(0, |element: &ElementDef| element.count);
     match (header.encoding, error.line()) {
-        (Encoding::Ascii, Some(line)) => Fault::line(line, reason),
+        (Encoding::Ascii, Some(line)) => {
+            let names: Vec<&str> =
+                element.iter().flat_map(|e| e.properties.keys()).map(String::as_str).collect();
+            let found = text_of(bytes, line);
+            let expected = format!("expected the numbers of element {name} of {count}: {}", names.join(", "));
+            Fault::line(line, format!("{found:?}, {expected}"))
+        }
         _ => {
             let byte = (reader.get_ref().position() as usize).min(bytes.len());
-            Fault::byte(byte, reason)
+            Fault::byte(byte, format!("element {name} of {count}: {}", first_line(&error)))
         }
     }
+}
+
+pub(in crate::scene) fn header_fault(bytes: &[u8], error: &ParseError) -> Fault {
+    match error.line() {
+        Some(line) => {
+            Fault::line(line, format!("{:?}, expected a line of a PLY header", text_of(bytes, line)))
+        }
+        None => Fault::at("header", first_line(error)),
+    }
+}
+
+/// The parser goes on with what it expected, character by character.
+fn first_line(error: &ParseError) -> String {
+    error.to_string().lines().next().unwrap_or_default().to_owned()
+}
+
+/// A line of the file, counted from 1, as far as it is worth showing.
+fn text_of(bytes: &[u8], line: usize) -> String {
+    const SHOWN: usize = 60;
+    let text = bytes.split(|byte| *byte == b'\n').nth(line.saturating_sub(1)).unwrap_or_default();
+    String::from_utf8_lossy(&text[..text.len().min(SHOWN)]).trim_end().to_owned()
 }
 
 /// The coordinates of a vertex; its other properties are passed over.

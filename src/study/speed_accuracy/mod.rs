@@ -130,6 +130,14 @@ impl Study for SpeedAccuracy {
         Ok(vec![row])
     }
 
+    fn rests_on_seeds(&self) -> bool {
+        false
+    }
+
+    fn takes_a_scene(&self) -> bool {
+        true
+    }
+
     fn findings(&self, rows: &[Row]) -> Findings {
         let mut findings = Findings::default();
         for case in CASES {

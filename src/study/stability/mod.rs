@@ -152,6 +152,10 @@ impl Study for Stability {
         Ok(vec![row])
     }
 
+    fn rests_on_seeds(&self) -> bool {
+        false
+    }
+
     fn findings(&self, rows: &[Row]) -> Findings {
         let mut table = Table::new(
             "cases",
