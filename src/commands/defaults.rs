@@ -5,7 +5,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Arg, ArgAction, Command};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command};
 
 use super::daemon::place::FROM_PREDICT;
 use crate::config::{Config, ConfigError, Section, Setting};
@@ -24,8 +25,10 @@ pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> 
     named
 }
 
-/// The command with the file's settings as defaults.
-pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigError> {
+/// The command with the file's settings as defaults. Where one of several flags is needed, the file may name it, unless
+/// another of them is among the arguments.
+pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> Result<Command, ConfigError> {
+    let typed = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok();
     for section in config.sections.iter().cloned().chain(inherited(config)) {
         let mut verb = &mut command;
         for name in &section.verb {
@@ -35,14 +38,59 @@ pub fn apply(mut command: Command, config: &Config) -> Result<Command, ConfigErr
                 wrong(config, section.line, reason)
             })?;
         }
+        let typed = typed.as_ref().and_then(|matches| within(matches, &section.verb));
         for setting in &section.settings {
             let id = find(verb, &section, setting, config)?;
+            let alternatives = alternatives(verb, &id);
+            if let Some(other) = section.settings.iter().find(|other| {
+                other.line < setting.line
+                    && find(verb, &section, other, config).is_ok_and(|other| alternatives.contains(&other))
+            }) {
+                let reason = format!(
+                    "`{}` and `{}` of line {} exclude each other",
+                    setting.key, other.key, other.line
+                );
+                return Err(wrong(config, setting.line, reason));
+            }
+            if typed.is_some_and(|typed| alternatives.iter().any(|other| is_typed(typed, other))) {
+                continue;
+            }
+            for group in groups_of(verb, &id) {
+                let taken = std::mem::take(verb);
+                *verb = taken.mut_group(group, |group| group.required(false));
+            }
             let taken = std::mem::take(verb);
             let folder = crate::files::folder_of(&config.path);
             *verb = taken.mut_arg(id, |arg| with_default(arg, setting, folder));
         }
     }
     Ok(command)
+}
+
+/// What was typed after a verb.
+fn within<'a>(matches: &'a ArgMatches, verb: &[String]) -> Option<&'a ArgMatches> {
+    verb.iter().try_fold(matches, |matches, name| {
+        matches.subcommand().filter(|(named, _)| named == name).map(|(_, within)| within)
+    })
+}
+
+fn is_typed(matches: &ArgMatches, id: &clap::Id) -> bool {
+    let source = matches.value_source(id.as_str());
+    matches!(source, Some(ValueSource::CommandLine | ValueSource::EnvVariable))
+}
+
+/// Groups that an argument is one of, of which one at most may be given.
+fn groups_of(verb: &Command, id: &clap::Id) -> Vec<clap::Id> {
+    let of_one =
+        |group: &&clap::ArgGroup| group.get_args().any(|arg| arg == id) && !(*group).clone().is_multiple();
+    verb.get_groups().filter(of_one).map(|group| group.get_id().clone()).collect()
+}
+
+/// The arguments that an argument excludes.
+fn alternatives(verb: &Command, id: &clap::Id) -> Vec<clap::Id> {
+    let groups = groups_of(verb, id);
+    let members = verb.get_groups().filter(|group| groups.contains(group.get_id()));
+    members.flat_map(clap::ArgGroup::get_args).filter(|other| *other != id).cloned().collect()
 }
 
 /// Keys that a verb takes from another's section where its own does not say otherwise.

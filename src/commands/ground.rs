@@ -233,7 +233,11 @@ pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Traj
     let text = crate::files::read_text(path)?;
     Ok(match rate_hz {
         Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
-        None => Trajectory::from_tum(&text)?,
+        None => Trajectory::from_tum(&text).map_err(|error| {
+            let is_kitti = Trajectory::from_kitti(&text, 1.0).is_ok();
+            let error = anyhow::Error::new(error);
+            if is_kitti { error.context("these are poses in KITTI format: give --rate") } else { error }
+        })?,
     })
 }
 

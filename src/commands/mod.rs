@@ -47,7 +47,7 @@ mod validate;
 #[command(name = "outrigger", version, about, disable_help_subcommand = true)]
 pub struct Cli {
     /// Print one JSON document on stdout and nothing else there.
-    #[arg(long, global = true, env = "OUTRIGGER_JSON")]
+    #[arg(long, global = true, env = "OUTRIGGER_JSON", value_parser = clap::builder::FalseyValueParser::new())]
     json: bool,
     /// Sensors and defaults of every verb (`outrigger init` writes one); flags and environment win over it.
     #[arg(long, global = true, env = "OUTRIGGER_CONFIG", value_name = "RIG.toml")]
@@ -132,7 +132,7 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
         Err(error) => return fail(error),
     };
     if let Some(config) = config {
-        command = match defaults::apply(command, config) {
+        command = match defaults::apply(command, config, &arguments) {
             Ok(command) => command,
             Err(error) => return fail(error),
         };

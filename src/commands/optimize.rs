@@ -231,6 +231,14 @@ fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
     if args.certify.is_some() && args.masters_min > 1 {
         bail!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
     }
+    let is_given = |Range(low, high): Range| (low, high) != (-90.0, 90.0);
+    if is_given(args.roll_limits) && search.fixed_roll_deg.is_some() {
+        bail!("--roll-limits is about a free roll, and it is fixed here: add --roll free");
+    }
+    let kind = args.method.unwrap_or(Kind::Staged);
+    if args.batch.get() > 1 && !matches!(kind, Kind::Staged | Kind::Bayesian) {
+        bail!("--batch is about methods with a model (bayesian, staged), and {} has none", kind.name());
+    }
     search.masters_min = args.masters_min;
     search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
     search.bounds.roll_deg = (args.roll_limits.0, args.roll_limits.1);

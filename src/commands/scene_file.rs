@@ -31,7 +31,8 @@ pub struct MapArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     map_hits: u8,
     /// Way of the sensor that recorded the cloud behind --scene (TUM, by the clock of the cloud's times): what lies
-    /// between it and the points is free. Not needed where the points have vp_x, vp_y, vp_z.
+    /// between it and the points is free. Not needed where the points have vp_x, vp_y, vp_z. Of a recorded session the way
+    /// of the rig, where the session does not hold it itself.
     #[arg(long, value_name = "FILE")]
     map_path: Option<PathBuf>,
 }
@@ -79,7 +80,11 @@ pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Re
         bail!("{}: a folder that is no session; expected a session, a mesh or a cloud", path.display());
     }
     if !is_session && !is_cloud(path) {
-        ensure!(map_args.map_path.is_none(), "--map-path is about a cloud, and {} is none", path.display());
+        ensure!(
+            map_args.map_path.is_none(),
+            "--map-path is about a cloud or a session, and {} is none",
+            path.display()
+        );
         let read = mesh_args.read(path).map_err(|error| match error.downcast_ref() {
             Some(MeshFileError::UnknownFormat { .. }) => anyhow!(
                 "{}: its name has no ending that is known; expected a session, a mesh ({MESH_ENDINGS}) or a cloud \
@@ -99,12 +104,12 @@ pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Re
     );
     let mut making = Making::new(map_args)?;
     let mut warnings = Vec::new();
+    let way =
+        map_args.map_path.as_deref().map(|path| Ok::<_, anyhow::Error>((path, way(path)?))).transpose()?;
     if is_session {
-        ensure!(map_args.map_path.is_none(), "--map-path is about a cloud: a session knows its own way");
-        warnings.extend(making.of_session(path)?);
+        warnings.extend(making.of_session(path, way.map(|(_, way)| way))?);
     } else {
-        let way = map_args.map_path.as_deref().map(|path| Ok::<_, anyhow::Error>((path, way(path)?)));
-        making.of_cloud(path, way.transpose()?)?;
+        making.of_cloud(path, way)?;
     }
     let (map, taken) = making.finish(path, if is_session { "recording" } else { "cloud" }, &mut warnings)?;
     Ok(ReadScene { scene: Scene::Voxels(Arc::new(map)), mesh: None, map: Some(taken), warnings })
@@ -151,13 +156,18 @@ impl Making {
         }
     }
 
-    /// Every frame of a session, by its own mount and way; what the session lost.
-    fn of_session(&mut self, path: &Path) -> anyhow::Result<Vec<String>> {
+    /// Every frame of a session, by its own mount and the way given, or its own; what the session lost.
+    fn of_session(&mut self, path: &Path, way: Option<Trajectory>) -> anyhow::Result<Vec<String>> {
         let session = Session::open(path)?;
         let lacks =
             |what: &str| format!("{}: the session holds no {what}, and a map needs one", path.display());
         let file = session.mount()?.with_context(|| lacks("mount file"))?;
-        let trajectory = session.trajectory()?.with_context(|| lacks("trajectory"))?;
+        let own_or_given = match way {
+            Some(way) => Some(way),
+            None => session.trajectory()?,
+        };
+        let trajectory =
+            own_or_given.with_context(|| format!("{}: give it with --map-path", lacks("trajectory")))?;
         let rig = file.rig()?;
         let (tilts, _) = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);

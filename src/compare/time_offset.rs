@@ -58,7 +58,9 @@ pub enum NoTimeOffset {
     )]
     Flat,
     /// The best is the last that was tried.
-    #[error("cannot tell the time offset: the best one tried, {seconds:.2} s, is at the end of the search")]
+    #[error(
+        "cannot tell the time offset: the best one tried, {seconds:.2} s, is at the end of the search (--time-offset takes seconds, or start)"
+    )]
     AtTheEnd {
         /// That one, s.
         seconds: f64,

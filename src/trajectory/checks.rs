@@ -74,7 +74,7 @@ impl Trajectory {
         self.world_from_body
             .windows(2)
             .map(|pair| pair[0].translation_m.distance(pair[1].translation_m))
-            .sum()
+            .fold(0.0, |sum, step| sum + step) // the sum of nothing is -0
     }
 
     /// Neighbouring poses beyond the limits, in order.

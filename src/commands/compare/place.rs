@@ -157,7 +157,13 @@ fn search(
 ) -> anyhow::Result<TimeOffset> {
     let kept = recorded.rays(SEARCH_RAYS)?;
     let field = Field { scene, trajectory, sensors: &kept.sensors, rays: &kept.rays, agree_within_m: 0.1 };
-    Ok(time_offset(&field, around_ns, SEARCH_NS)?)
+    time_offset(&field, around_ns, SEARCH_NS).with_context(|| {
+        format!(
+            "--time-offset search looked {} s to each side of {:.2} s; for clocks farther apart it takes seconds, or start",
+            SEARCH_NS as f64 * 1e-9,
+            around_ns as f64 * 1e-9
+        )
+    })
 }
 
 fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {

@@ -1,5 +1,6 @@
 //! The daemon's start, run and end.
 
+use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -182,8 +183,10 @@ fn rig_settings(
 
 /// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
 fn section<T>(config: &Config, words: &[&str], of_verb: impl FnOnce(Verb) -> Option<T>) -> anyhow::Result<T> {
-    let command = defaults::apply(Cli::command(), config)?;
-    let matches = command.try_get_matches_from(std::iter::once("outrigger").chain(words.iter().copied()));
+    let words_of: Vec<OsString> =
+        std::iter::once("outrigger").chain(words.iter().copied()).map(OsString::from).collect();
+    let command = defaults::apply(Cli::command(), config, &words_of)?;
+    let matches = command.try_get_matches_from(&words_of);
     let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = parsed.map_err(|error| {
         let text = defaults::with_origin(error, config).to_string();

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -103,6 +103,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         output::say_notice(notice);
     }
     let scanner = args.sensing.scanner(&place.scene, &place.trajectory, &rig, &units, args.seed)?;
+    ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
     let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
     let surface = match &place.mesh {
@@ -143,6 +144,18 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     Ok(Outcome::Done)
+}
+
+fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {
+    let [start_ns, end_ns] = scanner.trajectory.time_span_ns();
+    let long_s = (end_ns - start_ns) as f64 * 1e-9;
+    let turn_s = scanner.spins.iter().map(|spin| 1.0 / spin.rate_hz).fold(0.0, f64::max);
+    ensure!(
+        long_s >= 0.999 * turn_s,
+        "{name}: {long_s} s long, expected at least one revolution of {turn_s} s; the way of a rig that stands is the same \
+         pose twice"
+    );
+    Ok(())
 }
 
 fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {

@@ -38,7 +38,7 @@ pub struct Args {
     /// Model of every sensor, or with NAME= of one in the mount file [default: as the mount file says]: a name of the
     /// catalogue, Ouster metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several
     /// times.
-    #[arg(long, value_name = "[NAME=]MODEL", required_unless_present = "mount")]
+    #[arg(long, value_name = "[NAME=]MODEL")]
     sensor: Vec<UnitChoice>,
     /// Sensors as they are: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
     #[arg(long, group = "placed", allow_hyphen_values = true, value_name = "LIST")]
