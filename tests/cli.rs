@@ -30,6 +30,7 @@ fn wrong_usage_is_exit_code_2() {
         &["no-such-verb"],
         &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,NaN,0"],
         &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5"],
+        &["optimize", "--preset", "paper-os1-64", "--pitch-limits", "30,10"],
         &["decode"],
     ] {
         let output = outrigger(arguments);
@@ -152,13 +153,20 @@ fn a_missing_or_wrong_file_is_named() {
 }
 
 fn a_closed_pipe_is_no_panic() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))
-        .args(["evaluate", "--preset", "paper-vlp-16", "--masters", "0.1,0,0,20,0", "--json"])
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    drop(child.stdout.take());
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success() && output.stderr.is_empty(), "{}", stderr(&output));
+    for arguments in [
+        &["evaluate", "--preset", "paper-vlp-16", "--masters", "0.1,0,0,20,0", "--json"][..],
+        &["completions", "bash"],
+        &["man", "evaluate"],
+        &["man", "--keys"],
+    ] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+            .args(arguments)
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success() && output.stderr.is_empty(), "{arguments:?}: {}", stderr(&output));
+    }
 }

@@ -10,6 +10,7 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("what_init_writes_is_taken", what_init_writes_is_taken),
     case("flag_wins_over_environment_over_file", flag_wins_over_environment_over_file),
+    case("one_of_several_flags_may_stand_in_the_file", one_of_several_flags_may_stand_in_the_file),
     case("mistakes_are_named_with_their_line", mistakes_are_named_with_their_line),
     case("the_page_of_keys_is_up_to_date", the_page_of_keys_is_up_to_date),
     case("the_doctor_names_what_is_wrong", the_doctor_names_what_is_wrong),
@@ -71,6 +72,39 @@ fn flag_wins_over_environment_over_file() {
     assert!(tried(&["--config", path], &[in_environment]).contains("/of_the_environment"));
     assert!(tried(&["--config", path, "--port", "/of_the_flag"], &[in_environment]).contains("/of_the_flag"));
     assert!(tried(&[], &[("OUTRIGGER_CONFIG", path)]).contains("of_the_file"));
+}
+
+/// Flags of which one must be given and one at most: the file may name it, and what is typed wins over it.
+fn one_of_several_flags_may_stand_in_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let scored = |masters: &str, more: &[&str]| {
+        let path = file(folder.path(), &format!("[evaluate]\npreset = \"paper-vlp-16\"\n{masters}"));
+        let output =
+            outrigger(&[&["evaluate", "--json", "--config", path.to_str().unwrap()], more].concat(), &[]);
+        assert!(output.status.success(), "{output:?}");
+        json(&output)["mounts"][0][3].as_f64().unwrap()
+    };
+    let of_file = format!("masters = \"{MASTER}\"\n");
+    assert_eq!(scored(&of_file, &[]), 25.0);
+    let mount = folder.path().join("mount.json");
+    let out = ["--masters-max", "1", "--evals", "4", "--pitch-limits", "10,12", "--out"];
+    let searched = outrigger(
+        &[&["optimize", "--preset", "paper-vlp-16"], &out[..], &[mount.to_str().unwrap()]].concat(),
+        &[],
+    );
+    assert!(searched.status.success(), "{searched:?}");
+    let typed = scored(&of_file, &["--mount", mount.to_str().unwrap()]);
+    assert!((10.0..=12.0).contains(&typed), "{typed}: the mount that was typed counts");
+    let both = file(folder.path(), &format!("[evaluate]\nmount = \"mount.json\"\n{of_file}"));
+    let output = outrigger(&["evaluate", "--config", both.to_str().unwrap()], &[]);
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(said.contains("rig.toml:4: `masters` and `mount` of line 3 exclude each other"), "{said}");
+    for falsey in ["0", "false", ""] {
+        let asked = ["evaluate", "--preset", "paper-vlp-16", "--masters", MASTER];
+        let text = outrigger(&asked, &[("OUTRIGGER_JSON", falsey)]).stdout;
+        assert!(text.starts_with(b"paper-vlp-16"), "{falsey:?}: {}", String::from_utf8_lossy(&text));
+        assert!(json(&outrigger(&asked, &[("OUTRIGGER_JSON", "1")]))["objective"].is_number());
+    }
 }
 
 fn mistakes_are_named_with_their_line() {

@@ -35,6 +35,10 @@ pub const CASES: &[Case] = &[
     case("foreign_packets_and_a_storm_of_garbage", faults::foreign_packets_and_a_storm_of_garbage),
     case("a_second_daemon_says_why_it_cannot_start", faults::a_second_daemon_says_why_it_cannot_start),
     case("a_killed_daemon_leaves_a_session_that_opens", storage::a_killed_daemon_leaves_a_session_that_opens),
+    case(
+        "a_wish_to_stop_that_is_told_twice_closes_the_session",
+        storage::a_wish_to_stop_that_is_told_twice_closes_the_session,
+    ),
     case("a_slow_disk_is_named_and_its_losses_counted", storage::a_slow_disk_is_named_and_its_losses_counted),
     case(
         "a_flood_fills_memory_to_its_bound_and_no_further",

@@ -10,6 +10,14 @@ use crate::support::{Case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
     with_shared("every_loss_is_counted_by_its_kind", every_loss_is_counted_by_its_kind),
+    with_shared(
+        "a_recording_begins_in_the_middle_of_a_revolution",
+        a_recording_begins_in_the_middle_of_a_revolution,
+    ),
+    with_shared(
+        "of_metadata_of_one_unit_the_one_that_fits_counts",
+        of_metadata_of_one_unit_the_one_that_fits_counts,
+    ),
     with_shared("a_wrong_checksum_is_counted", a_wrong_checksum_is_counted),
     with_shared("a_restarted_sensor_is_noticed", a_restarted_sensor_is_noticed),
     with_shared("fragments_that_never_came_are_counted", fragments_that_never_came_are_counted),
@@ -80,6 +88,56 @@ fn every_loss_is_counted_by_its_kind() {
     assert_eq!((count("frames"), count("complete_frames")), (3, 1));
     assert_eq!(document["unclaimed"][0]["length"], 11);
     assert!(lines(&document, "losses").contains("3 packets never came"), "{document:#}");
+}
+
+/// The first revolution is nearly over when the recording begins: it says nothing about how fast the sensor turns, nor how
+/// many points it sees.
+fn a_recording_begins_in_the_middle_of_a_revolution() {
+    let all = lidar_packets();
+    let (_whole, path) = written(&all);
+    let (_, whole) = inspect(&path, &[&shared(OS1_META)]);
+    let (_cut, path) = written(&all[50..170]);
+    let (_, cut) = inspect(&path, &[&shared(OS1_META)]);
+    let of = |document: &Value, name: &str| document["sensors"][0][name].as_f64().unwrap();
+    assert_eq!([of(&cut, "frames"), of(&cut, "complete_frames")], [3.0, 1.0]);
+    assert!((of(&cut, "frame_rate_hz") - 10.0).abs() < 0.01, "{}", cut["sensors"][0]["frame_rate_hz"]);
+    assert!(of(&cut, "points_per_frame") > 0.9 * of(&whole, "points_per_frame"));
+}
+
+/// Metadata of one unit as it was set at two times, in either order, and one file twice.
+fn of_metadata_of_one_unit_the_one_that_fits_counts() {
+    let capture = shared("captures/ouster/crc_test.pcap");
+    let fits = shared("captures/ouster/crc_test.json");
+    let folder = tempfile::tempdir().unwrap();
+    let other = folder.path().join("other.json");
+    let text = std::fs::read_to_string(&fits).unwrap();
+    assert!(text.contains("RNG15_RFL8_NIR8"));
+    std::fs::write(&other, text.replace("RNG15_RFL8_NIR8", "RNG19_RFL8_SIG16_NIR16")).unwrap();
+    let (code, alone) = inspect(&capture, &[&fits]);
+    assert_eq!(code, 0);
+    for metas in [[&fits, &fits], [&fits, &other], [&other, &fits]] {
+        let (_, document) = inspect(&capture, &[metas[0], metas[1]]);
+        let frames: u64 = document["sensors"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|sensor| sensor["frames"].as_u64().unwrap())
+            .sum();
+        assert_eq!(frames, alone["sensors"][0]["frames"].as_u64().unwrap(), "{metas:?}: {document:#}");
+    }
+    let (_, document) = inspect(&capture, &[&other]);
+    let advice = lines(&document, "advice");
+    assert!(advice.contains("set differently") && advice.contains("crc_test.json lies beside"), "{advice}");
+    assert_eq!(advice.matches("lies beside").count(), 1, "only what fits is proposed: {advice}");
+    std::fs::write(&other, text.replacen("\"1024x10\"", "\"512x10\"", 1).replacen("1024", "512", 1)).unwrap();
+    let both = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+        .args(["inspect".as_ref(), capture.as_os_str(), "--meta".as_ref(), fits.as_os_str()])
+        .arg("--meta")
+        .arg(&other)
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&both.stderr);
+    assert!(both.status.code() == Some(1) && said.contains("and they differ"), "{said}");
 }
 
 fn a_wrong_checksum_is_counted() {

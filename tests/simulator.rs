@@ -331,7 +331,10 @@ impl Walk {
 
     fn predict(&self, more: &[&str]) -> std::process::Output {
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
-        command.args(["predict", "--json", "--mount", &self.mount, "--trajectory", &self.trajectory]);
+        command.args(["predict", "--json", "--mount", &self.mount]);
+        if !more.contains(&"--trajectory") {
+            command.args(["--trajectory", &self.trajectory]);
+        }
         command.args(more).env_remove("OUTRIGGER_JSON").output().unwrap()
     }
 }
@@ -364,10 +367,20 @@ fn predict_counts_what_its_coverage_file_holds() {
     let wearer = walk.predict(&[&room[..], &["--wearer", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
     let wearer: serde_json::Value = serde_json::from_slice(&wearer.stdout).unwrap();
     assert!(wearer["returns"].as_u64() < document["returns"].as_u64(), "the wearer stands in the way");
+    let within = walk.predict(&[&room[..4], &["--wearer", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
+    let said = String::from_utf8_lossy(&within.stderr);
+    assert!(said.contains("right: not one ray came back") && said.contains("wearer"), "{said}");
 }
 
 fn predict_refuses_what_it_cannot_cast() {
     let walk = Walk::new();
+    let written = |name: &str, text: &str| {
+        let path = std::path::Path::new(&walk.mount).with_file_name(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let once = written("once.tum", "100.0 -1 0 1.5 0 0 0 1\n");
+    let kitti = written("kitti.txt", "1 0 0 0 0 1 0 0 0 0 1 1.5\n1 0 0 1 0 1 0 0 0 0 1 1.5\n");
     let room = ["--room", "-3,-2,0,3,2,2.5"];
     for (arguments, code, words) in [
         (&["--room", "3,2,2,-3,-2,0"][..], 2, "--room"),
@@ -377,6 +390,10 @@ fn predict_refuses_what_it_cannot_cast() {
         (&[&room[..], &["--voxel", "0"]].concat(), 1, "--voxel"),
         (&[&room[..], &["--voxel", "1e-9"]].concat(), 1, "--voxel"),
         (&[&room[..], &["--drop-out", "1.5"]].concat(), 1, "--drop-out"),
+        (&[&room[..], &["--min-range", "5", "--max-range", "2"]].concat(), 1, "--min-range 5 is not below"),
+        (&[&room[..], &["--report", "no-such-folder/page.html"]].concat(), 1, "cannot write no-such-folder"),
+        (&[&room[..], &["--trajectory", &once]].concat(), 1, "expected at least one revolution of 0.1 s"),
+        (&[&room[..], &["--trajectory", &kitti]].concat(), 1, "KITTI format: give --rate"),
     ] {
         let output = walk.predict(arguments);
         let errors = String::from_utf8_lossy(&output.stderr);

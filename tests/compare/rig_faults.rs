@@ -27,13 +27,16 @@ struct Walk {
     /// Whether the trajectory is off by what trajectories are off by.
     pose_error: Option<PoseError>,
     dead: bool,
+    /// After which the second sensor sends nothing more, s.
+    dies_after_s: f64,
     seconds: f64,
 }
 
 impl Default for Walk {
     fn default() -> Self {
         let truth = [(0.12, 25.0), (-0.12, -25.0)];
-        Self { truth, turned: false, noise_m: 0.0, pose_error: None, dead: false, seconds: 1.2 }
+        let (dies_after_s, seconds) = (f64::INFINITY, 1.2);
+        Self { truth, turned: false, noise_m: 0.0, pose_error: None, dead: false, dies_after_s, seconds }
     }
 }
 
@@ -87,6 +90,10 @@ impl Recorded {
             let destination: SocketAddr = "10.0.0.100:7502".parse().unwrap();
             MockSensor::ouster(metadata)
                 .run(&surroundings, |host_time_ns, payload| {
+                    let is_dead = sensor == 1 && (host_time_ns - START_NS) as f64 * 1e-9 > walk.dies_after_s;
+                    if is_dead {
+                        return Ok(());
+                    }
                     capture.write(&Packet { host_time_ns, source, destination, payload })
                 })
                 .unwrap();
@@ -270,6 +277,10 @@ pub fn each_fault_has_its_name() {
     };
     let dead = Recorded::of(&Walk { dead: true, ..Walk::default() });
     expect("dead", dead.judged("mount.json", &[]), "dead_sensor", r#"["left"]"#);
+    // all that it recorded agrees
+    let dying = Recorded::of(&Walk { dies_after_s: 0.4, ..Walk::default() }).judged("mount.json", &[]);
+    assert!(dying.1["words"][0].as_str().unwrap().starts_with("left sends nothing from 0.4 s on, of 1.2 s"));
+    expect("dying", dying, "silent_sensor", r#"["left"]"#);
     let both = r#"["right","left"]"#;
     let swapped = Recorded::of(&Walk { truth: [(-0.12, -25.0), (0.12, 25.0)], ..Walk::default() });
     expect("swapped", swapped.judged("mount.json", &[]), "swapped_sensors", both);
@@ -332,6 +343,14 @@ pub fn what_is_wrong_with_the_input_is_said() {
     fails(&["--room=5,3,3,-4,-3,0"], &[], "first corner must lie below");
     fails(&["--scene", "none.ply"], &[], "none.ply");
     fails(&[], &[], "--scene");
+    // another place: whatever else cannot be told or written, the verdict is given; few healthy runs excuse nothing
+    let corrected = recorded.path("corrected.json");
+    let elsewhere = ["--nulls", "5", "--corrected-mount", corrected.to_str().unwrap()];
+    let output = recorded.compare("mount.json", &["--room=-20,-20,0,20,20,10"], &elsewhere);
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((output.status.code(), &document["verdict"]), (Some(3), &Value::from("differs")));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("no corrected mount is written") && !corrected.exists(), "{said}");
     fails(&["--map-frames", "0..9"], &[], "leaves nothing to compare: right recorded 2 revolutions");
     let (code, document) = recorded.judged("mount.json", &["--time-offset", "100"]);
     assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("cannot_tell")));

@@ -2,7 +2,8 @@
 
 use std::process::{Command, Stdio};
 
-use nix::sys::signal::Signal;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use outrigger::record::Session;
 
 use super::program::{Bench, PATIENCE, Running, sessions_in};
@@ -27,6 +28,27 @@ pub fn a_killed_daemon_leaves_a_session_that_opens() {
     assert!(!session.manifest().complete && session.problems()[0].contains("not closed"));
     let found = packets_in(&bench);
     assert!(found > 100 && found <= sent, "{found} of {sent}");
+    let told =
+        Command::new(env!("CARGO_BIN_EXE_outrigger")).arg("inspect").arg(session.dir()).output().unwrap();
+    let text = String::from_utf8_lossy(&told.stdout);
+    assert!(told.status.code() == Some(3) && text.contains("the session was not closed"), "{text}");
+}
+
+/// `timeout` signals its child and then the group that the child is in: one wish, told twice.
+pub fn a_wish_to_stop_that_is_told_twice_closes_the_session() {
+    for round in 0..4 {
+        let bench = Bench::new(&["left"], "");
+        let mut daemon = bench.start(&["--record"]);
+        let sensor = Sending::ouster(daemon.sensor(0));
+        daemon.wait("packets were recorded", |status| status["recorder"]["packets"].as_u64() > Some(10));
+        daemon.signal(Signal::SIGINT);
+        std::thread::sleep(std::time::Duration::from_millis(2 * round));
+        let _ = kill(Pid::from_raw(daemon.child.id() as i32), Signal::SIGINT); // it may have ended by the first
+        assert_eq!(daemon.child.wait().unwrap().code(), Some(0), "{round}");
+        sensor.unplug();
+        let session = bench.sessions().remove(0);
+        assert!(session.manifest().complete && session.problems().is_empty(), "{round}");
+    }
 }
 
 /// Packets in the file of the only session, as far as it is written.

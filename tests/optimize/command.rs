@@ -82,12 +82,17 @@ pub fn the_default_gives_what_is_best_as_built() {
     let folder = tempfile::tempdir().unwrap();
     let state = folder.path().join("state.json").to_str().unwrap().to_owned();
     let common = ["optimize", "--preset", "paper-vlp-16", "--masters-max", "1", "--json", "--resume", &state];
-    let looked = json(&[&common[..], &["--evals", "80"]].concat());
+    let page = folder.path().join("report.html").to_str().unwrap().to_owned();
+    let looked = json(&[&common[..], &["--evals", "80", "--report", &page]].concat());
     let look = &looked["final_look"];
     let number = |value: &serde_json::Value| value.as_f64().unwrap();
     assert!(number(&look["chosen"]["mean"]) >= number(&look["favourite"]["mean"]), "{look}");
     assert_eq!(number(&look["favourite_as_searched"]), number(&looked["history"][79][1]));
     assert_eq!(look["chosen"]["draws"], 16);
+    let page = std::fs::read_to_string(&page).unwrap();
+    for words in ["the best of those looked at again", "no mount can score above", "as searched, comes to"] {
+        assert!(page.contains(words), "the report says what the screen says: {words}");
+    }
     let mounts = number(&look["looked_at"]);
     assert!(
         mounts > 1.0 && number(&look["evaluations"]) == 4.0 * mounts + 16.0 * (1.0 + (mounts / 4.0).floor())

@@ -6,6 +6,7 @@ use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::beams::Seat;
+use super::hearing::Heard;
 use crate::commands::recording::{Meant, Recording};
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
@@ -63,6 +64,8 @@ pub struct Fed {
     pub faults: Vec<Fault>,
     /// Longest revolution, ns.
     pub revolution_ns: u64,
+    /// When each of the rig's sensors was.
+    pub heard: Vec<Heard>,
 }
 
 impl Fed {
@@ -71,12 +74,14 @@ impl Fed {
             sensor: sensor.name.clone(),
             ..SensorSummary::default()
         };
-        Self { sensors: rig.sensors.iter().map(named).collect(), ..Self::default() }
+        let heard = vec![Heard::default(); rig.sensors.len()];
+        Self { sensors: rig.sensors.iter().map(named).collect(), heard, ..Self::default() }
     }
 
     fn count(&mut self, sensor: usize, frame: &Frame) -> u64 {
         let summary = &mut self.sensors[sensor];
         summary.frames += 1;
+        frame.time_span_ns().into_iter().for_each(|span_ns| self.heard[sensor].add(span_ns));
         summary.points += frame.first.points() as u64;
         if frame.azimuth_rate_rad_per_ns > 0.0 {
             let turn_ns = std::f64::consts::TAU / frame.azimuth_rate_rad_per_ns;

@@ -4,6 +4,7 @@ pub mod axes;
 mod beams;
 pub mod comparison;
 pub mod feed;
+pub mod hearing;
 pub mod judge;
 pub mod page;
 pub mod place;
@@ -176,7 +177,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if let Some(patches) = &patches {
         replay = replay.with_surface(patches);
     }
-    let (replayed, fed) = replayed(&recorded, replay, &place.mapped)?;
+    let (replayed, mut fed) = replayed(&recorded, replay, &place.mapped)?;
+    let way_ns =
+        trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
+    fed.faults.extend(hearing::silences(rig, &fed.heard, way_ns));
     let planned = planned(args, scene, rig, &grid)?;
     let comparison = judge::judge(
         Given {

@@ -23,7 +23,8 @@ pub struct RecordedArgs {
     pub recording: PathBuf,
     #[command(flatten)]
     pub sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own.
+    /// Where the sensors sit; without it the session's own. A session's sensors are told by their names; those of a capture
+    /// by their order: that of --meta, then of their first packets.
     #[arg(long, value_name = "FILE")]
     pub mount: Option<PathBuf>,
     #[command(flatten)]

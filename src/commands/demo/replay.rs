@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use crate::commands::compare::axes::{AxisSummary, AxisZeros, tilts};
 use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, Seated, SensorSummary};
+use crate::commands::compare::hearing::silences;
 use crate::commands::compare::judge::{self, Given};
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::coverage::Coverage;
@@ -50,13 +51,14 @@ pub fn compare(
         replay = replay.with_surface(patches);
     }
     let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
-    let fed = feed::session(&seated, progress, &mut |taken| {
+    let mut fed = feed::session(&seated, progress, &mut |taken| {
         replay.set_model(taken.sensor, taken.model);
         if let Some(pitch_rad) = taken.pitch_rad {
             replay.set_pitch(taken.sensor, pitch_rad);
         }
         replay.add_frame(taken.sensor, taken.frame);
     })?;
+    fed.faults.extend(silences(rig, &fed.heard, trajectory.time_span_ns()));
     let replayed = replay.finish();
     let compare = judge::judge(
         Given {

@@ -1,0 +1,86 @@
+//! When each sensor was heard: one that falls silent on the way covers less than was promised, though all that it recorded
+//! agrees.
+
+use crate::compare::Fault;
+use crate::rig::Rig;
+
+/// Five revolutions at 10 Hz.
+const LEAST_SILENCE_NS: u64 = 500_000_000;
+
+/// When the frames of one sensor were recorded, by its own clock.
+#[derive(Clone, Debug, Default)]
+pub struct Heard {
+    span_ns: Option<[u64; 2]>,
+    /// Between two frames.
+    silences_ns: Vec<[u64; 2]>,
+}
+
+impl Heard {
+    /// Adds a frame by the times of its first and last column.
+    pub fn add(&mut self, [first_ns, last_ns]: [u64; 2]) {
+        let span_ns = self.span_ns.get_or_insert([first_ns, last_ns]);
+        if first_ns.saturating_sub(span_ns[1]) >= LEAST_SILENCE_NS {
+            self.silences_ns.push([span_ns[1], first_ns]);
+        }
+        *span_ns = [span_ns[0].min(first_ns), span_ns[1].max(last_ns)];
+    }
+
+    /// The longest silence within a stretch of time, where there is one.
+    fn longest_silence_ns(&self, [from_ns, to_ns]: [u64; 2]) -> Option<[u64; 2]> {
+        let [first_ns, last_ns] = self.span_ns?;
+        let ends = [[from_ns, first_ns], [last_ns, to_ns]];
+        let all = self.silences_ns.iter().chain(&ends);
+        let within = all.map(|silence| [silence[0].max(from_ns), silence[1].min(to_ns)]);
+        let lasts_ns = |[begin_ns, end_ns]: &[u64; 2]| end_ns.saturating_sub(*begin_ns);
+        within.max_by_key(lasts_ns).filter(|silence| lasts_ns(silence) >= LEAST_SILENCE_NS)
+    }
+}
+
+/// Sensors that were silent for a while between the first and the last frame of any and within `way_ns`, the trajectory's
+/// time on the recording's clock. Of those that were never heard nothing.
+pub fn silences(rig: &Rig, heard: &[Heard], way_ns: [u64; 2]) -> Vec<Fault> {
+    let spans = || heard.iter().filter_map(|heard| heard.span_ns);
+    let Some((first_ns, last_ns)) = spans().map(|s| s[0]).min().zip(spans().map(|s| s[1]).max()) else {
+        return Vec::new();
+    };
+    let recorded_ns = [first_ns.max(way_ns[0]), last_ns.min(way_ns[1])];
+    let silent = rig.sensors.iter().zip(heard).filter_map(|(sensor, heard)| {
+        let [begin_ns, end_ns] = heard.longest_silence_ns(recorded_ns)?;
+        let at_s = |time_ns: u64| (time_ns - recorded_ns[0]) as f64 * 1e-9;
+        let when = match (begin_ns == recorded_ns[0], end_ns == recorded_ns[1]) {
+            (false, true) => format!("from {:.1} s on", at_s(begin_ns)),
+            (true, _) => format!("before {:.1} s", at_s(end_ns)),
+            (false, false) => format!("between {:.1} and {:.1} s", at_s(begin_ns), at_s(end_ns)),
+        };
+        let words = format!("{} sends nothing {when}, of {:.1} s", sensor.name, at_s(recorded_ns[1]));
+        Some(Fault::new("silent_sensor", vec![sensor.name.clone()], words))
+    });
+    silent.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TENTH_NS: u64 = 100_000_000;
+
+    fn heard(revolutions: impl Iterator<Item = u64>) -> Heard {
+        let mut heard = Heard::default();
+        revolutions.for_each(|at| heard.add([at * TENTH_NS, (at + 1) * TENTH_NS - 1]));
+        heard
+    }
+
+    #[test]
+    fn only_what_lasts_is_a_silence() {
+        let within = |from: u64, to: u64| [from * TENTH_NS, to * TENTH_NS];
+        let dies = heard(10..50);
+        assert_eq!(dies.longest_silence_ns(within(10, 110)), Some([50 * TENTH_NS - 1, 110 * TENTH_NS]));
+        assert_eq!(dies.longest_silence_ns(within(0, 50)), Some([0, 10 * TENTH_NS]));
+        let pauses = heard((10..30).chain(40..50));
+        assert_eq!(pauses.longest_silence_ns(within(10, 50)), Some([30 * TENTH_NS - 1, 40 * TENTH_NS]));
+        assert_eq!(pauses.longest_silence_ns(within(10, 30)), None);
+        let lossy = heard((10..50).filter(|at| at % 4 != 0));
+        assert_eq!(lossy.longest_silence_ns(within(10, 52)), None);
+        assert_eq!(Heard::default().longest_silence_ns(within(0, 50)), None);
+    }
+}
