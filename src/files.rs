@@ -13,7 +13,13 @@ pub fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     builder.prefix(".outrigger-");
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's umask
-    builder.tempfile_in(folder_of(path))
+    builder.tempfile_in(folder_of(path)).map_err(as_the_system_says)
+}
+
+/// Without the name of the temporary file, which tells a user nothing.
+fn as_the_system_says(error: io::Error) -> io::Error {
+    let inner = error.get_ref().and_then(|error| error.source()?.downcast_ref::<io::Error>()?.raw_os_error());
+    inner.map_or(error, io::Error::from_raw_os_error)
 }
 
 /// Looks whether a file could be put under its name, before the work is done that it is to hold.
@@ -30,7 +36,7 @@ pub fn check_place(path: &Path) -> io::Result<()> {
 /// Puts a file under its name whole or not at all, and on the disk.
 pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = temporary_beside(path)?;
-    file.write_all(content)?;
+    file.as_file_mut().write_all(content)?;
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
     sync_folder(folder_of(path))
@@ -81,6 +87,8 @@ mod tests {
         let taken = folder.path().join("taken");
         std::fs::create_dir(&taken).unwrap();
         assert!(write_whole(&taken, b"x").is_err() && check_place(&taken).is_err());
+        let said = check_place(&folder.path().join("absent/a.json")).unwrap_err().to_string();
+        assert!(!said.contains(".outrigger-"), "{said}");
         assert!(check_place(&folder.path().join("absent/a.json")).is_err());
         check_place(&folder.path().join("a.json")).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);

@@ -180,6 +180,14 @@ pub fn session(
         fed.tell_strangers(&rig.sensors[place], router);
     }
     fed.losses.extend(session.problems().iter().cloned());
+    let is_undecoded = fed.sensors.iter().all(|sensor| sensor.frames == 0)
+        && fed.sensors.iter().any(|sensor| sensor.packets_recorded > 0);
+    anyhow::ensure!(
+        !is_undecoded || !fed.faults.is_empty(),
+        "{}: no LiDAR data was decoded: {}",
+        session.dir().display(),
+        fed.losses.join("; ")
+    );
     Ok(fed)
 }
 

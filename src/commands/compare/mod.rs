@@ -223,6 +223,13 @@ fn check(args: &Args) -> anyhow::Result<()> {
         std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
     }
     output::check_places([&args.corrected_mount])?;
+    let same = |path: &PathBuf| std::fs::canonicalize(path).ok();
+    let [written, read] =
+        [&args.corrected_mount, &args.recorded.mount].map(|path| path.as_ref().and_then(same));
+    ensure!(
+        written.is_none() || written != read,
+        "--corrected-mount and --mount are one file: what was said of the mounts would be lost"
+    );
     Ok(())
 }
 

@@ -120,7 +120,10 @@ pub fn read(args: &PlaceArgs, recorded: &Recorded) -> anyhow::Result<Place> {
         Offset::Search if overlap(recorded.span_ns()?, trajectory.time_span_ns()) => 0,
         Offset::Search => from_start()?,
     };
-    notices.extend(suspicions(&trajectory, "trajectory"));
+    // a rig that stands has no poses to miss
+    if args.trajectory.as_ref().is_none_or(|path| path.as_os_str() != "still") {
+        notices.extend(suspicions(&trajectory, "trajectory"));
+    }
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
     let scene = match (&args.scene, &args.room) {
         (Some(path), _) => {
