@@ -19,6 +19,10 @@ pub const CASES: &[Case] = &[
     with_shared("two_sensors_on_one_port_are_told_apart", two_sensors_on_one_port_are_told_apart),
     with_shared("a_shared_identification_costs_one_datagram", a_shared_identification_costs_one_datagram),
     with_shared("frames_are_selected", frames_are_selected),
+    with_shared("an_hdl_64e_says_how_it_is_calibrated", an_hdl_64e_says_how_it_is_calibrated),
+    with_shared("calibrations_that_serve_nobody_are_told", calibrations_that_serve_nobody_are_told),
+    with_shared("second_returns_have_the_ambient_light_too", second_returns_have_the_ambient_light_too),
+    with_shared("names_without_an_extension_are_folders", names_without_an_extension_are_folders),
     with_shared("what_is_missing_is_said", what_is_missing_is_said),
     with_shared("a_cut_capture_is_decoded_up_to_the_cut", a_cut_capture_is_decoded_up_to_the_cut),
     with_shared("a_lost_packet_is_data_lost", a_lost_packet_is_data_lost),
@@ -29,6 +33,7 @@ pub const CASES: &[Case] = &[
 const OS1: &str = "captures/ouster/OS-1-128_v2.3.0_1024x10_lb_n3.pcap";
 const OS1_META: &str = "captures/ouster/OS-1-128_v2.3.0_1024x10.json";
 const VLP16: &str = "captures/velodyne/mrpt_vlp16_gps.pcap";
+const HDL64: &str = "captures/velodyne/synthetic/syn_hdl64e_S2_single_with_calib.pcap";
 
 fn outrigger(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).output().unwrap()
@@ -158,10 +163,127 @@ fn frames_are_selected() {
     assert_eq!(one["sensors"][0]["totals"]["frames"], 1);
     let output = outrigger(&["decode", &path(OS1), "--frames", "3..3"]);
     assert_eq!(output.status.code(), Some(2));
+    // frames that are not there: nothing is written, and that is said
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("points.csv");
+    let (code, _, said) =
+        decode(&path(OS1), &[&path(OS1_META)], &["--frames", "9", "--out", out.to_str().unwrap()]);
+    assert_eq!((code, out.exists()), (1, false));
+    assert!(
+        said.contains("--frames 9..10: the recording has fewer, counted from 0: 3 of os-1-128"),
+        "{said}"
+    );
     let output =
         outrigger(&["decode", &path(OS1), "--meta", &path(OS1_META), "--format", "csv", "--out", "-"]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(1) && said.contains("not to stdout"), "{said}");
+}
+
+/// Its own calibration, among its status bytes, holds from the first frame on; where that is not to be had it is said.
+fn an_hdl_64e_says_how_it_is_calibrated() {
+    let (code, document, said) = decode(&path(HDL64), &[], &[]);
+    assert_eq!((code, said.as_str()), (0, ""));
+    assert_eq!(document["sensors"][0]["beams"], "as the unit says of itself");
+    let theirs = digest(&HDL64.replace(".pcap", ".digest.json"));
+    let frames = document["sensors"][0]["frames"].as_array().unwrap();
+    assert!(frames.len() > 10);
+    for (ours, theirs) in frames.iter().zip(theirs["frames"].as_array().unwrap()) {
+        assert_eq!(ours["points"], theirs["points"]);
+        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+            // the peer rounds azimuths to 0.01 degrees; nominal beams are 0.3 m off
+            let tolerance_m = 2e-3 * theirs["points"].as_f64().unwrap();
+            let (ours, theirs) = (&ours["xyz_sum_m"][axis], &theirs["sum"][name]);
+            assert!(close(ours, theirs, tolerance_m), "{name}: {ours} {theirs}");
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let short = write_capture(&folder.path().join("short.pcap"), &datagrams(&shared(HDL64))[..1500]);
+    let (code, document, said) = decode(short.to_str().unwrap(), &[], &[]);
+    assert_eq!((code, &document["sensors"][0]["beams"]), (0, &"nominal".into()));
+    assert!(said.contains("placed by nominal beams") && said.contains("--calibration FILE"), "{said}");
+    // a pipe cannot be read before it is decoded
+    let from = std::fs::File::open(path(HDL64)).unwrap();
+    let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    let output = program.args(["decode", "-"]).stdin(from).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("frames are placed by nominal beams: the unit had not said"), "{said}");
+}
+
+fn calibrations_that_serve_nobody_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let written = |name: &str, lasers: usize| {
+        let lines: String =
+            (0..lasers).map(|id| format!("- {{laser_id: {id}, vert_correction: 0.0{id}}}\n")).collect();
+        let file = folder.path().join(name);
+        std::fs::write(&file, format!("lasers:\n{lines}")).unwrap();
+        file.to_str().unwrap().to_owned()
+    };
+    let (right, wrong) = (written("right.yaml", 16), written("wrong.yaml", 32));
+    let elsewhere = format!("10.9.8.7={right}");
+    for (capture, metas, given, words) in [
+        (
+            VLP16,
+            vec![],
+            &elsewhere,
+            "is not used: no Velodyne sends from 10.9.8.7; there is one from 192.168",
+        ),
+        (OS1, vec![path(OS1_META)], &right, "is not used: no Velodyne is in the recording"),
+    ] {
+        let metas: Vec<&str> = metas.iter().map(String::as_str).collect();
+        let (code, document, said) = decode(&path(capture), &metas, &["--calibration", given]);
+        assert!(code == 0 && said.contains(&format!("calibration {right} {words}")), "{said}");
+        let beams = if metas.is_empty() { "nominal" } else { "of the metadata" };
+        assert_eq!(document["sensors"][0]["beams"], beams);
+    }
+    let (code, document, said) = decode(&path(VLP16), &[], &["--calibration", &right]);
+    assert_eq!((code, said.as_str()), (0, ""));
+    assert_eq!(document["sensors"][0]["beams"], format!("as {right} says"));
+    let (code, _, said) = decode(&path(VLP16), &[], &["--calibration", &wrong]);
+    assert_eq!(code, 1);
+    assert!(said.contains(&format!("{wrong}, given for the vlp-16 from 192.168.")), "{said}");
+    assert!(said.contains("32 given, a vlp-16 has 16"), "{said}");
+}
+
+/// There is one level of it for both returns of a firing.
+fn second_returns_have_the_ambient_light_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("points.csv");
+    let name = "captures/ouster/OS-0-32-U1_v2.2.0_1024x10";
+    let (capture, meta) = (path(&format!("{name}.pcap")), path(&format!("{name}.json")));
+    let (code, _, said) = decode(&capture, &[&meta], &["--out", out.to_str().unwrap()]);
+    assert_eq!(code, 0, "{said}");
+    let text = std::fs::read_to_string(&out).unwrap();
+    let mut levels = [0_u64; 2];
+    for line in text.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        levels[cells[4].parse::<usize>().unwrap() - 1] += cells[13].parse::<u64>().unwrap();
+    }
+    assert!(levels.iter().all(|sum| *sum > 10_000), "{levels:?}");
+}
+
+/// What lies behind `--out`: a file, or a folder of files.
+fn names_without_an_extension_are_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let capture = place("walk.pcap");
+    std::fs::copy(shared(VLP16), &capture).unwrap();
+    let into = |out: &str| {
+        let more = ["--format", "csv", "--out", out, "--force", "--frames", "0"];
+        let (code, _, said) = decode(&capture, &[], &more);
+        (code, said)
+    };
+    assert_eq!(into(&place("points.txt")).0, 0);
+    assert!(Path::new(&place("points.txt")).is_file());
+    for name in ["points", "dotted.d/"] {
+        assert_eq!(into(&place(name)).0, 0);
+        assert_eq!(std::fs::read_dir(place(name)).unwrap().count(), 1);
+    }
+    std::fs::write(place("taken"), "").unwrap();
+    for (out, words) in [("taken", "cannot be a folder"), ("walk.pcap", "this is the recording itself")] {
+        let (code, said) = into(&place(out));
+        assert!(code == 1 && said.contains(words), "{said}");
+    }
+    assert!(std::fs::metadata(&capture).unwrap().len() > 100_000);
 }
 
 /// What is there, why nothing decodes, and what would help.

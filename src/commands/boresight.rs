@@ -81,8 +81,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             relative.push(relative_mount(&pair, &error));
         }
     }
-    let whole = fed.losses.is_empty();
+    let whole = fed.losses.is_empty() && fed.faults.is_empty();
     problems.extend(fed.losses);
+    problems.extend(fed.faults.into_iter().map(|fault| fault.words));
     let document = Document {
         format: "outrigger-boresight/1",
         verdict: verdict(&relative),

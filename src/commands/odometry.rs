@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::compare::recorded::{Recorded, RecordedArgs};
 use super::ground::suspicions;
-use super::recording::Recording;
+use super::recording::{Recording, ensure_calibrated};
 use super::{Context, Outcome, output, unread};
 use crate::files::write_whole;
 use crate::geometry::Pose;
@@ -93,12 +93,17 @@ pub struct Way {
     /// Begin of every revolution of the first sensor, ns.
     pub revolutions_ns: Vec<u64>,
     pub losses: Vec<String>,
+    /// What else is odd about its recording.
+    pub notices: Vec<String>,
 }
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
+    for out in args.out.iter().chain(&args.kitti) {
+        args.recorded.spare(out)?;
+    }
     let mut notices = Vec::new();
     let way = match Recorded::open_if_seated(&args.recorded)? {
         Some(recorded) => {
@@ -110,6 +115,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let trajectory = &way.walked.trajectory;
     let mut files = Vec::new();
     let mut problems = notices;
+    problems.extend(way.notices.iter().cloned());
     problems.extend(remarks(&way));
     let mut write = |path: &PathBuf, text: String| {
         files.push(path.display().to_string());
@@ -156,7 +162,8 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
         mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
         walk.add(taken.sensor, taken.model, &mount.body_from_sensor(), taken.frame);
     })?;
-    walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)
+    let way = walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)?;
+    Ok(Way { notices: fed.faults.into_iter().map(|fault| fault.words).collect(), ..way })
 }
 
 /// Where the only sensor of a recording went.
@@ -178,12 +185,15 @@ fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
     router.finish(&mut hand);
     ensure!(sensors > 0, "{}", unread::why_nothing(recording, &router, &ending));
     ensure!(sensors == 1, "{} holds {sensors} sensors: --mount says where they sit", recording.name());
+    ensure_calibrated(&router)?;
     let mut losses = ending.losses();
     let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
     for (sensor, name) in router.sensors().iter().zip(&names) {
         losses.extend(unread::sensor_losses(name, sensor.stats()));
     }
-    walk.finish(names, losses)
+    let way = walk.finish(names, losses)?;
+    let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
+    Ok(Way { notices, ..way })
 }
 
 /// Odometry over a stream of frames.
@@ -226,7 +236,8 @@ impl Walk {
             ));
         }
         let walked = self.odometry.finish()?;
-        Ok(Way { walked, sensors, revolutions_ns: self.revolutions_ns, losses })
+        let notices = Vec::new();
+        Ok(Way { walked, sensors, revolutions_ns: self.revolutions_ns, losses, notices })
     }
 }
 

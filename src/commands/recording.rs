@@ -1,20 +1,23 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
-use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
-use sensors::router::Router;
+use sensors::router::{GivenCalibration, Router};
 use sensors::velodyne::Calibration;
 use tempfile::NamedTempFile;
 
 use crate::record::{Manifest, Session};
 
-/// Packets looked at before decoding, where several sensors have to be told apart by their senders.
+/// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
+/// has not said yet how it is calibrated.
 const LEARN_PACKETS: usize = 20_000;
+
+/// Packets within which every sensor of a recording has sent something.
+const MEET_PACKETS: usize = 1000;
 
 /// Metadata files looked at when none was given.
 const MOST_FILES_BESIDE: usize = 200;
@@ -24,15 +27,12 @@ const MOST_METADATA_BYTES: u64 = 1 << 20;
 pub struct Recording {
     path: PathBuf,
     metadata: Vec<(Metadata, String)>,
-    calibrations: Vec<Meant>,
+    calibrations: Vec<GivenCalibration>,
     /// What a session's recorder knows to be missing.
     missing: Vec<String>,
     /// Standard input, where it is read more than once.
     spooled: Option<NamedTempFile>,
 }
-
-/// A calibration, and where the Velodyne sends from that it is meant for; every one where nobody says.
-pub type Meant = (Option<IpAddr>, Calibration);
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
 #[derive(clap::Args, Debug, Default)]
@@ -47,7 +47,7 @@ pub struct SensorArgs {
 
 impl SensorArgs {
     /// The calibrations, read.
-    pub fn calibrations(&self) -> anyhow::Result<Vec<Meant>> {
+    pub fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
         self.calibration.iter().map(|text| calibration(text)).collect()
     }
 }
@@ -118,6 +118,11 @@ impl Recording {
         }
     }
 
+    /// Whether this is the file that is read.
+    pub fn is_read_from(&self, path: &Path) -> bool {
+        crate::files::is_same(path, &self.path)
+    }
+
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
     /// of one of these lengths, where any is known, and not among those given.
     pub fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
@@ -153,17 +158,17 @@ impl Recording {
         for (metadata, name) in &self.metadata {
             router.add_ouster(metadata.clone(), name.clone());
         }
-        for (source, calibration) in &self.calibrations {
-            router.add_calibration(*source, calibration.clone());
+        for calibration in &self.calibrations {
+            router.add_calibration(calibration.clone());
         }
-        if !self.metadata.is_empty() && !self.is_standard_input() {
+        if !self.is_standard_input() {
             let mut reader = CaptureReader::open(&self.path)?;
-            let mut left = LEARN_PACKETS;
             // damage is found again, and reported, when the packets are decoded
-            while left > 0
-                && let Ok(Some(packet)) = reader.next()
-            {
-                left = if router.learn(&packet) { 0 } else { left - 1 };
+            for looked_at in 1..=LEARN_PACKETS {
+                let Ok(Some(packet)) = reader.next() else { break };
+                if router.learn(&packet) && looked_at >= MEET_PACKETS {
+                    break;
+                }
             }
         }
         Ok(router)
@@ -208,24 +213,37 @@ impl Recording {
 impl Ending {
     /// Data that is missing because of the file or its recorder, in words.
     pub fn losses(&self) -> Vec<String> {
-        let counters = &self.counters;
         let mut losses = self.missing.clone();
         losses.extend(self.damage.as_ref().map(ToString::to_string));
-        losses.extend(counters.truncated.as_ref().map(ToString::to_string));
-        for (count, what) in [
-            (counters.fragments_incomplete, "datagrams lack a fragment"),
-            (
-                counters.cut_by_snap_length,
-                "frames were cut short by the recorder's snap length (record with -s 0)",
-            ),
-            (counters.dropped_by_recorder, "packets were dropped by the recorder, by its own account"),
-        ] {
-            if count > 0 {
-                losses.push(format!("{count} {what}"));
-            }
-        }
+        losses.extend(capture_losses(&self.counters));
         losses
     }
+}
+
+/// Data that a capture lacks, in words.
+pub fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
+    let counted = [
+        (counters.fragments_incomplete, "datagrams lack a fragment"),
+        (
+            counters.cut_by_snap_length,
+            "frames were cut short by the recorder's snap length (record with -s 0)",
+        ),
+        (counters.dropped_by_recorder, "packets were dropped by the recorder, by its own account"),
+    ];
+    let counted =
+        counted.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+    counters.truncated.iter().map(ToString::to_string).chain(counted).collect()
+}
+
+/// Refuses a calibration that does not fit the sensor that it was given for.
+pub fn ensure_calibrated(router: &Router) -> anyhow::Result<()> {
+    for sensor in router.sensors() {
+        if let Some((name, error)) = sensor.calibration_error() {
+            let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
+            bail!("{name}, given for the {}{source}: {error}", sensor.product());
+        }
+    }
+    Ok(())
 }
 
 /// The metadata in some files; what describes a unit as another file does counts once.
@@ -260,11 +278,12 @@ fn as_decoded(metadata: &Metadata) -> Metadata {
 }
 
 /// `FILE` or `ADDRESS=FILE`.
-fn calibration(text: &str) -> anyhow::Result<Meant> {
+fn calibration(text: &str) -> anyhow::Result<GivenCalibration> {
     let named = text.split_once('=').and_then(|(address, path)| Some((address.parse().ok()?, path)));
     let (source, path) = named.map_or((None, text), |(address, path)| (Some(address), path));
     let bytes = std::fs::read(path).with_context(|| path.to_owned())?;
-    Ok((source, Calibration::from_bytes(&bytes).with_context(|| path.to_owned())?))
+    let calibration = Calibration::from_bytes(&bytes).with_context(|| path.to_owned())?;
+    Ok(GivenCalibration { source, name: path.to_owned(), calibration })
 }
 
 fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {

@@ -8,6 +8,7 @@ use sensors::capture::CaptureCounters;
 use sensors::router::{Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
+use super::sensor_ids;
 
 /// Lists what the file holds, and says what to do.
 pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
@@ -17,7 +18,7 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
     if counters.frames == 0 {
         text.push_str(" The file holds no packets at all.");
     } else if counters.datagrams == 0 {
-        text.push_str(" It holds no UDP packets.");
+        text.push_str(" It holds no whole UDP packet.");
     } else {
         text.push_str(" It holds:");
         for Unclaimed { port, length, packets, reason, .. } in &unclaimed {
@@ -75,6 +76,23 @@ pub fn metadata_beside(recording: &Recording, router: &Router, serials: &[u64]) 
     recording.metadata_beside(&serials, &unclaimed.chain(misread).collect::<Vec<_>>())
 }
 
+/// Calibrations that serve no sensor, and sensors that are nothing without one.
+pub fn beam_notices(router: &Router) -> Vec<String> {
+    let ids = sensor_ids::ids(router);
+    let off =
+        router.sensors().iter().zip(&ids).filter_map(|(sensor, id)| Some((id, sensor.beams_are_off()?)));
+    let off = off.map(|(id, what)| format!("{id}: {what}"));
+    router.unused_calibrations().into_iter().chain(off).collect()
+}
+
+/// Sensor data that no sensor took.
+pub fn strangers(router: &Router) -> impl Iterator<Item = String> {
+    router.unclaimed().filter(|entry| entry.is_sensor_data).map(|entry| {
+        let Unclaimed { port, length, packets, reason, .. } = entry;
+        format!("{packets} packets of {length} bytes to port {port}: {reason}")
+    })
+}
+
 /// What a file holds beside UDP datagrams; losses are [`Ending::losses`].
 pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'static str)> {
     [
@@ -82,12 +100,7 @@ pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'stat
         (counters.not_udp, "IP packets that are not UDP"),
         (counters.other_link_type, "frames of a link type that is not supported"),
         (counters.malformed, "frames with malformed headers"),
-        (
-            counters.cut_by_snap_length,
-            "frames cut short by the recorder's snap length: record again with -s 0",
-        ),
         (counters.fragments_duplicated, "fragments that came twice"),
-        (counters.fragments_incomplete, "datagrams of which fragments never came"),
     ]
     .into_iter()
     .filter(|(count, _)| *count > 0)

@@ -39,12 +39,12 @@ pub struct Point {
     pub column: u32,
     /// 1 or 2.
     pub return_number: u8,
-    /// Signal photons where the sensor sends them, calibrated reflectivity otherwise.
+    /// Signal photons where the sensor sends them; otherwise the reflectivity, of an HDL-64E as its calibration says.
     pub intensity: f32,
     /// Calibrated reflectivity.
     pub reflectivity: u8,
-    /// Ambient light; 0 where it is not sent.
-    pub near_ir: u16,
+    /// Ambient light, where it is sent: once for all returns of a firing.
+    pub near_ir: Option<u16>,
 }
 
 /// Which of a firing's returns a point is.
@@ -90,6 +90,8 @@ impl Cloud {
     /// Replaces the points by those of a frame.
     pub fn fill(&mut self, model: &SensorModel, frame: &Frame) {
         self.points.clear();
+        // an HDL-64E may say on the way how its beams lie
+        self.rings = rings(&self.source, model);
         self.frame_id = frame.frame_id;
         self.start_time_ns = frame.time_span_ns().map_or(0, |[first, _]| first);
         self.host_time_ns = frame.host_time_ns[0];
@@ -132,6 +134,8 @@ impl Cloud {
                 }
                 let reflectivity = layer.reflectivity.get(at).copied().unwrap_or(0);
                 let signal = layer.signal.get(at).copied();
+                let compensated =
+                    || model.intensity(channel, f64::from(range_mm) * 1e-3, reflectivity) as f32;
                 self.points.push(Point {
                     position_m: DVec3::from_array(positions_m[at]),
                     range_mm,
@@ -139,9 +143,9 @@ impl Cloud {
                     ring: self.rings.get(channel).copied().unwrap_or(0),
                     column: column as u32,
                     return_number,
-                    intensity: signal.map_or(f32::from(reflectivity), f32::from),
+                    intensity: signal.map_or_else(compensated, f32::from),
                     reflectivity,
-                    near_ir: layer.near_ir.get(at).copied().unwrap_or(0),
+                    near_ir: frame.first.near_ir.get(at).copied(),
                 });
             }
         }

@@ -39,7 +39,7 @@ impl CloudWriter for CsvWriter {
                 point.range_mm,
                 point.intensity,
                 point.reflectivity,
-                point.near_ir,
+                point.near_ir.map_or(String::new(), |level| level.to_string()),
             )?;
         }
         Ok(())

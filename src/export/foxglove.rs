@@ -157,7 +157,7 @@ fn packed(cloud: &Cloud) -> Vec<u8> {
         data.extend_from_slice(&cloud.since_start_ns(point).to_le_bytes());
         data.extend_from_slice(&point.range_mm.to_le_bytes());
         data.extend_from_slice(&point.ring.to_le_bytes());
-        data.extend_from_slice(&point.near_ir.to_le_bytes());
+        data.extend_from_slice(&point.near_ir.unwrap_or(0).to_le_bytes());
         data.extend_from_slice(&[point.reflectivity, point.return_number]);
     }
     data

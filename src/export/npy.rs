@@ -81,7 +81,7 @@ fn write(file: &mut impl Write, cloud: &Cloud, point: &Point) -> std::io::Result
     file.write_all(&point.range_mm.to_le_bytes())?;
     file.write_all(&point.intensity.to_le_bytes())?;
     file.write_all(&[point.reflectivity])?;
-    file.write_all(&point.near_ir.to_le_bytes())
+    file.write_all(&point.near_ir.unwrap_or(0).to_le_bytes())
 }
 
 #[cfg(test)]

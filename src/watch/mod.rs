@@ -53,6 +53,8 @@ pub struct SensorReport {
     pub source: Option<String>,
     /// Metadata it came from.
     pub metadata: Option<String>,
+    /// Where its beams come from.
+    pub beams: String,
     /// Clock that the metadata says it uses.
     pub timestamp_mode: Option<String>,
     /// Revolutions, whole or not.
@@ -148,6 +150,7 @@ impl Watch {
             remark,
             source: sensor.source().map(|source| source.to_string()),
             metadata: sensor.metadata_name.clone(),
+            beams: sensor.beams().to_string(),
             timestamp_mode,
             frames: self.frames,
             complete_frames: self.complete,

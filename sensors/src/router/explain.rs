@@ -1,7 +1,7 @@
 //! Why nobody took a packet, and what would help.
 
 use super::guess::Guess;
-use super::sensor::{Family, Sensor};
+use super::sensor::{Beams, Family, GivenCalibration, Sensor};
 use crate::Packet;
 use crate::ouster::Metadata;
 
@@ -90,6 +90,42 @@ pub(super) fn unclaimed(
         (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
         _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
     }
+}
+
+/// Why a calibration serves no sensor.
+pub(super) fn unused_calibration(sensors: &[Sensor], given: &GivenCalibration) -> String {
+    let name = &given.name;
+    let velodynes = sensors.iter().filter(|sensor| matches!(sensor.family, Family::Velodyne(_)));
+    let senders: Vec<String> =
+        velodynes.filter_map(|sensor| Some(sensor.first_source?.ip().to_string())).collect();
+    match given.source {
+        _ if senders.is_empty() => format!("calibration {name} is not used: no Velodyne is in the recording"),
+        Some(source) if !senders.contains(&source.to_string()) => format!(
+            "calibration {name} is not used: no Velodyne sends from {source}; there {} from {}",
+            if senders.len() == 1 { "is one" } else { "are some" },
+            senders.join(", ")
+        ),
+        _ => format!(
+            "calibration {name} is not used: every Velodyne has another one, which was given before it"
+        ),
+    }
+}
+
+/// What beams that are not a unit's own mean for an HDL-64E.
+pub(super) fn foreign_beams(beams: Beams<'_>, frames: u64) -> Option<String> {
+    let placed = match beams {
+        Beams::Nominal => format!(
+            "its {frames} frames are placed by nominal beams, as no whole calibration of the unit's own is among its \
+             status bytes (that takes 1.2 to 2.4 s)"
+        ),
+        Beams::Unit { after_frames } if after_frames > 0 => {
+            format!(
+                "its first {after_frames} frames are placed by nominal beams: the unit had not said its own yet"
+            )
+        }
+        _ => return None,
+    };
+    Some(format!("{placed}; HDL-64Es differ by decimetres: give --calibration FILE"))
 }
 
 /// What is wrong with a packet of a sensor that its decoder calls malformed, where a wrong setting explains it.

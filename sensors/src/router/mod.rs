@@ -4,6 +4,7 @@
 //! none, what fits in size, sender and port. Velodyne sensors are found in the data: one per sender and port. Packets
 //! that nobody takes are counted by port and length, with the reason and what would help.
 
+mod ahead;
 mod explain;
 mod guess;
 mod sensor;
@@ -11,14 +12,13 @@ mod sensor;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::net::IpAddr;
 
 use crate::ouster::{Claim, Metadata, OusterDecoder};
-use crate::velodyne::{Calibration, Options, VelodyneDecoder};
+use crate::velodyne::{Options, VelodyneDecoder};
 use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
-pub use sensor::{Family, Sensor};
+pub use sensor::{Beams, Family, GivenCalibration, Sensor};
 
 /// Most Velodyne sensors that are told apart; a recording with more senders is no rig.
 const MOST_SENSORS: usize = 64;
@@ -30,7 +30,8 @@ const MOST_KINDS: usize = 256;
 pub struct Router {
     sensors: Vec<Sensor>,
     unclaimed: BTreeMap<(u16, usize), Unclaimed>,
-    calibrations: Vec<(Option<IpAddr>, Calibration)>,
+    calibrations: Vec<GivenCalibration>,
+    ahead: ahead::Ahead,
 }
 
 /// Packets of one length on one port that no sensor took.
@@ -77,9 +78,21 @@ impl Router {
         self.sensors.push(Sensor::new(decoder, Some(name.into())));
     }
 
-    /// Adds the calibration of a Velodyne: of the one that sends from `source`, or of any.
-    pub fn add_calibration(&mut self, source: Option<IpAddr>, calibration: Calibration) {
-        self.calibrations.push((source, calibration));
+    /// Adds the calibration of a Velodyne.
+    pub fn add_calibration(&mut self, calibration: GivenCalibration) {
+        self.calibrations.push(calibration);
+    }
+
+    /// Calibrations that no sensor of the recording has taken, in words.
+    pub fn unused_calibrations(&self) -> Vec<String> {
+        let takes = |sensor: &Sensor, given: &GivenCalibration| {
+            let is_meant =
+                given.source.is_none_or(|source| sensor.first_source.is_some_and(|from| from.ip() == source));
+            is_meant && sensor.beams() == Beams::Given(&given.name)
+        };
+        let is_unused = |given: &&GivenCalibration| !self.sensors.iter().any(|sensor| takes(sensor, given));
+        let unused = self.calibrations.iter().filter(is_unused);
+        unused.map(|given| explain::unused_calibration(&self.sensors, given)).collect()
     }
 
     /// All sensors: those of metadata first, then those found, in the order they were found.
@@ -92,17 +105,19 @@ impl Router {
         self.unclaimed.values()
     }
 
-    /// Looks at a packet before decoding begins, to learn where sensors send from: packets without a serial number
-    /// are told apart by that. True when there is nothing left to learn.
+    /// Looks at a packet before decoding begins, to learn where sensors send from (packets without a serial number
+    /// are told apart by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
+    /// that are known or were met.
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
         if let (Some((at, claim)), 1) = self.best_claim(packet)
             && is_evidence(claim, packet)
         {
             self.sensors[at].note_source(packet);
         }
-        self.sensors
-            .iter()
-            .all(|sensor| sensor.source_is_known || !matches!(sensor.family, Family::Ouster(_)))
+        self.ahead.read(packet, MOST_SENSORS);
+        let is_known =
+            |sensor: &Sensor| sensor.source_is_known || !matches!(sensor.family, Family::Ouster(_));
+        self.ahead.is_done() && self.sensors.iter().all(is_known)
     }
 
     /// Hands a packet to its sensor, and what that completes to `out`.
@@ -222,7 +237,8 @@ impl Router {
             Some(at) => at,
             None if self.sensors.len() >= MOST_SENSORS => return Err(Some(explain::too_many(MOST_SENSORS))),
             None => {
-                let options = Options { source: Some(address), ..Options::default() };
+                let status = self.ahead.status(address, port);
+                let options = Options { source: Some(address), status, ..Options::default() };
                 let decoder = Family::Velodyne(Box::new(VelodyneDecoder::new(options)));
                 self.sensors.push(Sensor::new(decoder, None));
                 self.sensors.len() - 1

@@ -1,5 +1,6 @@
 //! One sensor of a recording: its decoder and what is said about it.
 
+use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
 use super::explain;
@@ -18,7 +19,48 @@ pub struct Sensor {
     pub(super) data_port: Option<u16>,
     first_damage: Option<String>,
     misread_bytes: Option<usize>,
-    calibrated: Option<Result<SensorModel, CalibrationError>>,
+    calibrated: Option<(String, Result<SensorModel, CalibrationError>)>,
+}
+
+/// The calibration of a Velodyne, as given.
+#[derive(Clone, Debug)]
+pub struct GivenCalibration {
+    /// Where the Velodyne sends from that it is meant for; every one where nobody says.
+    pub source: Option<IpAddr>,
+    /// What messages call it.
+    pub name: String,
+    /// What it says.
+    pub calibration: Calibration,
+}
+
+/// Where the beams of a sensor come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Beams<'a> {
+    /// From the metadata of an Ouster.
+    Metadata,
+    /// From the calibration of this name.
+    Given(&'a str),
+    /// From what the unit itself sends along; so many frames were complete, with nominal beams, before it had said all.
+    Unit {
+        /// None where it was read before.
+        after_frames: u64,
+    },
+    /// From the product: those of a unit without any deviation.
+    Nominal,
+}
+
+impl fmt::Display for Beams<'_> {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Metadata => out.write_str("of the metadata"),
+            Self::Given(name) => write!(out, "as {name} says"),
+            Self::Unit { after_frames: 0 } => out.write_str("as the unit says of itself"),
+            Self::Unit { after_frames } => {
+                write!(out, "as the unit says of itself, nominal in the first {after_frames} frames")
+            }
+            Self::Nominal => out.write_str("nominal"),
+        }
+    }
 }
 
 /// The two families.
@@ -114,7 +156,7 @@ impl Sensor {
 
     /// Its beams, once they are known; as calibrated, where a calibration was given.
     pub fn model(&self) -> Option<&SensorModel> {
-        if let Some(Ok(model)) = &self.calibrated {
+        if let Some((_, Ok(model))) = &self.calibrated {
             return Some(model);
         }
         self.family.decoder().model()
@@ -122,12 +164,32 @@ impl Sensor {
 
     /// Whether the model is that of a calibration that was given for it.
     pub fn is_calibrated(&self) -> bool {
-        matches!(self.calibrated, Some(Ok(_)))
+        matches!(self.calibrated, Some((_, Ok(_))))
     }
 
-    /// Why the calibration that was given for it is not used.
-    pub fn calibration_error(&self) -> Option<&CalibrationError> {
-        self.calibrated.as_ref().and_then(|calibrated| calibrated.as_ref().err())
+    /// Where its beams come from.
+    pub fn beams(&self) -> Beams<'_> {
+        match (&self.family, &self.calibrated) {
+            (Family::Ouster(_), _) => Beams::Metadata,
+            (Family::Velodyne(_), Some((name, _))) => Beams::Given(name),
+            (Family::Velodyne(decoder), None) => decoder
+                .calibrated_after_frames()
+                .map_or(Beams::Nominal, |after_frames| Beams::Unit { after_frames }),
+        }
+    }
+
+    /// What is wrong with its beams where they are others than its own and that moves points by decimetres, and what
+    /// would help.
+    pub fn beams_are_off(&self) -> Option<String> {
+        let Family::Velodyne(decoder) = &self.family else { return None };
+        let is_hdl_64e = decoder.identity().is_some_and(|identity| identity.product.is_hdl_64e());
+        is_hdl_64e.then(|| explain::foreign_beams(self.beams(), self.stats().frames)).flatten()
+    }
+
+    /// Why the calibration that was given for it is not used: its name, and what is wrong.
+    pub fn calibration_error(&self) -> Option<(&str, &CalibrationError)> {
+        let (name, model) = self.calibrated.as_ref()?;
+        Some((name, model.as_ref().err()?))
     }
 
     /// Everything its decoder counted.
@@ -154,15 +216,15 @@ impl Sensor {
     }
 
     /// Takes the first calibration that is meant for it, once it is known what it is.
-    pub(super) fn calibrate(&mut self, calibrations: &[(Option<IpAddr>, Calibration)]) {
+    pub(super) fn calibrate(&mut self, calibrations: &[GivenCalibration]) {
         if self.calibrated.is_some() || calibrations.is_empty() {
             return;
         }
         let Family::Velodyne(decoder) = &self.family else { return };
         let (Some(identity), Some(address)) = (decoder.identity(), self.first_source) else { return };
         let meant =
-            calibrations.iter().find(|(source, _)| source.is_none_or(|source| source == address.ip()));
-        self.calibrated = meant.map(|(_, calibration)| calibration.model(identity.product));
+            calibrations.iter().find(|given| given.source.is_none_or(|source| source == address.ip()));
+        self.calibrated = meant.map(|given| (given.name.clone(), given.calibration.model(identity.product)));
     }
 
     pub(super) fn note_source(&mut self, packet: &Packet<'_>) {

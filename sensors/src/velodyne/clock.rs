@@ -7,6 +7,14 @@
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HourClock {
     newest: Option<Newest>,
+    behind: Behind,
+}
+
+/// Packets in a row that are older than the newest, each younger than the one before.
+#[derive(Clone, Copy, Debug, Default)]
+struct Behind {
+    packets: u32,
+    last_ns: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +35,8 @@ pub(crate) struct Resolved {
 const HOUR_NS: i64 = 3_600_000_000_000;
 /// A step back by more than this is a new start of the clock, not a packet that was held up.
 const MOST_LATE_NS: i64 = 1_000_000_000;
+/// So many packets behind the newest, in order among themselves, were not held up: the clock was set back.
+const STEADY_PACKETS: u32 = 8;
 /// A step ahead by more than this is checked against the host's clock.
 const LONG_NS: i64 = 10_000_000_000;
 /// How far host and device may disagree about the length of a pause.
@@ -57,6 +67,12 @@ impl HourClock {
         }
         if ahead_ns < 0 {
             let time_ns = newest.time_ns.saturating_sub(ahead_ns.unsigned_abs());
+            let in_order = time_ns > self.behind.last_ns;
+            let packets = if in_order { self.behind.packets + 1 } else { 1 };
+            self.behind = Behind { packets, last_ns: time_ns };
+            if packets >= STEADY_PACKETS {
+                return self.start(stamp_ns, host_ns, true);
+            }
             return Resolved { time_ns, restarted: false };
         }
         self.advance(newest.time_ns + ahead_ns as u64, host_ns)
@@ -64,6 +80,7 @@ impl HourClock {
 
     fn advance(&mut self, time_ns: u64, host_ns: u64) -> Resolved {
         self.newest = Some(Newest { time_ns, host_ns });
+        self.behind = Behind::default();
         Resolved { time_ns, restarted: false }
     }
 
@@ -76,6 +93,7 @@ impl HourClock {
         }
         let time_ns = if time_ns < 0 { stamp_ns as u64 } else { time_ns as u64 };
         self.newest = Some(Newest { time_ns, host_ns });
+        self.behind = Behind::default();
         Resolved { time_ns, restarted }
     }
 }
@@ -128,6 +146,19 @@ mod tests {
         let pause_ns = 2 * HOUR_NS as u64 + 60_000_000_000;
         let after = clock.resolve(60_000_010, HOST_NS + pause_ns);
         assert_eq!((after.time_ns - start.time_ns, after.restarted), (pause_ns, false));
+    }
+
+    #[test]
+    fn a_clock_that_is_set_back_a_little_restarts() {
+        let mut clock = HourClock::default();
+        clock.resolve(10_000_000, HOST_NS);
+        let mut take = |stamps_us: &mut dyn Iterator<Item = u32>| {
+            stamps_us.map(|stamp_us| clock.resolve(stamp_us, HOST_NS).restarted).collect::<Vec<_>>()
+        };
+        let late = take(&mut (9_500_000..9_500_007).chain([9_500_006, 9_400_000, 10_000_001]));
+        assert_eq!(late, [false; 10], "a few that were held up, one of them twice");
+        let steady = take(&mut (9_600_000..9_600_009));
+        assert_eq!(steady, [false, false, false, false, false, false, false, true, false]);
     }
 
     #[test]

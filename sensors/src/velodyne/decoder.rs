@@ -26,6 +26,8 @@ pub struct Options {
     pub product: Option<Product>,
     /// The calibrated unit; the nominal model of the product otherwise. Decides no range: a frame holds raw ranges.
     pub model: Option<SensorModel>,
+    /// What an HDL-64E says of itself, where that was read before: its own calibration holds from its first frame on.
+    pub status: Option<UnitStatus>,
     /// Where frames end.
     pub cut: Cut,
     /// Sender; that of the first data packet otherwise.
@@ -62,6 +64,7 @@ pub struct VelodyneDecoder {
     completed: Completed,
     status_reader: StatusReader,
     status: Option<UnitStatus>,
+    calibrated_after_frames: Option<u64>,
 }
 
 #[derive(Debug)]
@@ -91,6 +94,7 @@ impl VelodyneDecoder {
             completed: Completed::default(),
             status_reader: StatusReader::default(),
             status: None,
+            calibrated_after_frames: None,
         };
         if let Some(product) = decoder.options.product
             && product != Product::Vls128
@@ -115,9 +119,29 @@ impl VelodyneDecoder {
         self.status.as_ref()
     }
 
+    /// How many frames were complete before the unit had said how it is calibrated; none where it has not.
+    pub fn calibrated_after_frames(&self) -> Option<u64> {
+        self.calibrated_after_frames
+    }
+
     fn decide(&mut self, identity: Identity) {
+        let product = identity.product;
         self.model = self.options.model.clone().or_else(|| nominal(&identity));
         self.stream = Some(Stream::new(identity, self.options.cut));
+        if let Some(status) = self.options.status.take() {
+            self.believe(product, status);
+        }
+    }
+
+    fn believe(&mut self, product: Product, status: UnitStatus) {
+        if self.options.model.is_none()
+            && status.calibrated.is_some()
+            && let Ok(model) = status.calibration.model(product)
+        {
+            self.model = Some(model);
+            self.calibrated_after_frames.get_or_insert(self.stats.frames);
+        }
+        self.status = Some(status);
     }
 
     fn take_any(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
@@ -219,20 +243,21 @@ impl VelodyneDecoder {
     }
 
     fn take_next(&mut self) {
-        let (Some(stream), Some(held)) = (&mut self.stream, self.window.pop()) else { return };
+        let (Some(product), Some(held)) = (self.stream.as_ref().map(Stream::product), self.window.pop())
+        else {
+            return;
+        };
         if self.recent.len() == RECENT_PACKETS {
             self.recent.pop_front();
         }
         self.recent.push_back(held.start());
-        if matches!(stream.product(), Product::Hdl64eS2 | Product::Hdl64eS3) {
+        if matches!(product, Product::Hdl64eS2 | Product::Hdl64eS3) {
             let packet = DataPacket::of(&held.payload);
             if let Some(status) = self.status_reader.push(packet.mode_byte(), packet.model_byte()) {
-                if self.options.model.is_none() && status.calibrated.is_some() {
-                    self.model = status.calibration.model(stream.product()).ok().or(self.model.take());
-                }
-                self.status = Some(status);
+                self.believe(product, status);
             }
         }
+        let Some(stream) = &mut self.stream else { return };
         stream.take(&held, self.window.front(), &mut self.stats, &mut self.completed);
         self.window.recycle(held);
     }

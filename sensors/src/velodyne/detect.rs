@@ -100,6 +100,12 @@ pub(crate) fn family(packet: DataPacket<'_>) -> Option<Family> {
     }
 }
 
+/// The type and the value of the byte of its status that a packet of an HDL-64E carries; none of other sensors.
+pub(crate) fn status_bytes(payload: &[u8]) -> Option<[u8; 2]> {
+    let packet = DataPacket::of(payload.try_into().ok()?);
+    (family(packet) == Some(Family::SixtyFour)).then(|| [packet.mode_byte(), packet.model_byte()])
+}
+
 /// The product that a model byte names.
 pub(crate) fn claimed_product(model_byte: u8) -> Option<(Product, Option<String>)> {
     match model_byte {

@@ -24,9 +24,11 @@ mod view;
 mod window;
 pub mod wire;
 
+pub(crate) use calibration::StatusReader;
 pub use calibration::{Calibration, CalibrationError, LaserCalibration};
 pub use decoder::{DEFAULT_HELD_PACKETS, Options, VelodyneDecoder};
 pub use detect::Identity;
+pub(crate) use detect::status_bytes;
 pub use encode::{Column, VelodyneEncoder};
 pub use nmea::{Fix, NmeaError, rmc_sentence};
 pub use position::{Inertial, Position, PulseState, Thermal};

@@ -161,6 +161,11 @@ impl Product {
         }
     }
 
+    /// An HDL-64E: no unit is like another, and its packets carry a status.
+    pub fn is_hdl_64e(self) -> bool {
+        self.family() == Family::SixtyFour
+    }
+
     pub(crate) fn family(self) -> Family {
         match self {
             Self::Vlp16 | Self::PuckLite | Self::PuckHiRes => Family::Sixteen,

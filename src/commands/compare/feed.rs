@@ -1,13 +1,13 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
 use sensors::ouster::Metadata;
-use sensors::router::{Router, Sensor, Unclaimed};
+use sensors::router::{GivenCalibration, Router, Sensor, Unclaimed};
 use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::beams::Seat;
 use super::hearing::Heard;
-use crate::commands::recording::{Meant, Recording};
+use crate::commands::recording::Recording;
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
@@ -94,8 +94,8 @@ impl Fed {
     fn close(&mut self, place: usize, sensor: &Sensor, seat: &Seat<'_>) -> anyhow::Result<()> {
         let stats = sensor.stats();
         let summary = &mut self.sensors[place];
-        if let Some(error) = sensor.calibration_error() {
-            anyhow::bail!("{}, a {}: --calibration: {error}", summary.sensor, sensor.product());
+        if let Some((name, error)) = sensor.calibration_error() {
+            anyhow::bail!("{name}, given for {}, a {}: {error}", summary.sensor, sensor.product());
         }
         summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
         summary.complete_frames = stats.complete_frames;
@@ -133,7 +133,7 @@ pub struct Seated<'a> {
     /// What its axes measured; of a sensor that has none, nothing.
     pub tilts: &'a [TiltHistory],
     /// What was typed for its Velodynes.
-    pub calibrations: &'a [Meant],
+    pub calibrations: &'a [GivenCalibration],
 }
 
 /// Every frame of a session, in the order of its packets.
@@ -210,8 +210,8 @@ fn routers(seated: &Seated<'_>) -> anyhow::Result<Vec<Router>> {
         if let Some(text) = seated.session.metadata(&mounted.name)? {
             router.add_ouster(Metadata::parse(&text, &mounted.name)?, mounted.name.clone());
         }
-        for (source, calibration) in seated.calibrations {
-            router.add_calibration(*source, calibration.clone());
+        for calibration in seated.calibrations {
+            router.add_calibration(calibration.clone());
         }
         Ok(router)
     };
@@ -260,11 +260,21 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         }
     } else {
         for entry in router.unclaimed().filter(|entry| entry.needs_metadata && entry.serial.is_some()) {
-            let silent = rig.sensors.iter().zip(&fed.sensors).find(|(_, summary)| summary.frames == 0);
-            fed.faults.extend(silent.map(|(sensor, _)| foreign(sensor, &entry.reason)));
+            let silent = fed.sensors.iter().position(|summary| summary.frames == 0);
+            let tell = |at: usize| match at < router.sensors().len() {
+                true => foreign(&rig.sensors[at], &entry.reason),
+                false => without_metadata(&rig.sensors[at], entry),
+            };
+            fed.faults.extend(silent.map(tell));
         }
     }
     Ok(fed)
+}
+
+fn without_metadata(sensor: &MountedSensor, entry: &Unclaimed) -> Fault {
+    let (name, packets, reason) = (&sensor.name, entry.packets, &entry.reason);
+    let words = format!("nothing of {name} was decoded; {packets} packets are of nobody: {reason}");
+    Fault::new("metadata_missing", vec![name.clone()], words)
 }
 
 fn foreign(sensor: &MountedSensor, reason: &str) -> Fault {

@@ -163,6 +163,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
     let error = args.pose_error.error()?;
+    args.corrected_mount.iter().try_for_each(|out| args.recorded.spare(out))?;
     let recorded = Recorded::open(&args.recorded)?;
     let place = place::read(&args.place, &recorded)?;
     let rig = &recorded.rig;

@@ -1,15 +1,17 @@
 //! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
 
 use std::cell::OnceCell;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
+use sensors::router::GivenCalibration;
 
 use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
 use super::feed::{self, Fed, Seated, Taken};
-use crate::commands::recording::{Meant, Recording, SensorArgs};
+use crate::commands::recording::{Recording, SensorArgs};
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
+use crate::files::is_same;
 use crate::geometry::Pose;
 use crate::record::Session;
 use crate::rig::{MountFile, MountedSensor, Rig};
@@ -31,8 +33,18 @@ pub struct RecordedArgs {
     pub zeros: AxisZeros,
 }
 
+impl RecordedArgs {
+    /// Refuses to write over what is read.
+    pub fn spare(&self, out: &Path) -> anyhow::Result<()> {
+        let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(&self.sensors.meta);
+        let is_read = inputs.any(|input| is_same(out, input));
+        ensure!(!is_read, "{}: this file is read; write to another", out.display());
+        Ok(())
+    }
+}
+
 enum Source {
-    Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<Meant> },
+    Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<GivenCalibration> },
     Capture(Recording),
 }
 
@@ -175,9 +187,9 @@ impl Recorded {
 }
 
 /// A calibration that is meant for an address is meant for a sensor of the session.
-fn ensure_meant(calibrations: &[Meant], session: &Session) -> anyhow::Result<()> {
+fn ensure_meant(calibrations: &[GivenCalibration], session: &Session) -> anyhow::Result<()> {
     let entries = &session.manifest().sensors;
-    for address in calibrations.iter().filter_map(|(address, _)| *address) {
+    for address in calibrations.iter().filter_map(|given| given.source) {
         ensure!(
             entries.iter().any(|entry| entry.source == Some(address)),
             "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \

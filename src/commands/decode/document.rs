@@ -3,11 +3,13 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use anyhow::ensure;
 use sensors::capture::CaptureCounters;
 use sensors::router::{Router, Unclaimed};
 use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
+use super::frames::FrameRange;
 use crate::commands::recording::{Ending, Recording};
 use crate::export::Placer;
 
@@ -48,6 +50,8 @@ struct SensorReport {
     port: Option<u16>,
     serial: String,
     metadata: Option<String>,
+    /// Where its beams come from.
+    beams: String,
     frames: Vec<FrameRow>,
     totals: Totals,
     counters: DecodeStats,
@@ -164,6 +168,7 @@ impl Document {
                 port: sensor.data_port(),
                 serial: sensor.serial().to_owned(),
                 metadata: sensor.metadata_name.clone(),
+                beams: sensor.beams().to_string(),
                 totals: Totals::of(&found.frames),
                 frames: found.frames,
                 counters,
@@ -172,12 +177,21 @@ impl Document {
                 zone_reports: found.zone_reports,
             });
         }
-        for entry in self.unclaimed.iter().filter(|entry| entry.is_sensor_data) {
-            let Unclaimed { port, length, packets, reason, .. } = entry;
-            self.notices.push(format!("{packets} packets of {length} bytes to port {port}: {reason}"));
-        }
+        self.notices.extend(crate::commands::unread::strangers(router));
+        self.notices.extend(crate::commands::unread::beam_notices(router));
         self.notices.extend(self.losses.iter().cloned());
         self.data_lost = !self.losses.is_empty();
+    }
+
+    /// Refuses a range of frames in which no sensor has one.
+    pub fn ensure_frames(&self, asked: FrameRange) -> anyhow::Result<()> {
+        let has = |sensor: &SensorReport| format!("{} of {}", sensor.counters.frames, sensor.id);
+        ensure!(
+            self.sensors.iter().any(|sensor| !sensor.frames.is_empty()),
+            "--frames {asked}: the recording has fewer, counted from 0: {}",
+            self.sensors.iter().map(has).collect::<Vec<_>>().join(", ")
+        );
+        Ok(())
     }
 
     /// Adds the files that were written.
@@ -215,8 +229,8 @@ impl Document {
             let source = sensor.source.as_ref().map_or(String::new(), |source| format!(", from {source}"));
             let _ = writeln!(
                 text,
-                "{}: {} {}, {}{serial}{source}",
-                sensor.id, sensor.vendor, sensor.model, sensor.format
+                "{}: {} {}, {}{serial}{source}, beams {}",
+                sensor.id, sensor.vendor, sensor.model, sensor.format, sensor.beams
             );
             let _ = writeln!(text, "    frame    points   second  columns  packets");
             for frame in &sensor.frames {

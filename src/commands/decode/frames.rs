@@ -1,5 +1,6 @@
 //! The range of frames behind `--frames`.
 
+use std::fmt;
 use std::str::FromStr;
 
 /// Frames from `first` up to, not including, `end`.
@@ -19,6 +20,15 @@ impl FrameRange {
     /// Whether a frame is meant.
     pub fn contains(self, number: u64) -> bool {
         (self.first..self.end).contains(&number)
+    }
+}
+
+impl fmt::Display for FrameRange {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self { first, end: u64::MAX } => write!(out, "{first}.."),
+            Self { first, end } => write!(out, "{first}..{end}"),
+        }
     }
 }
 

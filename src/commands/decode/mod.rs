@@ -16,7 +16,7 @@ use self::document::Document;
 use self::frames::FrameRange;
 use self::output::Output;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::{Recording, SensorArgs};
+use super::recording::{Recording, SensorArgs, ensure_calibrated};
 use super::{Context, Outcome, signals};
 use crate::export::Format;
 
@@ -41,7 +41,8 @@ pub struct Args {
     /// Write points in this format; taken from the extension of --out where that says it.
     #[arg(long)]
     format: Option<Format>,
-    /// File for all points, or folder: one file per sensor and frame, a ROS 2 bag of mcap.
+    /// File for all points, or folder (one that is there, or a name that ends in / or has no extension): one file per sensor
+    /// and frame, a ROS 2 bag of mcap.
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
     /// Frames of each sensor, counted from 0, end not included: 2..5, 2.., ..5 or 2. Without inertial samples.
@@ -97,17 +98,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     })?;
     router.finish(&mut take);
     go_on()?;
-    for sensor in router.sensors() {
-        if let Some(error) = sensor.calibration_error() {
-            bail!("{} from {:?}: {error}", sensor.product(), sensor.source());
-        }
-    }
+    ensure_calibrated(&router)?;
     document.conclude(&recording, &router, &ending);
     if document.is_empty() {
         if let Some(damage) = ending.damage {
             return Err(damage.into());
         }
         bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
+    }
+    if args.frames.is_some() {
+        document.ensure_frames(frames)?;
     }
     if let Some(output) = output {
         document.set_files(output.finish()?);

@@ -77,11 +77,16 @@ impl Output {
                 None => return Ok(None),
             },
         };
-        let out = match &args.out {
-            Some(out) => out.clone(),
+        let (out, is_file) = match &args.out {
+            Some(out) => (out.clone(), !is_folder_name(out)),
             None => default_place(recording, format),
         };
-        let is_file = Format::of_path(&out).is_some() && !out.is_dir();
+        if !is_file && out.exists() && !out.is_dir() {
+            bail!("--out {}: there is a file of this name, which cannot be a folder", out.display());
+        }
+        if recording.is_read_from(&out) {
+            bail!("--out {}: this is the recording itself", out.display());
+        }
         let bag = !is_file && format == Format::Mcap;
         let place = match is_file || bag {
             true => {
@@ -199,16 +204,21 @@ fn bag_file_name(folder: &Path) -> String {
     format!("{name}_0.mcap")
 }
 
-/// Beside nothing: in the current folder, named after the recording.
-fn default_place(recording: &Recording, format: Format) -> PathBuf {
+/// A folder that is there, a name that ends in `/`, a name without an extension.
+fn is_folder_name(out: &Path) -> bool {
+    out.is_dir() || out.as_os_str().as_encoded_bytes().ends_with(b"/") || out.extension().is_none()
+}
+
+/// Beside nothing: in the current folder, named after the recording; and whether it is a file.
+fn default_place(recording: &Recording, format: Format) -> (PathBuf, bool) {
     let name = PathBuf::from(recording.name());
     let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());
     if let Some(inner) = stem.strip_suffix(".pcap").or(stem.strip_suffix(".pcapng")) {
         stem = inner.to_owned(); // of a gzipped file
     }
     match format.is_per_frame() {
-        true => PathBuf::from(stem),
-        false => PathBuf::from(format!("{stem}.{}", format.extension())),
+        true => (PathBuf::from(stem), false),
+        false => (PathBuf::from(format!("{stem}.{}", format.extension())), true),
     }
 }
 

@@ -7,7 +7,7 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
-use crate::commands::recording::{Ending, Recording};
+use crate::commands::recording::{Ending, Recording, ensure_calibrated};
 use crate::commands::{sensor_ids, unread};
 use crate::watch::{SensorReport, Watch};
 
@@ -143,6 +143,7 @@ impl SensorReport {
             "    {} frames, {} whole{rate}{points}{second}",
             self.frames, self.complete_frames
         );
+        let _ = writeln!(text, "    beams {}", self.beams);
         let counters = &self.counters;
         let _ = writeln!(
             text,
@@ -203,6 +204,8 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
     for path in unread::metadata_beside(recording, router, &flows.serials()) {
         advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
+    advice.extend(ensure_calibrated(router).err().map(|error| error.to_string()));
+    advice.extend(unread::beam_notices(router));
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
         if let Some(damage) = sensor.first_damage() {

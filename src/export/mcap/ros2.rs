@@ -110,7 +110,7 @@ fn append(cloud: &Cloud, point: &Point, velodyne: bool, out: &mut Vec<u8>) {
     out.extend_from_slice(&since_start_ns.to_le_bytes());
     out.extend_from_slice(&u16::from(point.reflectivity).to_le_bytes());
     out.extend_from_slice(&point.ring.to_le_bytes());
-    out.extend_from_slice(&point.near_ir.to_le_bytes());
+    out.extend_from_slice(&point.near_ir.unwrap_or(0).to_le_bytes());
     out.extend_from_slice(&[0; 2]);
     out.extend_from_slice(&point.range_mm.to_le_bytes());
 }

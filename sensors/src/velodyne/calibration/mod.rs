@@ -7,7 +7,7 @@ mod yaml;
 
 pub use status::{GpsState, Health, StatusReader, UnitStatus, Warnings, encode_status_bytes};
 
-use super::product::{Family, Product};
+use super::product::Product;
 use crate::catalogue::{self, ModelError};
 use crate::model::{BeamCorrection, SensorModel};
 
@@ -102,7 +102,7 @@ impl Calibration {
                 reason: format!("{} given, a {product} has {}", self.lasers.len(), nominal.channels()),
             });
         }
-        let is_hdl_64e = product.family() == Family::SixtyFour;
+        let is_hdl_64e = product.is_hdl_64e();
         let mut beams = nominal.beams().to_vec();
         for (beam, laser) in beams.iter_mut().zip(&self.lasers) {
             beam.elevation_rad = laser.vertical_rad;
