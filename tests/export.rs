@@ -33,6 +33,8 @@ pub const CASES: &[Case] = &[
 ];
 
 const START_NS: u64 = 1_700_000_000_123_456_789;
+/// The same in GPS time, which is 18 s ahead of UTC then.
+const START_GPS_S: f64 = 1_384_035_218.123_456_8;
 
 fn model() -> SensorModel {
     catalogue::nominal("vlp-16").unwrap()
@@ -158,7 +160,8 @@ fn csv_holds_the_points() {
     );
     let positions = lines.map(|line| {
         let rest = line.strip_prefix("\"left, vlp-16\",41,").unwrap();
-        let numbers: Vec<f64> = rest.split(',').map(|number| number.parse().unwrap()).collect();
+        let numbers: Vec<f64> = rest.split(',').take(11).map(|number| number.parse().unwrap()).collect();
+        assert!(rest.ends_with(','), "a Velodyne sends no near-infrared: {rest}");
         DVec3::new(numbers[5], numbers[6], numbers[7])
     });
     assert_same(positions.collect(), 2e-6);
@@ -191,8 +194,11 @@ fn las_and_laz_hold_the_points() {
         let points: Vec<las::Point> = data.points().map(Result::unwrap).collect();
         assert_same(points.iter().map(|p| DVec3::new(p.x, p.y, p.z)).collect(), 1e-4);
         assert!(points.iter().all(|point| point.point_source_id == 3));
+        let header = reader.header();
+        assert_eq!(header.gps_time_type(), las::GpsTimeType::Standard);
+        assert_eq!(header.date().map(|day| day.to_string()).as_deref(), Some("2023-11-14"));
         let time_s = points[0].gps_time.unwrap();
-        assert!((time_s - START_NS as f64 * 1e-9).abs() < 1e-5);
+        assert!((time_s - (START_GPS_S - 1e9)).abs() < 1e-6, "{time_s}");
         let rings: Vec<u16> = points
             .iter()
             .map(|point| u16::from_le_bytes(point.extra_bytes[..2].try_into().unwrap()))
@@ -213,6 +219,8 @@ fn e57_holds_a_scan_per_frame() {
     assert_ne!(scans[0].guid, scans[1].guid);
     for scan in scans {
         assert_eq!(scan.sensor_serial.as_deref(), Some("AG123"));
+        let begun = scan.acquisition_start.as_ref().unwrap();
+        assert!((begun.gps_time - START_GPS_S).abs() < 1e-6 && !begun.atomic_reference, "{begun:?}");
         let points = reader.pointcloud_simple(&scan).unwrap();
         let positions = points.map(|point| match point.unwrap().cartesian {
             e57::CartesianCoordinate::Valid { x, y, z } => DVec3::new(x, y, z),

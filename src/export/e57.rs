@@ -5,11 +5,8 @@ use std::fs::File;
 use e57::{DateTime, E57Writer as Writer, Record, RecordDataType, RecordName, RecordValue};
 use sha2::{Digest, Sha256};
 
-use super::record::seconds;
+use super::gps::gps_ns;
 use super::{Cause, Cloud, CloudWriter};
-
-/// The GPS epoch (1980-01-06) in s since 1970.
-const GPS_EPOCH_S: f64 = 315_964_800.0;
 
 pub(super) struct E57Writer {
     writer: Writer<File>,
@@ -56,7 +53,7 @@ impl CloudWriter for E57Writer {
         if !source.serial.is_empty() {
             scan.set_sensor_serial(Some(source.serial.clone()));
         }
-        let gps_time = seconds(cloud.stamp_ns()) - GPS_EPOCH_S;
+        let gps_time = gps_ns(cloud.stamp_ns()) as f64 * 1e-9;
         scan.set_acquisition_start(Some(DateTime { gps_time, atomic_reference: false }));
         for (point, echo) in cloud.echoes() {
             let position = point.position_m.as_vec3();

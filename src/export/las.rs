@@ -1,46 +1,52 @@
-//! LAS 1.4 and LAZ, point format 6 with the ring as an extra dimension. Source: ASPRS LAS specification 1.4 R15.
+//! LAS 1.4 and LAZ, point format 6 with the ring as an extra dimension, adjusted standard GPS time. Source: ASPRS LAS specification 1.4 R15.
 
 use std::fs::File;
 use std::io::Write as _;
 
 use las::point::Format;
-use las::{Builder, Point, Transform, Vector, Vlr, Writer};
+use las::{Builder, GpsTimeType, Header, Point, Transform, Vector, Version, Vlr, Writer, raw};
 
-use super::record::seconds;
+use super::gps::{gps_ns, year_and_day};
 use super::sink::{Failure, Sink};
 use super::{Cause, Cloud, CloudWriter};
 
 /// Steps of stored coordinates, m: a tenth of what sensors resolve; 32 bits reach 214 km with it.
 const STEP_M: f64 = 1e-4;
 
+/// What GPS time is less by, so that it keeps more digits, ns ("adjusted standard GPS time").
+const ADJUSTMENT_NS: i64 = 1_000_000_000_000_000_000;
+
+/// Begun with the first frame: the header has its day, so that the same points give the same bytes.
 pub(super) struct LasWriter {
-    writer: Writer<Sink>,
+    sink: Option<Sink>,
+    writer: Option<Writer<Sink>>,
+    compressed: bool,
     failure: Failure,
 }
 
 impl LasWriter {
-    pub(super) fn new(file: File, compressed: bool) -> Result<Self, Cause> {
-        let mut format = Format::new(6)?;
-        format.extra_bytes = 2;
-        format.is_compressed = compressed;
-        let axis = Transform { scale: STEP_M, offset: 0.0 };
-        let mut builder = Builder::default();
-        builder.version = las::Version::new(1, 4);
-        builder.point_format = format;
-        builder.transforms = Vector { x: axis, y: axis, z: axis };
-        builder.generating_software = concat!("outrigger ", env!("CARGO_PKG_VERSION")).into();
-        builder.system_identifier = "LiDAR, sensor frame".into();
-        builder.vlrs = vec![ring_dimension()];
+    pub(super) fn new(file: File, compressed: bool) -> Self {
         let (sink, failure) = Sink::new(file);
-        Ok(Self { writer: Writer::new(sink, builder.into_header()?)?, failure })
+        Self { sink: Some(sink), writer: None, compressed, failure }
+    }
+
+    fn begin(&mut self, day: Option<(u16, u16)>) -> Result<(), Cause> {
+        if let Some(sink) = self.sink.take() {
+            self.writer = Some(Writer::new(sink, header(day, self.compressed)?)?);
+        }
+        Ok(())
     }
 }
 
 impl CloudWriter for LasWriter {
-    /// `gps_time` is the device clock in seconds, `point_source_id` the sensor's number from 1.
+    /// `gps_time` is adjusted standard GPS time, `point_source_id` the sensor's number from 1.
     fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
+        let start_ns = cloud.stamp_ns();
+        self.begin(Some(year_and_day(start_ns)))?;
+        let Some(writer) = &mut self.writer else { return self.failure.check() };
         for (point, echo) in cloud.echoes() {
-            self.writer.write_point(Point {
+            let gps_ns = gps_ns(start_ns.saturating_add(cloud.since_start_ns(point).into()));
+            writer.write_point(Point {
                 x: point.position_m.x,
                 y: point.position_m.y,
                 z: point.position_m.z,
@@ -49,7 +55,7 @@ impl CloudWriter for LasWriter {
                 number_of_returns: echo.of,
                 point_source_id: cloud.source.number.saturating_add(1),
                 user_data: point.reflectivity,
-                gps_time: Some(seconds(point.time_ns)),
+                gps_time: Some((gps_ns - ADJUSTMENT_NS) as f64 * 1e-9),
                 extra_bytes: point.ring.to_le_bytes().to_vec(),
                 ..Point::default()
             })?;
@@ -57,11 +63,34 @@ impl CloudWriter for LasWriter {
         self.failure.check()
     }
 
-    fn close(self: Box<Self>) -> Result<(), Cause> {
-        let Self { writer, failure } = *self;
-        writer.into_inner()?.flush()?;
-        failure.check()
+    fn close(mut self: Box<Self>) -> Result<(), Cause> {
+        self.begin(None)?;
+        if let Some(writer) = self.writer {
+            writer.into_inner()?.flush()?;
+        }
+        self.failure.check()
     }
+}
+
+fn header(day: Option<(u16, u16)>, compressed: bool) -> Result<Header, Cause> {
+    let mut format = Format::new(6)?;
+    format.extra_bytes = 2;
+    format.is_compressed = compressed;
+    let axis = Transform { scale: STEP_M, offset: 0.0 };
+    let (file_creation_year, file_creation_day_of_year) = day.unwrap_or_default();
+    let mut builder = Builder::new(raw::Header {
+        file_creation_year,
+        file_creation_day_of_year,
+        ..raw::Header::default()
+    })?;
+    builder.version = Version::new(1, 4);
+    builder.gps_time_type = GpsTimeType::Standard;
+    builder.point_format = format;
+    builder.transforms = Vector { x: axis, y: axis, z: axis };
+    builder.generating_software = concat!("outrigger ", env!("CARGO_PKG_VERSION")).into();
+    builder.system_identifier = "LiDAR, sensor frame".into();
+    builder.vlrs = vec![ring_dimension()];
+    Ok(builder.into_header()?)
 }
 
 /// Describes the two extra bytes of every point (specification, "Extra Bytes").

@@ -1,8 +1,8 @@
 //! Point files: PCD, PLY, CSV, NumPy, LAS/LAZ, E57 and MCAP.
 //!
 //! A file appears under its name only when it is whole. Coordinates are metres in the sensor frame (x forward, y left,
-//! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` (`gps_time` in LAS) the device
-//! clock in seconds.
+//! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` the device clock in seconds; LAS
+//! and E57 have GPS time.
 
 mod bag;
 mod cloud;
@@ -11,6 +11,8 @@ mod csv;
 mod e57;
 #[cfg(feature = "mcap")]
 pub mod foxglove;
+#[cfg(feature = "survey")]
+mod gps;
 #[cfg(feature = "survey")]
 mod las;
 #[cfg(feature = "mcap")]
@@ -244,9 +246,9 @@ fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
         Format::Csv => Box::new(csv::CsvWriter::new(file)?),
         Format::Npy => Box::new(npy::NpyWriter::new(file)?),
         #[cfg(feature = "survey")]
-        Format::Las => Box::new(las::LasWriter::new(file, false)?),
+        Format::Las => Box::new(las::LasWriter::new(file, false)),
         #[cfg(feature = "survey")]
-        Format::Laz => Box::new(las::LasWriter::new(file, true)?),
+        Format::Laz => Box::new(las::LasWriter::new(file, true)),
         #[cfg(feature = "survey")]
         Format::E57 => Box::new(e57::E57Writer::new(file)?),
         #[cfg(feature = "mcap")]

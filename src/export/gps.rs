@@ -1,0 +1,59 @@
+//! GPS time, as survey formats count it: seconds since 1980 without the leap seconds of UTC.
+
+const SECOND_NS: i64 = 1_000_000_000;
+/// 1980-01-06 in s since 1970.
+const EPOCH_S: u64 = 315_964_800;
+/// From when on (s since 1970) GPS time is so many seconds ahead of UTC, newest first. Source: IERS Bulletin C; none was
+/// announced after 2017. Stamps before 2000 are no dates.
+const AHEAD_S: [(u64, u64); 6] = [
+    (1_483_228_800, 18),
+    (1_435_708_800, 17),
+    (1_341_100_800, 16),
+    (1_230_768_000, 15),
+    (1_136_073_600, 14),
+    (0, 13),
+];
+
+/// GPS time of a moment of UTC (ns since 1970), ns since the GPS epoch.
+pub(super) fn gps_ns(utc_ns: u64) -> i64 {
+    let utc_s = utc_ns / SECOND_NS as u64;
+    let ahead_s = AHEAD_S.iter().find(|(from_s, _)| utc_s >= *from_s).map_or(0, |(_, ahead_s)| *ahead_s);
+    i64::try_from(utc_ns).unwrap_or(i64::MAX) - (EPOCH_S as i64 - ahead_s as i64) * SECOND_NS
+}
+
+/// Year and day of the year, from 1, of a moment of UTC (ns since 1970).
+pub(super) fn year_and_day(utc_ns: u64) -> (u16, u16) {
+    const DAY_NS: u64 = 86_400_000_000_000;
+    let (mut year, mut day) = (1970_u16, utc_ns / DAY_NS);
+    loop {
+        let is_leap = year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
+        let days = 365 + u64::from(is_leap);
+        if day < days {
+            return (year, day as u16 + 1);
+        }
+        (year, day) = (year + 1, day - days);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leap_seconds_begin_when_they_did() {
+        let gps_s = |utc_s: u64| gps_ns(utc_s * 1_000_000_000) / SECOND_NS;
+        // the second of GPS time 1167264018 is the first of 2017
+        assert_eq!(gps_s(1_483_228_800), 1_167_264_018);
+        assert_eq!(gps_s(1_483_228_799), 1_167_264_016);
+        assert_eq!(gps_s(1_673_398_940), 1_357_434_158);
+        assert_eq!(gps_s(946_684_800), 630_720_013);
+        assert_eq!(gps_ns(u64::MAX / 2), gps_ns(u64::MAX / 2 - 1) + 1);
+    }
+
+    #[test]
+    fn days_of_the_year() {
+        let at = |utc_s: u64| year_and_day(utc_s * 1_000_000_000);
+        assert_eq!((at(0), at(951_782_400), at(1_700_000_000)), ((1970, 1), (2000, 60), (2023, 318)));
+        assert_eq!((at(1_735_603_200), at(1_735_689_600)), ((2024, 366), (2025, 1)));
+    }
+}
