@@ -43,6 +43,8 @@ pub const CASES: &[Case] = &[
         "ctrl_c_completes_the_session_and_replay_repeats_it",
         program::ctrl_c_completes_the_session_and_replay_repeats_it,
     ),
+    case("replay_says_what_it_does_not_send", program::replay_says_what_it_does_not_send),
+    case("a_looped_replay_ends_with_its_count", program::a_looped_replay_ends_with_its_count),
     case("a_silent_sensor_is_named", program::a_silent_sensor_is_named),
     case("two_mock_sensors_are_recorded_and_decoded", program::two_mock_sensors_are_recorded_and_decoded),
     case("what_record_keeps_is_enough_to_compare", program::what_record_keeps_is_enough_to_compare),

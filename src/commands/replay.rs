@@ -1,27 +1,36 @@
 //! `outrigger replay`: a capture's packets once more, in their own time.
 
-use std::collections::BTreeMap;
-use std::io::{IsTerminal as _, Write as _};
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::IsTerminal as _;
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs as _};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::capture::CaptureReader;
 
-use super::{Context, Outcome, output};
+use super::recording::capture_losses;
+use super::{Context, Outcome, output, signals};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::record::{Session, file};
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;
+/// Senders to one port that are told of by name.
+const MOST_SENDERS: usize = 8;
+const INTERRUPTED: &str = "interrupted: the rest of the recording was not sent";
+/// Time after Ctrl-C in which a packet may still be waited for.
+const TO_END_WITHIN: Duration = Duration::from_secs(1);
 
 /// Arguments of `replay`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Without a port in --to and without --map, packets go to the ports they went to when they were \
-                        recorded. With a port, everything goes there. With --map, only mapped ports are sent."
+                        recorded. With a port, everything goes there, and must have gone to one port when it was recorded. \
+                        With --map, only mapped ports are sent. Exit codes: 0 when the whole recording was sent, 3 when \
+                        some of it could not be read, 1 when nothing was sent or it was interrupted (--loop ends so)."
 )]
 pub struct Args {
     /// A capture (pcap, pcapng, plain or gzip) or a session folder.
@@ -29,7 +38,7 @@ pub struct Args {
     /// Where packets go.
     #[arg(long, value_name = "HOST[:PORT]", value_parser = parse_target)]
     to: Target,
-    /// Send packets of one recorded destination port to another port; keeps sensors apart. May be repeated.
+    /// Send packets of one recorded destination port to another port. May be repeated.
     #[arg(long = "map", value_name = "PORT=PORT", value_parser = parse_map)]
     map: Vec<(u16, u16)>,
     /// Times faster than recorded, or `max`: as fast as a receiver on this host takes packets.
@@ -49,10 +58,15 @@ struct Sent {
     ports: BTreeMap<u16, PortSent>,
     /// Packets of ports that are not mapped.
     not_mapped: u64,
+    /// Times that the recording was sent to its end.
     rounds: u64,
     wall_s: f64,
-    /// Why reading ended before the capture's end, where it did.
-    truncated: Option<String>,
+    /// What of the recording could not be sent.
+    losses: Vec<String>,
+    notices: Vec<String>,
+    /// Senders of the recording, by the port that their packets go to now.
+    #[serde(skip)]
+    senders: BTreeMap<u16, BTreeSet<IpAddr>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
@@ -65,36 +79,66 @@ struct PortSent {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let path = packets_path(&args.capture)?;
     check_ports(args, &path)?;
+    let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
     let begun = Instant::now();
     let mut sent = Sent::default();
     let bar = ProgressBar::new_spinner();
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
         bar.set_style(style);
     }
+    let mut transmitter = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
+        .context("cannot open a socket to send from")?;
     loop {
-        send_once(args, &path, &mut sent, &bar)?;
+        transmitter.set_clock(Clock::new(args.rate, None));
+        send_once(args, &path, &mut sent, &mut transmitter, &bar, &stop)?;
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
         sent.rounds += 1;
-        if !args.again {
+        if !args.again || sent.packets == 0 {
             break;
         }
     }
     bar.finish_and_clear();
     sent.wall_s = begun.elapsed().as_secs_f64();
-    if sent.packets == 0 {
-        bail!(
-            "{}: no UDP packet to send{}",
-            path.display(),
-            if sent.not_mapped > 0 { "; none goes to a mapped port" } else { "" }
-        );
+    let is_interrupted = stop.load(Ordering::Relaxed);
+    if sent.packets == 0 && !is_interrupted {
+        let none_mapped = (sent.not_mapped > 0).then(|| "none goes to a mapped port".to_owned());
+        let why: String = none_mapped.iter().chain(&sent.losses).flat_map(|why| ["; ", why]).collect();
+        bail!("{}: no UDP packet to send{why}", path.display());
     }
-    conclude(args, &sent, context)
+    for (port, senders) in sent.senders.iter().filter(|(_, senders)| senders.len() > 1) {
+        let list: Vec<String> = senders.iter().map(ToString::to_string).collect();
+        sent.notices.push(format!(
+            "the packets of {} senders ({}) go to port {port} from one address: sensors whose packets bear no serial number \
+             cannot be told apart there",
+            senders.len(),
+            list.join(", ")
+        ));
+    }
+    conclude(args, &sent, context)?;
+    ensure!(!is_interrupted || args.again, INTERRUPTED);
+    Ok(if sent.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
 }
 
-fn send_once(args: &Args, path: &Path, sent: &mut Sent, bar: &ProgressBar) -> anyhow::Result<()> {
+fn send_once(
+    args: &Args,
+    path: &Path,
+    sent: &mut Sent,
+    transmitter: &mut Transmitter,
+    bar: &ProgressBar,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
     let mut capture = CaptureReader::open(path)?;
-    let mut transmitter = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
-        .context("cannot open a socket to send from")?;
-    while let Some(packet) = capture.next()? {
+    let damage = loop {
+        let packet = match capture.next() {
+            Ok(Some(packet)) => packet,
+            Ok(None) => break None,
+            Err(error) => break Some(error),
+        };
+        if stop.load(Ordering::Relaxed) {
+            return Ok(());
+        }
         let recorded_port = packet.destination.port();
         let Some(to_port) = target_port(args, recorded_port) else {
             sent.not_mapped += 1;
@@ -107,14 +151,18 @@ fn send_once(args: &Args, path: &Path, sent: &mut Sent, bar: &ProgressBar) -> an
         let port = sent.ports.entry(recorded_port).or_default();
         port.to_port = to_port;
         port.packets += 1;
+        let senders = sent.senders.entry(to_port).or_default();
+        if senders.len() < MOST_SENDERS {
+            senders.insert(packet.source.ip());
+        }
         sent.packets += 1;
         sent.bytes += packet.payload.len() as u64;
         if sent.packets.is_multiple_of(256) && std::io::stderr().is_terminal() {
             bar.set_message(format!("{} packets, {}", HumanCount(sent.packets), HumanBytes(sent.bytes)));
             bar.tick();
         }
-    }
-    sent.truncated = capture.counters().truncated.map(|cut| cut.to_string());
+    };
+    sent.losses = damage.iter().map(ToString::to_string).chain(capture_losses(capture.counters())).collect();
     Ok(())
 }
 
@@ -127,11 +175,18 @@ fn target_port(args: &Args, recorded: u16) -> Option<u16> {
 
 /// Refuses to mix ports without being asked: sensors that end on one port can no longer be told apart.
 fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
+    for (at, (from, to)) in args.map.iter().enumerate() {
+        let before = args.map[..at].iter().find(|(other, _)| other == from);
+        if let Some((_, before)) = before {
+            bail!("--map {from}={before} and --map {from}={to}: a port goes to one port");
+        }
+    }
     let (Some(port), true) = (args.to.port, args.map.is_empty()) else { return Ok(()) };
     let mut capture = CaptureReader::open(path)?;
     let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
     for _ in 0..LOOK_AHEAD {
-        let Some(packet) = capture.next()? else { break };
+        // damage is found again, and told of, when the packets are sent
+        let Ok(Some(packet)) = capture.next() else { break };
         *ports.entry(packet.destination.port()).or_default() += 1;
     }
     if ports.len() > 1 {
@@ -147,6 +202,10 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
 }
 
 fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
+    ensure!(
+        capture != Path::new("-"),
+        "replay does not read standard input: give a file or a session folder"
+    );
     if !capture.is_dir() {
         return Ok(capture.to_owned());
     }
@@ -156,10 +215,7 @@ fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
     bail!("{} is a folder without manifest.json: give a capture file or a session", capture.display())
 }
 
-fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<Outcome> {
-    if let Some(truncated) = &sent.truncated {
-        let _ = writeln!(std::io::stderr(), "outrigger: warning: {}: {truncated}", args.capture.display());
-    }
+fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<()> {
     if context.json {
         output::print_json(sent)?;
     } else {
@@ -173,9 +229,11 @@ fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<Outcom
         if sent.not_mapped > 0 {
             println!("{} packets of other ports not sent", sent.not_mapped);
         }
-        println!("{} packets, {} bytes in {:.1} s", sent.packets, sent.bytes, sent.wall_s);
+        let rounds = if args.again { format!(", {} whole rounds", sent.rounds) } else { String::new() };
+        println!("{} packets, {} bytes in {:.1} s{rounds}", sent.packets, sent.bytes, sent.wall_s);
     }
-    Ok(if sent.truncated.is_some() { Outcome::DataLost } else { Outcome::Done })
+    sent.losses.iter().chain(&sent.notices).for_each(|notice| output::say_notice(notice));
+    Ok(())
 }
 
 /// A host, and a port if one was given.

@@ -111,6 +111,11 @@ impl Transmitter {
         Ok(Self { socket, clock })
     }
 
+    /// Goes on by another clock, from the same port.
+    pub fn set_clock(&mut self, clock: Clock) {
+        self.clock = clock;
+    }
+
     /// The address packets come from.
     pub fn local_addr(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()

@@ -1,5 +1,7 @@
 //! The verbs: record, replay, mock sensor.
 
+use std::collections::BTreeSet;
+use std::net::UdpSocket;
 use std::process::{Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
@@ -14,6 +16,7 @@ use sensors::velodyne::VelodyneDecoder;
 use super::crash::Recorder;
 use super::round_trip::{packets_of, record_two};
 use super::{any_port, payloads, sender, wait_until};
+use crate::support::datagram::{Datagram, write_capture};
 
 fn outrigger() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
@@ -64,6 +67,79 @@ pub fn ctrl_c_completes_the_session_and_replay_repeats_it() {
         again.push(datagram.packet().payload.to_vec());
     }
     assert!(again == sent, "{} of {} came again", again.len(), sent.len());
+}
+
+/// 200 packets of two senders to one port.
+fn of_two_senders() -> Vec<Datagram> {
+    let destination = "192.168.1.2:2368".parse().unwrap();
+    let payloads = payloads(200, 7).into_iter().enumerate();
+    let datagram = |(at, payload): (usize, Vec<u8>)| Datagram {
+        host_time_ns: 1_700_000_000_000_000_000 + 1_000_000 * at as u64,
+        source: ([192, 168, 1, 201 + (at % 2) as u8], 2368).into(),
+        destination,
+        payload,
+    };
+    payloads.map(datagram).collect()
+}
+
+/// Exit code, document and what was said on stderr.
+fn replay(capture: &std::path::Path, more: &[&str]) -> (i32, serde_json::Value, String) {
+    let mut command = outrigger();
+    command.args(["--json", "replay", "--to", "127.0.0.1", "--rate", "100"]).args(more).arg(capture);
+    let output = command.output().unwrap();
+    let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code().unwrap(), document, String::from_utf8(output.stderr).unwrap())
+}
+
+pub fn replay_says_what_it_does_not_send() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = write_capture(&folder.path().join("whole.pcapng"), &of_two_senders());
+    let (code, document, said) = replay(&whole, &[]);
+    assert_eq!((code, &document["packets"]), (0, &200.into()), "{said}");
+    assert!(
+        said.contains("2 senders (192.168.1.201, 192.168.1.202) go to port 2368 from one address"),
+        "{said}"
+    );
+    let damaged = folder.path().join("damaged.pcapng");
+    let mut bytes = std::fs::read(&whole).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle..middle + 10_000].fill(0xFF);
+    std::fs::write(&damaged, bytes).unwrap();
+    let (code, document, said) = replay(&damaged, &[]);
+    assert_eq!(code, 3, "{said}");
+    assert!((50..150).contains(&document["packets"].as_u64().unwrap()), "{document}");
+    assert!(said.contains("damaged at byte") && document["losses"][0].is_string(), "{said}");
+    for (more, words) in [
+        (&["--map", "1=2"][..], "no UDP packet to send; none goes to a mapped port"),
+        (&["--map", "1=2", "--loop"], "no UDP packet to send; none goes to a mapped port"),
+        (&["--map", "2368=1", "--map", "2368=2"], "--map 2368=1 and --map 2368=2"),
+    ] {
+        let (code, _, said) = replay(&whole, more);
+        assert!(code == 1 && said.contains(words), "{said}");
+    }
+    let (code, _, said) = replay("-".as_ref(), &[]);
+    assert!(code == 1 && said.contains("does not read standard input"), "{said}");
+}
+
+pub fn a_looped_replay_ends_with_its_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let capture = write_capture(&folder.path().join("whole.pcapng"), &of_two_senders());
+    let listener = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let map = format!("2368={}", listener.local_addr().unwrap().port());
+    let mut command = outrigger();
+    command.args(["--json", "replay", "--to", "127.0.0.1", "--loop", "--map", &map]).arg(&capture);
+    let running = command.spawn().unwrap();
+    let mut buffer = [0; 2000];
+    let senders: BTreeSet<_> = (0..500).map(|_| listener.recv_from(&mut buffer).unwrap().1).collect();
+    assert_eq!(senders.len(), 1, "one sender in every round");
+    kill(Pid::from_raw(running.id() as i32), Signal::SIGINT).unwrap();
+    let output = running.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let document: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(
+        document["rounds"].as_u64() >= Some(2) && document["packets"].as_u64() >= Some(500),
+        "{document}"
+    );
 }
 
 pub fn a_silent_sensor_is_named() {
