@@ -12,6 +12,21 @@ const KEPT: usize = 100;
 /// Lines that may wait for the recorder before they are dropped and counted.
 const WAITING: usize = 4096;
 
+/// Events that end a recording early.
+const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
+/// Events that someone should see to.
+const TROUBLES: [&str; 9] = [
+    "sensor_silent",
+    "sensor_restarted",
+    "clock_jump",
+    "host_clock_jump",
+    "low_disk",
+    "disk_slow",
+    "unseated",
+    "rig_lost",
+    "rotation_failed",
+];
+
 /// Something that happened, in words and for programs.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Event {
@@ -70,7 +85,15 @@ impl Journal {
     }
 
     fn take(&self, event: Event) {
-        tracing::info!(event = event.event, sensor = event.sensor, "{}", event.words);
+        match event.event {
+            name if FAILURES.contains(&name) => {
+                tracing::error!(event = name, sensor = event.sensor, "{}", event.words);
+            }
+            name if TROUBLES.contains(&name) => {
+                tracing::warn!(event = name, sensor = event.sensor, "{}", event.words);
+            }
+            name => tracing::info!(event = name, sensor = event.sensor, "{}", event.words),
+        }
         let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
         if newest.len() == KEPT {
             newest.pop_front();

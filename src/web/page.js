@@ -367,6 +367,7 @@ function connect() {
 function lost() {
   document.body.classList.add("stale");
   say($("link"), "no connection to the daemon; trying again");
+  $("all-well").hidden = true; // of a state that is past
   mark($("link"), "pill", "bad");
 }
 
