@@ -2,8 +2,10 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use anyhow::{Context as _, ensure};
+use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::compare::feed::Taken;
@@ -23,6 +25,8 @@ const LEAST_HELD_NS: u64 = 500_000_000;
 /// What is beyond so many standard deviations and so many degrees is called off.
 const SURE: f64 = 3.0;
 const NOTABLE_DEG: f64 = 0.1;
+/// What turns by less of what its axis measures hangs on no gear at all.
+const STANDS: f64 = 0.05;
 
 /// Arguments of `stand`.
 #[derive(clap::Args, Debug)]
@@ -92,14 +96,18 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
     })?;
     let revolution_ns = if fed.revolution_ns > 0 { fed.revolution_ns } else { 100_000_000 };
+    let bar = ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(200));
     let tests: Vec<StandTest> = sensors
         .iter()
         .zip(holds)
         .map(|(sensor, holds)| {
             let settings: Vec<Setting> = holds.into_iter().map(Hold::setting).collect();
+            bar.set_message(format!("{}: {} settings laid into one another", sensor.name, settings.len()));
             stand_test(sensor, &settings, revolution_ns)
         })
         .collect();
+    bar.finish_and_clear();
     let whole = fed.losses.is_empty();
     let document = Document {
         format: "outrigger-stand/1",
@@ -148,17 +156,25 @@ fn is_off(found: &Estimate, in_degrees: f64) -> bool {
     found.value.abs() > SURE * found.sd && in_degrees > NOTABLE_DEG
 }
 
+/// By how much a sensor turns that does not turn as its axis measures.
+fn turning(scale: &Estimate) -> String {
+    let turns = format!("turns {:.4} +- {:.4} degrees for each that", 1.0 + scale.value, scale.u95);
+    if (1.0 + scale.value).abs() < STANDS {
+        return format!(
+            "{turns} its axis measures: it does not turn with this axis (are the sensors of the mount file in the order \
+             of the axes, does it sit on the servo, is the horn loose?)"
+        );
+    }
+    format!("{turns} it measures: wrong gear or scale")
+}
+
 /// What is off about a servo, each in words.
 fn faults(test: &StandTest) -> Vec<String> {
     let mut faults = Vec::new();
     let measured = || test.settings.iter().map(|found| found.measured_deg);
     let span_deg = measured().fold(f64::NEG_INFINITY, f64::max) - measured().fold(f64::INFINITY, f64::min);
     if let Some(scale) = test.scale_error.filter(|scale| is_off(scale, scale.value.abs() * span_deg)) {
-        faults.push(format!(
-            "turns {:.4} +- {:.4} degrees for each that it measures: wrong gear or scale",
-            1.0 + scale.value,
-            scale.u95
-        ));
+        faults.push(turning(&scale));
     }
     if let Some(play) = test.play_deg.filter(|play| is_off(play, play.value.abs())) {
         faults.push(format!("{:.2} +- {:.2} degrees of play behind its reading", play.value, play.u95));
@@ -245,5 +261,18 @@ fn beside(found: &FoundSetting) -> String {
         _ if found.is_reference => "the reference".into(),
         (Some(error), _) => format!("{} deg beside it", output::estimate(Some(*error), 3)),
         (None, why) => why.clone().unwrap_or_else(|| "cannot tell here".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sensor_that_does_not_turn_hangs_on_no_gear() {
+        for (factor, said) in [(0.0, "does not turn with this axis"), (1.03, "wrong gear or scale")] {
+            let scale = Estimate { value: factor - 1.0, sd: 1e-4, u95: 2e-4, p_value: 0.0 };
+            assert!(turning(&scale).contains(said), "{}", turning(&scale));
+        }
     }
 }
