@@ -237,6 +237,7 @@ fn interrupts_hold_then_stop() {
         }
     });
     assert!(matches!(result, Err(RigError::Interrupted { action: "the rig holds" })), "{result:?}");
+    assert_eq!(rig.status().unwrap().axes[0].state, "holding", "who says so has waited for it");
     rig.idle(Duration::from_secs(1)).unwrap();
     let status = rig.status().unwrap();
     assert_eq!((status.axes[0].state.as_str(), status.armed), ("holding", true));
@@ -324,6 +325,16 @@ fn the_rig_speaks_through_a_can_adapter() {
 
 fn bought_servos_are_a_rig_too() {
     let mock = MockDynamixel::start(14).unwrap();
+    // which of them is axis 0 is a matter of wiring
+    let crossed =
+        Rig::connect_with(format!("dynamixel:{}@57600:2,1", mock.path().display()), patient()).unwrap();
+    let begins = crossed.status().unwrap();
+    for (axis, wanted_rad) in begins.axes.iter().zip([0.1f64, 0.05]) {
+        let (source, position_deg) = (axis.source.as_str(), axis.position_deg);
+        assert!(source == "measured" && (position_deg - wanted_rad.to_degrees()).abs() < 0.3, "{begins:?}");
+    }
+    crossed.arm().unwrap();
+    drop(crossed);
     let address = format!("dynamixel:{}@1000000:1,2", mock.path().display());
     let rig = Rig::connect_with(&address, patient()).unwrap();
     let start = rig.status().unwrap();

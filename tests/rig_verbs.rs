@@ -100,6 +100,15 @@ fn a_mount_file_is_applied_and_read_back() {
     let said =
         refusal(&outrigger(&["rig", "apply", file, "--sensors", "right,up", "--port", &port, "--arm"]));
     assert!(said.contains("no sensor `up`; there are left, right"), "{said}");
+    let said =
+        refusal(&outrigger(&["rig", "apply", file, "--sensors", "left,left", "--port", &port, "--arm"]));
+    assert!(said.contains("left is given twice"), "{said}");
+    let three = folder.path().join("three.json");
+    let sensors = ["left", "right", "level"].map(|name| sensor(name, 0.0));
+    MountFile::new(sensors.to_vec()).write(&three).unwrap();
+    let three = three.to_str().unwrap();
+    let said = refusal(&outrigger(&["rig", "apply", three, "--port", &port, "--dry-run"]));
+    assert!(said.contains("three.json has 3 sensors, the rig 2 axes: --sensors"), "{said}");
     // the program that moved it is gone, and it still holds
     let status = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
     assert!((status["axes"][0]["position_deg"].as_f64().unwrap() - 12.0).abs() < 0.3, "{status:#}");
@@ -123,7 +132,27 @@ fn nothing_moves_without_being_armed() {
     let said = refusal(&outrigger(&limited));
     assert!(said.contains("axis 0") && said.contains("the configured limits"), "{said}");
     let said = refusal(&outrigger(&["rig", "set", "10", "--port", &port, "--dry-run"]));
-    assert!(said.contains("1 pitches for a rig with 2 axes"), "{said}");
+    assert!(said.contains("1 pitch for a rig with 2 axes"), "{said}");
+    for (flag, value, expected) in [
+        ("--approach-deg", "100", "below 90"),
+        ("--approach-deg", "-3", "below 90"),
+        ("--timeout-s", "1e30", "up to 3600 s"),
+        ("--tolerance-deg", "nan", "below 90"),
+    ] {
+        let said = refusal(&outrigger(&["rig", "set", "0", "0", "--port", &port, "--dry-run", flag, value]));
+        assert!(said.contains(flag) && said.contains(expected), "{said}");
+    }
+    for time in ["nan", "-1", "inf", "1e19"] {
+        let watched = outrigger(&["rig", "watch", "--port", &port, "--for", time]);
+        let said = String::from_utf8_lossy(&watched.stderr);
+        assert!(watched.status.code() == Some(2) && said.contains("expected seconds"), "{time}: {said}");
+    }
+    let said = refusal(&outrigger(&["rig", "status", "--port", &port, "--node", "5"]));
+    assert!(said.contains("node 1 is heard") && said.contains("--node 1"), "{said}");
+    for port in ["dynamixel:/dev/null@57600:1,1", "cia402:none7@1,200"] {
+        let said = refusal(&outrigger(&["rig", "status", "--port", port]));
+        assert!(said.contains("two different"), "{said}");
+    }
     let after = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
     for axis in 0..2 {
         let at = |status: &Value| status["axes"][axis]["position_deg"].as_f64().unwrap();

@@ -12,6 +12,9 @@ use super::{Context, Outcome, output, signals};
 use crate::rig::MountFile;
 use crate::servo::{Applied, Options, Rig, RigError, RigStatus, ServoReport};
 
+/// No move takes longer.
+const LONGEST_MOVE: Duration = Duration::from_secs(3600);
+
 /// Arguments of `rig`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -26,19 +29,19 @@ pub struct Args {
     #[arg(long, global = true)]
     home: bool,
     /// Go this far below a pitch first, degrees, so that it is always approached from the same side of the gears' play.
-    #[arg(long, default_value_t = 1.0, global = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 1.0, global = true, allow_negative_numbers = true)]
     approach_deg: f64,
-    /// Check everything and print what would move, without moving.
+    /// Check everything that is known here (angles, limits, faults) and print what would move, without moving.
     #[arg(long, global = true)]
     dry_run: bool,
     /// Limits of an axis in degrees beside the firmware's and the servo's; once for every axis, or once for all.
     #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true, global = true)]
     limits_deg: Vec<(f64, f64)>,
     /// Distance from the target that counts as there, degrees.
-    #[arg(long, default_value_t = 0.3, global = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.3, global = true, allow_negative_numbers = true)]
     tolerance_deg: f64,
     /// Longest time for homing or one move, seconds.
-    #[arg(long, default_value_t = 20.0, global = true)]
+    #[arg(long, value_name = "S", default_value_t = 20.0, global = true, allow_negative_numbers = true)]
     timeout_s: f64,
     /// When the line breaks while watching, wait for the rig and go on; with usb:SERIAL under whatever name it comes back.
     #[arg(long, global = true)]
@@ -74,8 +77,8 @@ enum Action {
     /// Print readings as they come; with --json one document a line.
     Watch {
         /// End after this time, seconds; until Ctrl-C when not given.
-        #[arg(long, value_name = "SECONDS")]
-        r#for: Option<f64>,
+        #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = watched_for)]
+        r#for: Option<Duration>,
     },
     /// Decelerate, hold, disarm.
     Stop {
@@ -96,10 +99,19 @@ fn limits(text: &str) -> Result<(f64, f64), String> {
     }
 }
 
+fn watched_for(text: &str) -> Result<Duration, String> {
+    let time = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    time.filter(|time| Instant::now().checked_add(*time).is_some())
+        .ok_or_else(|| format!("`{text}`: expected seconds, 0 or more"))
+}
+
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Some(port) = &args.port else {
-        bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT");
+        let of_file = context.config.map_or(String::new(), |config| {
+            format!(", or `port` under [rig] of {}, which names none", config.path.display())
+        });
+        bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
     };
     // what was typed is checked before anything is opened
     let pitches_rad = match &args.action {
@@ -113,8 +125,19 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             "this moves the rig: say --arm to allow it, or --dry-run to see what would move; nothing was moved"
         );
     }
+    if args.dry_run && !moves {
+        match args.action {
+            Action::Clear => bail!("--dry-run: `rig clear` cannot be tried, only done; nothing was cleared"),
+            Action::Stop { .. } => output::say_notice("a stop is a stop, --dry-run or not"),
+            _ => {}
+        }
+    }
     let options = options(args, pitches_rad.len())?;
     let rig = Rig::connect_with(port, options)?;
+    let explain = |error| explain(error, port);
+    if let Action::Apply { mount, sensors } = &args.action {
+        fits(&rig, mount, sensors, pitches_rad.len())?;
+    }
     match &args.action {
         Action::Status => show(&rig.status()?, None, context)?,
         _ if moves && args.dry_run => dry_run(&rig, &pitches_rad, context)?,
@@ -143,19 +166,31 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             show(&rig.status()?, None, context)?;
         }
     }
+    if moves && !args.dry_run && !context.json {
+        let unhomed = if is_driven_here(port) { "; what moves them next says --home" } else { "" };
+        output::print_text(&format!(
+            "disarmed as this program ends: the axes are idle, and hold where they stand{unhomed}\n"
+        ))?;
+    }
     Ok(Outcome::Done)
 }
 
 pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     let settle_within = Duration::try_from_secs_f64(args.timeout_s)
         .ok()
-        .filter(|time| !time.is_zero())
-        .with_context(|| format!("--timeout-s {}: expected a time above zero", args.timeout_s))?;
+        .filter(|time| !time.is_zero() && *time <= LONGEST_MOVE)
+        .with_context(|| {
+            let most_s = LONGEST_MOVE.as_secs();
+            format!("--timeout-s {}: expected a time above 0 and up to {most_s} s", args.timeout_s)
+        })?;
     if !(args.tolerance_deg > 0.0 && args.tolerance_deg < 90.0) {
-        bail!("--tolerance-deg {}: expected an angle above zero", args.tolerance_deg);
+        bail!("--tolerance-deg {}: expected an angle above 0 and below 90 degrees", args.tolerance_deg);
     }
     if !(0.0..90.0).contains(&args.approach_deg) {
-        bail!("--approach-deg {}: expected an angle, or 0 to go straight there", args.approach_deg);
+        bail!(
+            "--approach-deg {}: expected an angle below 90 degrees, or 0 to go straight there",
+            args.approach_deg
+        );
     }
     let approach_rad = args.approach_deg.to_radians();
     let mut limits_rad: Vec<_> =
@@ -179,6 +214,10 @@ pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
 /// The pitches of a mount file, in the order of axes.
 fn pitches_of(mount: &std::path::Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
     let file = MountFile::read(mount)?;
+    let again = |at: usize, name: &String| names[..at].contains(name);
+    if let Some((_, name)) = names.iter().enumerate().find(|(at, name)| again(*at, name)) {
+        bail!("--sensors {}: {name} is given twice; each axis carries another sensor", names.join(","));
+    }
     if names.is_empty() {
         return Ok(file.sensors.iter().map(|sensor| sensor.pitch_deg.to_radians()).collect());
     }
@@ -192,6 +231,19 @@ fn pitches_of(mount: &std::path::Path, names: &[String]) -> anyhow::Result<Vec<f
                 .with_context(|| format!("{}: no sensor `{name}`; there are {}", mount.display(), known()))
         })
         .collect()
+}
+
+/// Whether a mount file, or what was named of it, has a pitch for every axis.
+fn fits(rig: &Rig, mount: &std::path::Path, names: &[String], pitches: usize) -> anyhow::Result<()> {
+    let axes = rig.axis_count();
+    if pitches == axes {
+        return Ok(());
+    }
+    let (has, advice) = match names {
+        [] => ("has", "--sensors NAME,NAME says which sit on axis 0, 1, ..."),
+        _ => ("gives, by --sensors,", "name one for each axis"),
+    };
+    bail!("{} {has} {pitches} sensors, the rig {axes} axes: {advice}", mount.display())
 }
 
 /// Ctrl-C once holds, twice is an emergency stop.
@@ -210,13 +262,27 @@ fn obey_interrupts(rig: &Rig) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn explain(error: RigError) -> anyhow::Error {
+/// Whether the servos are driven by this program: what it knows of them ends with it.
+fn is_driven_here(port: &std::path::Path) -> bool {
+    let port = port.to_string_lossy();
+    ["dynamixel:", "feetech:", "cia402:"].iter().any(|word| port.starts_with(word))
+}
+
+fn explain(error: RigError, port: &std::path::Path) -> anyhow::Error {
     match error {
-        RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => anyhow::Error::new(error)
-            .context("positions are not trusted yet: run `outrigger rig home --arm` first, or say --home"),
-        RigError::Fault { .. } => anyhow::Error::new(error).context(
-            "nothing moves while a fault is latched: take its cause away, then run `outrigger rig clear`",
-        ),
+        RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => {
+            let advice = if is_driven_here(port) {
+                "positions are not trusted yet: say --home, as this program drives these servos and homes them anew each time"
+            } else {
+                "positions are not trusted yet: run `outrigger rig home --arm` first, or say --home"
+            };
+            anyhow::Error::new(error).context(advice)
+        }
+        RigError::Fault { .. } | RigError::Refused { code: firmware_protocol::AckCode::Fault, .. } => {
+            anyhow::Error::new(error).context(
+                "nothing moves while a fault is latched: take its cause away, then run `outrigger rig clear`",
+            )
+        }
         error => error.into(),
     }
 }
@@ -226,6 +292,10 @@ fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<(
         rig.check(pitches_rad)?;
     }
     let status = rig.status()?;
+    let mut faults = status.axes.iter().flat_map(|axis| &axis.faults);
+    if let Some(fault) = faults.next() {
+        bail!("fault {fault} is latched, and nothing moves until it is cleared: `outrigger rig clear`");
+    }
     let moves: Vec<_> = status
         .axes
         .iter()
@@ -253,8 +323,11 @@ fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<(
         text += if status.homing_moves {
             "homing moves every axis to its switch or zero, one after the other\n"
         } else {
-            "homing moves nothing on a rig with absolute encoders\n"
+            "homing moves nothing on this rig: it has neither switch nor zero to seek\n"
         };
+    } else {
+        text +=
+            "a keep-out region of the firmware, where it has one, is known to it alone and not looked at\n";
     }
     output::print_text(&(text + "nothing was moved\n"))
 }
@@ -291,15 +364,12 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
     );
     for axis in &status.axes {
         let homed = if axis.homed { "homed" } else { "not homed" };
+        // of what nothing measures nobody knows how far it is off
+        let is_told = axis.source == "commanded";
+        let within = if is_told { String::new() } else { format!(" ±{:.3}", axis.uncertainty_deg) };
         text += &format!(
-            "axis {}: {:8.3} deg ±{:.3} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
-            axis.axis,
-            axis.position_deg,
-            axis.uncertainty_deg,
-            axis.source,
-            axis.age_ms,
-            axis.target_deg,
-            axis.state
+            "axis {}: {:8.3} deg{within} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
+            axis.axis, axis.position_deg, axis.source, axis.age_ms, axis.target_deg, axis.state
         );
         if !axis.faults.is_empty() {
             text += &format!(", FAULT {}", axis.faults.join(", "));
@@ -309,14 +379,15 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
         }
         text.push('\n');
     }
+    if status.axes.iter().any(|axis| !axis.faults.is_empty()) {
+        text += "nothing moves while a fault is latched: take its cause away, then `outrigger rig clear`\n";
+    }
     output::print_text(&text)
 }
 
-fn watch(args: &Args, first: Rig, seconds: Option<f64>, context: Context) -> anyhow::Result<()> {
+fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> anyhow::Result<()> {
     let signals = signals::interrupts()?;
-    let end = seconds
-        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
-        .map(|time| Instant::now() + time);
+    let end = time.map(|time| Instant::now() + time);
     let stopped = Cell::new(false);
     let goes_on = || {
         stopped.set(stopped.get() || signals.try_recv().is_ok());

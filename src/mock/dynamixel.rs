@@ -91,11 +91,13 @@ fn run(mut pty: Pty, inbox: &Receiver<Message>, mut servos: [MockServo; 2]) {
         let Ok(count) = pty.read(&mut bytes) else { return };
         servos.iter_mut().for_each(|servo| servo.step(now_us));
         for packet in receiver.push(&bytes[..count]) {
-            for servo in &mut servos {
-                if let Some(answer) = servo.answer(now_us, &packet) {
-                    pty.write(&answer.encode());
-                }
+            let mut answers: Vec<Packet> =
+                servos.iter_mut().filter_map(|servo| servo.answer(now_us, &packet)).collect();
+            if packet.instruction == instruction::SYNC_READ {
+                // the first that was asked answers first
+                answers.sort_by_key(|answer| packet.parameters[4..].iter().position(|id| *id == answer.id));
             }
+            answers.iter().for_each(|answer| pty.write(&answer.encode()));
         }
         pty.wait_a_millisecond();
     }

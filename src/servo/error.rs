@@ -94,7 +94,7 @@ pub enum RigError {
         expected: u8,
     },
     /// Another number of pitches than the rig has axes.
-    #[error("rig: {given} pitches for a rig with {axes} axes")]
+    #[error("rig: {given} {} for a rig with {axes} axes", if *given == 1 { "pitch" } else { "pitches" })]
     AxisCount {
         /// Pitches given.
         given: usize,
@@ -216,13 +216,15 @@ fn explain(code: AckCode) -> &'static str {
         AckCode::Fault => "a fault is latched",
         AckCode::Limit => "outside the firmware's limits",
         AckCode::ServoLimit => "outside the servo's own limits",
-        AckCode::KeepOut => "the way leads through the keep-out region",
+        AckCode::KeepOut => {
+            "the straight way there leads through the keep-out region of its firmware, in which the pair would touch"
+        }
         AckCode::NotHomed => "not homed",
         AckCode::NotArmed => "not armed",
         AckCode::NoSession => "no session",
         AckCode::BadArgument => "an argument means nothing to it",
         AckCode::CauseRemains => "the cause of the fault is still there",
-        AckCode::Locked => "the local e-stop switch is open or the key is wrong",
+        AckCode::Locked => "the rig's own e-stop switch is open: close it first",
         AckCode::Outdated => "a later order came before",
     }
 }

@@ -89,21 +89,12 @@ impl<L: Link + ?Sized> Link for Box<L> {
     }
 }
 
-/// Addresses that [`open`] knows, with what stands between the parts.
-const FORMS: [&str; 7] = [
-    "usb:SERIAL",
-    "can:INTERFACE",
-    "slcan:PATH",
-    "dynamixel:PATH@BAUD:ID,ID",
-    "feetech:PATH@BAUD:ID,ID",
-    "cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@NODE,NODE",
-    "a serial port",
-];
+/// Words before the colon of an address that [`open`] knows.
+const FORMS: [&str; 6] = ["usb", "can", "slcan", "dynamixel", "feetech", "cia402"];
 
-/// Whether an address names something else than a file: its form has a word of `FORMS` before the colon.
+/// Whether an address names something else than a file.
 pub fn is_no_path(address: &str) -> bool {
-    let known = FORMS.iter().filter_map(|form| form.split_once(':'));
-    address.split_once(':').is_some_and(|(word, _)| known.into_iter().any(|(form, _)| form == word))
+    address.split_once(':').is_some_and(|(word, _)| FORMS.contains(&word))
 }
 
 /// Opens a line by its address: `usb:A10K3` is the serial port of the USB device with that serial number, `can:can0` a CAN
@@ -111,11 +102,13 @@ pub fn is_no_path(address: &str) -> bool {
 /// `feetech:/dev/ttyUSB0@1000000:1,2` buses with two servos (baud rate and ids of axes 0 and 1; these are the defaults),
 /// `cia402:can0@1,2` and `cia402:slcan:/dev/ttyACM0@1,2` CANopen drives, and anything else a serial port.
 pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
-    let wrong = || LinkError::Open {
-        path: address.to_owned(),
-        reason: format!("expected one of {}", FORMS.join(", ")),
-    };
-    let bus = |text, usual_baud| bus_address(text, usual_baud).ok_or_else(wrong);
+    let wrong =
+        |expected: &str| LinkError::Open { path: address.to_owned(), reason: format!("expected {expected}") };
+    let word = address.split(':').next().unwrap_or_default();
+    let wrong_bus =
+        || wrong(&format!("{word}:PATH or {word}:PATH@BAUD:ID,ID with two different ids from 0 to 252"));
+    let wrong_nodes = || wrong("cia402:INTERFACE@NODE,NODE with two different nodes from 1 to 126");
+    let bus = |text, usual_baud| bus_address(text, usual_baud).ok_or_else(wrong_bus);
     Ok(match address.split_once(':') {
         Some(("usb", serial)) => Box::new(SerialLink::open(&usb::find(serial)?)?),
         Some(("can", interface)) => Box::new(CanLink::open(interface)?),
@@ -131,7 +124,7 @@ pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
         Some(("cia402", text)) => {
             let (bus, nodes) = text.split_once('@').unwrap_or((text, "1,2"));
             let nodes = pair(nodes).filter(|nodes| nodes.iter().all(|node| (1..=126).contains(node)));
-            Box::new(cia402::open(bus, nodes.ok_or_else(wrong)?)?)
+            Box::new(cia402::open(bus, nodes.ok_or_else(wrong_nodes)?)?)
         }
         _ => Box::new(SerialLink::open(Path::new(address))?),
     })

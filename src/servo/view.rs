@@ -79,6 +79,8 @@ pub(super) struct View {
     clocks: VecDeque<(u64, i64)>,
     /// Messages that are none of this version's.
     pub not_understood: u32,
+    /// A node that was heard and is not the one that is talked to.
+    pub other_node: Option<u8>,
 }
 
 impl View {
@@ -93,6 +95,9 @@ impl View {
         let id = received.frame.id;
         if id.direction != Direction::ToHost || id.node != node {
             self.not_understood += 1;
+            if id.direction == Direction::ToHost {
+                self.other_node = Some(id.node);
+            }
             return None;
         }
         let Ok(report) = Report::decode(id.message, received.frame.data()) else {

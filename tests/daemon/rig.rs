@@ -55,7 +55,7 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
     refused(&daemon, "/api/v1/rig/apply", "", "not homed");
     daemon.order("/api/v1/rig/home", "");
     refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [80, 0]}", "limits");
-    refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [1]}", "1 pitches for a rig with 2 axes");
+    refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [1]}", "1 pitch for a rig with 2 axes");
     daemon.order("/api/v1/rig/apply", "");
     daemon.wait("the mount's pitches", |status| {
         axes(status).iter().zip([-20.0, 20.0]).all(|((at, _), to)| (at - to).abs() < 0.5)

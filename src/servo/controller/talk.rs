@@ -13,6 +13,9 @@ const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
 const STRANGERS: u32 = 5;
 
+/// What was told to hold has this long to come to a stand.
+const STANDS_WITHIN: Duration = Duration::from_secs(5);
+
 impl<L: Link> RigController<L> {
     /// Sends an order until it is acknowledged; the order's number.
     pub(super) fn order(&mut self, what: &'static str, order: Order) -> Result<u16, RigError> {
@@ -64,8 +67,11 @@ impl<L: Link> RigController<L> {
             }
             if self.link.now_ns() >= end_ns && !self.link.is_busy() {
                 let counters = self.link.counters();
+                let other = self.view.other_node.map_or(String::new(), |node| {
+                    format!("; node {node} is heard, {} was asked for: --node {node}?", self.options.node)
+                });
                 let heard = format!(
-                    "heard {} frames, {} of them for others; {} damaged since the start",
+                    "heard {} frames, {} of them for others; {} damaged since the start{other}",
                     counters.frames - frames_before,
                     self.view.not_understood,
                     counters.checksum_errors + counters.malformed + counters.overlong,
@@ -100,6 +106,7 @@ impl<L: Link> RigController<L> {
             }
             if self.link.now_ns() >= end_ns {
                 self.hold()?;
+                self.stand()?;
                 return Err(RigError::Late { what, within: self.options.settle_within });
             }
         }
@@ -128,10 +135,38 @@ impl<L: Link> RigController<L> {
         }
         if level == 1 {
             self.hold()?;
-            return Err(RigError::Interrupted { action: "the rig holds" });
+            let stands = self.stand()?;
+            let action = if stands { "the rig holds" } else { "the rig was told to hold and still moves" };
+            return Err(RigError::Interrupted { action });
         }
+        self.stop_at_once()
+    }
+
+    fn stop_at_once(&mut self) -> Result<(), RigError> {
+        self.handled_interrupts = self.interrupt.level();
         self.e_stop()?;
         Err(RigError::Interrupted { action: "emergency stop" })
+    }
+
+    /// Waits until what was told to hold stands: whoever leaves earlier cannot stop it any more. Whether it does.
+    fn stand(&mut self) -> Result<bool, RigError> {
+        let since_ns = self.link.now_ns();
+        loop {
+            let now_ns = self.link.now_ns();
+            self.pump(now_ns + 20_000_000)?;
+            if self.interrupt.level() > 1 && self.interrupt.level() > self.handled_interrupts {
+                self.stop_at_once()?;
+            }
+            let stands = |target: TargetView| {
+                target.heard_ns >= since_ns && !matches!(target.state, State::Moving | State::Homing)
+            };
+            if self.view.axes.iter().all(|axis| axis.target.is_some_and(stands)) {
+                return Ok(true);
+            }
+            if now_ns >= since_ns + STANDS_WITHIN.as_nanos() as u64 {
+                return Ok(false);
+            }
+        }
     }
 
     /// What was stopped from outside does not begin again before [`Interrupt::reset`].

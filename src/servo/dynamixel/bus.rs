@@ -47,10 +47,15 @@ impl Bus {
     /// The next answer of this servo. What others say, late answers and the echo of a half-duplex adapter (which is no
     /// answer) are skipped.
     fn hear(&mut self, id: u8) -> Result<Option<Packet>, LinkError> {
+        self.hear_any(&[id])
+    }
+
+    /// The next answer of one of these servos.
+    fn hear_any(&mut self, ids: &[u8]) -> Result<Option<Packet>, LinkError> {
         let end = Instant::now() + ANSWER_WITHIN;
         loop {
             while let Some(packet) = self.waiting.pop_front() {
-                if packet.id == id && packet.answer().is_some() {
+                if ids.contains(&packet.id) && packet.answer().is_some() {
                     self.answers = self.answers.wrapping_add(1);
                     return Ok(Some(packet));
                 }
@@ -93,7 +98,7 @@ impl Bus {
         Ok(answer.as_ref().and_then(Packet::answer).map(|(error, _)| error & 0x7F))
     }
 
-    /// Values of the same register of several servos, in their order.
+    /// Values of the same register of several servos, in the order of `ids`.
     pub fn sync_read(
         &mut self,
         ids: &[u8],
@@ -101,12 +106,17 @@ impl Bus {
     ) -> Result<Vec<Option<Vec<u8>>>, LinkError> {
         let parameters = [&address.to_le_bytes(), &length.to_le_bytes(), ids].concat();
         self.send(&Packet::new(BROADCAST, instruction::SYNC_READ, &parameters))?;
-        ids.iter()
-            .map(|id| {
-                let answer = self.hear(*id)?;
-                Ok(values(answer.as_ref(), length))
-            })
-            .collect()
+        // they answer in the order they were asked in; one that is silent makes those behind it late, or early
+        let (mut found, mut left) = (vec![None; ids.len()], ids.to_vec());
+        while !left.is_empty()
+            && let Some(answer) = self.hear_any(&left)?
+        {
+            left.retain(|id| *id != answer.id);
+            if let Some(place) = ids.iter().position(|id| *id == answer.id) {
+                found[place] = values(Some(&answer), length);
+            }
+        }
+        Ok(found)
     }
 
     /// Sets the same register of several servos; nobody answers.
