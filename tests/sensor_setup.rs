@@ -178,16 +178,20 @@ fn broken_servers_are_told_apart_and_bounded() {
     let is_broken = |fault| matches!(said(fault), SetupError::Broken { .. } | SetupError::Unreachable { .. });
     assert!(is_broken(WebFault::Refuses) && is_broken(WebFault::Half) && is_broken(WebFault::Slow));
     assert!(is_broken(WebFault::Endless), "4 MiB are enough");
-    for (fault, words) in [
-        (WebFault::WrongJson, "It works!"),
-        (WebFault::OtherJson, "[1,2]"),
-        (WebFault::ServerError, "503"),
-        (WebFault::Elsewhere, "302"),
-    ] {
+    for (fault, words) in
+        [(WebFault::WrongJson, "It works!"), (WebFault::OtherJson, "[1,2]"), (WebFault::Elsewhere, "302")]
+    {
         let error = said(fault);
         assert!(matches!(error, SetupError::Unknown { .. }), "{fault:?}: {error}");
         assert!(error.to_string().contains(words), "{fault:?}: {error}");
     }
+    let starting = said(WebFault::ServerError);
+    assert!(
+        matches!(starting, SetupError::Status { status: 503, .. })
+            && starting.to_string().contains("ask again"),
+        "no stranger: {starting}"
+    );
+    assert!(said(WebFault::Endless).to_string().contains("longer than 4 MiB"));
     // nobody there
     let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let nobody = Sensor::at(&format!("127.0.0.1:{free}")).unwrap_err();
@@ -385,12 +389,35 @@ fn the_verb_sets_a_mock_up_and_its_packets_follow() {
     let file = file.to_str().unwrap();
     document(&outrigger(&["sensor", "info", &host, "--save-metadata", file, "--json"]), 0);
     let compared = document(&outrigger(&["sensor", "info", &host, "--meta", file, "--json"]), 0);
-    assert_eq!(compared["sensors"][0]["warnings"], json!([]), "{compared:#}");
+    assert_eq!((&compared["sensors"][0]["warnings"], &compared["agrees"]), (&json!([]), &json!(true)));
+    let said = outrigger(&["sensor", "info", &host, "--meta", file]);
+    assert!(String::from_utf8_lossy(&said.stdout).contains("agrees with"), "{said:?}");
+    let narrower = "azimuth_window=[90000,270000]";
+    document(&outrigger(&["sensor", "configure", &host, "--set", narrower, "--json"]), 0);
+    let compared = document(&outrigger(&["sensor", "info", &host, "--meta", file, "--json"]), 3);
+    let warnings = compared["sensors"][0]["warnings"].to_string();
+    assert!(warnings.contains("azimuth_window") && compared["agrees"] == false, "{compared:#}");
+    let other = folder.path().join("empty.json");
+    std::fs::write(&other, "{}").unwrap();
+    let refused = outrigger(&["sensor", "info", &host, "--meta", other.to_str().unwrap()]);
+    assert!(
+        refused.status.code() == Some(1) && String::from_utf8_lossy(&refused.stderr).contains("empty.json"),
+        "no metadata: {refused:?}"
+    );
+    // where nothing gets through to: the sensor goes on, and can be told otherwise
+    document(&outrigger(&["sensor", "configure", &host, "--dest", "203.0.113.7", "--json"]), 0);
+    std::thread::sleep(Duration::from_millis(300));
+    document(&outrigger(&["sensor", "configure", &host, "--dest", "auto", "--json"]), 0);
+    for wrong in [["--dest", "300.1.1.1"], ["--set", "azimuth_window=[90000,"]] {
+        assert_eq!(outrigger(&["sensor", "configure", &host, wrong[0], wrong[1]]).status.code(), Some(2));
+    }
+    let twice = outrigger(&["sensor", "configure", &host, "--dest", "auto", "--set", "udp_dest=1.2.3.4"]);
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("--set udp_dest"), "{twice:?}");
     // a mode that this mock's packets do not have
     let refused = outrigger(&["sensor", "configure", &host, "--set", "lidar_mode=2048x10"]);
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(1), "{said}");
-    assert!(said.contains("status 400") && said.contains("lidar_mode"), "{said}");
+    assert!(said.contains("status 400: lidar_mode: this mock's packets stay"), "{said}");
     let nothing = outrigger(&["sensor", "configure", &host]);
     assert_eq!(nothing.status.code(), Some(1));
     let (_mock, host) = mock(first.local_addr().unwrap(), &["--http-fault", "reverts"]);

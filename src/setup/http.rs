@@ -19,7 +19,7 @@ pub enum SetupError {
         address: String,
     },
     /// Nobody answers.
-    #[error("{url}: {reason}: is the sensor powered, on this network, and is the address right?")]
+    #[error("{}: {reason}: is the sensor powered, on this network, and is the address right?", plain(url))]
     Unreachable {
         /// What was asked for.
         url: String,
@@ -27,7 +27,7 @@ pub enum SetupError {
         reason: String,
     },
     /// It answers with an error.
-    #[error("{url}: answered status {status}{}", shown(said))]
+    #[error("{}: answered status {status}{}", plain(url), answered(*status, said))]
     Status {
         /// What was asked for.
         url: String,
@@ -37,7 +37,7 @@ pub enum SetupError {
         said: String,
     },
     /// The answer broke off, took too long or has no end.
-    #[error("{url}: the answer could not be read whole: {reason}")]
+    #[error("{}: the answer could not be read whole: {reason}", plain(url))]
     Broken {
         /// What was asked for.
         url: String,
@@ -45,7 +45,7 @@ pub enum SetupError {
         reason: String,
     },
     /// The answer is no JSON, or not the JSON it should be.
-    #[error("{url}: expected {expected}, found{}", shown(said))]
+    #[error("{}: expected {expected}, found{}", plain(url), shown(said))]
     Unexpected {
         /// What was asked for.
         url: String,
@@ -82,10 +82,32 @@ pub enum SetupError {
     },
 }
 
+/// An address without what was asked there in detail.
+fn plain(url: &str) -> &str {
+    url.split_once('?').map_or(url, |(plain, _)| plain)
+}
+
 /// The begin of an answer, for an error.
 fn shown(said: &str) -> String {
     let line: String = said.chars().filter(|c| !c.is_control()).take(SHOWN_CHARS).collect();
-    if line.is_empty() { " nothing".to_owned() } else { format!(" {line:?}") }
+    if line.is_empty() { " nothing".to_owned() } else { format!(" `{line}`") }
+}
+
+/// What an answer that is an error says: its message, where it is in JSON as sensors write it.
+fn answered(status: u16, said: &str) -> String {
+    let document: Value = serde_json::from_str(said).unwrap_or_default();
+    let message = ["/error/msg", "/error/description", "/error", "/msg"]
+        .into_iter()
+        .find_map(|path| document.pointer(path).and_then(Value::as_str));
+    match (message, status) {
+        (Some(message), _) => format!(": {message}"),
+        (None, 300..400) => ": it sends us elsewhere, which no sensor does".to_owned(),
+        (None, 503) => {
+            format!(", which a sensor that starts does (it says{}): ask again in half a minute", shown(said))
+        }
+        (None, _) if said.is_empty() => " and nothing else".to_owned(),
+        (None, _) => format!(" and{}", shown(said)),
+    }
 }
 
 /// A sensor's web server.
@@ -187,7 +209,7 @@ fn whole(
                 | ureq::Error::Timeout(ureq::Timeout::Connect | ureq::Timeout::Resolve) => {
                     SetupError::Unreachable { url, reason }
                 }
-                _ => SetupError::Broken { url, reason },
+                error => SetupError::Broken { url, reason: in_words(&error) },
             });
         }
     };
@@ -196,6 +218,15 @@ fn whole(
     match body {
         Ok(text) if (200..300).contains(&status) => Ok(text),
         Ok(said) => Err(SetupError::Status { url, status, said }),
-        Err(error) => Err(SetupError::Broken { url, reason: error.to_string() }),
+        Err(error) => Err(SetupError::Broken { url, reason: in_words(&error) }),
+    }
+}
+
+/// Why an answer broke off.
+fn in_words(error: &ureq::Error) -> String {
+    match error {
+        ureq::Error::Timeout(_) => "it takes too long".to_owned(),
+        ureq::Error::BodyExceedsLimit(limit) => format!("it is longer than {} MiB", limit >> 20),
+        other => other.to_string(),
     }
 }

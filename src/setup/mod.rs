@@ -169,7 +169,11 @@ impl Sensor {
             Ok(Some(sensor)) => return Ok(Self::Ouster(sensor)),
             Ok(None) => "no Ouster".to_owned(),
             // a server that answers nothing will not answer another question
-            Err(error @ (SetupError::Unreachable { .. } | SetupError::Broken { .. })) => return Err(error),
+            Err(
+                error @ (SetupError::Unreachable { .. }
+                | SetupError::Broken { .. }
+                | SetupError::Status { status: 503, .. }),
+            ) => return Err(error),
             Err(error) => error.to_string(),
         };
         let address = http.address().to_owned();

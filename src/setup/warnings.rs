@@ -127,10 +127,13 @@ fn destination(host: &str) -> Option<Warning> {
 
 /// Where the metadata that a rig records with is not that of the sensor: a decoder would place every point wrongly, or none.
 pub fn of_metadata(sensors: &str, recorded: &str) -> Result<Vec<Warning>, serde_json::Error> {
-    const COMPARED: [&str; 8] = [
+    const COMPARED: [&str; 11] = [
         "/sensor_info/prod_sn",
         "/config_params/lidar_mode",
         "/config_params/timestamp_mode",
+        "/config_params/azimuth_window",
+        "/config_params/signal_multiplier",
+        "/config_params/udp_profile_imu",
         "/lidar_data_format/udp_profile_lidar",
         "/lidar_data_format/columns_per_frame",
         "/lidar_data_format/columns_per_packet",

@@ -1,12 +1,13 @@
 //! `outrigger mock sensor`: a sensor that measures a scene and sends real packets.
 
 use std::io::Write as _;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use glam::DVec3;
+use sensors::catalogue;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
 use sensors::velodyne::{Product, ReturnMode};
 
@@ -29,8 +30,7 @@ use crate::trajectory::Trajectory;
                         the trajectory's times; without a trajectory file these begin now."
 )]
 pub struct Args {
-    /// Sensor model (os1-64, vlp-16, ...).
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help = format!("Sensor model: {}", catalogue::names().join(", ")), value_parser = parse_model)]
     model: String,
     /// Where packets go.
     #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]
@@ -171,6 +171,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         packets: 0,
         bytes: 0,
         aside_packets: 0,
+        unreachable: None,
     };
     let begun = Instant::now();
     let outcome = sensor.run_both(&surroundings, |time_ns, line, payload| match (line, args.aside_to) {
@@ -180,7 +181,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     });
     match outcome {
         Err(Ended::Died) => return Ok(Outcome::Done),
-        Err(Ended::Io(error)) => return Err(error).with_context(|| format!("cannot send to {}", args.to)),
+        Err(Ended::Io(to, error)) => return Err(error).with_context(|| format!("cannot send to {to}")),
         Ok(()) => {}
     }
     let faults = sending.finish(end_ns)?;
@@ -196,7 +197,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 /// Why sending ended early.
 enum Ended {
     Died,
-    Io(std::io::Error),
+    Io(SocketAddr, std::io::Error),
 }
 
 struct Sending<'a> {
@@ -208,6 +209,8 @@ struct Sending<'a> {
     packets: u64,
     bytes: u64,
     aside_packets: u64,
+    /// Where nothing gets through to, which was said.
+    unreachable: Option<IpAddr>,
 }
 
 impl Sending<'_> {
@@ -217,12 +220,19 @@ impl Sending<'_> {
             return Err(Ended::Died);
         }
         let to = self.web.as_ref().and_then(|web| web.destinations()[0]).unwrap_or(self.args.to);
-        let Self { transmitter, injector, packets, bytes, .. } = self;
-        injector.apply(time_s, payload, &mut |packet| {
-            transmitter.send(time_ns, packet, to).map_err(Ended::Io)?;
-            *packets += 1;
-            *bytes += packet.len() as u64;
-            Ok(())
+        let is_told = self.web.is_some();
+        let Self { transmitter, injector, packets, bytes, unreachable, .. } = self;
+        injector.apply(time_s, payload, &mut |packet| match transmitter.send(time_ns, packet, to) {
+            Ok(()) => {
+                *packets += 1;
+                *bytes += packet.len() as u64;
+                Ok(())
+            }
+            Err(error) if is_told => {
+                lost(to, &error, unreachable);
+                Ok(())
+            }
+            Err(error) => Err(Ended::Io(to, error)),
         })
     }
 
@@ -233,21 +243,38 @@ impl Sending<'_> {
             return Ok(());
         }
         let to = self.web.as_ref().and_then(|web| web.destinations()[1]).unwrap_or(to);
-        self.transmitter.send(time_ns, payload, to).map_err(Ended::Io)?;
-        self.aside_packets += 1;
+        match self.transmitter.send(time_ns, payload, to) {
+            Ok(()) => self.aside_packets += 1,
+            Err(error) if self.web.is_some() => lost(to, &error, &mut self.unreachable),
+            Err(error) => return Err(Ended::Io(to, error)),
+        }
         Ok(())
     }
 
     fn finish(&mut self, end_ns: u64) -> anyhow::Result<FaultCounts> {
-        let Self { args, transmitter, injector, packets, bytes, .. } = self;
+        let to = self.web.as_ref().and_then(|web| web.destinations()[0]).unwrap_or(self.args.to);
+        let is_told = self.web.is_some();
+        let Self { transmitter, injector, packets, bytes, unreachable, .. } = self;
         injector
             .finish(&mut |packet| {
-                transmitter.send(end_ns, packet, args.to)?;
-                *packets += 1;
-                *bytes += packet.len() as u64;
+                match transmitter.send(end_ns, packet, to) {
+                    Ok(()) => {
+                        *packets += 1;
+                        *bytes += packet.len() as u64;
+                    }
+                    Err(error) if is_told => lost(to, &error, unreachable),
+                    Err(error) => return Err(error),
+                }
                 Ok::<(), std::io::Error>(())
             })
-            .with_context(|| format!("cannot send to {}", args.to))
+            .with_context(|| format!("cannot send to {to}"))
+    }
+}
+
+/// A sensor that is told to send where nothing gets through goes on, and can be told otherwise.
+fn lost(to: SocketAddr, error: &std::io::Error, unreachable: &mut Option<IpAddr>) {
+    if unreachable.replace(to.ip()) != Some(to.ip()) {
+        output::say_notice(&format!("what is sent to {to} is lost: {error}"));
     }
 }
 
@@ -369,6 +396,10 @@ fn parse_address(text: &str) -> Result<SocketAddr, String> {
     let mut found =
         text.to_socket_addrs().map_err(|error| format!("{text:?}: {error}; expected HOST:PORT"))?;
     found.next().ok_or_else(|| format!("{text:?} has no address"))
+}
+
+fn parse_model(text: &str) -> Result<String, String> {
+    catalogue::nominal(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
 }
 
 fn parse_profile(text: &str) -> Result<Profile, String> {

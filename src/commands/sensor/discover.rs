@@ -53,7 +53,11 @@ fn text(found: &[Found], seconds: f64) -> String {
         );
     }
     let line = |sensor: &Found| {
-        let addresses: Vec<String> = sensor.addresses.iter().map(ToString::to_string).collect();
+        let at = |address: &IpAddr| match sensor.port {
+            80 => address.to_string(),
+            port => std::net::SocketAddr::new(*address, port).to_string(),
+        };
+        let addresses: Vec<String> = sensor.addresses.iter().map(at).collect();
         let vendor = format!("{:?}", sensor.vendor).to_lowercase();
         let said = [("serial ", &sensor.serial), ("part ", &sensor.part), ("", &sensor.firmware)];
         let said: Vec<String> = said

@@ -5,12 +5,14 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use serde_json::json;
 
+use crate::commands::record::read_metadata;
 use crate::commands::{Context, Outcome, output};
 use crate::files;
 use crate::setup::{Sensor, SensorState, warnings};
 
 /// Arguments of `sensor info`.
 #[derive(clap::Args, Debug)]
+#[command(after_help = "Exit codes: 0 done; 3 the sensor is not as --meta says; 1 failed.")]
 pub struct Args {
     /// Addresses of sensors; those of the rig.toml when not given.
     #[arg(value_name = "HOST[:PORT]")]
@@ -18,7 +20,7 @@ pub struct Args {
     /// Write the metadata of an Ouster to this file.
     #[arg(long, value_name = "FILE")]
     save_metadata: Option<PathBuf>,
-    /// Compare the sensor with these metadata, which a recording is, or was, made with.
+    /// Compare the sensor with these metadata, which a recording is, or was, made with: unit, format, mode, windows, beams.
     #[arg(long, value_name = "META.json")]
     meta: Option<PathBuf>,
 }
@@ -29,14 +31,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if hosts.len() > 1 && (args.save_metadata.is_some() || args.meta.is_some()) {
         bail!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
     }
+    let recorded = args.meta.as_deref().map(read_metadata).transpose()?;
+    let mut agrees = None;
     let mut states = Vec::new();
     for host in &hosts {
         let mut state = Sensor::at(host)?.read()?;
-        if let Some(path) = &args.meta {
+        if let Some(recorded) = &recorded {
             let Some(metadata) = &state.metadata else { bail!("{host}: it has no metadata to compare with") };
-            let recorded = crate::files::read_text(path).with_context(|| path.display().to_string())?;
-            let differences =
-                warnings::of_metadata(metadata, &recorded).with_context(|| path.display().to_string())?;
+            let differences = warnings::of_metadata(metadata, recorded)?;
+            agrees = Some(differences.is_empty());
             state.warnings.extend(differences);
         }
         if let Some(path) = &args.save_metadata {
@@ -47,12 +50,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         states.push(state);
     }
     if context.json {
-        output::print_json(&json!({ "sensors": states }))?;
+        output::print_json(&json!({ "sensors": states, "agrees": agrees }))?;
     } else {
+        let verdict = if agrees == Some(true) { "agrees with" } else { "differs from" };
+        let compared = args.meta.iter().map(|path| format!("  {verdict} {}\n", path.display()));
         let saved = args.save_metadata.iter().map(|path| format!("metadata in {}\n", path.display()));
-        output::print_text(&states.iter().map(text).chain(saved).collect::<String>())?;
+        output::print_text(&states.iter().map(text).chain(compared).chain(saved).collect::<String>())?;
     }
-    Ok(Outcome::Done)
+    Ok(if agrees == Some(false) { Outcome::DataLost } else { Outcome::Done })
 }
 
 /// The hosts that were typed; otherwise those of the rig's file.

@@ -1,6 +1,6 @@
 //! The HTTP API of an Ouster, of firmware from 3.1 on or before.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value, json};
@@ -250,6 +250,11 @@ impl OusterWeb {
             ];
             if self.fixed && before != value && bound.contains(&key.as_str()) {
                 return Err(format!("{key}: this mock's packets stay {before}"));
+            }
+            let is_address =
+                |text: &str| text == "@auto" || text.is_empty() || text.parse::<IpAddr>().is_ok();
+            if key == "udp_dest" && !value.as_str().is_some_and(is_address) {
+                return Err(format!("{key}: {value} is no address"));
             }
         }
         for (key, value) in settings {
