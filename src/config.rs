@@ -65,6 +65,8 @@ pub struct SensorConfig {
 pub struct Stream {
     /// Where it is received, and under which name.
     pub listen: Listen,
+    /// Name of the sensor's model, for its lidar packets, where that is said.
+    pub model: Option<String>,
     /// Metadata file of the sensor, for its lidar packets.
     pub metadata: Option<PathBuf>,
     /// Its web interface, which is asked for the metadata where there is no file.
@@ -74,13 +76,15 @@ pub struct Stream {
 impl SensorConfig {
     /// Its lidar packets, and what it sends beside them.
     pub fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
-        let Self { name, listen, listen_aside, source, metadata, host, .. } = self.clone();
-        let stream =
-            move |name: String, address: SocketAddr, metadata: Option<PathBuf>, host: Option<String>| {
-                Stream { listen: Listen { name, address, source }, metadata, host }
-            };
-        let lidar = listen.map(|address| stream(name.clone(), address, metadata, host));
-        let aside = listen_aside.map(|address| stream(crate::record::aside_of(&name), address, None, None));
+        let Self { name, model, listen, listen_aside, source, metadata, host } = self.clone();
+        let aside = listen_aside.map(|address| {
+            let listen = Listen { name: crate::record::aside_of(&name), address, source };
+            Stream { listen, model: None, metadata: None, host: None }
+        });
+        let lidar = listen.map(|address| {
+            let listen = Listen { name, address, source };
+            Stream { listen, model: Some(model), metadata, host }
+        });
         lidar.into_iter().chain(aside)
     }
 }
@@ -143,11 +147,13 @@ struct SensorTable {
     host: Option<String>,
 }
 
+/// What `listen` may be; anything, until it is looked at: what is wrong with it is then said.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Endpoint {
-    Port(u16),
+    Port(i64),
     Text(String),
+    Other(toml::Value),
 }
 
 impl Config {
@@ -233,8 +239,11 @@ impl Reader<'_> {
         catalogue::nominal(&model).map_err(|error| error.to_string())?;
         let folder = crate::files::folder_of(self.path);
         Ok(SensorConfig {
-            listen: listen.map(Endpoint::address).transpose()?,
-            listen_aside: listen_aside.map(Endpoint::address).transpose()?,
+            listen: listen.map(Endpoint::address).transpose().map_err(|why| format!("listen = {why}"))?,
+            listen_aside: listen_aside
+                .map(Endpoint::address)
+                .transpose()
+                .map_err(|why| format!("listen_aside = {why}"))?,
             metadata: metadata.map(|metadata| folder.join(metadata)),
             name,
             model,
@@ -294,14 +303,17 @@ impl Reader<'_> {
 
 impl Endpoint {
     fn address(self) -> Result<SocketAddr, String> {
-        let text = match self {
-            Self::Port(port) => return Ok((Ipv4Addr::UNSPECIFIED, port).into()),
+        let found = match self {
+            Self::Port(port) => port.to_string(),
             Self::Text(text) => text,
+            Self::Other(value) => value.to_string(),
         };
-        if let Ok(port) = text.parse::<u16>() {
-            return Ok((Ipv4Addr::UNSPECIFIED, port).into());
+        let port = found.parse::<u16>().ok().filter(|port| *port > 0);
+        match (port, found.parse()) {
+            (Some(port), _) => Ok((Ipv4Addr::UNSPECIFIED, port).into()),
+            (None, Ok(address)) => Ok(address),
+            (None, Err(_)) => Err(format!("{found:?}: expected a port (1 to 65535) or \"address:port\"")),
         }
-        text.parse().map_err(|_| format!("{text:?}: expected a port, or an address and a port"))
     }
 }
 
@@ -343,7 +355,22 @@ mod tests {
             (
                 "[[sensor]]\nname = \"a\"\nmodel = \"os1-64\"\nlisten = \"here\"\n",
                 2,
-                "\"here\": expected a port",
+                "listen = \"here\": expected a port",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\nmodel = \"os1-64\"\nlisten_aside = 75020\n",
+                2,
+                "listen_aside = \"75020\": expected a port (1 to 65535)",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\nmodel = \"os1-64\"\nlisten = 0\n",
+                2,
+                "listen = \"0\": expected a port",
+            ),
+            (
+                "[[sensor]]\nname = \"a\"\nmodel = \"os1-64\"\nlisten = true\n",
+                2,
+                "listen = \"true\": expected a port",
             ),
             ("[[sensor]]\nname = \"a b\"\nmodel = \"os1-64\"\n", 2, "expected letters"),
             ("[rig]\nport = 2026-01-01\n", 3, "found a datetime"),

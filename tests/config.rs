@@ -14,6 +14,7 @@ pub const CASES: &[Case] = &[
     case("mistakes_are_named_with_their_line", mistakes_are_named_with_their_line),
     case("the_page_of_keys_is_up_to_date", the_page_of_keys_is_up_to_date),
     case("the_doctor_names_what_is_wrong", the_doctor_names_what_is_wrong),
+    case("the_doctor_holds_the_file_against_what_comes", the_doctor_holds_the_file_against_what_comes),
     case("sensors_of_the_file_are_recorded", sensors_of_the_file_are_recorded),
 ];
 
@@ -178,9 +179,111 @@ fn the_doctor_names_what_is_wrong() {
     file(folder.path(), &sensor("127.0.0.1:0"));
     let (_, document) = look(&[]);
     let (silent, found) = state(&document, "packets of left");
-    assert!(silent == "warning" && found.starts_with("0 packets"), "{found}");
+    assert!(silent == "bad" && found.starts_with("0 packets"), "{found}");
+    let (metadata, found) = state(&document, "metadata of left");
+    assert!(metadata == "bad" && found.contains("cannot be decoded"), "{found}");
     assert_eq!(std::fs::read_dir(out).unwrap().count(), 1, "nothing is left behind");
-    assert_eq!(outrigger(&["doctor", "--out", &format!("{out}/missing")], &[]).status.code(), Some(1));
+    // recording makes its folder
+    let missing = format!("{out}/missing");
+    let document = json(&outrigger(&["doctor", "--json", "--out", &missing], &[]));
+    assert!(state(&document, "disk speed").1.contains("which recording will make"), "{document:#}");
+    assert!(!std::path::Path::new(&missing).exists());
+}
+
+/// What a rig.toml names is read and held against what comes.
+fn the_doctor_holds_the_file_against_what_comes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let port = std::net::UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let to = format!("127.0.0.1:{port}");
+    let mock = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"))
+        .args([
+            "mock",
+            "sensor",
+            "--model",
+            "os1-64",
+            "--to",
+            &to,
+            "--metadata",
+            &at("left.json"),
+            "--serial",
+            "77",
+        ])
+        .stdout(std::process::Stdio::piped())
+        .spawn();
+    let mut mock = Running(mock.unwrap());
+    let mut line = String::new();
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(mock.0.stdout.as_mut().unwrap()), &mut line)
+        .unwrap();
+    let theirs = std::fs::read_to_string(at("left.json")).unwrap().replace("\"77\"", "\"78\"");
+    std::fs::write(at("other.json"), theirs).unwrap();
+    let mount = |name: &str| {
+        format!(
+            "{{\"format\": \"outrigger-mount/1\", \"frame\": \"mount: x right, y forward, z up\", \"sensors\": [{{\"name\": \"{name}\", \"model\": \"os1-64\", \"x_m\": 0, \
+             \"y_m\": 0, \"z_m\": 0, \"pitch_deg\": 0, \"roll_deg\": 0}}]}}"
+        )
+    };
+    std::fs::write(at("mount.json"), mount("left")).unwrap();
+    let rig = format!(
+        "[[sensor]]\nname = \"left\"\nmodel = \"os1-64\"\nlisten = \"{to}\"\nmetadata = \"left.json\"\n\
+         [record]\nmount = \"mount.json\"\nreceive_buffer = 1\n[daemon]\nroom = \"-10,-6,-1.5,10,6,2.5\"\n"
+    );
+    let bad = |from: &str, to: &str| {
+        let path = file(folder.path(), &rig.replace(from, to));
+        let output =
+            outrigger(&["doctor", "--json", "--config", path.to_str().unwrap(), "--out", &at("")], &[]);
+        let document = json(&output);
+        let checks = document["checks"].as_array().unwrap();
+        // how fast this machine's disk is, or what its kernel grants, is not what is looked at
+        let of_rig = |check: &&serde_json::Value| {
+            let name = check["name"].as_str().unwrap();
+            !name.starts_with("disk") && name != "receive buffer"
+        };
+        let bad = checks.iter().filter(|check| check["state"] == "bad").filter(of_rig);
+        bad.map(|check| format!("{}: {}\n", check["name"], check["found"])).collect::<String>()
+    };
+    assert_eq!(bad("", ""), "");
+    for (from, to, words) in [
+        ("left.json", "nope.json", "nope.json"),
+        ("left.json", "other.json", "metadata is of"),
+        ("left.json", "mount.json", "metadata of left"),
+        ("os1-64", "os1-128", "`model` says os1-128"),
+        ("os1-64", "vlp-16", "`model` says vlp-16"),
+        ("metadata = \"left.json\"", "", "neither `metadata` nor `host`"),
+        ("name = \"left\"", "name = \"links\"", "links"),
+        ("\"mount.json\"", "\"nomount.json\"", "nomount.json"),
+        ("-10,-6,-1.5,10,6,2.5", "1,2,3", "room"),
+    ] {
+        let found = bad(from, to);
+        assert!(found.contains(words), "{to}: {found}");
+    }
+    // the recorder tells it, too, when the first packets come
+    let path = file(folder.path(), &rig.replace("left.json", "other.json"));
+    let config = path.to_str().unwrap();
+    let recorded =
+        outrigger(&["record", "--config", config, "--out", &at("walk"), "--duration", "1", "--json"], &[]);
+    let document = json(&recorded);
+    let warned = document["warnings"].to_string();
+    assert!(
+        recorded.status.success() && warned.contains("left: its packets cannot be decoded"),
+        "{document:#}"
+    );
+    let events = std::fs::read_to_string(folder.path().join("walk/events.jsonl")).unwrap();
+    assert!(events.contains("not_decoded"), "{events}");
+    let listen = format!("left={to}");
+    let recorded = outrigger(&["record", "--listen", &listen, "--out", &at("bare"), "--duration", "1"], &[]);
+    let said = String::from_utf8_lossy(&recorded.stderr).into_owned();
+    assert!(recorded.status.success() && said.contains("--save-metadata"), "{said}");
+}
+
+/// Ends a program that a failed case would leave behind.
+struct Running(std::process::Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
 }
 
 fn sensors_of_the_file_are_recorded() {

@@ -6,6 +6,10 @@ use std::time::Duration;
 
 use clap::ValueEnum;
 
+use super::Verb;
+use super::defaults::section;
+use crate::config::Config;
+
 pub(super) mod place;
 #[cfg(feature = "daemon")]
 mod serve;
@@ -81,6 +85,18 @@ pub struct Args {
 enum LogFormat {
     Text,
     Json,
+}
+
+/// Whether a rig.toml's [daemon] can be read, and what it names of the place.
+pub(super) fn check(config: &Config) -> anyhow::Result<()> {
+    let args: Args = section(config, &["daemon"], |verb| match verb {
+        Verb::Daemon(args) => Some(args),
+        _ => None,
+    })?;
+    #[cfg(feature = "daemon")]
+    surroundings::place(&args.place)?;
+    drop(args);
+    Ok(())
 }
 
 fn parse_minutes(text: &str) -> Result<Duration, String> {

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
-use clap::{Arg, ArgAction, ArgMatches, Command};
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 
 use super::daemon::place::FROM_PREDICT;
+use super::{Cli, Verb};
 use crate::config::{Config, ConfigError, Section, Setting};
 use crate::servo::is_no_path;
 
@@ -95,12 +96,13 @@ fn alternatives(verb: &Command, id: &clap::Id) -> Vec<clap::Id> {
 
 /// Keys that a verb takes from another's section where its own does not say otherwise.
 /// A later line wins.
-const INHERITED: [(&str, &str, &[&str]); 5] = [
+const INHERITED: [(&str, &str, &[&str]); 6] = [
     ("daemon", "predict", &FROM_PREDICT),
     ("record", "predict", &["mount"]),
     ("record", "daemon", &["mount"]),
     ("doctor", "rig", &["port"]),
     ("doctor", "record", &["receive_buffer"]),
+    ("doctor", "daemon", &["out"]),
 ];
 
 /// The same as sections.
@@ -141,6 +143,25 @@ pub fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
     error
 }
 
+/// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
+pub fn section<T>(
+    config: &Config,
+    words: &[&str],
+    of_verb: impl FnOnce(Verb) -> Option<T>,
+) -> anyhow::Result<T> {
+    let words_of: Vec<OsString> =
+        std::iter::once("outrigger").chain(words.iter().copied()).map(OsString::from).collect();
+    let command = apply(Cli::command(), config, &words_of)?;
+    let matches = command.try_get_matches_from(&words_of);
+    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = parsed.map_err(|error| {
+        let text = with_origin(error, config).to_string();
+        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
+        anyhow::anyhow!("{}: [{}]: {first}", config.path.display(), words[0])
+    })?;
+    of_verb(cli.verb).ok_or_else(|| anyhow::anyhow!("[{}] is another verb", words[0]))
+}
+
 fn find(
     verb: &Command,
     section: &Section,
@@ -151,7 +172,8 @@ fn find(
     let settable = || verb.get_arguments().filter(|arg| arg.get_long().is_some() && arg.get_id() != "config");
     let Some(arg) = settable().find(|arg| arg.get_long() == Some(&long)) else {
         let known = names(settable().filter_map(Arg::get_long)).replace('-', "_");
-        let reason = format!("[{}] has no key `{}`; known are {known}", section.verb.join("."), setting.key);
+        let known = if known.is_empty() { "it has none".to_owned() } else { format!("known are {known}") };
+        let reason = format!("[{}] has no key `{}`; {known}", section.verb.join("."), setting.key);
         return Err(wrong(config, setting.line, reason));
     };
     let flag = matches!(arg.get_action(), ArgAction::SetTrue);

@@ -5,35 +5,40 @@ use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::Context as _;
 use serde::Serialize;
 
-use super::{Context, Outcome, output};
-use crate::config::{Config, SensorConfig};
-use crate::receive::{Listen, Options, Receiver};
+use super::defaults::section;
+use super::{Context, Outcome, Verb, output};
+use crate::config::Config;
 use crate::record::free_bytes;
-use crate::servo::Rig;
-use crate::setup::Sensor;
+use crate::servo::{LinkError, Options, Rig, RigError, RigStatus};
+
+mod hearing;
+mod named;
 
 /// Written to see how fast the disk is.
 const TRIED_BYTES: usize = 128 << 20;
 const BLOCK_BYTES: usize = 4 << 20;
 /// Two OS1-128 with two returns and a VLP-16 send 43 MB a second (the `daemon` bench).
-const NEEDED_MB_S: f64 = 50.0;
-/// An hour of them.
-const NEEDED_FREE_BYTES: u64 = 160 << 30;
+const GREAT_RIG_MB_S: f64 = 43.0;
+/// One pair of limits is for every axis of a rig, and these are their number.
+const AXES: usize = 2;
+/// What a disk must do for each byte that comes.
+const SPARE: f64 = 1.2;
 
 /// Arguments of `doctor`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Nothing moves and nothing is changed. With --config every sensor's port is opened and listened on, every `host` is\n\
-                  asked how it is, and the rig's port is asked for its state.\n\
+    after_help = "Nothing moves and nothing is changed. With --config every file that it names is read, every sensor's port is opened\n\
+                  and its first packets are held against `model` and `metadata`, every `host` is asked how it is, and the rig's\n\
+                  port for its state.\n\
                   Exit codes: 0 ready, 1 failed, 3 something must be mended."
 )]
 pub struct Args {
-    /// Where recordings will be written.
+    /// Where recordings will be written; that of [daemon] in the rig.toml when not given.
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
     /// Kernel receive buffer that recording will ask for, per port, in MiB; that of [record] in the rig.toml when not given.
@@ -83,10 +88,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         args.listen_for
     );
     let mut checks = vec![processors(), governor(), clock()];
-    checks.extend(disk(&args.out)?);
-    checks.extend(receiving(args, context.config));
-    checks.extend(context.config.iter().flat_map(|config| &config.sensors).flat_map(sensor));
-    checks.extend(args.port.as_deref().map(rig));
+    let named = context.config.map(named::look).unwrap_or_default();
+    checks.extend(named.checks);
+    let heard = hearing::look(args, context.config, &named.metadata);
+    checks.extend(heard.checks);
+    checks.extend(disk(&args.out, heard.bytes_s)?);
+    if let Some(port) = args.port.as_deref() {
+        checks.extend(rig(port, context.config, &named.pitches_deg));
+    }
     let is_ready = checks.iter().all(|check| check.state != State::Bad);
     let verdict = if is_ready { "ready" } else { "mend" };
     let document = Document { format: "outrigger-doctor/1", verdict, checks };
@@ -139,21 +148,32 @@ fn clock() -> Check {
     }
 }
 
-fn disk(folder: &Path) -> anyhow::Result<Vec<Check>> {
-    let free = free_bytes(folder).with_context(|| folder.display().to_string())?;
-    let hours = free as f64 / (NEEDED_MB_S * 1e6 * 3600.0);
-    let state = if free > NEEDED_FREE_BYTES { State::Ok } else { State::Warning };
-    let found = format!("{} GiB, {hours:.1} hours of two OS1-128 with two returns", free >> 30);
+/// Space and speed, for what comes now, or else for a great rig.
+fn disk(folder: &Path, bytes_s: Option<f64>) -> anyhow::Result<Vec<Check>> {
+    // recording makes the folder
+    let there = folder.ancestors().find(|above| above.is_dir()).unwrap_or(Path::new("."));
+    let free = free_bytes(there).with_context(|| there.display().to_string())?;
+    let (mb_s, whose) = match bytes_s {
+        Some(bytes_s) => (bytes_s * 1e-6, "that come now"),
+        None => (GREAT_RIG_MB_S, "of two OS1-128 with two returns"),
+    };
+    let hours = free as f64 / (mb_s * 1e6 * 3600.0);
+    let state = if hours > 1.0 { State::Ok } else { State::Warning };
+    let found = format!("{} GiB, {hours:.1} hours of the {mb_s:.1} MB/s {whose}", free >> 30);
     let room =
         Check::new("disk space", state, found, "the recorder warns when it runs low and keeps what it has");
-    let speed = match written_mb_s(folder) {
-        Ok(mb_s) => {
-            let state = if mb_s > NEEDED_MB_S { State::Ok } else { State::Bad };
-            let advice = "a recording of two OS1-128 with two returns needs 43 MB/s: take another disk";
-            Check::new("disk speed", state, format!("{mb_s:.0} MB/s to {}", folder.display()), advice)
+    let place = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let place = place.display();
+    let speed = match written_mb_s(there) {
+        Ok(written_mb_s) => {
+            let state = if written_mb_s > SPARE * mb_s { State::Ok } else { State::Bad };
+            let made = if folder.is_dir() { "" } else { ", which recording will make" };
+            let advice = format!("recording needs {mb_s:.0} MB/s and some to spare: take another disk");
+            Check::new("disk speed", state, format!("{written_mb_s:.0} MB/s to {place}{made}"), &advice)
         }
         Err(error) => {
-            Check::new("disk speed", State::Bad, error.to_string(), "recordings cannot be written there")
+            let found = format!("{place}: {error}");
+            Check::new("disk speed", State::Bad, found, "recordings cannot be written there")
         }
     };
     Ok(vec![room, speed])
@@ -189,91 +209,54 @@ fn tempfile_in(folder: &Path) -> std::io::Result<(Gone, fs::File)> {
     Ok((Gone(path), file))
 }
 
-/// Opens what recording will open, and listens.
-fn receiving(args: &Args, config: Option<&Config>) -> Vec<Check> {
-    let configured: Vec<Listen> = config
-        .iter()
-        .flat_map(|config| &config.sensors)
-        .flat_map(SensorConfig::streams)
-        .map(|stream| stream.listen)
-        .collect();
-    let any = Listen { name: "any".into(), address: ([127, 0, 0, 1], 0).into(), source: None };
-    let is_configured = !configured.is_empty();
-    let listens = if is_configured { configured } else { vec![any] };
-    let options =
-        Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
-    let receiver = match Receiver::start(&listens, options) {
-        Ok(receiver) => receiver,
+/// The rig's state, and whether it can go where the mount file says.
+fn rig(port: &Path, config: Option<&Config>, pitches_deg: &[f64]) -> Vec<Check> {
+    let name = format!("rig {}", port.display());
+    let options = match config.map_or_else(|| Ok(Options::new_session()), options) {
+        Ok(options) => options,
+        Err(error) => return vec![Check::new(&name, State::Bad, format!("{error:#}"), "mend [rig]")],
+    };
+    let connected = Rig::connect_with(port, options).and_then(|rig| Ok((rig.status()?, rig)));
+    let (status, rig) = match connected {
+        Ok(connected) => connected,
+        Err(error @ RigError::Link(LinkError::InUse { .. })) => {
+            let advice = "a daemon that runs has it, and its page shows the rig: end it to look from here";
+            return vec![Check::new(&name, State::Warning, error.to_string(), advice)];
+        }
         Err(error) => {
-            return vec![Check::new("ports", State::Bad, format!("{:#}", anyhow::Error::from(error)), "")];
+            let advice = "is it plugged in and powered; may you open it (group dialout, or the udev rule)?";
+            return vec![Check::new(&name, State::Bad, error.to_string(), advice)];
         }
     };
-    let mut checks = Vec::new();
-    let warnings: Vec<String> =
-        receiver.monitor().sockets().iter().filter_map(|socket| socket.buffer_warning()).collect();
-    checks.push(match warnings.first() {
-        None => Check::new("receive buffer", State::Ok, format!("{} MiB granted", args.receive_buffer), ""),
-        Some(warning) => Check::new(
-            "receive buffer",
-            State::Bad,
-            warning.clone(),
-            "for good: a line in /etc/sysctl.d/, as the package brings",
-        ),
-    });
-    if !is_configured {
-        return checks;
-    }
-    std::thread::sleep(Duration::from_secs_f64(args.listen_for));
-    for (listen, counters) in listens.iter().zip(receiver.monitor().sensors()) {
-        let rate = counters.packets as f64 / args.listen_for.max(1e-3);
-        let found = format!("{} packets in {} s ({rate:.0} a second)", counters.packets, args.listen_for);
-        let state = if counters.packets > 0 { State::Ok } else { State::Warning };
-        let advice = format!(
-            "nothing came to {}: is it powered and told to send here (`outrigger sensor info HOST`), and does no firewall stand between?",
-            listen.address
-        );
-        checks.push(Check::new(&format!("packets of {}", listen.name), state, found, &advice));
+    let mut checks = vec![of_state(&name, &status)];
+    let pitches_rad: Vec<f64> = pitches_deg.iter().map(|pitch_deg| pitch_deg.to_radians()).collect();
+    let axes = status.axes.len();
+    if !pitches_rad.is_empty() && pitches_rad.len() != axes {
+        let found = format!("{axes} axes, the mount file has {} sensors", pitches_rad.len());
+        checks.push(Check::new(
+            &name,
+            State::Warning,
+            found,
+            "`rig apply --sensors` says which are on which axis",
+        ));
+    } else if !pitches_rad.is_empty()
+        && let Err(error) = rig.check(&pitches_rad)
+    {
+        let found = format!("cannot go where the mount file says: {error}");
+        checks.push(Check::new(&name, State::Bad, found, "loosen `limits_deg`, or take another mount"));
     }
     checks
 }
 
-/// What a sensor says of itself.
-fn sensor(config: &SensorConfig) -> Vec<Check> {
-    let Some(host) = &config.host else { return Vec::new() };
-    let name = format!("sensor {}", config.name);
-    let state = Sensor::at(host).and_then(|sensor| sensor.read());
-    match state {
-        Err(error) => {
-            let advice = "`outrigger sensor discover` finds sensors on this network";
-            vec![Check::new(&name, State::Bad, format!("{:#}", anyhow::Error::from(error)), advice)]
-        }
-        Ok(state) => {
-            let found =
-                format!("{} {} firmware {}, {}", state.model, state.serial, state.firmware, state.status);
-            let mut checks = vec![Check::new(&name, State::Ok, found, "")];
-            let ailing = |warning: crate::setup::Warning| {
-                Check::new(
-                    &name,
-                    State::Warning,
-                    warning.text,
-                    "`outrigger sensor configure` sets what it can",
-                )
-            };
-            checks.extend(state.warnings.into_iter().map(ailing));
-            checks
-        }
-    }
+fn options(config: &Config) -> anyhow::Result<Options> {
+    let args: super::rig::Args = section(config, &["rig", "status"], |verb| match verb {
+        Verb::Rig(args) => Some(args),
+        _ => None,
+    })?;
+    super::rig::options(&args, AXES)
 }
 
-fn rig(port: &Path) -> Check {
-    let name = format!("rig {}", port.display());
-    let status = match Rig::connect(port).and_then(|rig| rig.status()) {
-        Ok(status) => status,
-        Err(error) => {
-            let advice = "is it plugged in and powered; may you open it (group dialout, or the udev rule)?";
-            return Check::new(&name, State::Bad, format!("{:#}", anyhow::Error::from(error)), advice);
-        }
-    };
+fn of_state(name: &str, status: &RigStatus) -> Check {
     let faults: Vec<String> = status
         .axes
         .iter()
@@ -283,17 +266,17 @@ fn rig(port: &Path) -> Check {
     let found = format!("{} axes, firmware {}", status.axes.len(), status.firmware);
     if !faults.is_empty() {
         let found = format!("{found}; {}", faults.join("; "));
-        return Check::new(&name, State::Bad, found, "mend the cause, then `outrigger rig clear`");
+        return Check::new(name, State::Bad, found, "mend the cause, then `outrigger rig clear`");
     }
     if status.axes.iter().any(|axis| !axis.homed) {
         return Check::new(
-            &name,
+            name,
             State::Warning,
             format!("{found}, not homed"),
             "`outrigger rig home --arm` before the first move",
         );
     }
-    Check::new(&name, State::Ok, format!("{found}, homed"), "")
+    Check::new(name, State::Ok, format!("{found}, homed"), "")
 }
 
 fn text(document: &Document) -> String {

@@ -16,6 +16,7 @@ use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
 use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, is_aside};
 use crate::rig::{CalibrationFile, MountFile, Rig};
 use crate::setup::{Sensor, warnings};
+use crate::watch::{FirstLook, FirstLooks};
 
 /// How often counters are looked at.
 const LOOK: Duration = Duration::from_millis(100);
@@ -33,7 +34,7 @@ pub struct Args {
     /// Where the sensors sit: kept with the session, which compare, boresight, stand and odometry then know it from. That of
     /// [daemon] or [predict] where [record] names none.
     #[arg(long, value_name = "FILE")]
-    mount: Option<PathBuf>,
+    pub(super) mount: Option<PathBuf>,
     /// The session's folder, empty or absent; by default named after the time.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -55,6 +56,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let seats = args.mount.as_deref().map(seats).transpose()?;
     let metadata: Vec<Option<String>> = wanted.iter().map(metadata_of).collect::<anyhow::Result<_>>()?;
+    let looks = FirstLooks::new(
+        wanted.iter().zip(&metadata).map(|(w, m)| first_look(w, m.as_deref(), &listens)).collect(),
+    );
     let options =
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
     let receiver = Receiver::start(&listens, options)?;
@@ -76,13 +80,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         session.put_mount(mount, calibrations)?;
         warn_unseated(rig, &listens);
     }
-    let recording = Recording::start(receiver, session)?;
+    let shown = looks.clone();
+    let recording = Recording::start_beside(receiver, session, move |batch| {
+        shown.take(batch.iter().map(|datagram| (datagram.sensor, datagram.packet())));
+    })?;
     let runtime =
         tokio::runtime::Builder::new_current_thread().enable_all().build().context("no tokio runtime")?;
-    runtime.block_on(watch(&recording, &listens, args.duration))?;
+    let mut unread = runtime.block_on(watch(&recording, &listens, &looks, args.duration))?;
     let monitor = recording.monitor().clone();
     let manifest = recording.stop()?;
-    conclude(&manifest, &monitor, &dir, context)
+    unread.extend(looks.conclude().into_iter().map(|news| unreadable(&listens, &news)));
+    conclude(&manifest, &monitor, unread, &dir, context)
 }
 
 /// The sensors that were typed; otherwise those of the rig's file.
@@ -101,13 +109,13 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
 }
 
 /// Where the sensors sit, and the calibrations that go with it.
-struct Seats {
-    mount: MountFile,
-    rig: Rig,
+pub(super) struct Seats {
+    pub(super) mount: MountFile,
+    pub(super) rig: Rig,
     calibrations: Vec<CalibrationFile>,
 }
 
-fn seats(path: &Path) -> anyhow::Result<Seats> {
+pub(super) fn seats(path: &Path) -> anyhow::Result<Seats> {
     let mount = MountFile::read(path)?;
     Ok(Seats { rig: mount.rig()?, calibrations: mount.calibration_files()?, mount })
 }
@@ -120,8 +128,31 @@ fn warn_unseated(rig: &Rig, listens: &[Listen]) {
     }
 }
 
-/// Shows what arrives until the time is up, a signal comes or recording ends by itself.
-async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Duration>) -> anyhow::Result<()> {
+/// A look at what a sensor sends first; what it sends beside its lidar packets is nobody's to judge.
+pub(super) fn first_look(sensor: &Stream, metadata: Option<&str>, listens: &[Listen]) -> Option<FirstLook> {
+    if is_aside(&sensor.listen.name, listens.iter().map(|listen| listen.name.as_str())) {
+        return None;
+    }
+    let name = match (&sensor.metadata, &sensor.host) {
+        (Some(path), _) => path.display().to_string(),
+        (None, host) => host.clone().unwrap_or_default(),
+    };
+    let metadata = metadata.and_then(|text| Metadata::parse(text, &name).ok());
+    Some(FirstLook::new(sensor.model.clone(), metadata.map(|metadata| (metadata, name))))
+}
+
+fn unreadable(listens: &[Listen], (sensor, words): &(usize, String)) -> String {
+    format!("{}: {words}", listens[*sensor].name)
+}
+
+/// Shows what arrives until the time is up, a signal comes or recording ends by itself. What is wrong with the packets is
+/// said at once, and returned.
+async fn watch(
+    recording: &Recording,
+    listens: &[Listen],
+    looks: &FirstLooks,
+    duration: Option<Duration>,
+) -> anyhow::Result<Vec<String>> {
     let mut wishes = Wishes::new().context("signals cannot be caught")?;
     let mut tick = tokio::time::interval(LOOK);
     let begun = Instant::now();
@@ -131,6 +162,7 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
     }
     let mut silence = Silence::new(listens.len(), begun);
     let mut said_low_disk = false;
+    let mut unread = Vec::new();
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
         tokio::select! {
             () = wishes.next() => break,
@@ -143,6 +175,14 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
             let event = serde_json::json!({"time_ns": now_ns(), "event": news.event, "sensor": name});
             recording.session().write_event(&event)?;
         }
+        for news in looks.news() {
+            let words = unreadable(listens, &news);
+            bar.suspend(|| say(&format!("warning: {words}")));
+            let (name, text) = (&listens[news.0].name, &news.1);
+            let event = serde_json::json!({"time_ns": now_ns(), "event": "not_decoded", "sensor": name, "text": text});
+            recording.session().write_event(&event)?;
+            unread.push(words);
+        }
         if let (Some(low), false) = (recording.session().low_disk(), said_low_disk) {
             said_low_disk = true;
             let left =
@@ -151,7 +191,7 @@ async fn watch(recording: &Recording, listens: &[Listen], duration: Option<Durat
         }
     }
     bar.finish_and_clear();
-    Ok(())
+    Ok(unread)
 }
 
 fn status_line(recording: &Recording, listens: &[Listen]) -> String {
@@ -167,8 +207,13 @@ fn status_line(recording: &Recording, listens: &[Listen]) -> String {
     format!("{} packets, {}, lost {lost}", sensors.join(", "), HumanBytes(recording.session().packet_bytes()))
 }
 
-fn conclude(manifest: &Manifest, monitor: &Monitor, dir: &Path, context: Context) -> anyhow::Result<Outcome> {
-    let mut warnings = Vec::new();
+fn conclude(
+    manifest: &Manifest,
+    monitor: &Monitor,
+    mut warnings: Vec<String>,
+    dir: &Path,
+    context: Context,
+) -> anyhow::Result<Outcome> {
     for socket in monitor.sockets() {
         if let (foreign @ 1.., Some(first)) =
             (socket.counters.foreign_source, socket.counters.first_foreign_source)
@@ -215,9 +260,9 @@ fn say(message: &str) {
 /// Metadata of a sensor: from its file, else from itself. What the sensor says of itself is said again, and where it is not
 /// what the file says.
 pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
-    let file = sensor.metadata.as_deref().map(read_metadata).transpose()?;
-    let Some(host) = &sensor.host else { return Ok(file) };
     let name = &sensor.listen.name;
+    let file = sensor.metadata.as_deref().map(read_metadata).transpose().with_context(|| name.clone())?;
+    let Some(host) = &sensor.host else { return Ok(file) };
     let mut state = match Sensor::at(host).and_then(|found| found.read()) {
         Ok(state) => state,
         // what lies on the disk will do
@@ -239,7 +284,7 @@ pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
     Ok(file.or(state.metadata))
 }
 
-fn read_metadata(path: &Path) -> anyhow::Result<String> {
+pub(super) fn read_metadata(path: &Path) -> anyhow::Result<String> {
     let text = crate::files::read_text(path).with_context(|| format!("metadata {}", path.display()))?;
     Metadata::parse(&text, &path.display().to_string())?;
     Ok(text)
@@ -271,6 +316,7 @@ fn parse_listen(text: &str) -> Result<Stream, String> {
     let port = port.parse::<u16>().map_err(|_| format!("{port:?} is no port (0 to 65535); {FORM}"))?;
     Ok(Stream {
         listen: Listen { name: name.into(), address: SocketAddr::new(ip, port), source: None },
+        model: None,
         metadata,
         host,
     })

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::{Manifest, SessionError, SessionWriter};
-use crate::receive::{Monitor, Receiver, Stop};
+use crate::receive::{Datagram, Monitor, Receiver, Stop};
 
 /// Datagrams written under one lock of the session.
 const BATCH: usize = 64;
@@ -20,7 +20,16 @@ pub struct Recording {
 
 impl Recording {
     /// Starts to write. Sensors of the receiver and of the session are the same, in the same order.
-    pub fn start(mut receiver: Receiver, session: SessionWriter) -> Result<Self, SessionError> {
+    pub fn start(receiver: Receiver, session: SessionWriter) -> Result<Self, SessionError> {
+        Self::start_beside(receiver, session, |_| {})
+    }
+
+    /// The same; what is written is shown to someone else, too, on the thread that writes.
+    pub fn start_beside(
+        mut receiver: Receiver,
+        session: SessionWriter,
+        mut show: impl FnMut(&[Datagram]) + Send + 'static,
+    ) -> Result<Self, SessionError> {
         let session = Arc::new(session);
         let (monitor, stop) = (receiver.monitor(), receiver.stop_handle());
         let (writer, on_failure) = (Arc::clone(&session), stop.clone());
@@ -31,6 +40,7 @@ impl Recording {
                 if writer.write_datagrams(&batch).is_err() {
                     on_failure.stop();
                 }
+                show(&batch);
                 batch.clear();
             }
         };

@@ -1,5 +1,9 @@
 //! What is watched of one sensor while it is decoded: rates, losses, its clock, its own warnings.
 
+mod first_look;
+
+pub use first_look::{FirstLook, FirstLooks};
+
 use crate::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};

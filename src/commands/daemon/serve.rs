@@ -1,18 +1,17 @@
 //! The daemon's start, run and end.
 
-use std::ffi::OsString;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use clap::{CommandFactory as _, FromArgMatches as _};
 use tokio::sync::watch;
 
 use super::surroundings::place;
 use super::{Args, LogFormat, service};
+use crate::commands::defaults::section;
 use crate::commands::signals::Wishes;
-use crate::commands::{Cli, Context, Outcome, Verb, defaults, output, record, rig};
+use crate::commands::{Context, Outcome, Verb, output, record, rig};
 use crate::config::Config;
 use crate::daemon::{
     Daemon, Ending, RecorderSettings, RigSettings, SensorSettings, Settings, Token, Web, WebSettings,
@@ -179,21 +178,6 @@ fn rig_settings(
         mount.map(|mount| mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect()).unwrap_or_default();
     let options = rig::options(&of_rig, mount_pitches_deg.len().max(2))?;
     Ok(Some(RigSettings { port, options, mount_pitches_deg, disarm_after: args.disarm_minutes }))
-}
-
-/// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
-fn section<T>(config: &Config, words: &[&str], of_verb: impl FnOnce(Verb) -> Option<T>) -> anyhow::Result<T> {
-    let words_of: Vec<OsString> =
-        std::iter::once("outrigger").chain(words.iter().copied()).map(OsString::from).collect();
-    let command = defaults::apply(Cli::command(), config, &words_of)?;
-    let matches = command.try_get_matches_from(&words_of);
-    let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
-    let cli = parsed.map_err(|error| {
-        let text = defaults::with_origin(error, config).to_string();
-        let first = text.lines().next().unwrap_or_default().trim_start_matches("error: ").to_owned();
-        anyhow::anyhow!("{}: [{}]: {first}", config.path.display(), words[0])
-    })?;
-    of_verb(cli.verb).ok_or_else(|| anyhow::anyhow!("[{}] is another verb", words[0]))
 }
 
 fn token(args: &Args) -> anyhow::Result<Option<Token>> {

@@ -1,0 +1,157 @@
+//! What a rig.toml names: files are read, web interfaces asked, and all that held against each other.
+
+use std::collections::BTreeMap;
+
+use sensors::ouster::Metadata;
+use sensors::velodyne::Product;
+
+use super::{Check, State};
+use crate::commands::defaults::section;
+use crate::commands::{Verb, daemon, record};
+use crate::config::{Config, SensorConfig};
+use crate::record::is_aside;
+use crate::setup::{Sensor, SensorState, warnings};
+use crate::watch::is_model;
+
+/// What was found.
+#[derive(Default)]
+pub struct Named {
+    pub checks: Vec<Check>,
+    /// Metadata by the names of sensors, as recording will have them.
+    pub metadata: BTreeMap<String, String>,
+    /// Of the sensors of the mount file, in its order.
+    pub pitches_deg: Vec<f64>,
+}
+
+/// Looks at everything.
+pub fn look(config: &Config) -> Named {
+    let mut named = Named::default();
+    let mut units: BTreeMap<String, String> = BTreeMap::new();
+    for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {
+        let state = named.ask(sensor);
+        let serial = named.read(sensor, state.as_ref());
+        let Some(serial) = serial.filter(|serial| !serial.is_empty()) else { continue };
+        if let Some(other) = units.insert(serial.clone(), sensor.name.clone()) {
+            let found = format!("{other} and {} are both said to be the unit {serial}", sensor.name);
+            named.bad("sensors", found, "each [[sensor]] has the `metadata` and the `host` of its own unit");
+        }
+    }
+    named.seats(config);
+    if let Err(error) = daemon::check(config) {
+        named.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
+    }
+    named
+}
+
+impl Named {
+    fn add(&mut self, name: &str, state: State, found: String, advice: &str) {
+        self.checks.push(Check::new(name, state, found, advice));
+    }
+
+    fn bad(&mut self, name: &str, found: String, advice: &str) {
+        self.add(name, State::Bad, found, advice);
+    }
+
+    /// What a sensor says of itself.
+    fn ask(&mut self, config: &SensorConfig) -> Option<SensorState> {
+        let name = format!("sensor {}", config.name);
+        let mut state = match Sensor::at(config.host.as_ref()?).and_then(|sensor| sensor.read()) {
+            Ok(state) => state,
+            Err(error) => {
+                self.bad(
+                    &name,
+                    error.to_string(),
+                    "`outrigger sensor discover` finds sensors on this network",
+                );
+                return None;
+            }
+        };
+        let found = format!("{} {} firmware {}, {}", state.model, state.serial, state.firmware, state.status);
+        if is_model(&config.model, &state.model, &state.model) {
+            self.add(&name, State::Ok, found, "");
+        } else {
+            let found = format!("{found}; `model` says {}", config.model);
+            self.bad(&name, found, "correct `model`, or `host`");
+        }
+        for warning in std::mem::take(&mut state.warnings) {
+            self.add(&name, State::Warning, warning.text, "`outrigger sensor configure` sets what it can");
+        }
+        Some(state)
+    }
+
+    /// The metadata of a sensor, from its file or else from itself; which unit it is.
+    fn read(&mut self, config: &SensorConfig, state: Option<&SensorState>) -> Option<String> {
+        let name = format!("metadata of {}", config.name);
+        let serial = state.map(|state| state.serial.clone());
+        let theirs = state.and_then(|state| state.metadata.clone());
+        let Some(path) = &config.metadata else {
+            if let Some(text) = theirs {
+                self.metadata.insert(config.name.clone(), text);
+            } else if config.host.is_none() && Product::from_name(&config.model).is_none() {
+                let found =
+                    "neither `metadata` nor `host` is named: what is recorded cannot be decoded".to_owned();
+                self.bad(&name, found, "`outrigger sensor info HOST --save-metadata FILE.json` saves them");
+            }
+            return serial;
+        };
+        let text = match record::read_metadata(path) {
+            Ok(text) => text,
+            Err(error) => {
+                let advice = "`outrigger sensor info HOST --save-metadata FILE.json` writes it";
+                self.bad(&name, format!("{error:#}"), advice);
+                return serial;
+            }
+        };
+        let differences = theirs.and_then(|theirs| warnings::of_metadata(&theirs, &text).ok());
+        for warning in differences.unwrap_or_default() {
+            self.bad(&name, warning.text, "save them again, with the sensor as it is to be recorded");
+        }
+        let ours = Metadata::parse(&text, &path.display().to_string()).ok()?;
+        let found = format!("{} {}, {}", ours.product(), ours.serial, path.display());
+        if is_model(&config.model, &ours.product(), &ours.product()) {
+            self.add(&name, State::Ok, found, "");
+        } else {
+            let found = format!("{found}; `model` says {}", config.model);
+            self.bad(&name, found, "correct `model`, or name the metadata of this sensor");
+        }
+        self.metadata.insert(config.name.clone(), text);
+        Some(ours.serial)
+    }
+
+    /// The mount file that recording will keep, and every sensor's seat in it.
+    fn seats(&mut self, config: &Config) {
+        let args: anyhow::Result<record::Args> = section(config, &["record"], |verb| match verb {
+            Verb::Record(args) => Some(args),
+            _ => None,
+        });
+        let seats = match args.map(|args| args.mount.as_deref().map(record::seats)) {
+            Ok(None) => return,
+            Ok(Some(seats)) => seats,
+            Err(error) => Err(error),
+        };
+        let rig = match seats {
+            Ok(seats) => {
+                self.pitches_deg = seats.mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect();
+                seats.rig
+            }
+            Err(error) => {
+                return self.bad(
+                    "mount file",
+                    format!("{error:#}"),
+                    "`outrigger record` will not start with this",
+                );
+            }
+        };
+        let names = || config.sensors.iter().map(|sensor| sensor.name.as_str());
+        let lost: Vec<String> = names()
+            .filter(|name| !is_aside(name, names()))
+            .filter_map(|name| Some(rig.seat(name).err()?.to_string()))
+            .collect();
+        if lost.is_empty() {
+            self.add("mount file", State::Ok, "has a seat for every sensor".to_owned(), "");
+        }
+        for words in lost {
+            self.bad("mount file", words, "a sensor has one name in the rig.toml and in the mount file");
+        }
+    }
+}

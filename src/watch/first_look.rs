@@ -1,0 +1,256 @@
+//! What the first packets of a sensor say against what is known of it: while it can still be mended, not when the recording
+//! is read.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use sensors::ouster::Metadata;
+use sensors::router::{Family, Guess, Routed, Router, Unclaimed};
+use sensors::velodyne::Product;
+use sensors::{Packet, catalogue};
+
+use super::is_model;
+
+/// Packets that tell every product.
+const ENOUGH_PACKETS: u32 = 64;
+
+/// A look at the first packets of one sensor.
+pub struct FirstLook {
+    model: Option<String>,
+    has_metadata: bool,
+    router: Router,
+    packets: u32,
+    taken: u32,
+    /// Pixels in a column of the first Ouster packet, where its length leaves no choice.
+    pixels: Option<usize>,
+    is_done: bool,
+}
+
+impl FirstLook {
+    /// At a sensor that is to be of this model and have these metadata, each with what messages call it.
+    pub fn new(model: Option<String>, metadata: Option<(Metadata, String)>) -> Self {
+        let mut router = Router::new();
+        let has_metadata = metadata.is_some();
+        if let Some((metadata, name)) = metadata {
+            router.add_ouster(metadata, name);
+        }
+        Self { model, has_metadata, router, packets: 0, taken: 0, pixels: None, is_done: false }
+    }
+
+    /// Looks at one more packet. What is wrong is said once, when enough were seen.
+    pub fn take(&mut self, packet: &Packet<'_>) -> Vec<String> {
+        if self.is_done {
+            return Vec::new();
+        }
+        if let (None, Guess::OusterLidar { formats, .. }) = (self.pixels, Guess::of(packet.payload))
+            && let Some((first, others)) = formats.split_first()
+            && others.iter().all(|other| other.pixels_per_column == first.pixels_per_column)
+        {
+            self.pixels = Some(first.pixels_per_column);
+        }
+        let routed = self.router.push(packet, &mut |_, _, _| {});
+        self.taken += u32::from(matches!(routed, Routed::Taken(_)));
+        self.packets += 1;
+        if self.packets < ENOUGH_PACKETS { Vec::new() } else { self.conclude() }
+    }
+
+    /// What is wrong with the packets so far; nothing where that was said already.
+    pub fn conclude(&mut self) -> Vec<String> {
+        if self.is_done || self.packets == 0 {
+            return Vec::new();
+        }
+        self.is_done = true;
+        self.router.finish(&mut |_, _, _| {});
+        self.unread().into_iter().chain(self.other_model()).collect()
+    }
+
+    /// Why packets cannot be decoded, where that is so.
+    fn unread(&self) -> Option<String> {
+        let damage = self.router.sensors().iter().find_map(|sensor| sensor.first_damage());
+        // what comes beside lidar packets may be no one's
+        let matters = |entry: &&Unclaimed| self.taken == 0 || entry.is_ouster_lidar;
+        let stranger = self.router.unclaimed().filter(matters).max_by_key(|entry| entry.packets);
+        let no_metadata = |entry: &Unclaimed| {
+            let whose = entry.serial.map_or(String::new(), |serial| format!(" of serial number {serial}"));
+            format!(
+                "an Ouster{whose} sends, and nothing names its metadata, without which its packets cannot be decoded: \
+                 `outrigger sensor info HOST --save-metadata FILE.json` saves them, `metadata` or `host` of its [[sensor]] \
+                 names them"
+            )
+        };
+        match (stranger, damage) {
+            (Some(entry), _) if entry.needs_metadata && !self.has_metadata => Some(no_metadata(entry)),
+            (Some(entry), _) => Some(format!("its packets cannot be decoded: {}", entry.reason)),
+            (None, Some(damage)) if self.taken == 0 => {
+                Some(format!("its packets cannot be decoded: {damage}"))
+            }
+            (None, _) => None,
+        }
+    }
+
+    /// What sends is not what it was said to be.
+    fn other_model(&self) -> Option<String> {
+        let heard = || self.router.sensors().iter().filter(|sensor| sensor.source().is_some());
+        let Some(said) = self.model.as_deref() else {
+            let stranger = heard().find(|sensor| matches!(sensor.family(), Family::Velodyne(_)));
+            let stranger = stranger.filter(|_| self.has_metadata)?;
+            return Some(format!(
+                "a {} sends, which has no metadata, and some are named",
+                stranger.product()
+            ));
+        };
+        for sensor in heard() {
+            let Some(found) = sensor.model() else { continue };
+            if !is_model(said, &sensor.product(), &found.name) {
+                return Some(format!("a {} sends, `model` says {said}", sensor.product()));
+            }
+        }
+        let channels = catalogue::nominal(said).map(|model| model.channels()).ok();
+        match self.pixels {
+            Some(_) if Product::from_name(said).is_some() => {
+                Some(format!("an Ouster sends, `model` says {said}"))
+            }
+            Some(pixels) if self.taken == 0 && channels != Some(pixels) => {
+                Some(format!("an Ouster of {pixels} channels sends, `model` says {said}"))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// First looks at several sensors, by who receives and for who tells.
+#[derive(Clone)]
+pub struct FirstLooks(Arc<Mutex<Shared>>);
+
+struct Shared {
+    looks: Vec<Option<FirstLook>>,
+    news: Vec<(usize, String)>,
+}
+
+impl FirstLooks {
+    /// One for each sensor of a receiver that is looked at.
+    pub fn new(looks: Vec<Option<FirstLook>>) -> Self {
+        Self(Arc::new(Mutex::new(Shared { looks, news: Vec::new() })))
+    }
+
+    /// Looks at packets, each with its sensor's place in the receiver's list.
+    pub fn take<'a>(&self, packets: impl Iterator<Item = (usize, Packet<'a>)>) {
+        let mut shared = self.lock();
+        let Shared { looks, news } = &mut *shared;
+        for (sensor, packet) in packets {
+            let look = looks.get_mut(sensor).and_then(Option::as_mut);
+            let words = look.map(|look| look.take(&packet)).unwrap_or_default();
+            news.extend(words.into_iter().map(|words| (sensor, words)));
+        }
+    }
+
+    /// What is wrong with which sensor and was not said yet.
+    pub fn news(&self) -> Vec<(usize, String)> {
+        std::mem::take(&mut self.lock().news)
+    }
+
+    /// The same once nothing more comes.
+    pub fn conclude(&self) -> Vec<(usize, String)> {
+        let mut shared = self.lock();
+        let Shared { looks, news } = &mut *shared;
+        for (sensor, look) in looks.iter_mut().enumerate() {
+            let words = look.as_mut().map(FirstLook::conclude).unwrap_or_default();
+            news.extend(words.into_iter().map(|words| (sensor, words)));
+        }
+        std::mem::take(news)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sensors::ouster::{OusterEncoder, Profile, Synthetic};
+    use sensors::velodyne::{Column, ReturnMode, VelodyneEncoder};
+    use sensors::{Frame, Layer};
+
+    use super::*;
+
+    fn metadata(serial: u64) -> Metadata {
+        let profile = Profile::from_name("RNG19_RFL8_SIG16_NIR16").unwrap();
+        Metadata::synthetic(&Synthetic::new("os1-64", serial, profile).columns(1024, 16)).unwrap()
+    }
+
+    /// A revolution of an OS1-64.
+    fn ouster() -> Vec<Vec<u8>> {
+        let (columns, channels) = (1024, 64);
+        let frame = Frame {
+            channels,
+            column_time_ns: (0..columns as u64).map(|column| 5_000_000_000 + column * 97_000).collect(),
+            column_azimuth_rad: vec![0.0; columns],
+            column_valid: vec![true; columns],
+            first: Layer {
+                range_mm: vec![4000; columns * channels],
+                reflectivity: vec![5; columns * channels],
+                ..Layer::default()
+            },
+            ..Frame::default()
+        };
+        let mut packets = Vec::new();
+        OusterEncoder::new(metadata(77)).frame(&frame, &mut |packet| packets.push(packet.to_vec()));
+        packets
+    }
+
+    fn velodyne() -> Vec<Vec<u8>> {
+        let mut encoder = VelodyneEncoder::new(Product::Vlp16, ReturnMode::Strongest);
+        let mut packets = Vec::new();
+        for column in 0..2000_u64 {
+            let column = Column {
+                time_ns: 1_000_000_000 + column * Product::Vlp16.cycle_ns() as u64,
+                azimuth_rad: column as f64 * 0.003,
+                range_mm: &[500; 16],
+                reflectivity: &[9; 16],
+                second: None,
+            };
+            encoder.push_column(column, &mut |_, packet| packets.push(packet.to_vec()));
+        }
+        packets
+    }
+
+    /// What a look at a sensor of this model and these metadata says of packets.
+    fn said(model: Option<&str>, named: Option<Metadata>, packets: &[Vec<u8>]) -> String {
+        let mut look =
+            FirstLook::new(model.map(str::to_owned), named.map(|named| (named, "left.json".into())));
+        let mut words = Vec::new();
+        for payload in packets {
+            let source = std::net::SocketAddr::from(([10, 0, 0, 7], 50_000));
+            let destination = std::net::SocketAddr::from(([10, 0, 0, 9], 7502));
+            let packet = Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload };
+            words.extend(look.take(&packet));
+        }
+        words.extend(look.conclude());
+        words.join("\n")
+    }
+
+    #[test]
+    fn packets_that_fit_are_not_talked_about() {
+        assert_eq!(said(Some("os1-64"), Some(metadata(77)), &ouster()), "");
+        assert_eq!(said(None, Some(metadata(77)), &ouster()), "");
+        assert_eq!(said(Some("puck-lite"), None, &velodyne()), "", "nothing tells it from a VLP-16");
+        assert_eq!(said(Some("os1-64"), None, &[]), "");
+    }
+
+    #[test]
+    fn what_cannot_be_decoded_or_is_another_sensor_is_told_once() {
+        for (model, named, packets, words) in [
+            (Some("os1-64"), None, ouster(), &["of serial number 77", "--save-metadata"][..]),
+            (Some("os1-64"), Some(metadata(5)), ouster(), &["sensor 77", "left.json (5)"]),
+            (Some("os1-128"), Some(metadata(77)), ouster(), &["OS-1-64", "`model` says os1-128"]),
+            (Some("os1-128"), None, ouster(), &["an Ouster of 64 channels sends, `model` says os1-128"]),
+            (Some("vlp-16"), None, ouster(), &["an Ouster sends, `model` says vlp-16"]),
+            (Some("os1-64"), None, velodyne(), &["a vlp-16 sends, `model` says os1-64"]),
+            (None, Some(metadata(77)), velodyne(), &["a vlp-16 sends, which has no metadata"]),
+            (None, None, vec![vec![7; 99]], &["cannot be decoded: no LiDAR packet"]),
+        ] {
+            let found = said(model, named, &packets);
+            assert!(words.iter().all(|words| found.contains(words)), "{words:?}: {found}");
+            assert!(found.lines().count() <= 2, "{found}");
+        }
+    }
+}
