@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 
-use super::{Outcome, output};
+use super::{Context, Outcome, output};
 use crate::files;
 
 const TEMPLATE: &str = include_str!("init/rig.toml");
@@ -21,7 +21,7 @@ pub struct Args {
 }
 
 /// Runs the verb.
-pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let is_file = files::ending(&args.place) == "toml" && !args.place.is_dir();
     let path = if is_file { args.place.clone() } else { args.place.join("rig.toml") };
     let folder = files::folder_of(&path);
@@ -31,6 +31,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     files::write_whole(&path, TEMPLATE.as_bytes())
         .with_context(|| format!("cannot write {}", path.display()))?;
-    output::print_text(&format!("{}\n", path.display()))?;
+    if context.json {
+        output::print_json(&serde_json::json!({ "written": path }))?;
+    } else {
+        output::print_text(&format!("{}\n", path.display()))?;
+    }
     Ok(Outcome::Done)
 }

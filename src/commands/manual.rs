@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::{Arg, ArgAction, Command, CommandFactory};
+use sensors::catalogue;
 
 use super::{Cli, Outcome, output};
 
@@ -25,15 +26,17 @@ Once per LiDAR.
 | key | value | what it is |
 |---|---|---|
 | `name` | text | letters, digits, `.`, `_`, `-`; unique |
-| `model` | text | `os1-64`, `vlp-16`, ...: `outrigger mock sensor --help` names them |
+| `model` | text | one of {models} |
 | `listen` | port or \"address:port\" | where its lidar packets arrive on this host |
 | `listen_aside` | port or \"address:port\" | where its IMU packets (Ouster) or position packets (Velodyne) arrive |
 | `source` | address | take packets from this address only; needed where two sensors share a port |
 | `metadata` | path | of an Ouster, as its web interface gives it |
 | `host` | host or \"host:port\" | its web interface; without `metadata`, recording asks it for them |
 
-Every other section is a verb, and every key in it a flag of that verb with `_` for `-`. `[daemon]` takes the keys about the
-place (`mount`, `scene`, `room`, `trajectory` and what belongs to them) from `[predict]` where it does not say otherwise.
+Every other section is a verb, and every key in it a flag of that verb with `_` for `-`. An array gives a flag several times:
+`limits_deg = [[-50, 50], [-30, 30]]` is `--limits-deg=-50,50 --limits-deg=-30,30`. `[daemon]` takes the keys about the
+place (`mount`, `scene`, `room`, `trajectory` and what belongs to them) from `[predict]` where it does not say otherwise, and
+everything about servos from `[rig]`.
 ";
 
 /// Arguments of `completions`.
@@ -54,13 +57,15 @@ pub fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
 /// Arguments of `man`.
 #[derive(clap::Args, Debug)]
 pub struct ManualArgs {
-    /// The verb whose page it is; without one the page of the program.
-    verb: Option<String>,
+    /// The verb whose page it is, a verb within a verb behind it (`rig apply`, or `rig-apply`); without one the page of the
+    /// program.
+    #[arg(value_name = "VERB")]
+    verbs: Vec<String>,
     /// Every key of rig.toml instead, as Markdown.
-    #[arg(long, conflicts_with = "verb")]
+    #[arg(long, conflicts_with = "verbs")]
     keys: bool,
     /// Write every page into this folder instead, one file each, for packages.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["verb", "keys"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["verbs", "keys"])]
     pages: Option<PathBuf>,
 }
 
@@ -72,23 +77,36 @@ pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
     }
     program.build(); // names verbs as they are called
     if args.keys {
-        let mut page = OF_SENSORS.to_owned();
-        program.get_subcommands().for_each(|verb| keys(verb, "", &mut page));
+        let models: Vec<String> = catalogue::names().iter().map(|name| format!("`{name}`")).collect();
+        let mut page = OF_SENSORS.replace("{models}", &models.join(", "));
+        program.get_subcommands().for_each(|verb| keys(verb, "", &[], &mut page));
         output::print_text(&page)?;
         return Ok(Outcome::Done);
     }
-    let page = match &args.verb {
-        None => program,
-        Some(verb) => {
-            let verbs: Vec<&str> = program.get_subcommands().map(clap::Command::get_name).collect();
-            let found = program.find_subcommand(verb);
-            found.with_context(|| format!("no verb {verb:?}: there are {}", verbs.join(", ")))?.clone()
-        }
-    };
+    let page = page_of(&program, &args.verbs.join("-").replace(' ', "-"))?.clone();
     let mut text = Vec::new();
     clap_mangen::Man::new(page).render(&mut text)?;
     output::print_text(&String::from_utf8(text)?)?;
     Ok(Outcome::Done)
+}
+
+/// The verb of a page; a page names those of the verbs within a verb with a dash: outrigger-rig-apply(1).
+fn page_of<'a>(above: &'a Command, name: &str) -> anyhow::Result<&'a Command> {
+    if name.is_empty() {
+        return Ok(above);
+    }
+    let within = above.get_subcommands().find_map(|verb| match name.strip_prefix(verb.get_name())? {
+        "" => Some((verb, "")),
+        rest => Some((verb, rest.strip_prefix('-')?)),
+    });
+    let (verb, rest) = within.with_context(|| {
+        let known: Vec<&str> = above.get_subcommands().map(Command::get_name).collect();
+        match &known[..] {
+            [] => format!("no verb {name:?} within {}: it has none", above.get_name()),
+            known => format!("no verb {name:?}: there are {}", known.join(", ")),
+        }
+    })?;
+    page_of(verb, rest)
 }
 
 /// outrigger.1, outrigger-VERB.1 and so on into a folder.
@@ -99,17 +117,21 @@ fn pages(program: Command, folder: &Path) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// The sections of a verb and of the verbs within it.
-fn keys(verb: &Command, above: &str, page: &mut String) {
+/// The sections of a verb and of the verbs within it, to which the keys of those above are handed down.
+fn keys(verb: &Command, above: &str, handed_down: &[&str], page: &mut String) {
     let name = format!("{above}{}", verb.get_name());
-    let own = |arg: &&Arg| arg.get_long().is_some() && !arg.is_global_set() && !is_meta(arg);
+    let own = |arg: &&Arg| {
+        arg.get_long().is_some() && !is_meta(arg) && !handed_down.contains(&arg.get_id().as_str())
+    };
     let args: Vec<&Arg> = verb.get_arguments().filter(own).collect();
     if !args.is_empty() {
         let _ =
             write!(page, "\n## `[{name}]`\n\n| key | value | default | what it is |\n|---|---|---|---|\n");
         args.iter().for_each(|arg| row(arg, page));
     }
-    verb.get_subcommands().for_each(|within| keys(within, &format!("{name}."), page));
+    let global = args.iter().filter(|arg| arg.is_global_set()).map(|arg| arg.get_id().as_str());
+    let handed_down: Vec<&str> = handed_down.iter().copied().chain(global).collect();
+    verb.get_subcommands().for_each(|within| keys(within, &format!("{name}."), &handed_down, page));
 }
 
 fn is_meta(arg: &Arg) -> bool {

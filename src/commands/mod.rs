@@ -100,7 +100,7 @@ enum Verb {
     Mock(mock::Args),
     /// Print a completion script for a shell.
     Completions(manual::CompletionsArgs),
-    /// Print a manual page: the program's, or a verb's.
+    /// Print a manual page: the program's, a verb's, or that of a verb within a verb.
     Man(manual::ManualArgs),
 }
 
@@ -157,7 +157,7 @@ impl Cli {
         let outcome = match self.verb {
             Verb::Demo(args) => demo::run(&args, context),
             Verb::Doctor(args) => doctor::run(&args, context),
-            Verb::Init(args) => init::run(&args),
+            Verb::Init(args) => init::run(&args, context),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
