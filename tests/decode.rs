@@ -169,10 +169,7 @@ fn frames_are_selected() {
     let (code, _, said) =
         decode(&path(OS1), &[&path(OS1_META)], &["--frames", "9", "--out", out.to_str().unwrap()]);
     assert_eq!((code, out.exists()), (1, false));
-    assert!(
-        said.contains("--frames 9..10: the recording has fewer, counted from 0: 3 of os-1-128"),
-        "{said}"
-    );
+    assert!(said.contains("--frames 9: the recording has fewer, counted from 0: 3 of os-1-128"), "{said}");
     let output =
         outrigger(&["decode", &path(OS1), "--meta", &path(OS1_META), "--format", "csv", "--out", "-"]);
     let said = String::from_utf8_lossy(&output.stderr);
@@ -186,7 +183,7 @@ fn an_hdl_64e_says_how_it_is_calibrated() {
     assert_eq!(document["sensors"][0]["beams"], "as the unit says of itself");
     let theirs = digest(&HDL64.replace(".pcap", ".digest.json"));
     let frames = document["sensors"][0]["frames"].as_array().unwrap();
-    assert!(frames.len() > 10);
+    assert!(frames.len() > 5);
     for (ours, theirs) in frames.iter().zip(theirs["frames"].as_array().unwrap()) {
         assert_eq!(ours["points"], theirs["points"]);
         for (axis, name) in ["x", "y", "z"].iter().enumerate() {
@@ -225,7 +222,7 @@ fn calibrations_that_serve_nobody_are_told() {
             VLP16,
             vec![],
             &elsewhere,
-            "is not used: no Velodyne sends from 10.9.8.7; there is one from 192.168",
+            "is not used: no Velodyne sends from 10.9.8.7; there is one from 10.0.0.100",
         ),
         (OS1, vec![path(OS1_META)], &right, "is not used: no Velodyne is in the recording"),
     ] {
@@ -240,7 +237,7 @@ fn calibrations_that_serve_nobody_are_told() {
     assert_eq!(document["sensors"][0]["beams"], format!("as {right} says"));
     let (code, _, said) = decode(&path(VLP16), &[], &["--calibration", &wrong]);
     assert_eq!(code, 1);
-    assert!(said.contains(&format!("{wrong}, given for the vlp-16 from 192.168.")), "{said}");
+    assert!(said.contains(&format!("{wrong}, given for the vlp-16 from 10.0.0.100")), "{said}");
     assert!(said.contains("32 given, a vlp-16 has 16"), "{said}");
 }
 

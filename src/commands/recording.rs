@@ -161,7 +161,8 @@ impl Recording {
         for calibration in &self.calibrations {
             router.add_calibration(calibration.clone());
         }
-        if !self.is_standard_input() {
+        // a pipe can be read but once
+        if self.path.is_file() {
             let mut reader = CaptureReader::open(&self.path)?;
             // damage is found again, and reported, when the packets are decoded
             for looked_at in 1..=LEARN_PACKETS {

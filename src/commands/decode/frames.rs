@@ -27,6 +27,7 @@ impl fmt::Display for FrameRange {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self { first, end: u64::MAX } => write!(out, "{first}.."),
+            Self { first, end } if *end == first + 1 => write!(out, "{first}"),
             Self { first, end } => write!(out, "{first}..{end}"),
         }
     }
