@@ -326,15 +326,16 @@ fn the_rig_speaks_through_a_can_adapter() {
 fn bought_servos_are_a_rig_too() {
     let mock = MockDynamixel::start(14).unwrap();
     // which of them is axis 0 is a matter of wiring
+    let other = MockDynamixel::start(14).unwrap();
     let crossed =
-        Rig::connect_with(format!("dynamixel:{}@57600:2,1", mock.path().display()), patient()).unwrap();
+        Rig::connect_with(format!("dynamixel:{}@57600:2,1", other.path().display()), patient()).unwrap();
     let begins = crossed.status().unwrap();
     for (axis, wanted_rad) in begins.axes.iter().zip([0.1f64, 0.05]) {
         let (source, position_deg) = (axis.source.as_str(), axis.position_deg);
         assert!(source == "measured" && (position_deg - wanted_rad.to_degrees()).abs() < 0.3, "{begins:?}");
     }
     crossed.arm().unwrap();
-    drop(crossed);
+    drop((crossed, other));
     let address = format!("dynamixel:{}@1000000:1,2", mock.path().display());
     let rig = Rig::connect_with(&address, patient()).unwrap();
     let start = rig.status().unwrap();
