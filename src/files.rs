@@ -18,8 +18,10 @@ pub fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
 
 /// Without the name of the temporary file, which tells a user nothing.
 fn as_the_system_says(error: io::Error) -> io::Error {
-    let inner = error.get_ref().and_then(|error| error.source()?.downcast_ref::<io::Error>()?.raw_os_error());
-    inner.map_or(error, io::Error::from_raw_os_error)
+    match error.to_string().split_once(" at path ") {
+        Some((said, _)) => io::Error::new(error.kind(), said.to_owned()),
+        None => error,
+    }
 }
 
 /// Looks whether a file could be put under its name, before the work is done that it is to hold.

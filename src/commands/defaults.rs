@@ -40,12 +40,15 @@ pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> R
             })?;
         }
         let typed = typed.as_ref().and_then(|matches| within(matches, &section.verb));
+        let choices = choices(verb);
         for setting in &section.settings {
             let id = find(verb, &section, setting, config)?;
-            let alternatives = alternatives(verb, &id);
+            let mine = || choices.iter().filter(|choice| choice.members.contains(&id));
+            let alternatives: Vec<&clap::Id> =
+                mine().flat_map(|choice| &choice.members).filter(|other| **other != id).collect();
             if let Some(other) = section.settings.iter().find(|other| {
                 other.line < setting.line
-                    && find(verb, &section, other, config).is_ok_and(|other| alternatives.contains(&other))
+                    && find(verb, &section, other, config).is_ok_and(|other| alternatives.contains(&&other))
             }) {
                 let reason = format!(
                     "`{}` and `{}` of line {} exclude each other",
@@ -56,9 +59,9 @@ pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> R
             if typed.is_some_and(|typed| alternatives.iter().any(|other| is_typed(typed, other))) {
                 continue;
             }
-            for group in groups_of(verb, &id) {
+            for choice in mine() {
                 let taken = std::mem::take(verb);
-                *verb = taken.mut_group(group, |group| group.required(false));
+                *verb = taken.mut_group(&choice.group, |group| group.required(false));
             }
             let taken = std::mem::take(verb);
             let folder = crate::files::folder_of(&config.path);
@@ -80,18 +83,21 @@ fn is_typed(matches: &ArgMatches, id: &clap::Id) -> bool {
     matches!(source, Some(ValueSource::CommandLine | ValueSource::EnvVariable))
 }
 
-/// Groups that an argument is one of, of which one at most may be given.
-fn groups_of(verb: &Command, id: &clap::Id) -> Vec<clap::Id> {
-    let of_one =
-        |group: &&clap::ArgGroup| group.get_args().any(|arg| arg == id) && !(*group).clone().is_multiple();
-    verb.get_groups().filter(of_one).map(|group| group.get_id().clone()).collect()
+/// Arguments of which one at most may be given.
+struct Choice {
+    group: clap::Id,
+    members: Vec<clap::Id>,
 }
 
-/// The arguments that an argument excludes.
-fn alternatives(verb: &Command, id: &clap::Id) -> Vec<clap::Id> {
-    let groups = groups_of(verb, id);
-    let members = verb.get_groups().filter(|group| groups.contains(group.get_id()));
-    members.flat_map(clap::ArgGroup::get_args).filter(|other| *other != id).cloned().collect()
+fn choices(verb: &Command) -> Vec<Choice> {
+    let mut built = verb.clone();
+    built.build(); // until then a group does not know the arguments that name it
+    let groups = built.get_groups().filter(|group| !(*group).clone().is_multiple());
+    let choice = |group: &clap::ArgGroup| Choice {
+        group: group.get_id().clone(),
+        members: group.get_args().cloned().collect(),
+    };
+    groups.map(choice).collect()
 }
 
 /// Keys that a verb takes from another's section where its own does not say otherwise.
