@@ -129,7 +129,8 @@ fn of_metadata_of_one_unit_the_one_that_fits_counts() {
     let advice = lines(&document, "advice");
     assert!(advice.contains("set differently") && advice.contains("crc_test.json lies beside"), "{advice}");
     assert_eq!(advice.matches("lies beside").count(), 1, "only what fits is proposed: {advice}");
-    std::fs::write(&other, text.replacen("\"1024x10\"", "\"512x10\"", 1).replacen("1024", "512", 1)).unwrap();
+    let mode = |text: &str| text.replace("512x10", "1024x10").replace("_frame\": 512", "_frame\": 1024");
+    std::fs::write(&other, mode(&text)).unwrap();
     let both = Command::new(env!("CARGO_BIN_EXE_outrigger"))
         .args(["inspect".as_ref(), capture.as_os_str(), "--meta".as_ref(), fits.as_os_str()])
         .arg("--meta")

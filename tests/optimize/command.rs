@@ -169,7 +169,6 @@ pub fn a_servo_s_steps_and_limits_are_kept() {
         (&["--tilt-step", "0"][..], "--tilt-step"),
         (&["--tilt-step", "7", "--pitch-limits", "1,6"], "no multiple of 7"),
         (&["--masters-min", "3", "--masters-max", "2"], "--masters-min 3"),
-        (&["--pitch-limits", "9,3"], "bounds 9 to 3"),
         (&["--robust", "worst", "--tolerance", "-1,0"], "tolerance -1"),
     ] {
         let output = outrigger(&[&["optimize", "--preset", "paper-vlp-16", "--evals", "5"], bad].concat());
