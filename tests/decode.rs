@@ -161,6 +161,15 @@ fn frames_are_selected() {
     assert_eq!(code, 0);
     assert_eq!(one["sensors"][0]["frames"][0], all["sensors"][0]["frames"][1]);
     assert_eq!(one["sensors"][0]["totals"]["frames"], 1);
+    // the rig.toml names the metadata
+    let rig = tempfile::tempdir().unwrap();
+    let config = rig.path().join("rig.toml");
+    let sensor =
+        format!("{{ name = \"a\", model = \"os1-128\", listen = 7502, metadata = \"{}\" }}", path(OS1_META));
+    std::fs::write(&config, format!("format = \"outrigger-rig/1\"\nsensor = [{sensor}]\n")).unwrap();
+    let (code, named, said) = decode(&path(OS1), &[], &["--config", config.to_str().unwrap()]);
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(named["sensors"][0]["frames"], all["sensors"][0]["frames"]);
     let output = outrigger(&["decode", &path(OS1), "--frames", "3..3"]);
     assert_eq!(output.status.code(), Some(2));
     // frames that are not there: nothing is written, and that is said

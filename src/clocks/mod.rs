@@ -290,7 +290,9 @@ impl ClockReport {
         }
         if let Some(last) = self.jumps.last() {
             let count = self.jump_count;
-            text.push_str(&format!("; jumped {count} times, last by {:.3} s", last.change_s));
+            let times = if count == 1 { "once" } else { &format!("{count} times") };
+            let way = if last.change_s > 0.0 { "back" } else { "ahead" }; // host less device
+            text.push_str(&format!("; jumped {times}, last {way} by {:.3} s", last.change_s.abs()));
         }
         if self.steps_back > 0 {
             text.push_str(&format!("; ran backwards {} times", self.steps_back));

@@ -10,6 +10,7 @@ use sensors::router::{GivenCalibration, Router};
 use sensors::velodyne::Calibration;
 use tempfile::NamedTempFile;
 
+use crate::config::Config;
 use crate::record::{Manifest, Session};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
@@ -35,7 +36,7 @@ pub struct Recording {
 }
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
-#[derive(clap::Args, Debug, Default)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub struct SensorArgs {
     /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none.
     #[arg(long = "meta", value_name = "META.json")]
@@ -46,6 +47,16 @@ pub struct SensorArgs {
 }
 
 impl SensorArgs {
+    /// With the metadata of the rig.toml's sensors, where none are typed and the capture is no session, which has its own.
+    pub fn or_of(&self, config: Option<&Config>, capture: &Path) -> Self {
+        let mut sensors = self.clone();
+        if sensors.meta.is_empty() && !Session::is_session(capture) {
+            let named = config.into_iter().flat_map(|config| &config.sensors);
+            sensors.meta.extend(named.filter_map(|sensor| sensor.metadata.clone()));
+        }
+        sensors
+    }
+
     /// The calibrations, read.
     pub fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
         self.calibration.iter().map(|text| calibration(text)).collect()

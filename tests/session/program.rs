@@ -304,6 +304,20 @@ pub fn what_record_keeps_is_enough_to_compare() {
         (&coverage["recorded"], &document["faults"]),
         (&coverage["as_driven"], &serde_json::json!([]))
     );
+    // inspect holds every file against the manifest
+    let inspected = || outrigger().arg("inspect").arg(&dir).output().unwrap();
+    assert_eq!(inspected().status.code(), Some(0));
+    let mount = std::fs::read_to_string(dir.join("mount.json")).unwrap();
+    std::fs::write(dir.join("mount.json"), mount.replacen("20", "21", 1)).unwrap();
+    let output = inspected();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.code() == Some(3) && text.contains("mount.json"), "{text}");
+    std::fs::remove_file(dir.join("mount.json")).unwrap();
+    assert!(String::from_utf8_lossy(&inspected().stdout).contains("mount.json"));
+    std::fs::write(dir.join("manifest.json"), "garbage").unwrap();
+    let output = inspected();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("manifest.json"), "{said}");
 }
 
 pub fn has_tshark() -> bool {

@@ -55,7 +55,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors)?;
+    let recording = Recording::open(&args.capture, &args.sensors.or_of(context.config, &args.capture))?;
     let mut output = Output::new(args, &recording)?;
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();

@@ -30,13 +30,14 @@ pub struct Document {
 }
 
 impl Document {
-    /// Puts together what was seen.
+    /// Puts together what was seen; `damage` is what a session's files are not as they were.
     pub fn new(
         recording: &Recording,
         router: &Router,
         flows: &Flows,
         watches: &[Watch],
         ending: &Ending,
+        damage: Vec<String>,
     ) -> Self {
         let none = Watch::default();
         let ids = sensor_ids::ids(router);
@@ -47,6 +48,7 @@ impl Document {
             .map(|(at, sensor)| watches.get(at).unwrap_or(&none).report(ids[at].clone(), sensor))
             .collect();
         let mut losses = ending.losses();
+        losses.extend(damage.into_iter().filter(|words| !ending.losses().contains(words)));
         for sensor in &sensors {
             losses.extend(unread::sensor_losses(&sensor.id, &sensor.counters));
         }

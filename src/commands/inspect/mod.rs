@@ -10,6 +10,7 @@ use self::flows::Flows;
 use super::output::{print_json, print_text};
 use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome};
+use crate::record::Session;
 use crate::watch::Watch;
 
 const EXIT_CODES: &str = "\
@@ -29,7 +30,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors)?;
+    let recording = Recording::open(&args.capture, &args.sensors.or_of(context.config, &args.capture))?;
     let mut router = recording.router()?;
     let mut flows = Flows::default();
     let mut watches: Vec<Watch> = Vec::new();
@@ -45,7 +46,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Ok(())
     })?;
     router.finish(&mut take);
-    let document = Document::new(&recording, &router, &flows, &watches, &ending);
+    // a session knows what its files held
+    let damage = match Session::is_session(&args.capture) {
+        true => Session::open(&args.capture)?.problems().to_vec(),
+        false => Vec::new(),
+    };
+    let document = Document::new(&recording, &router, &flows, &watches, &ending, damage);
     if context.json {
         print_json(&document)?;
     } else {
