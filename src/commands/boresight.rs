@@ -24,9 +24,11 @@ const NOTABLE_DEG: f64 = 0.1;
 /// Arguments of `boresight`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \n\
-                  time. What is left over tells how the first sits to the second beside what the mount file says; no model \n\
-                  of the scene is needed, and an error of the trajectory that both share cancels. Nothing is changed.\n\
+    after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \
+                  time. What is left over tells how the first sits to the second beside what the mount file says; no model \
+                  of the scene is needed, and an error of the trajectory that both share cancels. Turns and shifts are those of \
+                  the first sensor about the axes of the mount frame (x right, y forward, z up) as the second one sees it: where \
+                  the second is the one that is turned, the first seems shifted by as much as that turn moves it. Nothing is changed.\n\
                   Exit codes: 0 the sensors sit as said, 1 failed, 3 they do not, it cannot be told, or data was lost."
 )]
 pub struct Args {

@@ -32,8 +32,8 @@ const SPARE: f64 = 1.2;
 /// Arguments of `doctor`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Nothing moves and nothing is changed. With --config every file that it names is read, every sensor's port is opened\n\
-                  and its first packets are held against `model` and `metadata`, every `host` is asked how it is, and the rig's\n\
+    after_help = "Nothing moves and nothing is changed. With --config every file that it names is read, every sensor's port is opened \
+                  and its first packets are held against `model` and `metadata`, every `host` is asked how it is, and the rig's \
                   port for its state.\n\
                   Exit codes: 0 ready, 1 failed, 3 something must be mended."
 )]

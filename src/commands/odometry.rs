@@ -20,10 +20,10 @@ use crate::trajectory::Trajectory;
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "The world is the body at the first return. A recording of several sensors needs their mounts; with one \n\
-                  sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \n\
-                  before (iterated closest points, each return at its own time). Where the surfaces leave a direction \n\
-                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a way is \n\
+    after_help = "The world is the body at the first return. A recording of several sensors needs their mounts; with one \
+                  sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
+                  before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
+                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a way is \
                   no measurement there.\n\
                   Exit codes: 0 done, 1 failed, 3 done, but data was lost."
 )]

@@ -13,7 +13,7 @@ use super::signals::Wishes;
 use super::{Context, Outcome, output};
 use crate::config::{SensorConfig, Stream};
 use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
-use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, is_aside};
+use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, aside_of, is_aside};
 use crate::rig::{CalibrationFile, MountFile, Rig};
 use crate::setup::{Sensor, warnings};
 use crate::watch::{FirstLook, FirstLooks};
@@ -68,6 +68,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for (sensor, listen) in listens.iter().enumerate() {
         say(&format!("{}: listening on {}", listen.name, receiver.address(sensor)));
     }
+    for (listen, text) in listens.iter().zip(&metadata) {
+        text.iter().filter_map(|text| unheard_imu(listen, text, &listens)).for_each(|note| say(&note));
+    }
     let infos: Vec<SensorInfo> = listens
         .iter()
         .zip(metadata)
@@ -118,6 +121,16 @@ pub(super) struct Seats {
 pub(super) fn seats(path: &Path) -> anyhow::Result<Seats> {
     let mount = MountFile::read(path)?;
     Ok(Seats { rig: mount.rig()?, calibrations: mount.calibration_files()?, mount })
+}
+
+/// Inertial packets that go where nobody listens.
+fn unheard_imu(listen: &Listen, metadata: &str, listens: &[Listen]) -> Option<String> {
+    let port = Metadata::parse(metadata, &listen.name).ok()?.imu_port?;
+    let is_heard = listens.iter().any(|other| other.address.port() == port);
+    (!is_heard).then(|| {
+        let (name, aside) = (&listen.name, aside_of(&listen.name));
+        format!("note: {name}: inertial packets go to port {port} and are not recorded (--listen {aside}={port}, or listen_aside)")
+    })
 }
 
 /// What nobody knows the seat of is recorded all the same.

@@ -134,6 +134,15 @@ impl Recording {
         crate::files::is_same(path, &self.path)
     }
 
+    /// The session that the file was taken out of, without what belongs to it.
+    pub fn session_around(&self) -> Option<&Path> {
+        let folder = self.path.parent().filter(|folder| Session::is_session(folder));
+        let has_metadata = |folder: &&Path| {
+            json_files(&folder.join(crate::record::file::METADATA)).is_ok_and(|files| !files.is_empty())
+        };
+        folder.filter(|_| self.metadata.is_empty()).filter(has_metadata)
+    }
+
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
     /// of one of these lengths, where any is known, and not among those given.
     pub fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {

@@ -31,9 +31,9 @@ const STANDS: f64 = 0.05;
 /// Arguments of `stand`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Put the rig on firm ground where floor and walls are in sight, record with the daemon, and drive each axis \n\
-                  through settings over its range and back, two to five seconds each. The points of every setting are laid \n\
-                  into the planes of the middle one: by how much the sensor turned beside what its axis measured, how far it \n\
+    after_help = "Put the rig on firm ground where floor and walls are in sight, record with the daemon, and drive each axis \
+                  through settings over its range and back, two to five seconds each. The points of every setting are laid \
+                  into the planes of the middle one: by how much the sensor turned beside what its axis measured, how far it \
                   lags when it comes from the other side, and where the servo's axis lies. Nothing is changed.\n\
                   Exit codes: 0 the axes do as they measure, 1 failed, 3 they do not, it cannot be told, or data was lost."
 )]

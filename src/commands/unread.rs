@@ -35,6 +35,13 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
             );
         }
     }
+    if let Some(session) = recording.session_around() {
+        let _ = write!(
+            text,
+            "\n  it lies in the session {}, which has metadata: give that folder",
+            session.display()
+        );
+    }
     for (count, what) in oddities(counters) {
         let _ = write!(text, "\n  {count} {what}");
     }

@@ -104,7 +104,10 @@ fn readings(sensors: &[MountedSensor]) -> Vec<Reading> {
             if sensors[first].model.channels() != sensors[second].model.channels() {
                 continue;
             }
-            let words = format!("{} and {} are swapped", sensors[first].name, sensors[second].name);
+            let words = format!(
+                "{} and {} are swapped (of a capture the order of --meta says which is which)",
+                sensors[first].name, sensors[second].name
+            );
             let mut reading = Reading::named(sensors, "swapped_sensors", &[first, second], words);
             reading.seat.swap(first, second);
             readings.push(reading);

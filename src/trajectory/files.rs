@@ -99,7 +99,13 @@ impl Trajectory {
             let _ = writeln!(
                 text,
                 "{seconds}.{nanoseconds:09} {} {} {} {} {} {} {}",
-                t.x, t.y, t.z, q.x, q.y, q.z, q.w
+                exact(t.x),
+                exact(t.y),
+                exact(t.z),
+                exact(q.x),
+                exact(q.y),
+                exact(q.z),
+                exact(q.w)
             );
         }
         text
@@ -113,10 +119,20 @@ impl Trajectory {
             for row in 0..3 {
                 let r = rotation.row(row);
                 let end = if row == 2 { "\n" } else { " " };
-                let _ = write!(text, "{} {} {} {}{end}", r.x, r.y, r.z, pose.translation_m[row]);
+                let [x, y, z, t] = [r.x, r.y, r.z, pose.translation_m[row]].map(exact);
+                let _ = write!(text, "{x} {y} {z} {t}{end}");
             }
         }
         text
+    }
+}
+
+/// A number that reads back to the same, without a minus before nothing or a tail of zeros.
+fn exact(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".into(),
+        small if small < 1e-6 => format!("{value:e}"),
+        _ => value.to_string(),
     }
 }
 

@@ -47,8 +47,8 @@ const SETTLE_EVERY: u64 = 16;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
-    after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \n\
-                  its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \n\
+    after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \
+                  its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
                   Exit codes: 0 the recording matches, 1 failed, 3 it differs, cannot tell, or data was lost."
 )]

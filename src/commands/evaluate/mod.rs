@@ -33,13 +33,13 @@ const MOST_BLIND_SPOTS: usize = 10;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("mounts").required(true),
-    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\",\n\
-                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective,\n\
-                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are\n\
-                  scored as they are, mirrored ones being listed, each as the model that it is; its preset (several\n\
-                  with commas between them) holds where --preset is not given. calibrations: {name: file} names the\n\
+    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\", \
+                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective, \
+                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are \
+                  scored as they are, mirrored ones being listed, each as the model that it is; its preset (several \
+                  with commas between them) holds where --preset is not given. calibrations: {name: file} names the \
                   calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
-                  Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where\n\
+                  Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where \
                   the middle of the mounts is."
 )]
 pub struct Args {

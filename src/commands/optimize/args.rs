@@ -11,7 +11,7 @@ use crate::robustness::Criterion;
 /// Arguments of `optimize`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Methods stop when their evaluations are used up; without --evals they run as published and stop by the\n\
+    after_help = "Methods stop when their evaluations are used up; without --evals they run as published and stop by the \
                   published rules. Ctrl-C keeps the best mount so far; with --resume the search goes on from there."
 )]
 pub struct Args {

@@ -1,6 +1,7 @@
 //! What `optimize` says of the mount that it gives, on the screen and in the report.
 
 use super::{Best, Document, Proved, StoppedBy, final_look, refine};
+use crate::chart::number;
 
 /// The document for people.
 pub fn text(document: &Document) -> String {
@@ -59,8 +60,10 @@ pub fn verdicts(document: &Document) -> Vec<(&'static str, String)> {
         evaluation.violations.iter().map(|violation| ("allowed", format!("no: {violation}"))).collect();
     if let Some(bound) = document.bound {
         let more = bound - evaluation.objective;
-        verdicts
-            .push(("bound", format!("no mount can score above {bound:.1}, {more:.1} more than this one")));
+        verdicts.push((
+            "bound",
+            format!("no mount can score above {}, {} more than this one", number(bound, 1), number(more, 1)),
+        ));
     }
     if let Some(Proved { certificate, wall_s }) = &document.certificate {
         let words = format!(

@@ -30,11 +30,11 @@ use crate::trajectory::Trajectory;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
-    after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \n\
-                  flat walls of the scene's bounds; those of a map are its cells. The coverage file is a PLY cloud of voxel centres, in metres, with one \n\
+    after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \
+                  flat walls of the scene's bounds; those of a map are its cells. The coverage file is a PLY cloud of voxel centres, in metres, with one \
                   bit per sensor; its header says the grid.\n\n\
-                  Each sensor is of the model that the mount file names, as calibrated where calibrations or --sensor name \n\
-                  a file. Beside the rig stand one level sensor and the best single one (pitch in steps of 5 degrees, \n\
+                  Each sensor is of the model that the mount file names, as calibrated where calibrations or --sensor name \
+                  a file. Beside the rig stand one level sensor and the best single one (pitch in steps of 5 degrees, \
                   searched on about 24 revolutions), of the rig's model with the most channels."
 )]
 pub struct Args {

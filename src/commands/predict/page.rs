@@ -91,7 +91,7 @@ fn surface(report: &mut Report, document: &Document) {
         rows.push(std::iter::once(name.to_owned()).chain(covered).collect());
     }
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
-    report.paragraph(&format!("{}.", surface.mesh.words()));
+    report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
     report.paragraph(&format!(
         "{:.2} % of the surface can be seen from the way at all.",
         100.0 * surface.observable_share

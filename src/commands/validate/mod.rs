@@ -21,10 +21,10 @@ use crate::rig::UnitChoice;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("placed").required(true),
-    after_help = "An ideal sensor is cast along the trajectory: every beam from the sensor's origin at its elevation (nominal, or \n\
-                  as calibrated), columns evenly spaced, no noise. A surface sample is covered when some return lies within \n\
-                  the threshold. Beside the mounts stand one level sensor and the best single one (pitch in steps of 5 \n\
-                  degrees, searched on about 24 revolutions), of the model with the most channels, and the first of several\n\
+    after_help = "An ideal sensor is cast along the trajectory: every beam from the sensor's origin at its elevation (nominal, or \
+                  as calibrated), columns evenly spaced, no noise. A surface sample is covered when some return lies within \
+                  the threshold. Beside the mounts stand one level sensor and the best single one (pitch in steps of 5 \
+                  degrees, searched on about 24 revolutions), of the model with the most channels, and the first of several \
                   mounts without the others."
 )]
 pub struct Args {
