@@ -137,7 +137,7 @@ def feetech(program):
         expect("not homed", [axis["homed"] for axis in status["axes"]], [False, False])
         expect("supply", status["axes"][0]["supply_mv"], 12100)
         expect("torque before arming", [servo.get("torque_enable") for servo in servos.servos], [0, 0])
-        expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "rig home --arm")
+        expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "say --home")
         expect("still where they were", [servo.get("present_position") for servo in servos.servos], [2048, 2048])
         expect_moves(program, port, servos)
         servos.servos[1].error = 0x20
@@ -197,7 +197,7 @@ def check_drives(program, port, tell):
     status = rig(program, port, "status")
     expect_at(status, [5.0, 5.0])
     expect("supply and current", (status["axes"][0]["supply_mv"], status["axes"][0]["current_ma"]), (24000, 100))
-    expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "rig home --arm")
+    expect_said("not homed", rig(program, port, "set", "20", "-20", "--arm", code=1), "say --home")
     expect_at(rig(program, port, "status"), [5.0, 5.0])
     expect_at(rig(program, port, "set", "20", "-20", "--home", "--arm"), [20.0, -20.0])
     tell(2, "fault")
@@ -214,7 +214,7 @@ def check_drives(program, port, tell):
     said = mover.communicate(timeout=60)[1]
     expect_said("restart on the way", said, "encoder_invalid", "axis 0")
     expect("exit status", mover.returncode, 1)
-    expect_said("nothing is homed", rig(program, port, "set", "0", "0", "--arm", code=1), "rig home --arm")
+    expect_said("nothing is homed", rig(program, port, "set", "0", "0", "--arm", code=1), "say --home")
     expect_at(rig(program, port, "set", "0", "0", "--home", "--arm"), [0.0, 0.0])
     tell(1, "silence")
     expect_said("silence", rig(program, port, "status", code=1), "node 1", "no answer")
