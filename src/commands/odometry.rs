@@ -101,6 +101,7 @@ pub struct Way {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
+    output::check_places([&args.out, &args.kitti])?;
     for out in args.out.iter().chain(&args.kitti) {
         args.recorded.spare(out)?;
     }
