@@ -153,10 +153,8 @@ impl Recording {
             let name = path.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
             name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
         };
-        let given: Vec<PathBuf> =
-            self.metadata.iter().filter_map(|(_, name)| std::fs::canonicalize(name).ok()).collect();
         let describes = |path: &PathBuf| {
-            if std::fs::canonicalize(path).is_ok_and(|path| given.contains(&path)) {
+            if self.metadata.iter().any(|(_, given)| crate::files::is_same(path, Path::new(given))) {
                 return false;
             }
             let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
