@@ -152,7 +152,7 @@ pub fn lane(watch: &Watch, gate: &Gate, feeds: &[Feed; 3], disk: &Path, program:
             watch.explained("disk nearly full", "recorder", |status| {
                 has(status, "recorder", "disk_full") && status["recorder"]["recording"] == false
             });
-            watch.log.lose_data(); // a recording that nobody ended
+            watch.log.fill_disk();
             std::fs::remove_file(ballast).unwrap();
         } else {
             let stop = || (order(watch, "/api/v1/recording/stop"), counts(), foreign());

@@ -1,7 +1,7 @@
 //! The daemon's newest state, what went wrong, and what it takes, for all lanes.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -29,6 +29,7 @@ pub struct Log {
     usage: Mutex<Vec<[f64; 3]>>,
     sessions: Mutex<(u64, u64)>,
     data_was_lost: AtomicBool,
+    full_disks: AtomicU64,
 }
 
 /// The daemon's state for all lanes.
@@ -149,6 +150,27 @@ impl Log {
 
     pub fn data_was_lost(&self) -> bool {
         self.data_was_lost.load(Ordering::Relaxed)
+    }
+
+    /// A recording ended early because the disk was filled: data is lost, and the daemon's log must call it an error.
+    pub fn fill_disk(&self) {
+        self.lose_data();
+        self.full_disks.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Judges what the daemon wrote: one error for each disk that was filled, and nothing else of that weight.
+    pub fn read(&self, said: &str) {
+        let (full, others): (Vec<&str>, Vec<&str>) = said
+            .lines()
+            .filter(|line| line.contains("panicked") || line.contains("ERROR"))
+            .partition(|line| line.contains("event=\"disk_full\""));
+        for line in others {
+            self.fail(format!("the daemon's log: {line}"));
+        }
+        let filled = self.full_disks.load(Ordering::Relaxed);
+        if full.len() as u64 != filled {
+            self.fail(format!("the disk was filled {filled} times, the daemon's log says so {} times", full.len()));
+        }
     }
 
     /// Says how it went; whether all was well.
