@@ -7,6 +7,8 @@ use crate::clocks::ClockState;
 
 /// An axis this far from its target while it holds is said to be off, degrees.
 const OFF_TARGET_DEG: f64 = 0.5;
+/// An axis this far from the mount's pitch sees other cells than were promised, degrees.
+pub(super) const OFF_MOUNT_DEG: f64 = 1.0;
 /// A write that takes longer than this is worth a word, s.
 const SLOW_WRITE_S: f64 = 0.5;
 
@@ -15,6 +17,7 @@ pub(super) fn problems(status: &Status) -> Vec<Problem> {
     let mut list = List::default();
     status.sensors.iter().for_each(|sensor| of_sensor(sensor, &mut list));
     status.rig.iter().for_each(|rig| of_rig(rig, &mut list));
+    status.rig.iter().for_each(|rig| of_mount(rig, status.recorder.recording, &mut list));
     of_recorder(&status.recorder, &mut list);
     if status.recorder.recording {
         status.coverage.iter().for_each(|coverage| of_coverage(coverage, &mut list)); // before, no way has begun
@@ -278,6 +281,54 @@ fn of_rig(rig: &RigState, list: &mut List) {
     }
 }
 
+/// Whether the rig can go where the mount wants it, and stands there while it is recorded.
+fn of_mount(rig: &RigState, recording: bool, list: &mut List) {
+    let Some(status) = rig.status.as_ref().filter(|_| rig.connected) else { return };
+    let (pitches, axes) = (rig.mount_pitches_deg.len(), status.axes.len());
+    if pitches > 0 && pitches != axes {
+        list.warn(
+            "rig",
+            "mount_out_of_reach",
+            format!("The configured mount names {pitches} sensors, the rig has {axes} axes."),
+            "The mount cannot be applied: give a mount of the sensors that the rig turns, in the order of its axes.",
+        );
+        return;
+    }
+    for (axis, pitch_deg) in status.axes.iter().zip(&rig.mount_pitches_deg) {
+        let configured = rig.limits_deg.get(axis.axis).copied().unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        let low_deg = axis.limits_deg[0].max(configured[0]);
+        let high_deg = axis.limits_deg[1].min(configured[1]);
+        if !(low_deg..=high_deg).contains(pitch_deg) {
+            list.warn(
+                "rig",
+                "mount_out_of_reach",
+                format!(
+                    "The configured mount wants axis {} at {pitch_deg:.2} degrees, its limits are {low_deg:.2} to \
+                     {high_deg:.2}.",
+                    axis.axis
+                ),
+                "The mount cannot be applied: search one within the limits of the rig, or correct the limits.",
+            );
+        }
+    }
+    let stands = |state: &str| matches!(state, "idle" | "holding");
+    for (axis, pitch_deg) in status.axes.iter().zip(&rig.recorded_pitches_deg) {
+        let is_known = axis.homed && axis.source != "stale" && rig.busy.is_none() && stands(&axis.state);
+        if recording && is_known && (axis.position_deg - pitch_deg).abs() > OFF_MOUNT_DEG {
+            list.warn(
+                "rig",
+                "off_mount",
+                format!(
+                    "Axis {} stands at {:.2} degrees, the mount that is recorded says {pitch_deg:.2}.",
+                    axis.axis, axis.position_deg
+                ),
+                "The coverage is predicted for the mount. Apply it, or know that this recording is of other pitches: \
+                 measured angles are recorded beside it.",
+            );
+        }
+    }
+}
+
 fn of_coverage(coverage: &CoverageStatus, list: &mut List) {
     if coverage.without_pose > 0 {
         list.warn(
@@ -337,6 +388,7 @@ fn of_recorder(recorder: &RecorderStatus, list: &mut List) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::{AxisStatus, RigStatus};
 
     fn kinds(change: impl FnOnce(&mut SensorStatus)) -> Vec<&'static str> {
         let mut sensor =
@@ -358,6 +410,47 @@ mod tests {
         assert_eq!(kinds(|sensor| sensor.losses.kernel_dropped = 1), [""; 0], "long ago");
         assert_eq!(kinds(|sensor| sensor.recent_restarts = 1), ["restarted"]);
         assert_eq!(kinds(|sensor| sensor.warnings.push("left is hot".into())), ["sensor_warning"]);
+    }
+
+    #[test]
+    fn a_rig_beside_its_mount_is_told_of_while_it_is_recorded() {
+        let axis = |number: usize, position_deg: f64| -> AxisStatus {
+            serde_json::from_value(serde_json::json!({
+                "axis": number, "state": "idle", "source": "measured", "homed": true, "position_deg": position_deg,
+                "target_deg": position_deg, "limits_deg": [-30.0, 30.0], "age_ms": 0.0, "uncertainty_deg": 0.1,
+                "faults": [], "device_errors": [],
+            }))
+            .unwrap()
+        };
+        let status: RigStatus = serde_json::from_value(serde_json::json!({
+            "port": "mock", "uid": "1", "firmware": "1", "reset_cause": "power", "armed": false, "homing_moves": false,
+            "axes": [axis(0, 20.0), axis(1, -20.0)], "frames": 1, "damaged": 0,
+        }))
+        .unwrap();
+        let kinds = |mount_deg: &[f64], recorded_deg: &[f64], recording: bool| {
+            let mut rig = RigState {
+                connected: true,
+                mount_pitches_deg: mount_deg.to_vec(),
+                recorded_pitches_deg: recorded_deg.to_vec(),
+                ..RigState::default()
+            };
+            rig.status = Some(status.clone());
+            let mut list = List::default();
+            of_mount(&rig, recording, &mut list);
+            list.0.into_iter().map(|problem| (problem.kind, problem.what)).collect::<Vec<_>>()
+        };
+        assert_eq!(kinds(&[20.5, -20.0], &[20.5, -20.0], true), []);
+        assert_eq!(kinds(&[25.0, -20.0], &[25.0, -20.0], false), [], "not recording: it may be on its way");
+        let found = kinds(&[25.0, -20.0], &[25.0, -20.0], true);
+        assert!(found.len() == 1 && found[0].0 == "off_mount", "{found:?}");
+        assert!(
+            found[0].1.contains("Axis 0 stands at 20.00 degrees") && found[0].1.contains("25.00"),
+            "{found:?}"
+        );
+        assert_eq!(kinds(&[25.0, -20.0], &[20.0, -20.0], true), [], "better pitches were agreed to");
+        assert_eq!(kinds(&[35.0, -20.0], &[20.0, -20.0], false)[0].0, "mount_out_of_reach");
+        assert_eq!(kinds(&[20.0; 3], &[20.0; 3], true).len(), 1, "three sensors, two axes");
+        assert_eq!(kinds(&[], &[], true), [], "no mount");
     }
 
     #[test]

@@ -176,6 +176,7 @@ impl Daemon {
             mount
         });
         self.split(mount).map_err(ProposalError::NotSplit)?;
+        rig.record_with(&proposal.pitches_deg);
         core.journal.tell("reconfigured", format!("the rig stands at {}", listed(&proposal.pitches_deg)));
         Ok(proposal)
     }

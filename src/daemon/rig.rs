@@ -86,9 +86,14 @@ impl RigHost {
         journal: Arc<Journal>,
         motion: Arc<Motion>,
     ) -> Result<Self, RigError> {
+        let limits_rad = settings.options.limits_rad.iter();
         let state = RigState {
             port: settings.port.display().to_string(),
             mount_pitches_deg: settings.mount_pitches_deg.clone(),
+            recorded_pitches_deg: settings.mount_pitches_deg.clone(),
+            limits_deg: limits_rad
+                .map(|(low_rad, high_rad)| [low_rad.to_degrees(), high_rad.to_degrees()])
+                .collect(),
             ..RigState::default()
         };
         let shared = Arc::new(Shared {
@@ -173,6 +178,11 @@ impl RigHost {
             return Err(RigCommandError::NoMount);
         }
         self.apply(pitches_deg)
+    }
+
+    /// From now on sessions have a mount with these pitches.
+    pub fn record_with(&self, pitches_deg: &[f64]) {
+        lock(&self.shared.state).recorded_pitches_deg = pitches_deg.to_vec();
     }
 
     /// Decelerates and holds, whatever is under way.

@@ -190,6 +190,11 @@ pub struct RigState {
     pub status: Option<RigStatus>,
     /// Pitches of the configured mount, degrees, by axis.
     pub mount_pitches_deg: Vec<f64>,
+    /// Pitches of the mount that goes into a session, degrees, by axis: the configured ones, or those agreed to since.
+    pub recorded_pitches_deg: Vec<f64>,
+    /// The configured limits, degrees, by axis: within the firmware's.
+    #[serde(skip)]
+    pub limits_deg: Vec<[f64; 2]>,
     /// Until the daemon disarms it by itself, s.
     pub disarms_in_s: Option<f64>,
 }

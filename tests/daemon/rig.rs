@@ -55,7 +55,8 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
     refused(&daemon, "/api/v1/rig/apply", "", "not homed");
     daemon.order("/api/v1/rig/home", "");
     refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [80, 0]}", "limits");
-    refused(&daemon, "/api/v1/rig/apply", "{\"pitches_deg\": [1]}", "1 pitch for a rig with 2 axes");
+    let (code, answer) = daemon.post("/api/v1/rig/apply", "{\"pitches_deg\": [1]}");
+    assert!(code == 400 && answer.to_string().contains("1 pitch for a rig with 2 axes"), "{code}: {answer}");
     daemon.order("/api/v1/rig/apply", "");
     daemon.wait("the mount's pitches", |status| {
         axes(status).iter().zip([-20.0, 20.0]).all(|((at, _), to)| (at - to).abs() < 0.5)
@@ -80,6 +81,9 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
     daemon.order("/api/v1/rig/clear", "");
     daemon.order("/api/v1/rig/arm", "");
     daemon.order("/api/v1/rig/hold", "");
+    assert!(daemon.wait_for_problem("off_mount").contains("the mount that is recorded says"));
+    let metrics = daemon.get("/metrics").1;
+    assert!(metrics.contains("outrigger_problem{about=\"rig\",kind=\"off_mount\"} "), "{metrics}");
     daemon.order("/api/v1/rig/disarm", "");
     daemon.wait("it is disarmed", |status| status["rig"]["status"]["armed"] == false);
     let (_, log) = daemon.end();

@@ -169,7 +169,10 @@ impl Log {
         }
         let filled = self.full_disks.load(Ordering::Relaxed);
         if full.len() as u64 != filled {
-            self.fail(format!("the disk was filled {filled} times, the daemon's log says so {} times", full.len()));
+            self.fail(format!(
+                "the disk was filled {filled} times, the daemon's log says so {} times",
+                full.len()
+            ));
         }
     }
 

@@ -108,6 +108,11 @@ async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) -> any
 fn conclude(ending: &Ending) -> Outcome {
     let recorder = &ending.recorder;
     match &recorder.last {
+        Some(last) if last.packets == 0 => tracing::warn!(
+            sessions = recorder.sessions,
+            "the last session has no packets: nothing came from any sensor; {}",
+            last.dir.display()
+        ),
         Some(last) => tracing::info!(
             sessions = recorder.sessions,
             lost = recorder.lost,

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::Core;
 use crate::daemon::live::Numbers;
 use crate::daemon::memory::{self, MemoryStatus};
-use crate::daemon::problems;
+use crate::daemon::problems::{OFF_MOUNT_DEG, problems};
 use crate::daemon::status::{
     Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
 };
@@ -18,9 +18,6 @@ use crate::servo::AxisStatus;
 const RATE_OVER: Duration = Duration::from_millis(1000);
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(15);
-
-/// An axis this far from the mount's pitch sees other cells than were promised.
-const ELSEWHERE_DEG: f64 = 1.0;
 
 /// What is remembered from look to look.
 pub(super) struct Look {
@@ -127,7 +124,7 @@ impl Look {
             events: core.journal.newest(),
             ..empty(&recorder)
         };
-        status.problems = problems::problems(&status);
+        status.problems = problems(&status);
         status
     }
 
@@ -257,7 +254,7 @@ impl Look {
 fn stands_elsewhere(rig: &RigState) -> bool {
     let axes = rig.status.iter().flat_map(|status| &status.axes);
     let is_off =
-        |(axis, pitch_deg): (&AxisStatus, &f64)| (axis.position_deg - pitch_deg).abs() > ELSEWHERE_DEG;
+        |(axis, pitch_deg): (&AxisStatus, &f64)| (axis.position_deg - pitch_deg).abs() > OFF_MOUNT_DEG;
     rig.connected && axes.zip(&rig.mount_pitches_deg).any(is_off)
 }
 

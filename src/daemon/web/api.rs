@@ -15,6 +15,7 @@ use super::{App, foxglove, metrics, stream};
 use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::{RigCommandError, RigHost};
 use crate::daemon::{Daemon, Proposal, ProposalError};
+use crate::servo::RigError;
 
 /// A daemon that has not looked at itself for so long hangs.
 const HANGS: std::time::Duration = std::time::Duration::from_secs(5);
@@ -58,6 +59,9 @@ impl From<RigCommandError> for Problem {
         let code = match error {
             RigCommandError::NoRig | RigCommandError::NoMount => StatusCode::NOT_FOUND,
             RigCommandError::NotConnected(_) => StatusCode::SERVICE_UNAVAILABLE,
+            RigCommandError::Rig(RigError::AxisCount { .. } | RigError::NoAngle { .. }) => {
+                StatusCode::BAD_REQUEST
+            }
             RigCommandError::Busy(_) | RigCommandError::NotArmed | RigCommandError::Rig(_) => {
                 StatusCode::CONFLICT
             }

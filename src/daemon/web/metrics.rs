@@ -1,5 +1,6 @@
 //! The state as Prometheus reads it (text exposition format 0.0.4).
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use crate::daemon::status::{SensorState, Severity};
@@ -133,6 +134,13 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
             }
         }
     }
+    let kinds = status.problems.iter().fold(BTreeMap::new(), |mut kinds, problem| {
+        *kinds.entry((&problem.about, problem.kind)).or_insert(0.0) += 1.0;
+        kinds
+    });
+    let rows =
+        kinds.into_iter().map(|((about, kind), count)| (format!("about=\"{about}\",kind=\"{kind}\""), count));
+    out.many("outrigger_problem", "gauge", "What is wrong now, by kind; no row for what is well.", rows);
     for (severity, word) in [(Severity::Error, "error"), (Severity::Warning, "warning")] {
         let count = status.problems.iter().filter(|problem| problem.severity == severity).count();
         let rows = std::iter::once((format!("severity=\"{word}\""), count as f64));
