@@ -67,6 +67,10 @@ pub const CASES: &[Case] = &[
         statistics::are_wanted,
         statistics::errors_take_from_coverage_what_the_table_says,
     ),
+    with_shared(
+        "a_session_of_an_hdl_64e_has_its_beams_from_the_first_frame_on",
+        units::a_session_of_an_hdl_64e_has_its_beams_from_the_first_frame_on,
+    ),
     with_shared("two_frames_of_a_vehicle_predict_the_third", recordings::two_frames_predict_the_third),
     with_shared("odometry_agrees_with_the_poses_of_a_vehicle", recordings::odometry_agrees_with_the_poses),
     with_shared(

@@ -20,6 +20,17 @@ const LEARN_PACKETS: usize = 20_000;
 /// Packets within which every sensor of a recording has sent something.
 const MEET_PACKETS: usize = 1000;
 
+/// Looks at packets before any is decoded: `look` learns from one and says whether nothing is left to learn; none at the
+/// end of the packets.
+pub fn look_first(mut look: impl FnMut() -> Option<bool>) {
+    for looked_at in 1..=LEARN_PACKETS {
+        match look() {
+            Some(is_all) if !is_all || looked_at < MEET_PACKETS => {}
+            _ => return,
+        }
+    }
+}
+
 /// Metadata files looked at when none was given.
 const MOST_FILES_BESIDE: usize = 200;
 const MOST_METADATA_BYTES: u64 = 1 << 20;
@@ -183,12 +194,7 @@ impl Recording {
         if self.path.is_file() {
             let mut reader = CaptureReader::open(&self.path)?;
             // damage is found again, and reported, when the packets are decoded
-            for looked_at in 1..=LEARN_PACKETS {
-                let Ok(Some(packet)) = reader.next() else { break };
-                if router.learn(&packet) && looked_at >= MEET_PACKETS {
-                    break;
-                }
-            }
+            look_first(|| Some(router.learn(&reader.next().ok()??)));
         }
         Ok(router)
     }

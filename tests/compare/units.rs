@@ -11,9 +11,12 @@ use outrigger::record::{SensorInfo, Session, SessionWriter};
 use outrigger::rig::{MountFile, SensorEntry};
 use outrigger::scene::{BoxScene, Scene};
 use outrigger::trajectory::Trajectory;
+use sensors::capture::CaptureReader;
 use sensors::velodyne::{Product, ReturnMode};
 use sensors::{Packet, catalogue};
 use serde_json::Value;
+
+use crate::support::shared;
 
 const SOURCE: &str = "10.0.0.7:2368";
 /// A second unit, whose packets came to the same port.
@@ -159,6 +162,29 @@ pub fn a_second_unit_under_one_name_is_told_of() {
     assert_eq!(document["rays"], alone["rays"], "{said}");
     let said = document["problems"].to_string();
     assert!(said.contains("packets of a second sensor, from 10.0.0.9:2368"), "{document:#}");
+}
+
+/// What an HDL-64E says of its beams takes over a second; a session's first revolutions are of these beams too, as a
+/// capture's are.
+pub fn a_session_of_an_hdl_64e_has_its_beams_from_the_first_frame_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let mount = write_mount(&path("mount.json"), "hdl-64e-s2", None);
+    let capture = shared("captures/velodyne/synthetic/syn_hdl64e_S2_single_with_calib.pcap");
+    let info = SensorInfo { name: "front".into(), ..SensorInfo::default() };
+    let writer = SessionWriter::create(&path("session"), &[info]).unwrap();
+    let mut reader = CaptureReader::open(&capture).unwrap();
+    while let Some(packet) = reader.next().unwrap() {
+        writer.write_packet(0, &packet).unwrap();
+    }
+    writer.put_mount(&mount, &[]).unwrap();
+    writer.flush().unwrap();
+    writer.close(None).unwrap();
+    let mount = path("mount.json").display().to_string();
+    let (of_capture, said) = compare(&capture, &["--mount", &mount]);
+    assert!(agreeing(&of_capture) >= 0.0, "{said}");
+    let (of_session, said) = compare(&path("session"), &[]);
+    assert_eq!(of_session["rays"], of_capture["rays"], "{said}");
 }
 
 /// A session says so when the mount file names another sensor than that which sent.

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::beams::Seat;
 use super::hearing::Heard;
-use crate::commands::recording::Recording;
+use crate::commands::recording::{Recording, look_first};
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
@@ -147,6 +147,7 @@ pub fn session(
     let places = places(session, rig)?;
     let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
     let mut routers = routers(seated)?;
+    learn(session, &places, &mut routers)?;
     for (entry, place) in session.manifest().sensors.iter().zip(&places) {
         if let Some(place) = place {
             fed.sensors[*place].lost = entry.losses.total();
@@ -216,6 +217,20 @@ fn routers(seated: &Seated<'_>) -> anyhow::Result<Vec<Router>> {
         Ok(router)
     };
     seated.rig.sensors.iter().map(router).collect()
+}
+
+/// Shows the first packets to the routers before any is decoded, as those of a capture are.
+fn learn(session: &Session, places: &[Option<usize>], routers: &mut [Router]) -> anyhow::Result<()> {
+    let mut packets = session.packets()?;
+    let mut is_left: Vec<bool> = (0..routers.len()).map(|place| places.contains(&Some(place))).collect();
+    look_first(|| {
+        let (interface, packet) = packets.next().ok()??;
+        if let Some(place) = places[interface] {
+            is_left[place] = !routers[place].learn(&packet);
+        }
+        Some(!is_left.contains(&true))
+    });
+    Ok(())
 }
 
 /// Every frame of a capture. Sensors take their seats in the order of the mount file: Ousters in the order of their
