@@ -15,7 +15,7 @@ const WAITING: usize = 4096;
 /// Events that end a recording early.
 const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 9] = [
+const TROUBLES: [&str; 10] = [
     "sensor_silent",
     "sensor_restarted",
     "clock_jump",
@@ -23,6 +23,7 @@ const TROUBLES: [&str; 9] = [
     "low_disk",
     "disk_slow",
     "unseated",
+    "mount_of_others",
     "rig_lost",
     "rotation_failed",
 ];

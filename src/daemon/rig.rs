@@ -228,6 +228,14 @@ impl Shared {
         let status = rig.status()?;
         *lock(&self.rig) = Some(Arc::new(rig));
         let mut state = lock(&self.state);
+        let (pitches, axes) = (state.mount_pitches_deg.len(), status.axes.len());
+        if pitches != 0 && pitches != axes && state.status.is_none() {
+            let words = format!(
+                "the mount names {pitches} sensors, the rig has {axes} axes: axis 0 is taken to turn the first of them, and \
+                 the mount cannot be applied from here"
+            );
+            self.journal.tell("mount_of_others", words);
+        }
         (state.connected, state.error, state.status) = (true, None, Some(status));
         Ok(())
     }

@@ -51,7 +51,12 @@ fn make_ready(watch: &Watch, after: &str, rng: &mut Rng) {
         order("/api/v1/rig/home", "")?;
         order("/api/v1/rig/apply", &angles(rng))?;
         let status = watch.fresh();
-        if problems(&status).any(|(about, _)| about == "rig") { Err(said(&status)) } else { Ok(()) }
+        // these angles are not the mount's, and a recording may be under way
+        if problems(&status).any(|(about, kind)| about == "rig" && kind != "off_mount") {
+            Err(said(&status))
+        } else {
+            Ok(())
+        }
     };
     let (begun, mut refusals) = (Instant::now(), Vec::new());
     while let Err(words) = attempt(rng) {

@@ -85,15 +85,6 @@ fn of_axis(axis: &AxisStatus, list: &mut List) {
 
 /// Whether the rig can go where the configured mount wants it.
 fn reach(rig: &RigState, status: &RigStatus, list: &mut List) {
-    let (pitches, axes) = (rig.mount_pitches_deg.len(), status.axes.len());
-    if pitches > 0 && pitches != axes {
-        list.warn(
-            "rig",
-            "mount_out_of_reach",
-            format!("The configured mount names {pitches} sensors, the rig has {axes} axes."),
-            "The mount cannot be applied: give a mount of the sensors that the rig turns, in the order of its axes.",
-        );
-    }
     for (axis, pitch_deg) in status.axes.iter().zip(&rig.mount_pitches_deg) {
         let configured = rig.limits_deg.get(axis.axis).copied().unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
         let low_deg = axis.limits_deg[0].max(configured[0]);
@@ -174,7 +165,11 @@ mod tests {
         );
         assert_eq!(kinds(&[25.0, -20.0], &[20.0, -20.0], true), [], "better pitches were agreed to");
         assert_eq!(kinds(&[35.0, -20.0], &[20.0, -20.0], false)[0].0, "mount_out_of_reach");
-        assert_eq!(kinds(&[20.0, -20.0, 0.0], &[20.0, -20.0, 0.0], true).len(), 1, "three sensors, two axes");
+        assert_eq!(
+            kinds(&[20.0, -20.0, 0.0], &[20.0, -20.0, 0.0], true),
+            [],
+            "the third sensor does not turn"
+        );
         assert_eq!(kinds(&[], &[], true), [], "no mount");
     }
 }
