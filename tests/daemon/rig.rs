@@ -112,6 +112,9 @@ pub fn a_sensor_that_the_mounts_do_not_name_is_told() {
 pub fn the_rig_is_unplugged_and_comes_back() {
     let first = MockRig::start(MockConfig::default(), 3).unwrap();
     let bench = bench([-20.0, 20.0]);
+    let mut mount = MountFile::read(&bench.path("mount.json")).unwrap();
+    mount.sensors.push(entry("behind", "vlp-16", [0.0, -0.2], 0.0));
+    mount.write(&bench.path("mount.json")).unwrap();
     let daemon = bench.start(&[]);
     assert!(daemon.wait_for_problem("rig_lost").contains("cannot open"));
     plug(&bench, &first);
@@ -132,5 +135,10 @@ pub fn the_rig_is_unplugged_and_comes_back() {
     let events = status["events"].as_array().unwrap();
     let place = |name: &str| events.iter().position(|event| event["event"] == name).unwrap();
     assert!(place("rig_lost") < place("rig_back"));
+    let told: Vec<&Value> = events.iter().filter(|event| event["event"] == "mount_of_others").collect();
+    assert!(
+        told.len() == 1 && told[0].to_string().contains("names 3 sensors, the rig has 2 axes"),
+        "{told:?}"
+    );
     assert_eq!(daemon.end().0, Some(0));
 }
