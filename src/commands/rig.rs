@@ -74,7 +74,8 @@ enum Action {
         #[arg(long, value_delimiter = ',', value_name = "NAME,NAME")]
         sensors: Vec<String>,
     },
-    /// Print readings as they come; with --json one document a line.
+    /// Print readings as they come; with --json one document a line, as `servo.jsonl` of a session has them (angles in
+    /// microradians, as the rig sends them).
     Watch {
         /// End after this time, seconds; until Ctrl-C when not given.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = watched_for)]
@@ -344,7 +345,7 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
                         "target_deg": axis.target_rad.to_degrees(),
                         "measured_deg": axis.measured_rad.to_degrees(),
                         "error_deg": (axis.measured_rad - axis.target_rad).to_degrees(),
-                        "uncertainty_deg": axis.uncertainty_rad.to_degrees(),
+                        "uncertainty_deg": axis.uncertainty_rad.map(f64::to_degrees),
                         "scatter_deg": axis.scatter_rad.to_degrees(),
                         "readings": axis.readings,
                         "source": axis.source,
@@ -364,9 +365,7 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
     );
     for axis in &status.axes {
         let homed = if axis.homed { "homed" } else { "not homed" };
-        // of what nothing measures nobody knows how far it is off
-        let is_told = axis.source == "commanded";
-        let within = if is_told { String::new() } else { format!(" ±{:.3}", axis.uncertainty_deg) };
+        let within = axis.uncertainty_deg.map_or(String::new(), |half_deg| format!(" ±{half_deg:.3}"));
         text += &format!(
             "axis {}: {:8.3} deg{within} ({}, {:.0} ms ago), target {:8.3} deg, {}, {homed}",
             axis.axis, axis.position_deg, axis.source, axis.age_ms, axis.target_deg, axis.state

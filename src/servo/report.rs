@@ -12,7 +12,7 @@ pub struct ServoReport {
     /// The angle, µrad.
     pub position_urad: i32,
     /// Half the width in which the true angle lies around it, µrad: encoder, scatter while holding, play by the side it came
-    /// from. Absent in sessions from before it was recorded.
+    /// from. Absent where nothing measures the angle, and in sessions from before it was recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty_urad: Option<i32>,
     /// Where the axis is told to be, µrad.
@@ -40,8 +40,8 @@ pub struct AxisStatus {
     pub source: String,
     /// How old the reading is, ms.
     pub age_ms: f64,
-    /// Half the width in which the true angle lies around the reading, degrees.
-    pub uncertainty_deg: f64,
+    /// Half the width in which the true angle lies around the reading, degrees; none where nothing measures it.
+    pub uncertainty_deg: Option<f64>,
     /// Whether the angle is trusted since the last start.
     pub homed: bool,
     /// The firmware's limits, degrees.
