@@ -46,6 +46,7 @@ pub mod catalogue;
 mod completed;
 pub mod decoder;
 pub mod frame;
+pub mod made_up;
 pub mod model;
 pub mod ouster;
 pub mod packet;

@@ -166,9 +166,8 @@ impl FirstLooks {
 
 #[cfg(test)]
 mod tests {
-    use sensors::ouster::{OusterEncoder, Profile, Synthetic};
-    use sensors::velodyne::{Column, ReturnMode, VelodyneEncoder};
-    use sensors::{Frame, Layer};
+    use sensors::made_up::{ouster_revolution, velodyne_columns};
+    use sensors::ouster::{Profile, Synthetic};
 
     use super::*;
 
@@ -179,38 +178,11 @@ mod tests {
 
     /// A revolution of an OS1-64.
     fn ouster() -> Vec<Vec<u8>> {
-        let (columns, channels) = (1024, 64);
-        let frame = Frame {
-            channels,
-            column_time_ns: (0..columns as u64).map(|column| 5_000_000_000 + column * 97_000).collect(),
-            column_azimuth_rad: vec![0.0; columns],
-            column_valid: vec![true; columns],
-            first: Layer {
-                range_mm: vec![4000; columns * channels],
-                reflectivity: vec![5; columns * channels],
-                ..Layer::default()
-            },
-            ..Frame::default()
-        };
-        let mut packets = Vec::new();
-        OusterEncoder::new(metadata(77)).frame(&frame, &mut |packet| packets.push(packet.to_vec()));
-        packets
+        ouster_revolution(&metadata(77), 0, 5_000_000_000)
     }
 
     fn velodyne() -> Vec<Vec<u8>> {
-        let mut encoder = VelodyneEncoder::new(Product::Vlp16, ReturnMode::Strongest);
-        let mut packets = Vec::new();
-        for column in 0..2000_u64 {
-            let column = Column {
-                time_ns: 1_000_000_000 + column * Product::Vlp16.cycle_ns() as u64,
-                azimuth_rad: column as f64 * 0.003,
-                range_mm: &[500; 16],
-                reflectivity: &[9; 16],
-                second: None,
-            };
-            encoder.push_column(column, &mut |_, packet| packets.push(packet.to_vec()));
-        }
-        packets
+        velodyne_columns(Product::Vlp16, 2000)
     }
 
     /// What a look at a sensor of this model and these metadata says of packets.
