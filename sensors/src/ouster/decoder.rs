@@ -57,6 +57,11 @@ impl OusterDecoder {
         &self.metadata
     }
 
+    /// Length of its lidar packets.
+    pub(crate) fn lidar_bytes(&self) -> usize {
+        self.lidar_bytes
+    }
+
     /// The newest GPS sentence and its time, ns, from ACCEL32_GYRO32_NMEA packets.
     pub fn nmea(&self) -> Option<(u64, &str)> {
         self.nmea.as_ref().map(|(time_ns, text)| (*time_ns, text.as_str()))

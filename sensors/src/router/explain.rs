@@ -8,7 +8,8 @@ use crate::ouster::Metadata;
 pub(super) fn ambiguous(count: usize) -> String {
     format!(
         "{count} sensors send packets like this one without a serial number, and its sender is none that is known; \
-         give only the metadata of sensors that are in the recording"
+         give only the metadata of sensors that are in the recording, or say who sends where: --meta ADDRESS=FILE.json, or \
+         --meta :PORT=FILE.json"
     )
 }
 
@@ -55,6 +56,14 @@ pub(super) fn unclaimed(
     let of_whom = serial.map_or(String::new(), |serial| format!(" of sensor {serial}"));
     if ousters.is_empty() {
         return format!("{guess}{of_whom}, but no metadata was given; add --meta FILE.json");
+    }
+    if let Some(sensor) = sensors.iter().find(|sensor| sensor.is_tied_elsewhere(packet))
+        && let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name)
+    {
+        let (address, port) = (packet.source.ip(), packet.destination.port());
+        return format!(
+            "{guess} from {address} to port {port}; it would fit {name}, which is said to be of {tie}"
+        );
     }
     if let Some(serial) = serial {
         let Some((metadata, name)) =

@@ -10,8 +10,10 @@ mod guess;
 mod sensor;
 #[cfg(test)]
 mod tests;
+mod tie;
 
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 
 use crate::ouster::{Claim, Metadata, OusterDecoder};
 use crate::velodyne::{Options, VelodyneDecoder};
@@ -19,6 +21,7 @@ use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
 pub use sensor::{Beams, Family, GivenCalibration, Sensor};
+pub use tie::{Named, Tie};
 
 /// Most Velodyne sensors that are told apart; a recording with more senders is no rig.
 const MOST_SENSORS: usize = 64;
@@ -31,7 +34,12 @@ pub struct Router {
     sensors: Vec<Sensor>,
     unclaimed: BTreeMap<(u16, usize), Unclaimed>,
     calibrations: Vec<GivenCalibration>,
+    names: Vec<Named>,
     ahead: ahead::Ahead,
+    /// Everything was looked at that is looked at before decoding: who was not met is not there, or late.
+    has_learned: bool,
+    /// Where lidar packets of Ousters came from in that look whose metadata were not given.
+    strangers: Vec<IpAddr>,
 }
 
 /// Packets of one length on one port that no sensor took.
@@ -74,8 +82,21 @@ impl Router {
 
     /// Adds the Ouster sensor that metadata describes; `name` is what messages call the metadata.
     pub fn add_ouster(&mut self, metadata: Metadata, name: impl Into<String>) {
+        self.add_tied_ouster(metadata, name, None);
+    }
+
+    /// The same of one whose packets are said to have something in common.
+    pub fn add_tied_ouster(&mut self, metadata: Metadata, name: impl Into<String>, tie: Option<Tie>) {
         let decoder = Family::Ouster(Box::new(OusterDecoder::new(metadata)));
-        self.sensors.push(Sensor::new(decoder, Some(name.into())));
+        let mut sensor = Sensor::new(decoder, Some(name.into()));
+        sensor.tie = tie;
+        sensor.take_name(&self.names);
+        self.sensors.push(sensor);
+    }
+
+    /// Says how sensors that are added or found later are called.
+    pub fn set_names(&mut self, names: Vec<Named>) {
+        self.names = names;
     }
 
     /// Adds the calibration of a Velodyne.
@@ -109,15 +130,20 @@ impl Router {
     /// are told apart by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
     /// that are known or were met.
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
-        if let (Some((at, claim)), 1) = self.best_claim(packet)
-            && is_evidence(claim, packet)
-        {
-            self.sensors[at].note_source(packet);
+        match self.best_claim(packet) {
+            (Some((at, claim)), 1) if is_evidence(claim, packet) => self.sensors[at].note_source(packet),
+            (None, _) => self.meet_stranger(packet),
+            _ => {}
         }
         self.ahead.read(packet, MOST_SENSORS);
         let is_known =
             |sensor: &Sensor| sensor.source_is_known || !matches!(sensor.family, Family::Ouster(_));
         self.ahead.is_done() && self.sensors.iter().all(is_known)
+    }
+
+    /// Ends the look before decoding: packets that say nothing of whose they are go to sensors that were met in it.
+    pub fn end_learning(&mut self) {
+        self.has_learned = true;
     }
 
     /// Hands a packet to its sensor, and what that completes to `out`.
@@ -134,11 +160,8 @@ impl Router {
         self.hand_out(at, out);
         match outcome {
             Ok(()) => {
-                let sensor = &mut self.sensors[at];
-                if claim.is_some_and(|claim| is_evidence(claim, packet)) {
-                    sensor.note_source(packet);
-                }
-                sensor.first_source.get_or_insert(packet.source);
+                self.sensors[at].note_packet(packet, claim);
+                self.sensors[at].take_name(&self.names);
                 Routed::Taken(at)
             }
             Err(Rejected::Foreign { reason }) => {
@@ -192,7 +215,9 @@ impl Router {
                 .sensors
                 .iter()
                 .position(|sensor| {
-                    matches!(sensor.family, Family::Ouster(_)) && sensor.first_source == Some(packet.source)
+                    matches!(sensor.family, Family::Ouster(_))
+                        && sensor.first_source == Some(packet.source)
+                        && !sensor.is_tied_elsewhere(packet)
                 })
                 .map(|at| (at, None))
                 .ok_or(None),
@@ -203,16 +228,7 @@ impl Router {
     fn best_claim(&self, packet: &Packet<'_>) -> (Option<(usize, Claim)>, usize) {
         let (mut best, mut count) = (None, 0);
         for (at, sensor) in self.sensors.iter().enumerate() {
-            let Family::Ouster(decoder) = &sensor.family else { continue };
-            let mut claim = decoder.claim(packet);
-            if claim > Claim::No && claim < Claim::Familiar && !packet.source.ip().is_loopback() {
-                let from_here = sensor.sources.contains(&packet.source.ip());
-                if from_here {
-                    claim = Claim::Familiar;
-                } else if !sensor.sources.is_empty() {
-                    claim = Claim::No; // it sends from elsewhere
-                }
-            }
+            let claim = sensor.claim(packet);
             match best {
                 _ if claim == Claim::No => {}
                 Some((_, other)) if claim < other => {}
@@ -220,7 +236,31 @@ impl Router {
                 _ => (best, count) = (Some((at, claim)), 1),
             }
         }
-        (best, count)
+        match best {
+            Some((_, claim)) if self.has_learned && !is_evidence(claim, packet) => {
+                self.of_who_is_met(packet, claim).unwrap_or((best, count))
+            }
+            _ => (best, count),
+        }
+    }
+
+    /// An inertial packet that does not say whose it is comes from a sensor whose lidar packets are there.
+    fn of_who_is_met(&self, packet: &Packet<'_>, claim: Claim) -> Option<(Option<(usize, Claim)>, usize)> {
+        let claims = |sensor: &Sensor| sensor.source_is_known && sensor.claim(packet) == claim;
+        let met = self.sensors.iter().enumerate().filter(|(_, sensor)| claims(sensor));
+        match met.map(|(at, _)| at).collect::<Vec<_>>()[..] {
+            [at] => Some((Some((at, claim)), 1)),
+            [] if self.strangers.contains(&packet.source.ip()) => Some((None, 0)),
+            _ => None,
+        }
+    }
+
+    fn meet_stranger(&mut self, packet: &Packet<'_>) {
+        let address = packet.source.ip();
+        let is_new = self.strangers.len() < MOST_SENSORS && !self.strangers.contains(&address);
+        if is_new && matches!(Guess::of(packet.payload), Guess::OusterLidar { .. }) {
+            self.strangers.push(address);
+        }
     }
 
     /// The Velodyne of this sender and port; position packets go by the sender alone.

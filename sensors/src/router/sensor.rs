@@ -3,8 +3,9 @@
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
-use super::explain;
-use crate::ouster::OusterDecoder;
+use super::tie::{Named, Tie};
+use super::{explain, is_evidence};
+use crate::ouster::{Claim, OusterDecoder};
 use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
 use crate::{DecodeStats, Decoder, Packet, SensorModel};
 
@@ -12,6 +13,9 @@ use crate::{DecodeStats, Decoder, Packet, SensorModel};
 pub struct Sensor {
     /// Name of the metadata it came from, where it came from metadata.
     pub metadata_name: Option<String>,
+    /// How it is called, where somebody says.
+    pub name: Option<String>,
+    pub(super) tie: Option<Tie>,
     pub(super) family: Family,
     pub(super) sources: Vec<IpAddr>,
     pub(super) source_is_known: bool,
@@ -91,6 +95,8 @@ impl Sensor {
     pub(super) fn new(family: Family, metadata_name: Option<String>) -> Self {
         Self {
             metadata_name,
+            name: None,
+            tie: None,
             family,
             sources: Vec::new(),
             source_is_known: false,
@@ -205,6 +211,62 @@ impl Sensor {
     /// Length of the first of its packets that is malformed, where the metadata of another time would read it, bytes.
     pub fn misread_bytes(&self) -> Option<usize> {
         self.misread_bytes
+    }
+
+    /// What its packets are said to have in common.
+    pub fn tie(&self) -> Option<Tie> {
+        self.tie
+    }
+
+    /// How surely a packet is of this Ouster.
+    pub(super) fn claim(&self, packet: &Packet<'_>) -> Claim {
+        let Family::Ouster(decoder) = &self.family else { return Claim::No };
+        let claim = decoder.claim(packet);
+        if claim == Claim::No {
+            return claim;
+        }
+        let address = packet.source.ip();
+        match self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes())) {
+            Some(false) => Claim::No,
+            Some(true) => claim.max(Claim::Familiar),
+            None if claim >= Claim::Familiar || address.is_loopback() => claim,
+            None if self.sources.contains(&address) => Claim::Familiar,
+            None if self.sources.is_empty() => claim,
+            None => Claim::No, // it sends from elsewhere
+        }
+    }
+
+    /// Whether a packet could be of this Ouster, were it not said to send from or to elsewhere.
+    pub(super) fn is_tied_elsewhere(&self, packet: &Packet<'_>) -> bool {
+        let Family::Ouster(decoder) = &self.family else { return false };
+        let holds = self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes()));
+        holds == Some(false) && decoder.claim(packet) != Claim::No
+    }
+
+    /// Takes its name, once it is known who it is.
+    pub(super) fn take_name(&mut self, names: &[Named]) {
+        if self.name.is_some() || names.is_empty() {
+            return;
+        }
+        let seen = self.first_source.zip(self.data_port);
+        let mut meant = names.iter().filter(|named| named.means(self.metadata_name.as_deref(), seen));
+        self.name = match (meant.next(), meant.next()) {
+            (Some(named), None) => Some(named.name.clone()),
+            _ => None,
+        };
+    }
+
+    /// Notes where one of its packets came from and went to.
+    pub(super) fn note_packet(&mut self, packet: &Packet<'_>, claim: Option<Claim>) {
+        if claim.is_some_and(|claim| is_evidence(claim, packet)) {
+            self.note_source(packet);
+        }
+        self.first_source.get_or_insert(packet.source);
+        if let Family::Ouster(decoder) = &self.family
+            && packet.payload.len() == decoder.lidar_bytes()
+        {
+            self.data_port.get_or_insert(packet.destination.port());
+        }
     }
 
     pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {

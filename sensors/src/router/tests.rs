@@ -1,9 +1,9 @@
 //! Packets of made-up sensors find their decoder.
 
 use super::*;
-use crate::ouster::{OusterEncoder, Profile, Synthetic};
-use crate::velodyne::{Column, Product, ReturnMode, VelodyneEncoder};
-use crate::{Frame, Layer};
+use crate::made_up::{ouster_revolution, velodyne_columns};
+use crate::ouster::{Profile, Synthetic};
+use crate::velodyne::Product;
 
 fn packet<'a>(sender: u8, port: u16, payload: &'a [u8]) -> Packet<'a> {
     Packet {
@@ -20,45 +20,7 @@ fn metadata(model: &str, serial: u64, profile: Profile) -> Metadata {
 
 /// Lidar packets of one revolution.
 fn ouster_packets(metadata: &Metadata) -> Vec<Vec<u8>> {
-    ouster_revolution(metadata, 7)
-}
-
-fn ouster_revolution(metadata: &Metadata, frame_id: u32) -> Vec<Vec<u8>> {
-    let start_ns = 5_000_000_000 + u64::from(frame_id) * 100_000_000;
-    let (columns, channels) = (metadata.columns_per_frame, metadata.pixels_per_column);
-    let frame = Frame {
-        frame_id,
-        channels,
-        column_time_ns: (0..columns as u64).map(|column| start_ns + column * 190_000).collect(),
-        column_azimuth_rad: vec![0.0; columns],
-        column_valid: vec![true; columns],
-        first: Layer {
-            range_mm: vec![4000; columns * channels],
-            reflectivity: vec![5; columns * channels],
-            ..Layer::default()
-        },
-        ..Frame::default()
-    };
-    let mut packets = Vec::new();
-    OusterEncoder::new(metadata.clone()).frame(&frame, &mut |packet| packets.push(packet.to_vec()));
-    packets
-}
-
-fn velodyne_packets(product: Product, columns: u64) -> Vec<Vec<u8>> {
-    let mut encoder = VelodyneEncoder::new(product, ReturnMode::Strongest);
-    let (ranges, levels) = (vec![500; product.lasers()], vec![9; product.lasers()]);
-    let mut packets = Vec::new();
-    for column in 0..columns {
-        let column = Column {
-            time_ns: 1_000_000_000 + column * product.cycle_ns() as u64,
-            azimuth_rad: column as f64 * 0.003,
-            range_mm: &ranges,
-            reflectivity: &levels,
-            second: None,
-        };
-        encoder.push_column(column, &mut |_, packet| packets.push(packet.to_vec()));
-    }
-    packets
+    ouster_revolution(metadata, 7, 5_000_000_000)
 }
 
 fn ignore(_: usize, _: &Sensor, _: Decoded<'_>) {}
@@ -66,7 +28,7 @@ fn ignore(_: usize, _: &Sensor, _: Decoded<'_>) {}
 #[test]
 fn velodynes_are_found_by_sender_and_port() {
     let mut router = Router::new();
-    let payloads = velodyne_packets(Product::Vlp16, 1000);
+    let payloads = velodyne_columns(Product::Vlp16, 1000);
     for payload in &payloads {
         for (sender, port) in [(1, 2368), (2, 2368), (2, 2369)] {
             router.push(&packet(sender, port, payload), &mut ignore);
@@ -124,6 +86,82 @@ fn packets_without_a_serial_number_go_by_their_sender() {
     assert_eq!(router.push(&packet(3, 7503, &imu), &mut ignore), Routed::Unclaimed);
 }
 
+/// Two units of one model, whose packets do not say of which they are: by sender, by port, and by neither.
+#[test]
+fn units_without_a_serial_number_are_tied_to_their_packets() {
+    let ours = [11, 22].map(|serial| metadata("os1-64", serial, Profile::Legacy));
+    let payloads = ouster_packets(&ours[0]);
+    let routed = |ties: [Option<Tie>; 2], sender: [u8; 4], port: u16| {
+        let mut router = Router::new();
+        for (metadata, tie) in ours.iter().zip(ties) {
+            router.add_tied_ouster(metadata.clone(), "one", tie);
+        }
+        let of = |sender: [u8; 4], port, payload| Packet {
+            source: (sender, 50_000).into(),
+            ..packet(1, port, payload)
+        };
+        // the first of them has sent already, from the same socket where both are of this host
+        router.push(&of([127, 0, 0, 1], 7502, &payloads[0]), &mut ignore);
+        router.push(&of(sender, port, &payloads[1]), &mut ignore)
+    };
+    let ports = [Some(Tie::Port(7502)), Some(Tie::Port(7504))];
+    assert_eq!(routed(ports, [127, 0, 0, 1], 7502), Routed::Taken(0));
+    assert_eq!(routed(ports, [127, 0, 0, 1], 7504), Routed::Taken(1));
+    assert_eq!(routed(ports, [127, 0, 0, 1], 7506), Routed::Unclaimed);
+    let senders = ["127.0.0.1", "127.0.0.2"].map(Tie::from_text);
+    assert_eq!(routed(senders, [127, 0, 0, 2], 7502), Routed::Taken(1));
+    assert_eq!(routed(senders, [127, 0, 0, 3], 7502), Routed::Unclaimed);
+    assert_eq!(routed([None, None], [127, 0, 0, 1], 7502), Routed::Unclaimed);
+}
+
+/// Where metadata of a unit are given that is not there, inertial packets go to the one that is.
+#[test]
+fn inertial_packets_go_to_who_is_met() {
+    let mut router = Router::new();
+    for (model, serial) in [("os0-128", 22), ("os1-64", 11)] {
+        router.add_ouster(metadata(model, serial, Profile::Legacy), model);
+    }
+    let lidar = ouster_packets(&metadata("os1-64", 11, Profile::Legacy));
+    let local = |port, payload| Packet { source: ([127, 0, 0, 1], 9).into(), ..packet(1, port, payload) };
+    let imu = [1; 48];
+    router.learn(&local(7502, &lidar[0]));
+    assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Unclaimed, "the other may come yet");
+    router.end_learning();
+    assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Taken(1));
+
+    let mut router = Router::new();
+    router.add_ouster(metadata("os0-128", 22, Profile::Legacy), "of another unit");
+    router.learn(&local(7502, &lidar[0]));
+    router.end_learning();
+    assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Unclaimed);
+    let elsewhere = packet(1, 7503, &imu);
+    assert_eq!(router.push(&elsewhere, &mut ignore), Routed::Taken(0), "no stranger sends from there");
+}
+
+#[test]
+fn sensors_are_called_as_somebody_says() {
+    let mut router = Router::new();
+    let named = |name: &str, metadata: Option<&str>, port| Named {
+        name: name.into(),
+        metadata: metadata.map(str::to_owned),
+        source: None,
+        port: Some(port),
+    };
+    router.set_names(vec![
+        named("front", Some("a.json"), 7502),
+        named("left", None, 2368),
+        named("right", None, 2369),
+    ]);
+    router.add_ouster(metadata("os1-64", 11, Profile::Legacy), "a.json");
+    for payload in velodyne_columns(Product::Vlp16, 200) {
+        for port in [2369, 2368, 2370] {
+            router.push(&packet(1, port, &payload), &mut ignore);
+        }
+    }
+    let names: Vec<Option<&str>> = router.sensors().iter().map(|sensor| sensor.name.as_deref()).collect();
+    assert_eq!(names, [Some("front"), Some("right"), Some("left"), None]);
+}
+
 #[test]
 fn damage_is_counted_by_the_sensor_it_comes_from() {
     let mut router = Router::new();
@@ -152,11 +190,12 @@ fn frames_are_lent_not_copied() {
         }
     };
     for frame_id in 0..5 {
-        for payload in ouster_revolution(&metadata, frame_id) {
+        let start_ns = 5_000_000_000 + u64::from(frame_id) * 100_000_000;
+        for payload in ouster_revolution(&metadata, frame_id, start_ns) {
             router.push(&packet(1, 7502, &payload), &mut note);
         }
     }
-    let packets: Vec<_> = velodyne_packets(Product::Vlp16, 12_000);
+    let packets: Vec<_> = velodyne_columns(Product::Vlp16, 12_000);
     for payload in &packets {
         router.push(&packet(2, 2368, payload), &mut note);
     }
