@@ -100,7 +100,11 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         prediction,
     };
     comparison.verdict = verdict(&comparison);
-    comparison.words = words(&comparison, replayed, given.patches);
+    let cell_m = match given.scene {
+        Scene::Voxels(map) => Some(map.voxel_m()),
+        _ => None,
+    };
+    comparison.words = words(&comparison, replayed, given.patches, cell_m);
     comparison
 }
 

@@ -44,8 +44,13 @@ pub fn verdict(comparison: &Comparison) -> Verdict {
     if rays_fine && patches_fine && off(comparison).is_empty() { Verdict::Matches } else { Verdict::Differs }
 }
 
-/// What is missing, where, and why most likely.
-pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patches>) -> Vec<String> {
+/// What is missing, where, and why most likely; `cell_m` is the edge of a cell where the scene is a map of such.
+pub fn words(
+    comparison: &Comparison,
+    replayed: &Replayed,
+    patches: Option<&Patches>,
+    cell_m: Option<f64>,
+) -> Vec<String> {
     let mut words: Vec<String> = comparison.faults.iter().map(|fault| fault.words.clone()).collect();
     words.extend(off(comparison));
     for check in &comparison.mount {
@@ -58,6 +63,7 @@ pub fn words(comparison: &Comparison, replayed: &Replayed, patches: Option<&Patc
         let mut checks = comparison.mount.iter().filter(|check| check.sensor == sensor.name);
         let is_off = checks.any(|check| !off_its_seat(check).is_empty());
         words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice(), is_off));
+        words.extend(missing_returns(&sensor.name, &breakdown.total(), cell_m));
     }
     if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
         words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
@@ -94,6 +100,19 @@ fn contradictions(conflicts: &Conflicts) -> Vec<String> {
     words
 }
 
+/// Returns that the scene promises and that never came.
+fn missing_returns(name: &str, total: &RayClasses, cell_m: Option<f64>) -> Option<String> {
+    let percent = 100.0 * total.drop as f64 / total.informative().max(1) as f64;
+    (percent > 2.0).then(|| {
+        let map = cell_m.map_or(String::new(), |cell_m| {
+            format!(", or rays past the edge of something that fills a part of its cell of {cell_m} m (--map-voxel)")
+        });
+        format!(
+            "{name}: {percent:.1} % of the predicted returns are missing: dark, wet or grazing surfaces, lost packets{map}"
+        )
+    })
+}
+
 /// What one sensor's rays hint at; where its mount is off, that is the likeliest cause of all that ends elsewhere.
 fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -> Vec<String> {
     let all = total.informative();
@@ -116,12 +135,6 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
              again with the mount that --corrected-mount writes (of a sensor whose axis measures: with --axis-zero)",
             percent(total.short),
             percent(total.long)
-        ));
-    }
-    if percent(total.drop) > 2.0 {
-        words.push(format!(
-            "{name}: {:.1} % of the predicted returns are missing: dark, wet or grazing surfaces, or lost packets",
-            percent(total.drop)
         ));
     }
     if percent(total.extra) > 2.0 {
