@@ -17,6 +17,9 @@ pub const CASES: &[Case] = &[
     with_shared("velodyne_points_equal_the_peers", velodyne_points_equal_the_peers),
     with_shared("position_packets_with_a_wrong_length_count", position_packets_with_a_wrong_length_count),
     with_shared("two_sensors_on_one_port_are_told_apart", two_sensors_on_one_port_are_told_apart),
+    with_shared("units_without_serial_numbers_are_tied", units_without_serial_numbers_are_tied),
+    with_shared("a_typed_name_says_the_format", a_typed_name_says_the_format),
+    with_shared("what_is_read_twice_may_be_a_pipe", what_is_read_twice_may_be_a_pipe),
     with_shared("a_shared_identification_costs_one_datagram", a_shared_identification_costs_one_datagram),
     with_shared("frames_are_selected", frames_are_selected),
     with_shared("an_hdl_64e_says_how_it_is_calibrated", an_hdl_64e_says_how_it_is_calibrated),
@@ -110,6 +113,103 @@ fn velodyne_points_equal_the_peers() {
             assert!(close(ours, theirs, tolerance), "{name}: {ours} {theirs}");
         }
     }
+}
+
+/// Two units of one model with LEGACY packets: who sends tells them apart, or where to.
+fn units_without_serial_numbers_are_tied() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).display().to_string();
+    let one = datagrams(&shared("captures/ouster/ouster_example.pcap"));
+    let both = one.iter().flat_map(|datagram| {
+        [(200, 0), (201, 2)].map(|(host, ports)| {
+            let mut sent = datagram.clone();
+            sent.source.set_ip([192, 168, 0, host].into());
+            sent.destination.set_port(datagram.destination.port() + ports);
+            sent
+        })
+    });
+    let capture = write_capture(&folder.path().join("both.pcapng"), &both.collect::<Vec<_>>());
+    let capture = capture.to_str().unwrap();
+    for file in ["left.json", "right.json"] {
+        std::fs::copy(shared("captures/ouster/ouster_example.json"), folder.path().join(file)).unwrap();
+    }
+    let (_, alone, _) = decode(
+        &path("captures/ouster/ouster_example.pcap"),
+        &[&path("captures/ouster/ouster_example.json")],
+        &[],
+    );
+    let port = one.iter().find(|datagram| datagram.payload.len() > 1000).unwrap().destination.port();
+    let ports = [format!(":{port}="), format!(":{}=", port + 2)];
+    for ties in [["192.168.0.201=", "192.168.0.200="].map(str::to_owned), ports] {
+        let metas =
+            [format!("{}{}", ties[0], name("left.json")), format!("{}{}", ties[1], name("right.json"))];
+        let (code, document, said) = decode(capture, &[&metas[0], &metas[1]], &[]);
+        assert_eq!((code, said.as_str()), (0, ""), "{metas:?}");
+        for (at, tie) in ties.iter().enumerate() {
+            let sensor = &document["sensors"][at];
+            assert_eq!(sensor["frames"].as_array().unwrap().len(), 3, "{document:#}");
+            assert_eq!(sensor["totals"], alone["sensors"][0]["totals"]);
+            assert_eq!(sensor["imu_samples"], alone["sensors"][0]["imu_samples"]);
+            let said = format!("{}={}=", sensor["source"].as_str().unwrap(), sensor["port"]);
+            assert!(said.contains(tie.trim_start_matches(':').trim_end_matches('=')), "{said} {tie}");
+        }
+    }
+    let wrong = [format!("192.168.0.209={}", name("left.json"))];
+    let (code, _, said) = decode(capture, &[&wrong[0]], &[]);
+    assert!(code == 1 && said.contains("comes from 192.168.0.209"), "{said}");
+    let meta = format!("192.168.0.201={}", name("left.json"));
+    let (code, document, said) = decode(capture, &[&meta], &[]);
+    assert!(code == 0 && said.contains("which is said to be of 192.168.0.201"), "{said}");
+    assert_eq!(document["sensors"][0]["totals"], alone["sensors"][0]["totals"]);
+}
+
+/// What was typed counts, and not what the rig.toml says.
+fn a_typed_name_says_the_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::write(name("rig.toml"), "format = \"outrigger-rig/1\"\n[decode]\nformat = \"las\"\n").unwrap();
+    let run = |more: &[&str]| {
+        let mut arguments = vec!["--config".to_owned(), name("rig.toml"), "decode".into(), path(VLP16)];
+        arguments.extend(more.iter().map(|word| (*word).to_owned()));
+        let output = outrigger(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, said) = run(&["--out", &name("points.csv")]);
+    assert_eq!(code, 0, "{said}");
+    assert!(std::fs::read_to_string(name("points.csv")).unwrap().starts_with("sensor,"));
+    let (code, said) = run(&["--out", &name("frames/")]);
+    assert_eq!(code, 0, "{said}");
+    let files = std::fs::read_dir(name("frames")).unwrap().map(|entry| entry.unwrap().path());
+    assert!(files.into_iter().all(|file| file.extension().is_some_and(|extension| extension == "las")));
+    let (code, said) = run(&["--format", "las", "--out", &name("other.csv")]);
+    assert!(code == 1 && said.contains("--format las contradicts"), "{said}");
+}
+
+/// `compare` decodes a recording more than once, `replay` to one port looks at its ports first.
+fn what_is_read_twice_may_be_a_pipe() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name).display().to_string();
+    let seat = serde_json::json!({"name": "vlp", "model": "vlp-16", "x_m": 0.0, "y_m": 0.0, "z_m": 0.0,
+        "pitch_deg": 0.0, "roll_deg": 0.0});
+    let mount = serde_json::json!({"format": "outrigger-mount/1", "frame": "mount: x right, y forward, z up",
+        "sensors": [seat]});
+    std::fs::write(name("mount.json"), mount.to_string()).unwrap();
+    let capture = shared("captures/velodyne/nebula_vlp16.pcap");
+    let (pipe, mount) = (name("pipe"), name("mount.json"));
+    nix::unistd::mkfifo(pipe.as_str(), nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let run = |arguments: &[&str]| {
+        std::thread::scope(|scope| {
+            scope.spawn(|| std::fs::copy(&capture, &pipe).unwrap());
+            let output = outrigger(arguments);
+            let said = String::from_utf8_lossy(&output.stderr);
+            serde_json::from_slice::<Value>(&output.stdout).expect(&said)
+        })
+    };
+    let still = ["--map-frames", "0..2", "--trajectory", "still", "--mount", &mount, "--json"];
+    let compared = run(&[&["compare", &pipe][..], &still].concat());
+    assert!(compared["coverage"]["recorded"].as_u64() > Some(1000), "{compared:#}");
+    let replayed = run(&["replay", &pipe, "--to", "127.0.0.1:9", "--rate", "max", "--json"]);
+    assert_eq!(replayed["packets"], 603);
 }
 
 /// Position packets of this sensor claim a wrong IP length.

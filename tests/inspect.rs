@@ -22,6 +22,7 @@ pub const CASES: &[Case] = &[
     with_shared("a_restarted_sensor_is_noticed", a_restarted_sensor_is_noticed),
     with_shared("fragments_that_never_came_are_counted", fragments_that_never_came_are_counted),
     with_shared("streams_are_named_without_metadata", streams_are_named_without_metadata),
+    with_shared("streams_are_those_of_the_metadata", streams_are_those_of_the_metadata),
     with_shared("metadata_of_another_sensor_is_named", metadata_of_another_sensor_is_named),
     with_shared("metadata_of_another_mode_is_named", metadata_of_another_mode_is_named),
     with_shared("another_port_makes_no_difference", another_port_makes_no_difference),
@@ -188,6 +189,26 @@ fn streams_are_named_without_metadata() {
         advice.contains("add --meta") && advice.contains("OS-1-128_v2.3.0_1024x10.json lies beside"),
         "{advice}"
     );
+}
+
+/// A packet of 8448 bytes may be one of eight formats; the metadata know which.
+fn streams_are_those_of_the_metadata() {
+    let name = |extension: &str| shared(&format!("captures/ouster/OS-0-32-U1_v2.2.0_1024x10.{extension}"));
+    let other = shared("captures/ouster/OS-0-128-U1_v2.3.0_1024x10.json");
+    let (_, document) = inspect(&name("pcap"), &[&other, &name("json")]);
+    let flow = |length: u64| {
+        let flows = document["flows"].as_array().unwrap();
+        flows.iter().find(|flow| flow["length"] == length).unwrap()
+    };
+    let lidar = flow(8448);
+    assert_eq!(lidar["looks_like"], "Ouster lidar packet (RNG19_RFL8_SIG16_NIR16_DUAL x 32 pixels)");
+    assert_eq!(lidar["sensors"], serde_json::json!([document["sensors"][1]["id"]]));
+    assert!(lidar["metadata"][0].as_str().unwrap().ends_with("OS-0-32-U1_v2.2.0_1024x10.json"), "{lidar}");
+    // nothing says whose the inertial packets are, but one of the two alone is there
+    assert_eq!((&flow(48)["sensors"], &flow(48)["of_nobody"]), (&lidar["sensors"], &0.into()));
+    let (_, document) = inspect(&name("pcap"), &[&other]);
+    let flow = &document["flows"][0];
+    assert_eq!((&flow["sensors"], &flow["of_nobody"]), (&serde_json::json!([]), &flow["packets"]));
 }
 
 fn metadata_of_another_sensor_is_named() {

@@ -9,6 +9,7 @@ use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 
 use super::daemon::place::FROM_PREDICT;
+use super::tied_file::TiedFile;
 use super::{Cli, Verb};
 use crate::config::{Config, ConfigError, Section, Setting};
 use crate::servo::is_no_path;
@@ -56,7 +57,7 @@ pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> R
                 );
                 return Err(wrong(config, setting.line, reason));
             }
-            if typed.is_some_and(|typed| alternatives.iter().any(|other| is_typed(typed, other))) {
+            if typed.is_some_and(|typed| alternatives.iter().any(|other| is_typed(typed, other.as_str()))) {
                 continue;
             }
             for choice in mine() {
@@ -78,8 +79,9 @@ fn within<'a>(matches: &'a ArgMatches, verb: &[String]) -> Option<&'a ArgMatches
     })
 }
 
-fn is_typed(matches: &ArgMatches, id: &clap::Id) -> bool {
-    let source = matches.value_source(id.as_str());
+/// Whether an argument is the user's own and not the file's.
+pub fn is_typed(matches: &ArgMatches, id: &str) -> bool {
+    let source = matches.value_source(id);
     matches!(source, Some(ValueSource::CommandLine | ValueSource::EnvVariable))
 }
 
@@ -193,11 +195,12 @@ fn find(
 }
 
 fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
-    let is_path = arg.get_value_parser().type_id() == TypeId::of::<PathBuf>();
-    // a rig's line may be no file: can:can0
-    let value = |text: &String| match is_path && !is_no_path(text) {
-        true => folder.join(text).into_os_string(),
-        false => OsString::from(text),
+    let of_type = arg.get_value_parser().type_id();
+    let value = |text: &String| match () {
+        () if of_type == TypeId::of::<TiedFile>() => TiedFile::text_in(text, folder),
+        // a rig's line may be no file: can:can0
+        () if of_type == TypeId::of::<PathBuf>() && !is_no_path(text) => folder.join(text).into_os_string(),
+        () => OsString::from(text),
     };
     arg.required(false).default_values(setting.values.iter().map(value))
 }

@@ -39,6 +39,7 @@ mod signals;
 mod stand;
 mod study;
 mod surface;
+mod tied_file;
 mod unread;
 mod validate;
 
@@ -137,7 +138,13 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
             Err(error) => return fail(error),
         };
     }
-    let parsed = command.try_get_matches_from(&arguments).and_then(|matches| Cli::from_arg_matches(&matches));
+    let parsed = command.try_get_matches_from(&arguments).and_then(|matches| {
+        let mut cli = Cli::from_arg_matches(&matches)?;
+        if let (Verb::Decode(args), Some((_, typed))) = (&mut cli.verb, matches.subcommand()) {
+            args.prefer_typed(|id| defaults::is_typed(typed, id));
+        }
+        Ok(cli)
+    });
     match (parsed, config) {
         (Ok(cli), _) => cli.run(config),
         (Err(error), None) => error.exit(),

@@ -6,12 +6,13 @@ use anyhow::{Context as _, bail};
 use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Router};
+use sensors::router::{GivenCalibration, Named, Router, Tie};
 use sensors::velodyne::Calibration;
 use tempfile::NamedTempFile;
 
+use super::tied_file::TiedFile;
 use crate::config::Config;
-use crate::record::{Manifest, Session};
+use crate::record::{Manifest, SensorEntry, Session};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
 /// has not said yet how it is calibrated.
@@ -37,24 +38,37 @@ const MOST_METADATA_BYTES: u64 = 1 << 20;
 
 /// A capture with the metadata that belongs to it.
 pub struct Recording {
+    /// What messages call it.
+    name: String,
     path: PathBuf,
-    metadata: Vec<(Metadata, String)>,
+    metadata: Vec<Given>,
     calibrations: Vec<GivenCalibration>,
-    /// What a session's recorder knows to be missing.
-    missing: Vec<String>,
-    /// Standard input, where it is read more than once.
+    /// The session that it is, and what that says of itself.
+    session: Option<(PathBuf, Manifest)>,
+    /// What can be read but once, where it is read more than once.
     spooled: Option<NamedTempFile>,
+}
+
+/// Metadata of an Ouster.
+struct Given {
+    metadata: Metadata,
+    /// What messages call them.
+    name: String,
+    /// Which unit's they are, where somebody says.
+    tie: Option<Tie>,
 }
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct SensorArgs {
-    /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none.
-    #[arg(long = "meta", value_name = "META.json")]
-    pub meta: Vec<PathBuf>,
+    /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none. Where packets bear no serial number
+    /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, or by the port of the
+    /// lidar packets, :7502=front.json.
+    #[arg(long = "meta", value_name = "[ADDRESS=|:PORT=]META.json")]
+    pub meta: Vec<TiedFile>,
     /// Calibration of a Velodyne (db.xml or YAML); with several, name each by its address: 192.168.1.201=left.xml.
     #[arg(long, value_name = "[ADDRESS=]FILE")]
-    pub calibration: Vec<String>,
+    pub calibration: Vec<TiedFile>,
 }
 
 impl SensorArgs {
@@ -63,14 +77,15 @@ impl SensorArgs {
         let mut sensors = self.clone();
         if sensors.meta.is_empty() && !Session::is_session(capture) {
             let named = config.into_iter().flat_map(|config| &config.sensors);
-            sensors.meta.extend(named.filter_map(|sensor| sensor.metadata.clone()));
+            let files = named.filter_map(|sensor| sensor.metadata.clone());
+            sensors.meta.extend(files.map(|path| TiedFile { tie: None, path }));
         }
         sensors
     }
 
     /// The calibrations, read.
     pub fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
-        self.calibration.iter().map(|text| calibration(text)).collect()
+        self.calibration.iter().map(calibration).collect()
     }
 }
 
@@ -98,46 +113,48 @@ impl Recording {
                 crate::record::file::MANIFEST
             );
         }
-        let mut missing = Vec::new();
+        let mut session = None;
         if capture.is_dir() {
-            missing = Manifest::read(capture)?.missing();
+            session = Some((capture.to_owned(), Manifest::read(capture)?));
             path = capture.join(crate::record::file::PACKETS);
             if paths.is_empty() {
-                paths = json_files(&capture.join(crate::record::file::METADATA))?;
+                let files = json_files(&capture.join(crate::record::file::METADATA))?;
+                paths = files.into_iter().map(|path| TiedFile { tie: None, path }).collect();
             }
         }
+        let name = match path.as_os_str() == "-" {
+            true => "standard input".into(),
+            false => path.display().to_string(),
+        };
         Ok(Self {
+            name,
             path,
             metadata: metadata_of(&paths)?,
             calibrations: sensors.calibrations()?,
-            missing,
+            session,
             spooled: None,
         })
     }
 
-    /// The same for who reads it more than once: standard input is kept in a temporary file.
+    /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
     pub fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         let mut recording = Self::open(capture, sensors)?;
-        if recording.is_standard_input() {
-            let spool = || {
-                let mut file = NamedTempFile::new()?;
-                std::io::copy(&mut std::io::stdin(), &mut file)?;
-                Ok::<_, std::io::Error>(file)
-            };
-            let file = spool().context("standard input cannot be kept in a temporary file (TMPDIR)")?;
+        recording.spooled = spool(&recording.path)?;
+        if let Some(file) = &recording.spooled {
             recording.path = file.path().to_owned();
-            recording.spooled = Some(file);
         }
         Ok(recording)
     }
 
+    /// What of a session's files is not as its manifest says. Reads all of them.
+    pub fn problems_of_session(&self) -> Vec<String> {
+        let session = self.session.clone();
+        session.map_or_else(Vec::new, |(dir, manifest)| Session::of(&dir, manifest).problems().to_vec())
+    }
+
     /// The file that is read.
     pub fn name(&self) -> String {
-        if self.is_standard_input() || self.spooled.is_some() {
-            "standard input".into()
-        } else {
-            self.path.display().to_string()
-        }
+        self.name.clone()
     }
 
     /// Whether this is the file that is read.
@@ -165,7 +182,7 @@ impl Recording {
             name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
         };
         let describes = |path: &PathBuf| {
-            if self.metadata.iter().any(|(_, given)| crate::files::is_same(path, Path::new(given))) {
+            if self.metadata.iter().any(|given| crate::files::is_same(path, Path::new(&given.name))) {
                 return false;
             }
             let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
@@ -184,8 +201,9 @@ impl Recording {
     /// A router that knows the sensors of the metadata, and where they send from if that is needed.
     pub fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
-        for (metadata, name) in &self.metadata {
-            router.add_ouster(metadata.clone(), name.clone());
+        router.set_names(self.names());
+        for Given { metadata, name, tie } in &self.metadata {
+            router.add_tied_ouster(metadata.clone(), name.clone(), *tie);
         }
         for calibration in &self.calibrations {
             router.add_calibration(calibration.clone());
@@ -195,8 +213,22 @@ impl Recording {
             let mut reader = CaptureReader::open(&self.path)?;
             // damage is found again, and reported, when the packets are decoded
             look_first(|| Some(router.learn(&reader.next().ok()??)));
+            router.end_learning();
         }
         Ok(router)
+    }
+
+    /// How a session calls its sensors.
+    fn names(&self) -> Vec<Named> {
+        let Some((dir, manifest)) = &self.session else { return Vec::new() };
+        let entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry));
+        let named = |entry: &SensorEntry| Named {
+            name: entry.name.clone(),
+            metadata: entry.metadata.as_ref().map(|relative| dir.join(relative).display().to_string()),
+            source: entry.source,
+            port: entry.address.map(|address| address.port()),
+        };
+        entries.map(named).collect()
     }
 
     /// Hands every datagram to `take`. A file that is cut off or damaged ends the pass early; the [`Ending`] says so.
@@ -204,7 +236,7 @@ impl Recording {
         &self,
         take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
     ) -> anyhow::Result<Ending> {
-        let mut reader = match self.is_standard_input() {
+        let mut reader = match self.path.as_os_str() == "-" {
             true => CaptureReader::new(std::io::stdin(), "standard input")?,
             false => CaptureReader::open(&self.path)?,
         };
@@ -226,12 +258,8 @@ impl Recording {
             counters: reader.counters().clone(),
             damage,
             interfaces: reader.interfaces().to_vec(),
-            missing: self.missing.clone(),
+            missing: self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| manifest.missing()),
         })
-    }
-
-    fn is_standard_input(&self) -> bool {
-        self.path.as_os_str() == "-"
     }
 }
 
@@ -260,36 +288,66 @@ pub fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
     counters.truncated.iter().map(ToString::to_string).chain(counted).collect()
 }
 
-/// Refuses a calibration that does not fit the sensor that it was given for.
-pub fn ensure_calibrated(router: &Router) -> anyhow::Result<()> {
+/// What can be read but once (standard input as `-`, a pipe), kept in a temporary file; none of another file.
+pub fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
+    let is_standard_input = path.as_os_str() == "-";
+    let is_pipe = std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir());
+    if !is_standard_input && !is_pipe {
+        return Ok(None);
+    }
+    let keep = || {
+        let mut file = NamedTempFile::new()?;
+        match is_standard_input {
+            true => std::io::copy(&mut std::io::stdin(), &mut file)?,
+            false => std::io::copy(&mut std::fs::File::open(path)?, &mut file)?,
+        };
+        Ok::<_, std::io::Error>(file)
+    };
+    let name = if is_standard_input { "standard input".into() } else { path.display().to_string() };
+    keep().map(Some).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
+}
+
+/// Refuses a calibration that does not fit the sensor that it was given for, and metadata tied to who sends nothing.
+pub fn ensure_given_fits(router: &Router) -> anyhow::Result<()> {
     for sensor in router.sensors() {
         if let Some((name, error)) = sensor.calibration_error() {
             let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
             bail!("{name}, given for the {}{source}: {error}", sensor.product());
+        }
+        if let (Some(tie), Some(name), 0) = (sensor.tie(), &sensor.metadata_name, sensor.stats().packets) {
+            let whence = match tie {
+                Tie::Sender(address) => format!("comes from {address}"),
+                Tie::Port(port) => format!("goes to port {port}"),
+            };
+            bail!(
+                "--meta {tie}={name}: no packet that fits it {whence}; `outrigger inspect` lists who sends what where"
+            );
         }
     }
     Ok(())
 }
 
 /// The metadata in some files; what describes a unit as another file does counts once.
-fn metadata_of(paths: &[PathBuf]) -> anyhow::Result<Vec<(Metadata, String)>> {
-    let mut known: Vec<(Metadata, String)> = Vec::with_capacity(paths.len());
-    for path in paths {
+fn metadata_of(files: &[TiedFile]) -> anyhow::Result<Vec<Given>> {
+    let mut known: Vec<Given> = Vec::with_capacity(files.len());
+    for TiedFile { tie, path } in files {
         let name = path.display().to_string();
         let text = crate::files::read_text(path).with_context(|| name.clone())?;
         let metadata = Metadata::parse(&text, &name)?;
-        let same_unit = |(other, _): &&(Metadata, String)| {
-            let is_one = metadata.serial_number().is_some_and(|serial| other.serial_number() == Some(serial));
-            is_one && other.packet_format() == metadata.packet_format()
+        let same_unit = |other: &&Given| {
+            let serial = metadata.serial_number();
+            let is_one = serial.is_some_and(|serial| other.metadata.serial_number() == Some(serial));
+            is_one && other.tie == *tie && other.metadata.packet_format() == metadata.packet_format()
         };
         match known.iter().find(same_unit) {
-            Some((other, _)) if as_decoded(other) == as_decoded(&metadata) => {}
-            Some((_, other)) => bail!(
-                "{other} and {name}: both of sensor {}, with packets of the same format, and they differ: give the one \
-                 of the time of the recording",
+            Some(other) if as_decoded(&other.metadata) == as_decoded(&metadata) => {}
+            Some(other) => bail!(
+                "{} and {name}: both of sensor {}, with packets of the same format, and they differ: give the one of the \
+                 time of the recording",
+                other.name,
                 metadata.serial
             ),
-            None => known.push((metadata, name)),
+            None => known.push(Given { metadata, name, tie: *tie }),
         }
     }
     Ok(known)
@@ -302,13 +360,20 @@ fn as_decoded(metadata: &Metadata) -> Metadata {
     Metadata { init_id: 0, firmware, lidar_port, imu_port, zone_port, destination, ..metadata.clone() }
 }
 
-/// `FILE` or `ADDRESS=FILE`.
-fn calibration(text: &str) -> anyhow::Result<GivenCalibration> {
-    let named = text.split_once('=').and_then(|(address, path)| Some((address.parse().ok()?, path)));
-    let (source, path) = named.map_or((None, text), |(address, path)| (Some(address), path));
-    let bytes = std::fs::read(path).with_context(|| path.to_owned())?;
-    let calibration = Calibration::from_bytes(&bytes).with_context(|| path.to_owned())?;
-    Ok(GivenCalibration { source, name: path.to_owned(), calibration })
+fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
+    let name = file.path.display().to_string();
+    let source = match file.tie {
+        None => None,
+        Some(Tie::Sender(address)) => Some(address),
+        Some(tie @ Tie::Port(_)) => {
+            bail!(
+                "--calibration {tie}={name}: expected the address that the Velodyne sends from, ADDRESS=FILE"
+            )
+        }
+    };
+    let bytes = std::fs::read(&file.path).with_context(|| name.clone())?;
+    let calibration = Calibration::from_bytes(&bytes).with_context(|| name.clone())?;
+    Ok(GivenCalibration { source, name, calibration })
 }
 
 fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {

@@ -11,16 +11,20 @@ pub fn ids(router: &Router) -> Vec<String> {
     taken
 }
 
-/// Product and serial number (or sender, where there is none); numbered where that is taken.
+/// As the recording calls it, or by product and serial number (or sender, where there is none); numbered where that is
+/// taken.
 pub fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
     let tail = match (sensor.serial(), sensor.source()) {
         ("", Some(source)) => source.ip().to_string(),
         (serial, _) => serial.to_owned(),
     };
-    let plain: String = format!("{}-{tail}", sensor.product())
-        .to_lowercase()
+    let unnamed = || format!("{}-{tail}", sensor.product()).to_lowercase();
+    let plain: String = sensor
+        .name
+        .clone()
+        .unwrap_or_else(unnamed)
         .chars()
-        .map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' })
+        .map(|c| if c.is_ascii_alphanumeric() || "._".contains(c) { c } else { '-' })
         .collect();
     let plain = plain.trim_end_matches('-').to_owned();
     let numbered = (2..).map(|number| format!("{plain}-{number}"));

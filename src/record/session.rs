@@ -23,7 +23,11 @@ impl Session {
     /// Opens a session and checks every file against its checksum. What is wrong and can be lived with (a session that
     /// was not closed, a file that differs) is in [`Session::problems`].
     pub fn open(dir: &Path) -> Result<Self, SessionError> {
-        let manifest = Manifest::read(dir)?;
+        Ok(Self::of(dir, Manifest::read(dir)?))
+    }
+
+    /// The same of a folder whose manifest was read already.
+    pub fn of(dir: &Path, manifest: Manifest) -> Self {
         let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
         for expected in &manifest.files {
             match disk::entry_of(dir, &expected.path) {
@@ -36,7 +40,7 @@ impl Session {
                 Err(error) => problems.push(error.to_string()),
             }
         }
-        Ok(Self { dir: dir.to_owned(), manifest, problems })
+        Self { dir: dir.to_owned(), manifest, problems }
     }
 
     /// Whether a path is a folder with a manifest.

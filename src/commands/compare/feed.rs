@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::beams::Seat;
 use super::hearing::Heard;
-use crate::commands::recording::{Recording, look_first};
+use crate::commands::recording::{Recording, ensure_given_fits, look_first};
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
@@ -260,6 +260,7 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         recording.name(),
         rig.sensors.len()
     );
+    ensure_given_fits(&router)?;
     for (at, (sensor, seat)) in router.sensors().iter().zip(&seats).enumerate() {
         fed.sensors[at].packets_recorded = sensor.stats().packets;
         fed.close(at, sensor, seat)?;

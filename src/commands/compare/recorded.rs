@@ -36,7 +36,8 @@ pub struct RecordedArgs {
 impl RecordedArgs {
     /// Refuses to write over what is read.
     pub fn spare(&self, out: &Path) -> anyhow::Result<()> {
-        let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(&self.sensors.meta);
+        let metadata = self.sensors.meta.iter().map(|file| &file.path);
+        let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(metadata);
         let is_read = inputs.any(|input| is_same(out, input));
         ensure!(!is_read, "{}: this file is read; write to another", out.display());
         Ok(())
@@ -45,7 +46,7 @@ impl RecordedArgs {
 
 enum Source {
     Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<GivenCalibration> },
-    Capture(Recording),
+    Capture(Box<Recording>),
 }
 
 /// A recording and the rig that made it.
@@ -111,7 +112,7 @@ impl Recorded {
                 notices = contradicted(&rig, &tilts, zeros);
                 (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
             }
-            _ => (Source::Capture(Recording::open_to_reread(path, sensors)?), Vec::new()),
+            _ => (Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?)), Vec::new()),
         };
         zeros.ensure_measured(&axes)?;
         Ok(Some(Self { source, mount, rig, axes, notices, span_ns: OnceCell::new() }))

@@ -16,7 +16,7 @@ use self::document::Document;
 use self::frames::FrameRange;
 use self::output::Output;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::{Recording, SensorArgs, ensure_calibrated};
+use super::recording::{Recording, SensorArgs, ensure_given_fits};
 use super::{Context, Outcome, signals};
 use crate::export::Format;
 
@@ -51,6 +51,16 @@ pub struct Args {
     /// Overwrite files that exist.
     #[arg(long)]
     force: bool,
+}
+
+impl Args {
+    /// A format of the rig.toml gives way to one that the typed name of a file says.
+    pub fn prefer_typed(&mut self, is_typed: impl Fn(&str) -> bool) {
+        let is_said = self.out.as_deref().is_some_and(|out| !out.is_dir() && Format::of_path(out).is_some());
+        if is_said && is_typed("out") && !is_typed("format") {
+            self.format = None;
+        }
+    }
 }
 
 /// Runs the verb.
@@ -98,7 +108,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     })?;
     router.finish(&mut take);
     go_on()?;
-    ensure_calibrated(&router)?;
+    ensure_given_fits(&router)?;
     document.conclude(&recording, &router, &ending);
     if document.is_empty() {
         if let Some(damage) = ending.damage {

@@ -7,7 +7,7 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
-use crate::commands::recording::{Ending, Recording, ensure_calibrated};
+use crate::commands::recording::{Ending, Recording, ensure_given_fits};
 use crate::commands::{sensor_ids, unread};
 use crate::watch::{SensorReport, Watch};
 
@@ -30,14 +30,13 @@ pub struct Document {
 }
 
 impl Document {
-    /// Puts together what was seen; `damage` is what a session's files are not as they were.
+    /// Puts together what was seen.
     pub fn new(
         recording: &Recording,
         router: &Router,
         flows: &Flows,
         watches: &[Watch],
         ending: &Ending,
-        damage: Vec<String>,
     ) -> Self {
         let none = Watch::default();
         let ids = sensor_ids::ids(router);
@@ -48,7 +47,9 @@ impl Document {
             .map(|(at, sensor)| watches.get(at).unwrap_or(&none).report(ids[at].clone(), sensor))
             .collect();
         let mut losses = ending.losses();
-        losses.extend(damage.into_iter().filter(|words| !ending.losses().contains(words)));
+        // a session knows what its files held
+        let damage = recording.problems_of_session().into_iter();
+        losses.extend(damage.filter(|words| !ending.losses().contains(words)));
         for sensor in &sensors {
             losses.extend(unread::sensor_losses(&sensor.id, &sensor.counters));
         }
@@ -59,7 +60,7 @@ impl Document {
             last_host_time_ns: span_ns.map(|[_, last]| last),
             duration_s: span_ns.map(|[first, last]| (last - first) as f64 * 1e-9),
             interfaces: ending.interfaces.clone(),
-            flows: flows.reports(),
+            flows: flows.reports(router, &ids),
             packets_of_other_flows: flows.others(),
             unclaimed: router.unclaimed().cloned().collect(),
             fragments_incomplete: ending.counters.fragments_incomplete,
@@ -93,10 +94,11 @@ impl Document {
             let rate = flow.rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.1}/s"));
             let serial = flow.serial.map_or(String::new(), |serial| format!(", sensor {serial}"));
             let mode = flow.columns_per_frame.map_or(String::new(), |columns| format!(", {columns} columns"));
+            let whose = flow.whose();
             let FlowReport { source, destination, length, packets, looks_like, .. } = flow;
             let _ = writeln!(
                 text,
-                "  {source} -> {destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}"
+                "  {source} -> {destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{whose}"
             );
         }
         for (title, lines) in [("missing", &self.losses), ("what would help", &self.advice)] {
@@ -206,7 +208,7 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
     for path in unread::metadata_beside(recording, router, &flows.serials()) {
         advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
-    advice.extend(ensure_calibrated(router).err().map(|error| error.to_string()));
+    advice.extend(ensure_given_fits(router).err().map(|error| error.to_string()));
     advice.extend(unread::beam_notices(router));
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");

@@ -1,11 +1,11 @@
 //! Every stream of UDP packets in a recording, with or without a decoder for it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 
 use sensors::Packet;
 use sensors::ouster::wire::{Header, PacketFormat};
-use sensors::router::Guess;
+use sensors::router::{Family, Guess, Routed, Router, Sensor};
 use serde::Serialize;
 
 use crate::watch::rate_hz;
@@ -26,6 +26,9 @@ struct Flow {
     span_ns: [u64; 2],
     guess: Guess,
     columns: Option<ColumnWatch>,
+    /// Sensors that took some.
+    takers: BTreeSet<usize>,
+    of_nobody: u64,
 }
 
 /// What the columns of an Ouster tell without metadata.
@@ -50,8 +53,16 @@ pub struct FlowReport {
     pub packets: u64,
     /// Over the time from the first to the last.
     pub rate_hz: Option<f64>,
-    /// What they look like.
+    /// What they are, as the sensor knows that took them; otherwise what they look like.
     pub looks_like: String,
+    /// Sensors that they are of: their ids.
+    pub sensors: Vec<String>,
+    /// Metadata of these sensors, where they have some.
+    pub metadata: Vec<String>,
+    /// Packets that no sensor took.
+    pub of_nobody: u64,
+    #[serde(skip)]
+    fits_no_metadata: bool,
     /// Serial number in them.
     pub serial: Option<u64>,
     /// Initialization id in the first of them.
@@ -63,8 +74,8 @@ pub struct FlowReport {
 }
 
 impl Flows {
-    /// Counts a packet.
-    pub fn add(&mut self, packet: &Packet<'_>) {
+    /// Counts a packet, of which this has become.
+    pub fn add(&mut self, packet: &Packet<'_>, routed: Routed) {
         let time_ns = packet.host_time_ns;
         let span_ns = self.span_ns.get_or_insert([time_ns; 2]);
         *span_ns = [span_ns[0].min(time_ns), span_ns[1].max(time_ns)];
@@ -75,6 +86,12 @@ impl Flows {
         }
         let flow = self.flows.entry(key).or_insert_with(|| Flow::new(packet));
         flow.packets += 1;
+        match routed {
+            Routed::Taken(at) | Routed::Damaged(at) => {
+                flow.takers.insert(at);
+            }
+            Routed::Unclaimed => flow.of_nobody += 1,
+        }
         flow.span_ns = [flow.span_ns[0].min(time_ns), flow.span_ns[1].max(time_ns)];
         if let Some(columns) = &mut flow.columns {
             columns.add(packet.payload);
@@ -99,23 +116,51 @@ impl Flows {
         serials
     }
 
-    /// All streams.
-    pub fn reports(&self) -> Vec<FlowReport> {
-        self.flows
-            .iter()
-            .map(|((source, destination, length), flow)| FlowReport {
+    /// All streams; the sensors of the router have these ids.
+    pub fn reports(&self, router: &Router, ids: &[String]) -> Vec<FlowReport> {
+        let has_metadata = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));
+        let report = |((source, destination, length), flow): (&(SocketAddr, SocketAddr, usize), &Flow)| {
+            let takers: Vec<&Sensor> = flow.takers.iter().map(|at| &router.sensors()[*at]).collect();
+            let known = takers.first().and_then(|sensor| flow.as_known(sensor, *length));
+            FlowReport {
                 source: source.to_string(),
                 destination: destination.to_string(),
                 length: *length,
                 packets: flow.packets,
                 rate_hz: rate_hz(flow.packets, flow.span_ns),
-                looks_like: flow.guess.to_string(),
+                looks_like: known.as_ref().map_or_else(|| flow.guess.to_string(), |(what, _)| what.clone()),
+                sensors: flow.takers.iter().map(|at| ids[*at].clone()).collect(),
+                metadata: takers.iter().filter_map(|sensor| sensor.metadata_name.clone()).collect(),
+                of_nobody: flow.of_nobody,
+                fits_no_metadata: takers.is_empty() && has_metadata && flow.guess.is_ouster(),
                 serial: flow.guess.serial(),
                 init_id: flow.header().map(|header| header.init_id),
                 frames: flow.columns.as_ref().map(|columns| columns.frames),
-                columns_per_frame: flow.columns.as_ref().and_then(ColumnWatch::columns_per_frame),
-            })
-            .collect()
+                columns_per_frame: known
+                    .map(|(_, columns)| columns)
+                    .or_else(|| flow.columns.as_ref().and_then(ColumnWatch::columns_per_frame)),
+            }
+        };
+        self.flows.iter().map(report).collect()
+    }
+}
+
+impl FlowReport {
+    /// Whose packets they are, in words; nothing where nobody knows.
+    pub fn whose(&self) -> String {
+        if self.sensors.is_empty() {
+            let fits_none = ", fits no metadata that was given";
+            return if self.fits_no_metadata { fits_none.into() } else { String::new() };
+        }
+        let files = match self.metadata.is_empty() {
+            true => String::new(),
+            false => format!(" ({})", self.metadata.join(", ")),
+        };
+        let rest = match self.of_nobody {
+            0 => String::new(),
+            packets => format!(", {packets} of nobody"),
+        };
+        format!(", of {}{files}{rest}", self.sensors.join(" and "))
     }
 }
 
@@ -128,7 +173,21 @@ impl Flow {
             }
             _ => None,
         };
-        Self { packets: 0, span_ns: [packet.host_time_ns; 2], guess, columns }
+        let span_ns = [packet.host_time_ns; 2];
+        Self { packets: 0, span_ns, guess, columns, takers: BTreeSet::new(), of_nobody: 0 }
+    }
+
+    /// What the lidar packets of an Ouster are by its metadata, and its columns per revolution.
+    fn as_known(&self, sensor: &Sensor, length: usize) -> Option<(String, u16)> {
+        let Family::Ouster(decoder) = sensor.family() else { return None };
+        let metadata = decoder.metadata();
+        let format = metadata.packet_format();
+        if length != format.packet_bytes() {
+            return None;
+        }
+        let what =
+            format!("Ouster lidar packet ({} x {} pixels)", format.profile.name(), format.pixels_per_column);
+        Some((what, u16::try_from(metadata.columns_per_frame).ok()?))
     }
 
     fn header(&self) -> Option<Header> {

@@ -10,7 +10,6 @@ use self::flows::Flows;
 use super::output::{print_json, print_text};
 use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome};
-use crate::record::Session;
 use crate::watch::Watch;
 
 const EXIT_CODES: &str = "\
@@ -41,17 +40,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         watches[at].take(&decoded);
     };
     let ending = recording.each_packet(&mut |packet| {
-        flows.add(packet);
-        router.push(packet, &mut take);
+        let routed = router.push(packet, &mut take);
+        flows.add(packet, routed);
         Ok(())
     })?;
     router.finish(&mut take);
-    // a session knows what its files held
-    let damage = match Session::is_session(&args.capture) {
-        true => Session::open(&args.capture)?.problems().to_vec(),
-        false => Vec::new(),
-    };
-    let document = Document::new(&recording, &router, &flows, &watches, &ending, damage);
+    let document = Document::new(&recording, &router, &flows, &watches, &ending);
     if context.json {
         print_json(&document)?;
     } else {
