@@ -45,6 +45,7 @@ pub const CASES: &[Case] = &[
     ),
     case("replay_says_what_it_does_not_send", program::replay_says_what_it_does_not_send),
     case("a_looped_replay_ends_with_its_count", program::a_looped_replay_ends_with_its_count),
+    case("sensors_are_called_as_they_were_recorded", program::sensors_are_called_as_they_were_recorded),
     case("a_silent_sensor_is_named", program::a_silent_sensor_is_named),
     case("two_mock_sensors_are_recorded_and_decoded", program::two_mock_sensors_are_recorded_and_decoded),
     case("what_record_keeps_is_enough_to_compare", program::what_record_keeps_is_enough_to_compare),

@@ -11,14 +11,14 @@ use anyhow::{Context as _, bail, ensure};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::capture::CaptureReader;
 
-use super::recording::capture_losses;
+use super::recording::{self, capture_losses};
 use super::{Context, Outcome, output, signals};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::record::{Session, file};
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;
-/// Senders to one port that are told of by name.
+/// Senders that are told apart, and told of by name.
 const MOST_SENDERS: usize = 8;
 const INTERRUPTED: &str = "interrupted: the rest of the recording was not sent";
 /// Time after Ctrl-C in which a packet may still be waited for.
@@ -29,11 +29,12 @@ const TO_END_WITHIN: Duration = Duration::from_secs(1);
 #[command(
     after_help = "Without a port in --to and without --map, packets go to the ports they went to when they were \
                         recorded. With a port, everything goes there, and must have gone to one port when it was recorded. \
-                        With --map, only mapped ports are sent. Exit codes: 0 when the whole recording was sent, 3 when \
+                        With --map, only mapped ports are sent. To 127.0.0.1, each sender of the recording has an address of its own \
+                        (127.0.0.1, 127.0.0.2, ...; Linux). Exit codes: 0 when the whole recording was sent, 3 when \
                         some of it could not be read, 1 when nothing was sent or it was interrupted (--loop ends so)."
 )]
 pub struct Args {
-    /// A capture (pcap, pcapng, plain or gzip) or a session folder.
+    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
     capture: PathBuf,
     /// Where packets go.
     #[arg(long, value_name = "HOST[:PORT]", value_parser = parse_target)]
@@ -64,9 +65,11 @@ struct Sent {
     /// What of the recording could not be sent.
     losses: Vec<String>,
     notices: Vec<String>,
-    /// Senders of the recording, by the port that their packets go to now.
+    /// Senders of the recording, and where their packets come from now.
+    senders: BTreeMap<IpAddr, IpAddr>,
+    /// Senders of the recording, by the port that their packets go to and the socket that they leave from now.
     #[serde(skip)]
-    senders: BTreeMap<u16, BTreeSet<IpAddr>>,
+    mixed: BTreeMap<(u16, usize), BTreeSet<IpAddr>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
@@ -75,9 +78,56 @@ struct PortSent {
     packets: u64,
 }
 
+/// Where the packets of each sender of the recording leave from: on loopback each has an address of its own, so that
+/// whoever receives tells them apart as before.
+struct Sockets {
+    transmitter: Transmitter,
+    /// Address of the first socket.
+    first: IpAddr,
+    of: BTreeMap<IpAddr, (usize, IpAddr)>,
+}
+
+impl Sockets {
+    fn new(transmitter: Transmitter) -> std::io::Result<Self> {
+        let first = transmitter.local_addr()?.ip();
+        Ok(Self { transmitter, first, of: BTreeMap::new() })
+    }
+
+    /// Socket of a sender, and the address that its packets come from.
+    fn of(&mut self, sender: IpAddr) -> (usize, IpAddr) {
+        if let Some(known) = self.of.get(&sender) {
+            return *known;
+        }
+        let mut taken = (0, self.first);
+        if let IpAddr::V4(first) = self.first
+            && first.is_loopback()
+            && (1..MOST_SENDERS).contains(&self.of.len())
+        {
+            let next = IpAddr::from(std::net::Ipv4Addr::from_bits(first.to_bits() + self.of.len() as u32));
+            // Linux has all of 127.0.0.0/8; where it is not so, all leave from one
+            if let Ok(number) = self.transmitter.add_socket(next) {
+                taken = (number, next);
+            }
+        }
+        if self.of.len() < MOST_SENDERS {
+            self.of.insert(sender, taken);
+        }
+        taken
+    }
+}
+
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let path = packets_path(&args.capture)?;
+    let mut path = packets_path(&args.capture)?;
+    let name = if path == Path::new("-") { "standard input".into() } else { path.display().to_string() };
+    // what is read once need not be kept
+    let spooled = match args.again || looks_ahead(args) {
+        true => recording::spool(&path)?,
+        false => None,
+    };
+    if let Some(file) = &spooled {
+        path = file.path().to_owned();
+    }
     check_ports(args, &path)?;
     let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
     let begun = Instant::now();
@@ -86,11 +136,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
         bar.set_style(style);
     }
-    let mut transmitter = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
+    let mut sockets = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
+        .and_then(Sockets::new)
         .context("cannot open a socket to send from")?;
     loop {
-        transmitter.set_clock(Clock::new(args.rate, None));
-        send_once(args, &path, &mut sent, &mut transmitter, &bar, &stop)?;
+        sockets.transmitter.set_clock(Clock::new(args.rate, None));
+        send_once(args, &path, &mut sent, &mut sockets, &bar, &stop)?;
         if stop.load(Ordering::Relaxed) {
             break;
         }
@@ -105,9 +156,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if sent.packets == 0 && !is_interrupted {
         let none_mapped = (sent.not_mapped > 0).then(|| "none goes to a mapped port".to_owned());
         let why: String = none_mapped.iter().chain(&sent.losses).flat_map(|why| ["; ", why]).collect();
-        bail!("{}: no UDP packet to send{why}", path.display());
+        bail!("{name}: no UDP packet to send{why}");
     }
-    for (port, senders) in sent.senders.iter().filter(|(_, senders)| senders.len() > 1) {
+    for ((port, _), senders) in sent.mixed.iter().filter(|(_, senders)| senders.len() > 1) {
         let list: Vec<String> = senders.iter().map(ToString::to_string).collect();
         sent.notices.push(format!(
             "the packets of {} senders ({}) go to port {port} from one address: sensors whose packets bear no serial number \
@@ -125,11 +176,14 @@ fn send_once(
     args: &Args,
     path: &Path,
     sent: &mut Sent,
-    transmitter: &mut Transmitter,
+    sockets: &mut Sockets,
     bar: &ProgressBar,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let mut capture = CaptureReader::open(path)?;
+    let mut capture = match path == Path::new("-") {
+        true => CaptureReader::new(std::io::stdin(), "standard input")?,
+        false => CaptureReader::open(path)?,
+    };
     let damage = loop {
         let packet = match capture.next() {
             Ok(Some(packet)) => packet,
@@ -145,15 +199,21 @@ fn send_once(
             continue;
         };
         let to = SocketAddr::new(args.to.ip, to_port);
-        transmitter
-            .send(packet.host_time_ns, packet.payload, to)
+        let sender = packet.source.ip();
+        let (socket, from) = sockets.of(sender);
+        sockets
+            .transmitter
+            .send_from(socket, packet.host_time_ns, packet.payload, to)
             .with_context(|| format!("cannot send {} bytes to {to}", packet.payload.len()))?;
         let port = sent.ports.entry(recorded_port).or_default();
         port.to_port = to_port;
         port.packets += 1;
-        let senders = sent.senders.entry(to_port).or_default();
-        if senders.len() < MOST_SENDERS {
-            senders.insert(packet.source.ip());
+        if sent.senders.len() < MOST_SENDERS {
+            sent.senders.insert(sender, from);
+        }
+        let mixed = sent.mixed.entry((to_port, socket)).or_default();
+        if mixed.len() < MOST_SENDERS {
+            mixed.insert(sender);
         }
         sent.packets += 1;
         sent.bytes += packet.payload.len() as u64;
@@ -173,6 +233,11 @@ fn target_port(args: &Args, recorded: u16) -> Option<u16> {
     args.map.iter().find(|(from, _)| *from == recorded).map(|(_, to)| *to)
 }
 
+/// Whether the ports of the recording have to be known before anything is sent.
+fn looks_ahead(args: &Args) -> bool {
+    args.to.port.is_some() && args.map.is_empty()
+}
+
 /// Refuses to mix ports without being asked: sensors that end on one port can no longer be told apart.
 fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     for (at, (from, to)) in args.map.iter().enumerate() {
@@ -181,7 +246,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
             bail!("--map {from}={before} and --map {from}={to}: a port goes to one port");
         }
     }
-    let (Some(port), true) = (args.to.port, args.map.is_empty()) else { return Ok(()) };
+    let (Some(port), true) = (args.to.port, looks_ahead(args)) else { return Ok(()) };
     let mut capture = CaptureReader::open(path)?;
     let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
     for _ in 0..LOOK_AHEAD {
@@ -202,10 +267,6 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
 }
 
 fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
-    ensure!(
-        capture != Path::new("-"),
-        "replay does not read standard input: give a file or a session folder"
-    );
     if !capture.is_dir() {
         return Ok(capture.to_owned());
     }
@@ -225,6 +286,11 @@ fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<()> {
                 port.packets,
                 SocketAddr::new(args.to.ip, port.to_port)
             );
+        }
+        if sent.senders.len() > 1 {
+            for (sender, from) in &sent.senders {
+                println!("packets of {sender} come from {from}");
+            }
         }
         if sent.not_mapped > 0 {
             println!("{} packets of other ports not sent", sent.not_mapped);

@@ -1,7 +1,7 @@
 //! Sends payloads at their time, or as fast as the receiver takes them.
 
 use std::io;
-use std::net::{SocketAddr, UdpSocket};
+use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
 /// When packets leave.
@@ -35,10 +35,12 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// Bytes per second to other hosts when nothing else sets the pace.
 const FASTEST_BYTES_PER_S: f64 = 50e6;
 
-/// A socket that sends at a pace.
+/// Sockets that send at one pace.
 #[derive(Debug)]
 pub struct Transmitter {
     socket: UdpSocket,
+    /// Others beside it, for packets that are to come from elsewhere.
+    others: Vec<UdpSocket>,
     clock: Clock,
 }
 
@@ -108,7 +110,13 @@ impl Transmitter {
             None => UdpSocket::bind(any)?,
         };
         socket.set_broadcast(true)?;
-        Ok(Self { socket, clock })
+        Ok(Self { socket, others: Vec::new(), clock })
+    }
+
+    /// Opens one more socket on this address; its number is for [`Self::send_from`].
+    pub fn add_socket(&mut self, from: IpAddr) -> io::Result<usize> {
+        self.others.push(UdpSocket::bind(SocketAddr::new(from, 0))?);
+        Ok(self.others.len())
     }
 
     /// Goes on by another clock, from the same port.
@@ -123,9 +131,21 @@ impl Transmitter {
 
     /// Sends one payload when its time has come.
     pub fn send(&mut self, time_ns: u64, payload: &[u8], to: SocketAddr) -> io::Result<()> {
+        self.send_from(0, time_ns, payload, to)
+    }
+
+    /// The same from a socket that was added; 0 is the first.
+    pub fn send_from(
+        &mut self,
+        socket: usize,
+        time_ns: u64,
+        payload: &[u8],
+        to: SocketAddr,
+    ) -> io::Result<()> {
         self.clock.wait(time_ns, payload.len(), to);
+        let socket = socket.checked_sub(1).and_then(|at| self.others.get(at)).unwrap_or(&self.socket);
         loop {
-            match self.socket.send_to(payload, to) {
+            match socket.send_to(payload, to) {
                 Ok(_) => return Ok(()),
                 // a device queue that is full empties by itself
                 Err(error) if error.raw_os_error() == Some(nix::libc::ENOBUFS) => {
