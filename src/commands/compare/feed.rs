@@ -260,11 +260,11 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         recording.name(),
         rig.sensors.len()
     );
-    ensure_given_fits(&router)?;
     for (at, (sensor, seat)) in router.sensors().iter().zip(&seats).enumerate() {
         fed.sensors[at].packets_recorded = sensor.stats().packets;
-        fed.close(at, sensor, seat)?;
+        fed.close(at, sensor, seat)?; // a calibration that does not fit is told of by the sensor's seat
     }
+    ensure_given_fits(&router)?;
     fed.losses.extend(ending.losses());
     if fed.sensors.iter().all(|sensor| sensor.frames == 0) {
         let other_unit = router.unclaimed().find(|entry| entry.needs_metadata && entry.serial.is_some());
