@@ -184,7 +184,7 @@ impl View {
             time_ns: read_ns,
             axis: number,
             position_urad,
-            uncertainty_urad: Some(self.uncertainty_urad(number)),
+            uncertainty_urad: self.uncertainty_urad(number),
             target_urad: target.target_urad,
             source: source.name().to_owned(),
             state: target.state.name().to_owned(),
@@ -238,15 +238,17 @@ impl View {
         }
     }
 
-    /// Half the width in which the true angle lies around the readings, µrad.
-    pub fn uncertainty_urad(&self, axis: usize) -> i32 {
+    /// Half the width in which the true angle lies around the readings, µrad; none where nothing measures it.
+    pub fn uncertainty_urad(&self, axis: usize) -> Option<i32> {
         let told = |limit| self.limit(axis, limit).unwrap_or(0);
         let encoder = Encoder {
             accuracy_urad: told(Limit::Accuracy),
             resolution_urad: told(Limit::Resolution),
             lost_motion_urad: told(Limit::LostMotion),
         };
-        self.axes.get(axis).map_or(0, |view| view.held.uncertainty_urad(encoder, self.from_below))
+        let view = self.axes.get(axis)?;
+        let is_measured = view.position.is_some_and(|(_, source, _)| source != Source::Commanded);
+        is_measured.then(|| view.held.uncertainty_urad(encoder, self.from_below))
     }
 
     pub fn limit(&self, axis: usize, limit: Limit) -> Option<i32> {

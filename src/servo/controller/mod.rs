@@ -323,7 +323,7 @@ impl<L: Link> RigController<L> {
                 source: source.name(),
                 approach,
                 age_s: now_ns.saturating_sub(read_ns) as f64 * 1e-9,
-                uncertainty_rad: rad(self.view.uncertainty_urad(axis)),
+                uncertainty_rad: self.view.uncertainty_urad(axis).map(rad),
                 scatter_rad: rad(view.held.scatter_urad()),
                 readings: view.held.count(),
             });
@@ -357,7 +357,7 @@ impl<L: Link> RigController<L> {
                 target_deg: deg(target.target_urad),
                 source: View::source_now(source, read_ns, now_ns).name().to_owned(),
                 age_ms: now_ns.saturating_sub(read_ns) as f64 * 1e-6,
-                uncertainty_deg: deg(self.view.uncertainty_urad(axis)),
+                uncertainty_deg: self.view.uncertainty_urad(axis).map(deg),
                 homed: target.homed,
                 limits_deg: [limit(Limit::Minimum), limit(Limit::Maximum)],
                 current_ma: view.effort.map(|(current, ..)| current),

@@ -108,8 +108,8 @@ pub struct AppliedAxis {
     /// How old the reading is, s.
     pub age_s: f64,
     /// Half the width in which the true angle lies around it, rad: what the encoder errs and resolves, the scatter, and the
-    /// play between encoder and load unless it came from below.
-    pub uncertainty_rad: f64,
+    /// play between encoder and load unless it came from below. None where nothing measures the axis.
+    pub uncertainty_rad: Option<f64>,
     /// Half the distance between the lowest and the highest reading while it held, rad.
     pub scatter_rad: f64,
     /// How many readings that were.
