@@ -38,6 +38,7 @@ mod scene_file;
 mod sensor;
 mod sensor_ids;
 mod signals;
+mod stage;
 mod stand;
 mod study;
 mod surface;
