@@ -5,7 +5,7 @@ mod published_export;
 mod touching;
 mod unit;
 
-pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
+pub use mount_file::{FORMAT, FRAME, FoundWith, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };

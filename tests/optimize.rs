@@ -59,6 +59,7 @@ pub const CASES: &[Case] = &[
         "the_published_export_is_read_as_it_was_found",
         command::the_published_export_is_read_as_it_was_found,
     ),
+    case("a_mount_is_scored_as_it_was_found", command::a_mount_is_scored_as_it_was_found),
     case(
         "batches_and_acquisitions_are_chosen_by_flags",
         command::batches_and_acquisitions_are_chosen_by_flags,

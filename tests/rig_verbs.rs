@@ -24,6 +24,7 @@ pub const CASES: &[Case] = &[
         watching_goes_on_when_the_rig_comes_back_elsewhere,
     ),
     case("a_rig_with_switches_is_homed_by_the_verb", a_rig_with_switches_is_homed_by_the_verb),
+    case("what_nothing_measures_has_no_uncertainty", what_nothing_measures_has_no_uncertainty),
     case("the_mock_runs_until_it_is_interrupted", the_mock_runs_until_it_is_interrupted),
 ];
 
@@ -142,6 +143,18 @@ fn nothing_moves_without_being_armed() {
         let said = refusal(&outrigger(&["rig", "set", "0", "0", "--port", &port, "--dry-run", flag, value]));
         assert!(said.contains(flag) && said.contains(expected), "{said}");
     }
+    for (verb, flag) in [
+        ("status", "--arm"),
+        ("clear", "--dry-run"),
+        ("watch", "--limits-deg=-5,5"),
+        ("home", "--approach-deg=2"),
+    ] {
+        let said = outrigger(&["rig", verb, "--port", &port, flag]);
+        let words = String::from_utf8_lossy(&said.stderr);
+        let flag = flag.split('=').next().unwrap();
+        assert!(said.status.code() == Some(2) && words.contains(flag), "{verb} {flag}: {words}");
+        assert!(words.contains(&format!("`rig {verb}` has no use for it")), "{words}");
+    }
     for time in ["nan", "-1", "inf", "1e19"] {
         let watched = outrigger(&["rig", "watch", "--port", &port, "--for", time]);
         let said = String::from_utf8_lossy(&watched.stderr);
@@ -188,7 +201,9 @@ fn ctrl_c_holds_and_ctrl_c_again_is_an_emergency_stop() {
     std::thread::sleep(Duration::from_millis(300));
     let later = mock.true_positions_rad().unwrap();
     assert!(at[0] < 0.95 && (later[0] - at[0]).abs() < 0.15, "{at:?} {later:?}");
-    let status = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
+    // by the second the e-stop is latched, and status says that by its exit code
+    let status = outrigger(&["rig", "status", "--port", &port, "--json"]);
+    let status: Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!(status["armed"], false, "{status:#}");
 }
 
@@ -209,8 +224,8 @@ fn watching_goes_on_when_the_rig_comes_back_elsewhere() {
     let at = second.true_positions_rad().unwrap()[0];
     std::os::unix::fs::symlink(&port, &link).unwrap();
     let back = lines.any(|line| {
-        let report: outrigger::servo::ServoReport = serde_json::from_str(&line.unwrap()).unwrap();
-        report.axis == 0 && (f64::from(report.position_urad) * 1e-6 - at).abs() < 2e-3
+        let report: outrigger::servo::WatchedAxis = serde_json::from_str(&line.unwrap()).unwrap();
+        report.axis == 0 && (report.position_deg.to_radians() - at).abs() < 2e-3
     });
     assert!(back, "nothing came from the rig's new name");
     kill(Pid::from_raw(watcher.0.id() as i32), Signal::SIGINT).unwrap();
@@ -254,6 +269,20 @@ fn a_rig_with_switches_is_homed_by_the_verb() {
     assert!((0.01..0.1).contains(&applied["uncertainty_deg"].as_f64().unwrap()), "{set:#}");
 }
 
+fn what_nothing_measures_has_no_uncertainty() {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    program.args(["mock", "rig", "--seed", "3", "--pulse"]).stdout(Stdio::piped());
+    let mut running = Running(program.spawn().unwrap());
+    let mut port = String::new();
+    BufReader::new(running.0.stdout.take().unwrap()).read_line(&mut port).unwrap();
+    let set = ["rig", "set", "5", "-5", "--home", "--arm", "--port", port.trim(), "--json"];
+    let moved = document(&outrigger(&set));
+    for axis in [&moved["axes"][0], &moved["applied"][0]] {
+        assert_eq!(axis["source"], "commanded", "{moved:#}");
+        assert_eq!(axis.get("uncertainty_deg"), Some(&Value::Null), "{moved:#}");
+    }
+}
+
 fn the_mock_runs_until_it_is_interrupted() {
     let said = outrigger(&["mock", "rig", "--fault", "melt@1"]);
     assert_eq!(said.status.code(), Some(2));
@@ -269,9 +298,21 @@ fn the_mock_runs_until_it_is_interrupted() {
     assert!(said.contains("fault stall (axis 1)") && said.contains("outrigger rig clear"), "{said}");
     let watched = outrigger(&["rig", "watch", "--for", "0.5", "--port", port, "--json"]);
     let lines = String::from_utf8(watched.stdout).unwrap();
-    let reports: Vec<outrigger::servo::ServoReport> =
-        lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert!(reports.iter().any(|report| report.axis == 1 && report.faults == ["stall"]), "{lines}");
+    let reports: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let stalled = |report: &&Value| report["axis"] == 1 && report["faults"] == serde_json::json!(["stall"]);
+    let watched = reports.iter().find(stalled).unwrap();
+    // a script that reads the state reads that of a fault, too
+    let failed = outrigger(&["rig", "status", "--port", port, "--json"]);
+    let status: Value = serde_json::from_slice(&failed.stdout).unwrap();
+    let axis = status["axes"][1].as_object().unwrap();
+    assert_eq!(axis["faults"], watched["faults"], "{status:#}");
+    assert!(
+        watched.as_object().unwrap().keys().all(|key| key == "time_ns" || axis.contains_key(key)),
+        "{lines}"
+    );
+    let said = String::from_utf8_lossy(&failed.stderr);
+    assert!(failed.status.code() == Some(1) && said.contains("stall (axis 1)"), "{said}");
+    assert!(said.contains("outrigger rig clear"), "{said}");
     let cleared = document(&outrigger(&["rig", "clear", "--port", port, "--json"]));
     for axis in 0..2 {
         assert_eq!(cleared["axes"][axis]["state"], "idle", "{cleared:#}");

@@ -80,7 +80,7 @@ fn within<'a>(matches: &'a ArgMatches, verb: &[String]) -> Option<&'a ArgMatches
 }
 
 /// Whether an argument is the user's own and not the file's.
-pub fn is_typed(matches: &ArgMatches, id: &str) -> bool {
+fn is_typed(matches: &ArgMatches, id: &str) -> bool {
     let source = matches.value_source(id);
     matches!(source, Some(ValueSource::CommandLine | ValueSource::EnvVariable))
 }

@@ -4,7 +4,9 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::config::Config;
 
@@ -36,6 +38,7 @@ mod scene_file;
 mod sensor;
 mod sensor_ids;
 mod signals;
+mod stage;
 mod stand;
 mod study;
 mod surface;
@@ -121,6 +124,23 @@ pub struct Context {
     pub json: bool,
     /// The rig's file, where one is named; it lives as long as the program.
     pub config: Option<&'static Config>,
+    typed: &'static ArgMatches,
+}
+
+impl Context {
+    /// Whether an argument (named as its field is) was typed: a default, also one of the rig's file, was not.
+    pub fn is_typed(&self, argument: &str) -> bool {
+        let within = |matches: &&'static ArgMatches| matches.subcommand().map(|(_, within)| within);
+        std::iter::successors(Some(self.typed), within).any(|matches| {
+            matches.try_contains_id(argument).is_ok()
+                && matches.value_source(argument) == Some(ValueSource::CommandLine)
+        })
+    }
+}
+
+/// What was typed cannot be meant: exit code 2.
+pub fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
+    Cli::command().error(ErrorKind::ArgumentConflict, what).into()
 }
 
 /// Parses a command line, with the defaults of its `rig.toml`, and runs it.
@@ -139,14 +159,11 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
         };
     }
     let parsed = command.try_get_matches_from(&arguments).and_then(|matches| {
-        let mut cli = Cli::from_arg_matches(&matches)?;
-        if let (Verb::Decode(args), Some((_, typed))) = (&mut cli.verb, matches.subcommand()) {
-            args.prefer_typed(|id| defaults::is_typed(typed, id));
-        }
-        Ok(cli)
+        let cli = Cli::from_arg_matches(&matches)?;
+        Ok((cli, &*Box::leak(Box::new(matches))))
     });
     match (parsed, config) {
-        (Ok(cli), _) => cli.run(config),
+        (Ok((cli, typed)), _) => cli.run(config, typed),
         (Err(error), None) => error.exit(),
         (Err(error), Some(config)) => defaults::with_origin(error, config).exit(),
     }
@@ -158,9 +175,9 @@ fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
 }
 
 impl Cli {
-    /// Runs the verb. Exit codes: 0 ok, 1 failed, 2 usage (by the argument parser), 3 finished but data was lost.
-    fn run(self, config: Option<&'static Config>) -> ExitCode {
-        let context = Context { json: self.json, config };
+    /// Runs the verb. Exit codes: 0 ok, 1 failed, 2 usage, 3 finished but data was lost.
+    fn run(self, config: Option<&'static Config>, typed: &'static ArgMatches) -> ExitCode {
+        let context = Context { json: self.json, config, typed };
         let outcome = match self.verb {
             Verb::Demo(args) => demo::run(&args, context),
             Verb::Doctor(args) => doctor::run(&args, context),
@@ -188,7 +205,10 @@ impl Cli {
         match outcome {
             Ok(Outcome::Done) => ExitCode::SUCCESS,
             Ok(Outcome::DataLost) => ExitCode::from(3),
-            Err(error) => fail(error),
+            Err(error) => match error.downcast::<clap::Error>() {
+                Ok(usage) => usage.exit(),
+                Err(error) => fail(error),
+            },
         }
     }
 }

@@ -101,10 +101,7 @@ pub struct Way {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
-    output::check_places([&args.out, &args.kitti])?;
-    for out in args.out.iter().chain(&args.kitti) {
-        args.recorded.spare(out)?;
-    }
+    args.recorded.check_places([&args.out, &args.kitti])?;
     let mut notices = Vec::new();
     let way = match Recorded::open_if_seated(&args.recorded)? {
         Some(recorded) => {

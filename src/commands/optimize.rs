@@ -19,7 +19,8 @@ use serde::Serialize;
 pub use args::Args;
 use args::{Corners, Range};
 
-use super::{Context, Outcome, output, signals};
+use super::stage::Stage;
+use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::objective::{Evaluation, Objective};
 use crate::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
@@ -110,17 +111,21 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
     refuse_mixed(args, given.simulator().experiment())?;
     let finer = refine::Finer::asked(args, &given)?;
-    let problem = problem(args, finer.as_ref().map_or(&given, |finer| finer.objective()).clone())?;
+    let problem = problem(args, context, finer.as_ref().map_or(&given, |finer| finer.objective()).clone())?;
     let question = state::question(&problem, args.clearance.0)?;
     let mut search =
         match args.resume.as_deref().map(|path| state::read(path, &question)).transpose()?.flatten() {
-            Some(search) => continued(args, search)?,
+            Some(search) => continued(args, context, search)?,
             None => begun(args, &problem)?,
         };
     let looks_again = final_look::is_wanted(args, search.kind(), finer.is_some())?;
-    if args.tolerance.is_some() && args.robust.is_none() && !looks_again {
-        bail!("--tolerance is about --robust and --final-look, and neither is asked for");
+    if context.is_typed("tolerance") && args.robust.is_none() && !looks_again {
+        return Err(wrong_usage("--tolerance is about --robust and --final-look, and neither is asked for"));
     }
+    if context.is_typed("regret") && finer.is_none() {
+        return Err(wrong_usage("--regret is about --fidelity auto, which is not asked for"));
+    }
+    refuse_unused(context, search.kind())?;
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
     let stop = signals::stop_flag()?;
     let bar = progress_bar(budget);
@@ -172,6 +177,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         stop.store(false, Ordering::Relaxed);
     }
     let start = Instant::now();
+    let stage = Stage::begin("bounding what any mount could score");
     let certificate =
         args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?.flatten();
     if args.certify.is_some() && stop.load(Ordering::Relaxed) {
@@ -179,6 +185,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
+    stage.next("looking again at the best mounts");
     let (refined, final_look) = if stop.load(Ordering::Relaxed) {
         // who stops a search wants its best now: looking again may take longer than the search
         if looks_again || finer.is_some() {
@@ -200,6 +207,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         (refined, looked)
     };
+    drop(stage);
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
 }
@@ -222,8 +230,31 @@ fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// What was typed for other methods than the one that searches.
+fn refuse_unused(context: Context, kind: Kind) -> anyhow::Result<()> {
+    type Uses = fn(Kind) -> bool;
+    let flags = [
+        ("batch", Kind::has_a_model as Uses),
+        ("acquisition", Kind::has_a_model),
+        ("early_stop", Kind::has_a_rule),
+    ];
+    for (argument, uses) in flags {
+        if context.is_typed(argument) && !uses(kind) {
+            let users: Vec<_> =
+                Kind::ALL.iter().filter(|kind| uses(**kind)).map(|kind| kind.name()).collect();
+            return Err(wrong_usage(format!(
+                "--{} is about --method {}: {} has no use for it",
+                argument.replace('_', "-"),
+                users.join(", "),
+                kind.name()
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// What is searched, as asked for.
-fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
+fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
     let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
     if args.masters_min > args.masters_max {
         bail!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
@@ -231,13 +262,8 @@ fn problem(args: &Args, objective: Objective) -> anyhow::Result<MountProblem> {
     if args.certify.is_some() && args.masters_min > 1 {
         bail!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
     }
-    let is_given = |Range(low, high): Range| (low, high) != (-90.0, 90.0);
-    if is_given(args.roll_limits) && search.fixed_roll_deg.is_some() {
-        bail!("--roll-limits is about a free roll, and it is fixed here: add --roll free");
-    }
-    let kind = args.method.unwrap_or(Kind::Staged);
-    if args.batch.get() > 1 && !matches!(kind, Kind::Staged | Kind::Bayesian) {
-        bail!("--batch is about methods with a model (bayesian, staged), and {} has none", kind.name());
+    if context.is_typed("roll_limits") && search.fixed_roll_deg.is_some() {
+        return Err(wrong_usage("--roll-limits is about a free roll, and it is fixed here: add --roll free"));
     }
     search.masters_min = args.masters_min;
     search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
@@ -279,8 +305,20 @@ fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
     Ok(Search::new(problem.space()?, kind, settings))
 }
 
-fn continued(args: &Args, search: Search) -> anyhow::Result<Search> {
-    let Settings { seed, .. } = search.settings();
+fn continued(args: &Args, context: Context, search: Search) -> anyhow::Result<Search> {
+    let Settings { seed, batch, acquisition, early_stop, .. } = search.settings();
+    for (argument, is_other) in [
+        ("batch", args.batch != batch),
+        ("acquisition", args.acquisition != acquisition),
+        ("early_stop", args.early_stop != early_stop),
+    ] {
+        if is_other && context.is_typed(argument) {
+            let flag = argument.replace('_', "-");
+            return Err(wrong_usage(format!(
+                "the state file holds a search with another --{flag}, which it keeps: leave it out, or start a new file"
+            )));
+        }
+    }
     if args.method.is_some_and(|kind| kind != search.kind()) || args.seed.is_some_and(|given| given != seed) {
         bail!(
             "the state file holds a search by {} with seed {seed}: leave out --method and --seed, or start a new file",

@@ -8,9 +8,9 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use serde_json::json;
 
-use super::{Context, Outcome, output, signals};
+use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::rig::MountFile;
-use crate::servo::{Applied, Options, Rig, RigError, RigStatus, ServoReport};
+use crate::servo::{Applied, Options, Rig, RigError, RigStatus, ServoReport, WatchedAxis};
 
 /// No move takes longer.
 const LONGEST_MOVE: Duration = Duration::from_secs(3600);
@@ -55,7 +55,7 @@ pub struct Args {
 
 #[derive(Subcommand, Debug)]
 enum Action {
-    /// Where every axis is, how that is known, and what is wrong.
+    /// Where every axis is, how that is known, and what is wrong; exit code 1 while a fault is latched.
     Status,
     /// Make positions trusted after a start.
     Home,
@@ -74,8 +74,7 @@ enum Action {
         #[arg(long, value_delimiter = ',', value_name = "NAME,NAME")]
         sensors: Vec<String>,
     },
-    /// Print readings as they come; with --json one document a line, as `servo.jsonl` of a session has them (angles in
-    /// microradians, as the rig sends them).
+    /// Print readings as they come; with --json one document a line, in the keys and units of `status`.
     Watch {
         /// End after this time, seconds; until Ctrl-C when not given.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = watched_for)]
@@ -89,6 +88,53 @@ enum Action {
     },
     /// Take latched faults away whose causes are gone.
     Clear,
+}
+
+impl Action {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Status => "status",
+            Self::Home => "home",
+            Self::Set { .. } => "set",
+            Self::Apply { .. } => "apply",
+            Self::Watch { .. } => "watch",
+            Self::Stop { .. } => "stop",
+            Self::Clear => "clear",
+        }
+    }
+}
+
+/// Arguments that not every verb has a use for, and which have.
+const USED_BY: [(&str, &[&str]); 8] = [
+    ("arm", &["home", "set", "apply"]),
+    ("home", &["home", "set", "apply"]),
+    ("approach_deg", &["set", "apply"]),
+    ("dry_run", &["home", "set", "apply"]),
+    ("limits_deg", &["set", "apply"]),
+    ("tolerance_deg", &["set", "apply"]),
+    ("timeout_s", &["home", "set", "apply"]),
+    ("reconnect", &["watch"]),
+];
+
+fn refuse_unused(action: &Action, context: Context) -> anyhow::Result<()> {
+    let verb = action.name();
+    let unused = |(argument, verbs): &&(&str, &[&str])| !verbs.contains(&verb) && context.is_typed(argument);
+    match USED_BY.iter().find(unused) {
+        None => Ok(()),
+        // whoever stops a rig stops it, whatever else was typed
+        Some((argument, _)) if verb == "stop" => {
+            output::say_notice(&format!(
+                "a stop is a stop: --{} changes nothing",
+                argument.replace('_', "-")
+            ));
+            Ok(())
+        }
+        Some((argument, verbs)) => Err(wrong_usage(format!(
+            "--{} is about `rig {}`: `rig {verb}` has no use for it",
+            argument.replace('_', "-"),
+            verbs.join("`, `rig ")
+        ))),
+    }
 }
 
 fn limits(text: &str) -> Result<(f64, f64), String> {
@@ -115,6 +161,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
     };
     // what was typed is checked before anything is opened
+    refuse_unused(&args.action, context)?;
     let pitches_rad = match &args.action {
         Action::Set { pitches_deg } => pitches_deg.iter().map(|pitch| pitch.to_radians()).collect(),
         Action::Apply { mount, sensors } => pitches_of(mount, sensors)?,
@@ -126,13 +173,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             "this moves the rig: say --arm to allow it, or --dry-run to see what would move; nothing was moved"
         );
     }
-    if args.dry_run && !moves {
-        match args.action {
-            Action::Clear => bail!("--dry-run: `rig clear` cannot be tried, only done; nothing was cleared"),
-            Action::Stop { .. } => output::say_notice("a stop is a stop, --dry-run or not"),
-            _ => {}
-        }
-    }
     let options = options(args, pitches_rad.len())?;
     let rig = Rig::connect_with(port, options)?;
     let explain = |error| explain(error, port);
@@ -140,7 +180,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         fits(&rig, mount, sensors, pitches_rad.len())?;
     }
     match &args.action {
-        Action::Status => show(&rig.status()?, None, context)?,
+        Action::Status => {
+            let status = rig.status()?;
+            show(&status, None, context)?;
+            nothing_latched(&status)?;
+        }
         _ if moves && args.dry_run => dry_run(&rig, &pitches_rad, context)?,
         Action::Home => {
             obey_interrupts(&rig)?;
@@ -160,7 +204,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Action::Watch { r#for } => watch(args, rig, *r#for, context)?,
         Action::Stop { emergency } => {
             if *emergency { rig.e_stop() } else { rig.stop() }?;
-            show(&rig.status()?, None, context)?;
+            let status = rig.status()?;
+            show(&status, None, context)?;
+            nothing_latched(&status).unwrap_or_else(|latched| output::say_notice(&latched.to_string()));
         }
         Action::Clear => {
             rig.clear_faults()?;
@@ -288,15 +334,25 @@ fn explain(error: RigError, port: &std::path::Path) -> anyhow::Error {
     }
 }
 
+fn nothing_latched(status: &RigStatus) -> anyhow::Result<()> {
+    let latched = status.axes.iter().filter(|axis| !axis.faults.is_empty());
+    let latched: Vec<_> =
+        latched.map(|axis| format!("{} (axis {})", axis.faults.join(", "), axis.axis)).collect();
+    if latched.is_empty() {
+        return Ok(());
+    }
+    bail!(
+        "fault {} is latched, and nothing moves: take its cause away, then run `outrigger rig clear`",
+        latched.join(", ")
+    )
+}
+
 fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<()> {
     if !pitches_rad.is_empty() {
         rig.check(pitches_rad)?;
     }
     let status = rig.status()?;
-    let mut faults = status.axes.iter().flat_map(|axis| &axis.faults);
-    if let Some(fault) = faults.next() {
-        bail!("fault {fault} is latched, and nothing moves until it is cleared: `outrigger rig clear`");
-    }
+    nothing_latched(&status)?;
     let moves: Vec<_> = status
         .axes
         .iter()
@@ -378,9 +434,6 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
         }
         text.push('\n');
     }
-    if status.axes.iter().any(|axis| !axis.faults.is_empty()) {
-        text += "nothing moves while a fault is latched: take its cause away, then `outrigger rig clear`\n";
-    }
     output::print_text(&text)
 }
 
@@ -405,7 +458,7 @@ fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> a
         let reports = connected.reports();
         while goes_on() {
             match reports.recv_timeout(Duration::from_millis(100)) {
-                Ok(report) => print_report(&report, context)?,
+                Ok(report) => print_report(report, context)?,
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                 Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
             }
@@ -424,16 +477,17 @@ fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> a
     Ok(())
 }
 
-fn print_report(report: &ServoReport, context: Context) -> anyhow::Result<()> {
+fn print_report(report: ServoReport, context: Context) -> anyhow::Result<()> {
+    let report = WatchedAxis::from(report);
     let line = if context.json {
-        serde_json::to_string(report)?
+        serde_json::to_string(&report)?
     } else {
         format!(
             "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",
             report.time_ns,
             report.axis,
-            (f64::from(report.position_urad) * 1e-6).to_degrees(),
-            (f64::from(report.target_urad) * 1e-6).to_degrees(),
+            report.position_deg,
+            report.target_deg,
             report.source,
             report.state,
             report.faults.join(", ")

@@ -150,6 +150,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     } else {
         output::print_text(&summary(&document))?;
     }
+    if let Some(findings) = findings.filter(|findings| !findings.failed.is_empty()) {
+        anyhow::bail!(
+            "{} holds what could be studied; the rest failed, and running the study again tries it again: {}",
+            folder.display(),
+            findings.failed.join("; ")
+        );
+    }
     Ok(Outcome::Done)
 }
 

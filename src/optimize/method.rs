@@ -127,6 +127,16 @@ impl Kind {
         }
     }
 
+    /// Whether a model proposes its points: in batches, by an acquisition.
+    pub fn has_a_model(self) -> bool {
+        matches!(self, Kind::Staged | Kind::Bayesian)
+    }
+
+    /// Whether a rule was published by which it stops.
+    pub fn has_a_rule(self) -> bool {
+        matches!(self, Kind::Bayesian | Kind::Genetic | Kind::ParticleSwarm)
+    }
+
     /// Its name on the command line and in files.
     pub fn name(self) -> &'static str {
         match self {

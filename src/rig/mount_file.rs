@@ -6,11 +6,13 @@
 //!   "sensors": [ { "name": "right", "model": "os1-64", "x_m": 0.06, "y_m": 0.0, "z_m": 0.0,
 //!                  "pitch_deg": 25.0, "roll_deg": 0.0 } ],
 //!   "preset": "paper-os1-64", "objective": 30701.3,
+//!   "found_with": { "path": "lateral", "voxel_m": 0.5, "azimuths": 180, "sub_poses": 1, "phase": "locked",
+//!                   "lambda": [2000.0], "registration_weight": 0.0, "least_conditioning": 0.0, "least_distance_m": 0.0 },
 //!   "masters": [ [0.06, 0.0, 0.0, 25.0, 0.0] ] }
 //! ```
 //!
-//! The last three are optional: which experiment the mount was found in (of a rig of several models the experiments of
-//! all, with commas between them), its score there, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
+//! The last four are optional: which experiment the mount was found in (of a rig of several models the experiments of
+//! all, with commas between them), its score there and what else that rests on, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
 //! roll_deg), whose models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by
 //! name of a sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so
 //! that writing and reading loses nothing.
@@ -22,6 +24,7 @@ use sensors::catalogue;
 
 use super::{Mount, published_export};
 use crate::files;
+use crate::simulate::published::{Path as Along, Phase};
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-mount/1";
@@ -53,6 +56,33 @@ pub struct MountFile {
     /// Its score there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<f64>,
+    /// What that score rests on beside the experiment.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub found_with: Option<Box<FoundWith>>,
+}
+
+/// The settings of a score: with them the same mount has the same J.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FoundWith {
+    /// Direction of the walk.
+    pub path: Along,
+    /// Edge of a voxel.
+    pub voxel_m: f64,
+    /// Columns per revolution.
+    pub azimuths: usize,
+    /// Poses per metre.
+    pub sub_poses: usize,
+    /// Where revolutions start.
+    pub phase: Phase,
+    /// Price of a sensor of each preset.
+    pub lambda: Vec<f64>,
+    /// Weight of how well scans are tied down.
+    pub registration_weight: f64,
+    /// Least of that which is allowed.
+    pub least_conditioning: f64,
+    /// Least distance between sensor origins, m.
+    pub least_distance_m: f64,
 }
 
 /// One sensor of a mount file.
@@ -110,6 +140,7 @@ impl MountFile {
             master_models: None,
             preset: None,
             objective: None,
+            found_with: None,
         }
     }
 
@@ -215,6 +246,16 @@ impl MountFile {
             for (index, model) in models.iter().enumerate() {
                 catalogue::nominal(model).map_err(|error| format!("master_models[{index}]: {error}"))?;
             }
+        }
+        if let Some(found) = &self.found_with {
+            let prices = found.lambda.iter().map(|price| ("found_with.lambda", *price));
+            let others = [
+                ("found_with.voxel_m", found.voxel_m),
+                ("found_with.registration_weight", found.registration_weight),
+                ("found_with.least_conditioning", found.least_conditioning),
+                ("found_with.least_distance_m", found.least_distance_m),
+            ];
+            prices.chain(others).try_for_each(|(field, value)| finite(field, value))?;
         }
         self.objective.map_or(Ok(()), |value| finite("objective", value))
     }

@@ -28,6 +28,6 @@ pub use controller::{Applied, AppliedAxis, Interrupt, Options, Progress, ReportS
 pub use error::{LinkError, RigError};
 pub use hosted::HostedLink;
 pub use link::{Link, Received, is_no_path, open};
-pub use report::{AxisStatus, RigStatus, ServoReport};
+pub use report::{AxisStatus, RigStatus, ServoReport, WatchedAxis};
 pub use rig::Rig;
 pub use serial::SerialLink;

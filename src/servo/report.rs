@@ -25,6 +25,43 @@ pub struct ServoReport {
     pub faults: Vec<String>,
 }
 
+/// One reading in the keys and units of [`AxisStatus`], as `rig watch` prints it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WatchedAxis {
+    /// When the angle was read, ns since the Unix epoch on the host's clock.
+    pub time_ns: u64,
+    /// The axis.
+    pub axis: usize,
+    /// What the rig is doing.
+    pub state: String,
+    /// The angle, degrees.
+    pub position_deg: f64,
+    /// Where it is told to be, degrees.
+    pub target_deg: f64,
+    /// How the angle is known: `measured`, `commanded` or `stale`.
+    pub source: String,
+    /// Half the width in which the true angle lies around the reading, degrees; null where nothing measures it.
+    pub uncertainty_deg: Option<f64>,
+    /// Names of latched faults.
+    pub faults: Vec<String>,
+}
+
+impl From<ServoReport> for WatchedAxis {
+    fn from(report: ServoReport) -> Self {
+        let deg = |urad: i32| (f64::from(urad) * 1e-6).to_degrees();
+        Self {
+            time_ns: report.time_ns,
+            axis: report.axis,
+            state: report.state,
+            position_deg: deg(report.position_urad),
+            target_deg: deg(report.target_urad),
+            source: report.source,
+            uncertainty_deg: report.uncertainty_urad.map(deg),
+            faults: report.faults,
+        }
+    }
+}
+
 /// One axis, as `rig status` shows it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisStatus {

@@ -123,6 +123,9 @@ pub struct Findings {
     pub claims: Vec<Claim>,
     /// Tables.
     pub tables: Vec<Table>,
+    /// What failed, each once, with its reason: nothing here speaks of it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub failed: Vec<String>,
     /// Pictures.
     #[serde(skip)]
     pub figures: Vec<Figure>,

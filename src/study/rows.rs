@@ -6,6 +6,9 @@ use serde_json::{Map, Value};
 /// One row: names to numbers, texts, lists. Names are kept in alphabetical order.
 pub type Row = Map<String, Value>;
 
+/// The field of a row that stands for a task which failed: why.
+pub(super) const FAILED: &str = "failed";
+
 /// A number of a row; none where the field is missing or something else.
 pub fn number(row: &Row, name: &str) -> Option<f64> {
     row.get(name)?.as_f64()

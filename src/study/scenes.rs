@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::rows::{Row, chosen, row_of, text};
+use super::rows::{FAILED, Row, chosen, row_of, text};
 use super::walks::Walk;
 use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
 use crate::chart::{self, LineChart, Series};
@@ -15,6 +15,7 @@ use crate::rig::Mount;
 use crate::scene::{Scene, load_mesh};
 use crate::simulate::fan::BeamFan;
 use crate::statistics::greatest;
+use crate::trajectory::Trajectory;
 
 const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
 const VOXEL_M: f64 = 0.2;
@@ -63,10 +64,15 @@ impl Study for Scenes {
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
-        let of_scene = |error: StudyError| StudyError(format!("{}: {error}", task.scene.display()));
-        let mesh = load_mesh(&task.scene, None, None).map_err(StudyError::of)?.mesh;
-        let scene = Scene::Mesh(Arc::new(mesh));
-        let way = task.walk.through(&scene).map_err(of_scene)?;
+        let (scene, way) = match walked(&task) {
+            Ok(walked) => walked,
+            // one bad file of a folder does not keep the others from being studied
+            Err(StudyError(reason)) => {
+                let mut row = row_of(&task);
+                row.insert(FAILED.into(), json!(reason));
+                return Ok(vec![row]);
+            }
+        };
         let model = sensors::catalogue::nominal(&task.sensor).map_err(StudyError::of)?;
         let (columns, rate_hz) = if task.quick { (60, 1.0) } else { (COLUMNS, SCANS_PER_S) };
         let fan = BeamFan::nominal(&model, columns, rate_hz);
@@ -112,9 +118,31 @@ impl Study for Scenes {
             advice.push(words);
             findings.claims.push(claim);
         }
+        for row in rows.iter().filter(|row| row.contains_key(FAILED)) {
+            let reason = text(row, FAILED);
+            if !findings.failed.iter().any(|told| told == reason) {
+                findings.failed.push(reason.to_owned());
+            }
+        }
+        if !findings.failed.is_empty() {
+            let mut table =
+                Table::new("failed", "Left out", "Scenes and walks that could not be studied.", &["why"]);
+            table.rows.extend(findings.failed.iter().map(|reason| vec![reason.clone()]));
+            findings.tables.push(table);
+            advice.push(format!("{} left out: see the end.", findings.failed.len()));
+        }
         findings.summary = advice.join(" ");
         findings
     }
+}
+
+/// A task's scene and the walk through it.
+fn walked(task: &Task) -> Result<(Scene, Trajectory), StudyError> {
+    let mesh = load_mesh(&task.scene, None, None).map_err(StudyError::of)?.mesh;
+    let scene = Scene::Mesh(Arc::new(mesh));
+    let way = task.walk.through(&scene);
+    let way = way.map_err(|error| StudyError(format!("{}: {error}", task.scene.display())))?;
+    Ok((scene, way))
 }
 
 /// The meshes of a folder, or the one that is named.
@@ -350,12 +378,18 @@ mod tests {
         std::fs::write(folder.path().join("low.obj"), room(8.0, 6.0, 2.5)).unwrap();
         std::fs::write(folder.path().join("tall.obj"), room(8.0, 6.0, 12.0)).unwrap();
         std::fs::write(folder.path().join("notes.txt"), "").unwrap();
+        std::fs::write(folder.path().join("empty.ply"), "").unwrap();
         let size = Size { seeds: 1, quick: true, scene: Some(folder.path().into()), ..Size::default() };
         let tasks = Scenes.tasks(&size).unwrap();
-        assert_eq!(tasks.len(), 2 * 2 * 2);
+        assert_eq!(tasks.len(), 3 * 2 * 2);
         let rows: Vec<Row> = tasks.iter().flat_map(|task| Scenes.run(task).unwrap()).collect();
         let findings = Scenes.findings(&rows);
-        assert_eq!(findings.tables.len(), 4);
+        assert_eq!(findings.tables.len(), 5);
+        assert!(
+            findings.failed.len() == 1 && findings.failed[0].contains("empty.ply"),
+            "{:?}",
+            findings.failed
+        );
         let [best, served] = &findings.tables[..2] else { panic!() };
         assert_eq!((best.rows.len(), served.rows.len()), (4, 2));
         assert_eq!(served.rows[0][2], "100.0 %", "{served:?}");

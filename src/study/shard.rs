@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::page::line;
+use super::rows::FAILED;
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
 use crate::files;
 
@@ -75,12 +76,19 @@ struct ShardFile {
     done: Done,
 }
 
+impl ShardFile {
+    /// Whether some of its tasks failed: what was amiss may be mended by now.
+    fn has_failed(&self) -> bool {
+        self.done.iter().flat_map(|(_, rows)| rows).any(|row| row.contains_key(FAILED))
+    }
+}
+
 /// What came of a shard that was to be run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ran {
     /// It was run, or lay there whole.
     Whole,
-    /// A damaged file lay there, of which this is said; it was run again.
+    /// A damaged file lay there, or one of tasks that failed; this is said of it, and it was run again.
     Again(String),
     /// Stopped before the end: nothing was written.
     Stopped,
@@ -155,6 +163,9 @@ impl Plan {
         let mut ran = Ran::Whole;
         if path.exists() {
             match self.read_shard(&path) {
+                Ok(file) if file.has_failed() => {
+                    ran = Ran::Again(format!("{}: some of it failed", path.display()))
+                }
                 Ok(_) => return Ok(Ran::Whole),
                 Err(Unusable::Damaged(what)) => ran = Ran::Again(what),
                 Err(Unusable::Foreign(error)) => return Err(error),

@@ -313,6 +313,55 @@ pub fn batches_and_acquisitions_are_chosen_by_flags() {
         assert_eq!(other.as_array().unwrap().len(), 20);
         assert_ne!(plain, other, "{more:?}");
     }
+    for (method, flags, words) in [
+        ("ga", &["--acquisition", "ei"][..], "--acquisition is about --method staged, bayesian: genetic"),
+        ("random", &["--batch", "1"], "--batch is about --method staged, bayesian: random"),
+        (
+            "cma-es",
+            &["--early-stop"],
+            "--early-stop is about --method bayesian, genetic, particle-swarm: cma-es",
+        ),
+        ("random", &["--regret", "5"], "--regret is about --fidelity auto"),
+        ("random", &["--roll-limits", "1,2"], "--roll-limits is about a free roll"),
+    ] {
+        let asked = ["optimize", "--preset", "paper-vlp-16", "--evals", "5", "--method", method];
+        let output = outrigger(&[&asked, flags].concat());
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && error.contains(words), "{method} {flags:?}: {error}");
+    }
+}
+
+pub fn a_mount_is_scored_as_it_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let mount = folder.path().join("mount.json").to_str().unwrap().to_owned();
+    let asked =
+        ["optimize", "--preset", "paper-os1-64,paper-vlp-16", "--path", "forward", "--azimuths", "90"];
+    let more = [
+        "--lambda",
+        "os1-64=900,vlp-16=700",
+        "--masters-max",
+        "1",
+        "--evals",
+        "20",
+        "--out",
+        &mount,
+        "--json",
+    ];
+    let found = json(&[&asked[..], &more, &["--final-look", "off"]].concat());
+    let evaluate = ["evaluate", "--mount", &mount, "--no-baselines", "--json"];
+    let scored = json(&evaluate);
+    assert_eq!(scored["objective"], found["best"]["objective"]);
+    assert_eq!((&scored["path"], &scored["prices"]), (&found["path"], &found["prices"]));
+    // what is said counts, and where it is other than in the file that is told
+    let output = outrigger(&[&evaluate[..], &["--path", "lateral"]].concat());
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && told.contains("the mount file says J"), "{told}");
+    // a file from before these were kept is read
+    let mut old: serde_json::Value = serde_json::from_slice(&std::fs::read(&mount).unwrap()).unwrap();
+    assert_eq!(old["found_with"]["azimuths"], 90);
+    old.as_object_mut().unwrap().remove("found_with");
+    std::fs::write(&mount, old.to_string()).unwrap();
+    assert_eq!(json(&evaluate)["azimuths"], 180);
 }
 
 pub fn a_certificate_lies_between_what_was_found_and_the_plain_bound() {

@@ -18,6 +18,7 @@ use anyhow::{Context as _, bail, ensure};
 use serde::Serialize;
 
 use super::ground::PoseErrorArgs;
+use super::stage::Stage;
 use super::{Context, Outcome, output};
 use crate::calibrate::SensorCheck;
 use crate::chart::signed;
@@ -163,7 +164,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     check(args)?;
     let error = args.pose_error.error()?;
-    args.corrected_mount.iter().try_for_each(|out| args.recorded.spare(out))?;
     let recorded = Recorded::open(&args.recorded)?;
     let place = place::read(&args.place, &recorded)?;
     let rig = &recorded.rig;
@@ -183,6 +183,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
     fed.faults.extend(hearing::silences(rig, &fed.heard, way_ns));
     let planned = planned(args, scene, rig, &grid)?;
+    let stage = Stage::begin(format!("comparing, beside {} simulated healthy runs (--nulls)", args.nulls));
     let comparison = judge::judge(
         Given {
             scene,
@@ -196,6 +197,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         },
         &replayed,
     );
+    drop(stage);
     let mut problems = recorded.notices.clone();
     problems.extend(place.notices);
     problems.extend(fed.losses.iter().cloned());
@@ -223,7 +225,7 @@ fn check(args: &Args) -> anyhow::Result<()> {
     if let Some(out) = &args.out {
         std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
     }
-    output::check_places([&args.corrected_mount])
+    args.recorded.check_places([&args.corrected_mount])
 }
 
 fn grid(args: &Args, scene: &Scene) -> anyhow::Result<VoxelGrid> {
@@ -320,6 +322,7 @@ fn write(
         file.masters = None;
         file.master_models = None;
         file.objective = None;
+        file.found_with = None;
         file.preset = None;
         file.write(path)?;
     }

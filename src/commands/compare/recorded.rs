@@ -1,7 +1,7 @@
 //! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
 
 use std::cell::OnceCell;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
@@ -9,6 +9,7 @@ use sensors::router::GivenCalibration;
 
 use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
 use super::feed::{self, Fed, Seated, Taken};
+use crate::commands::output;
 use crate::commands::recording::{Recording, SensorArgs};
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::files::is_same;
@@ -34,12 +35,18 @@ pub struct RecordedArgs {
 }
 
 impl RecordedArgs {
-    /// Refuses to write over what is read.
-    pub fn spare(&self, out: &Path) -> anyhow::Result<()> {
-        let metadata = self.sensors.meta.iter().map(|file| &file.path);
-        let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(metadata);
-        let is_read = inputs.any(|input| is_same(out, input));
-        ensure!(!is_read, "{}: this file is read; write to another", out.display());
+    /// Looks, before the work is done, whether the files that were asked for could be written, and are none that is read.
+    pub fn check_places<'a>(
+        &self,
+        outs: impl IntoIterator<Item = &'a Option<PathBuf>> + Clone,
+    ) -> anyhow::Result<()> {
+        output::check_places(outs.clone())?;
+        for out in outs.into_iter().flatten() {
+            let metadata = self.sensors.meta.iter().map(|file| &file.path);
+            let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(metadata);
+            let is_read = inputs.any(|input| is_same(out, input));
+            ensure!(!is_read, "{}: this file is read; write to another", out.display());
+        }
         Ok(())
     }
 }

@@ -54,19 +54,18 @@ pub struct Args {
 }
 
 impl Args {
-    /// A format of the rig.toml gives way to one that the typed name of a file says.
-    pub fn prefer_typed(&mut self, is_typed: impl Fn(&str) -> bool) {
+    /// The format that was asked for: one of the rig.toml gives way to one that the typed name of a file says.
+    fn format(&self, context: Context) -> Option<Format> {
         let is_said = self.out.as_deref().is_some_and(|out| !out.is_dir() && Format::of_path(out).is_some());
-        if is_said && is_typed("out") && !is_typed("format") {
-            self.format = None;
-        }
+        let gives_way = is_said && context.is_typed("out") && !context.is_typed("format");
+        self.format.filter(|_| !gives_way)
     }
 }
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.capture, &args.sensors.or_of(context.config, &args.capture))?;
-    let mut output = Output::new(args, &recording)?;
+    let mut output = Output::new(args, args.format(context), &recording)?;
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();
     let mut document = Document::default();

@@ -57,14 +57,14 @@ pub enum OutputError {
 
 impl Output {
     /// As asked for; `None` when no points are wanted.
-    pub fn new(args: &Args, recording: &Recording) -> anyhow::Result<Option<Self>> {
+    pub fn new(args: &Args, format: Option<Format>, recording: &Recording) -> anyhow::Result<Option<Self>> {
         if args.out.as_deref() == Some(Path::new("-")) {
             bail!(
                 "--out -: points go to a file or a folder, not to stdout; expected a name such as points.csv"
             );
         }
         let by_extension = args.out.as_deref().and_then(Format::of_path);
-        let format = match (args.format, by_extension) {
+        let format = match (format, by_extension) {
             (Some(asked), Some(said))
                 if asked.extension() != said.extension()
                     && !(args.out.as_deref().is_some_and(Path::is_dir)) =>

@@ -6,6 +6,7 @@ use anyhow::bail;
 
 use super::prices::Prices;
 use crate::objective::{Objective, Weights};
+use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, Path, Phase, Preset, Roll, Simulator};
 
 /// A published experiment and what may be changed about it.
@@ -14,9 +15,9 @@ pub struct ExperimentArgs {
     /// The experiment: paper-os1-64 or paper-vlp-16; both, with a comma, for a rig that may mix their sensors.
     #[arg(long, env = "OUTRIGGER_PRESET", value_delimiter = ',', value_name = "PRESET,PRESET")]
     preset: Vec<String>,
-    /// Direction of the walk in the mount frame: lateral as published, forward as the text has it.
-    #[arg(long, default_value = "lateral")]
-    path: PathArg,
+    /// Direction of the walk in the mount frame: lateral as published, forward as the text has it [default: lateral].
+    #[arg(long)]
+    path: Option<PathArg>,
     /// Edge of a voxel: 5 m divided by a whole number [default: the preset's 0.5].
     #[arg(long, value_name = "M")]
     voxel: Option<f64>,
@@ -29,25 +30,27 @@ pub struct ExperimentArgs {
     /// Take the masters as they are, without mirror images.
     #[arg(long)]
     no_mirror: bool,
-    /// Poses per metre of the walk.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    sub_poses: usize,
-    /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost).
-    #[arg(long, default_value = "locked")]
-    phase: PhaseArg,
-    /// Price of one sensor in J: one number, or one for each model of a mixed rig ("os1-64=2000,vlp-16=800").
-    #[arg(long, value_name = "J", default_value_t, allow_hyphen_values = true)]
-    lambda: Prices,
-    /// Least distance between sensor origins; the housings are always asked for.
-    #[arg(long, value_name = "M", default_value_t = 0.0)]
-    least_distance: f64,
+    /// Poses per metre of the walk [default: 1].
+    #[arg(long, value_name = "N")]
+    sub_poses: Option<usize>,
+    /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost) [default:
+    /// locked].
+    #[arg(long)]
+    phase: Option<PhaseArg>,
+    /// Price of one sensor in J: one number, or one for each model of a mixed rig ("os1-64=2000,vlp-16=800") [default:
+    /// 2000].
+    #[arg(long, value_name = "J", allow_hyphen_values = true)]
+    lambda: Option<Prices>,
+    /// Least distance between sensor origins; the housings are always asked for [default: 0].
+    #[arg(long, value_name = "M")]
+    least_distance: Option<f64>,
     /// Adds to J this times log10(q / 0.003), q being the least translation eigenvalue per hit (5th percentile along
-    /// the path): how well scans are tied down.
-    #[arg(long, value_name = "J", default_value_t = 0.0)]
-    registration_weight: f64,
-    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be).
-    #[arg(long, value_name = "Q", default_value_t = 0.0)]
-    min_conditioning: f64,
+    /// the path): how well scans are tied down [default: 0].
+    #[arg(long, value_name = "J")]
+    registration_weight: Option<f64>,
+    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
+    #[arg(long, value_name = "Q")]
+    min_conditioning: Option<f64>,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -83,9 +86,41 @@ impl FromStr for RollArg {
 impl ExperimentArgs {
     /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
     pub fn is_new_scene(&self) -> bool {
-        let is_fineness_said =
-            self.azimuths.is_some() || self.sub_poses != 1 || matches!(self.phase, PhaseArg::Free);
+        let is_fineness_said = self.azimuths.is_some()
+            || self.sub_poses.is_some_and(|poses| poses != 1)
+            || matches!(self.phase, Some(PhaseArg::Free));
         self.voxel.is_some() && !is_fineness_said
+    }
+
+    /// What is not said here as the score in a mount file was made; a mount found in another experiment than that which is
+    /// asked for says nothing.
+    pub fn or_as_found(&self, file: &MountFile) -> Self {
+        let asked = self.clone();
+        let (Some(found), Some(names)) = (&file.found_with, &file.preset) else { return asked };
+        if !self.preset.is_empty() && self.preset.join(",") != *names {
+            return asked;
+        }
+        let models =
+            names.split(',').filter_map(|name| Some(Preset::named(name.trim()).ok()?.model.to_owned()));
+        let prices = Prices::ByModel(models.zip(found.lambda.iter().copied()).collect());
+        Self {
+            path: self.path.or(Some(match found.path {
+                Path::Lateral => PathArg::Lateral,
+                Path::Forward => PathArg::Forward,
+            })),
+            voxel: self.voxel.or(Some(found.voxel_m)),
+            azimuths: self.azimuths.or(Some(found.azimuths)),
+            sub_poses: self.sub_poses.or(Some(found.sub_poses)),
+            phase: self.phase.or(Some(match found.phase {
+                Phase::Locked => PhaseArg::Locked,
+                Phase::Free => PhaseArg::Free,
+            })),
+            lambda: self.lambda.clone().or(Some(prices)),
+            least_distance: self.least_distance.or(Some(found.least_distance_m)),
+            registration_weight: self.registration_weight.or(Some(found.registration_weight)),
+            min_conditioning: self.min_conditioning.or(Some(found.least_conditioning)),
+            ..asked
+        }
     }
 
     /// The objective that was asked for; `otherwise` names presets (with commas) where none are given, `roll` is the
@@ -100,37 +135,36 @@ impl ExperimentArgs {
         };
         let experiment = Experiment {
             path: match self.path {
-                PathArg::Lateral => Path::Lateral,
-                PathArg::Forward => Path::Forward,
+                None | Some(PathArg::Lateral) => Path::Lateral,
+                Some(PathArg::Forward) => Path::Forward,
             },
             voxel_m: self.voxel.unwrap_or(preset.voxel_m),
             azimuths: self.azimuths.unwrap_or(preset.azimuths),
             roll: self.roll.map_or(roll, |rule| rule.0),
             mirror: !self.no_mirror,
-            sub_poses: self.sub_poses,
+            sub_poses: self.sub_poses.unwrap_or(1),
             phase: match self.phase {
-                PhaseArg::Locked => Phase::Locked,
-                PhaseArg::Free => Phase::Free,
+                None | Some(PhaseArg::Locked) => Phase::Locked,
+                Some(PhaseArg::Free) => Phase::Free,
             },
             ..Experiment::mixed(&presets)?
         };
-        if !(self.least_distance.is_finite() && self.least_distance >= 0.0) {
-            bail!("--least-distance {}, expected a finite number of at least 0", self.least_distance);
+        let least_distance_m = self.least_distance.unwrap_or(0.0);
+        if !(least_distance_m.is_finite() && least_distance_m >= 0.0) {
+            bail!("--least-distance {least_distance_m}, expected a finite number of at least 0");
         }
-        let prices = self.lambda.of(&experiment)?;
-        if !(self.registration_weight.is_finite() && self.registration_weight >= 0.0) {
-            bail!("--registration-weight {}, expected a number of at least 0", self.registration_weight);
+        let prices = self.lambda.clone().unwrap_or_default().of(&experiment)?;
+        let registration = self.registration_weight.unwrap_or(0.0);
+        if !(registration.is_finite() && registration >= 0.0) {
+            bail!("--registration-weight {registration}, expected a number of at least 0");
         }
-        if !(0.0..1.0 / 3.0).contains(&self.min_conditioning) {
-            bail!("--min-conditioning {}, expected at least 0 and below 1/3", self.min_conditioning);
+        let least_conditioning = self.min_conditioning.unwrap_or(0.0);
+        if !(0.0..1.0 / 3.0).contains(&least_conditioning) {
+            bail!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3");
         }
-        let weights = Weights {
-            sensor_cost: prices[0],
-            registration: self.registration_weight,
-            least_conditioning: self.min_conditioning,
-            ..Weights::default()
-        };
-        let objective = Objective::new(Simulator::new(&experiment)?, weights, self.least_distance)?;
+        let weights =
+            Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
+        let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;
         Ok(objective.with_prices(prices))
     }
 }

@@ -34,10 +34,12 @@ const MOST_BLIND_SPOTS: usize = 10;
 #[command(
     group = clap::ArgGroup::new("mounts").required(true),
     after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\", \
-                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective, \
+                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective, found_with, \
                   masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are \
                   scored as they are, mirrored ones being listed, each as the model that it is; its preset (several \
-                  with commas between them) holds where --preset is not given. calibrations: {name: file} names the \
+                  with commas between them) holds where --preset is not given, and so does found_with: {path, voxel_m, \
+                  azimuths, sub_poses, phase, lambda, registration_weight, least_conditioning, least_distance_m}, with \
+                  which optimize found it. calibrations: {name: file} names the \
                   calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
                   Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where \
                   the middle of the mounts is."
@@ -182,7 +184,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
         output::say_notice(&format!(
             "the mount file says J {stated:.2}: it was found with other settings than these (--path, --voxel, --azimuths, \
-             --sub-poses, --phase, --lambda, ...); give the same to meet it again"
+             --sub-poses, --phase, --lambda, ...); give the same to meet it again, or none where the file has found_with"
         ));
     }
     Ok(Outcome::Done)
@@ -211,7 +213,7 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
 
 fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
     let file = MountFile::read(path)?;
-    let objective = args.experiment.objective(file.preset.as_deref(), Roll::Free)?;
+    let objective = args.experiment.or_as_found(&file).objective(file.preset.as_deref(), Roll::Free)?;
     let experiment = objective.simulator().experiment();
     let type_of = |sensor: &SensorEntry| {
         let mut models = experiment.types().map(|preset| preset.model);

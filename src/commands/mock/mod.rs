@@ -17,7 +17,7 @@ pub struct Args {
 
 #[derive(Subcommand, Debug)]
 enum Device {
-    /// A sensor that sends UDP packets.
+    /// A sensor that sends UDP packets; it keeps the pitch of its mount file, whatever a mock rig does.
     Sensor(Box<sensor::Args>),
     /// A servo rig behind a pseudo terminal.
     Rig(rig::Args),

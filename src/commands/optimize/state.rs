@@ -6,6 +6,7 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::outputs;
 use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
@@ -30,24 +31,20 @@ struct Read {
 pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result<Value> {
     let objective = problem.objective();
     let experiment = objective.simulator().experiment();
-    let text = json!({
+    let mut question = json!({
         "preset": experiment.name(),
-        "path": experiment.path,
-        "voxel_m": experiment.voxel_m,
-        "azimuths": experiment.azimuths,
-        "sub_poses": experiment.sub_poses,
-        "phase": experiment.phase,
         "mirror": experiment.mirror,
         "roll": match experiment.roll { Roll::Fixed(roll_deg) => json!(roll_deg), Roll::Free => json!("free") },
-        "lambda": objective.prices(),
-        "registration_weight": objective.weights().registration,
-        "least_conditioning": objective.weights().least_conditioning,
-        "least_distance_m": objective.least_distance_m(),
         "clearance": keep_apart,
         "search": problem.search(),
         "robust": problem.robustness(),
-    })
-    .to_string();
+    });
+    if let (Some(question), Value::Object(found_with)) =
+        (question.as_object_mut(), serde_json::to_value(outputs::found_with(objective))?)
+    {
+        question.extend(found_with);
+    }
+    let text = question.to_string();
     // once through text, so that it compares equal to what was read
     Ok(serde_json::from_str(&text)?)
 }

@@ -18,6 +18,7 @@ use self::document::Document;
 use super::evaluate::FidelityArg;
 use super::ground::{MeshArgs, MeshTaken, Room, TrajectoryArgs, stations};
 use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
+use super::stage::Stage;
 use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
 use crate::coverage::{Coverage, VoxelGrid};
@@ -105,6 +106,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let scanner = args.sensing.scanner(&place.scene, &place.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
+    let stage = Stage::begin("casting the rays of the rig");
     let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
     let surface = match &place.mesh {
         Some((mesh, _)) => {
@@ -122,18 +124,23 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             .zip(place.mesh.as_ref())
             .and_then(|(surface, (mesh, _))| few_samples(surface.samples.len(), mesh.area_m2(), args.voxel)),
     );
-    doubts.iter().for_each(|doubt| output::say_notice(doubt));
+    doubts.extend(noisy(args));
+    stage.next("looking what single sensors would see (--no-baselines leaves them out)");
     let baselines =
         (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
+    stage.next("looking what could be seen from the way");
     let reachable =
         reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
     let mut document =
         Document::new(&scanner, &place, &scanned, surface.as_ref(), &reachable, baselines, wall_s);
-    document.warnings.extend(doubts);
     if args.fidelity == FidelityArg::Auto {
+        stage.next("measuring what the model leaves out");
         document.left_out = Some(left_out::left_out(&scanner, &place.grid));
     }
     document.total_s = start.elapsed().as_secs_f64();
+    drop(stage);
+    doubts.iter().for_each(|doubt| output::say_notice(doubt));
+    document.warnings.extend(doubts);
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.out {
         let bytes = document::ply(&scanned.coverage, &rig);
@@ -222,6 +229,15 @@ fn silent(scanner: &Scanner<'_>, returns: &[u64]) -> Vec<String> {
             )
         })
         .collect()
+}
+
+/// Says so where noise makes cells that the scene has nothing in.
+fn noisy(args: &Args) -> Option<String> {
+    args.sensing.is_noisy().then(|| {
+        "--range-noise throws returns into voxels beside the surface, and these count as seen, and as voxels that can be seen: \
+         both numbers are greater than without noise"
+            .into()
+    })
 }
 
 /// A voxel of the surface is known of if a sample falls into it: of fewer samples for each than this, many are not.

@@ -54,6 +54,11 @@ pub struct SensingArgs {
 }
 
 impl SensingArgs {
+    /// Whether ranges are noisy.
+    pub fn is_noisy(&self) -> bool {
+        self.range_noise > 0.0
+    }
+
     /// The rig, made ready to scan.
     pub fn scanner<'a>(
         &self,

@@ -13,6 +13,7 @@ use anyhow::Context as _;
 use self::document::Document;
 use super::evaluate::Masters;
 use super::ground::{MeshArgs, TrajectoryArgs};
+use super::stage::Stage;
 use super::surface::{MAIN_RANK, SampleArgs};
 use super::{Context, Outcome, output};
 use crate::rig::UnitChoice;
@@ -86,12 +87,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let prepare_s = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
+    let stage = Stage::begin("looking what could be seen from the way");
     let surface = field.surface(&placed);
     let observable_s = start.elapsed().as_secs_f64();
+    stage.next("casting the rays of the sensors");
     let (seen, completeness) = field.see(&placed, &surface);
     let wall_s = start.elapsed().as_secs_f64();
 
     let start = Instant::now();
+    stage.next("looking what single sensors would see (--no-baselines leaves them out)");
     let baselines = (!args.no_baselines).then(|| field.baselines(&placed, &surface, &seen));
     let rig = field::rig(&placed);
     let document = Document {
@@ -117,6 +121,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         baselines_s: start.elapsed().as_secs_f64(),
         seen,
     };
+    drop(stage);
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.covered_out {
         flags::write_flags(path, &completeness.covered(MAIN_RANK))?;

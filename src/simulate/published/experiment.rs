@@ -85,7 +85,7 @@ impl Preset {
 }
 
 /// Along which axis of the mount frame the platform walks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Path {
     /// x: sideways, as the released program runs it.
@@ -122,7 +122,7 @@ pub enum Roll {
 }
 
 /// Where the first azimuth of each revolution lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Phase {
     /// At zero at every pose, as published: the pattern repeats from pose to pose.

@@ -94,7 +94,7 @@ impl Study for Published {
             tables::lambda(rows),
             tables::table_8(rows),
         ];
-        Findings { summary, claims, tables, figures: tables::convergence(rows) }
+        Findings { summary, claims, tables, figures: tables::convergence(rows), ..Findings::default() }
     }
 }
 
