@@ -1,11 +1,13 @@
 //! Mounts, the sensors on them, and the files that say so.
 
+mod found_with;
 mod mount_file;
 mod published_export;
 mod touching;
 mod unit;
 
-pub use mount_file::{FORMAT, FRAME, FoundWith, MountFile, MountFileError, SensorEntry};
+pub use found_with::{FoundWith, Path, Phase};
+pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };

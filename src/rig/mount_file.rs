@@ -22,9 +22,8 @@ use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
-use super::{Mount, published_export};
+use super::{FoundWith, Mount, published_export};
 use crate::files;
-use crate::simulate::published::{Path as Along, Phase};
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-mount/1";
@@ -59,30 +58,6 @@ pub struct MountFile {
     /// What that score rests on beside the experiment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found_with: Option<Box<FoundWith>>,
-}
-
-/// The settings of a score: with them the same mount has the same J.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FoundWith {
-    /// Direction of the walk.
-    pub path: Along,
-    /// Edge of a voxel.
-    pub voxel_m: f64,
-    /// Columns per revolution.
-    pub azimuths: usize,
-    /// Poses per metre.
-    pub sub_poses: usize,
-    /// Where revolutions start.
-    pub phase: Phase,
-    /// Price of a sensor of each preset.
-    pub lambda: Vec<f64>,
-    /// Weight of how well scans are tied down.
-    pub registration_weight: f64,
-    /// Least of that which is allowed.
-    pub least_conditioning: f64,
-    /// Least distance between sensor origins, m.
-    pub least_distance_m: f64,
 }
 
 /// One sensor of a mount file.

@@ -2,6 +2,8 @@
 
 use super::Placement;
 
+pub use crate::rig::{Path, Phase};
+
 /// Presets of the types beside the first.
 pub type MoreTypes = [Option<&'static Preset>; 3];
 
@@ -84,15 +86,13 @@ impl Preset {
     }
 }
 
-/// Along which axis of the mount frame the platform walks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Path {
-    /// x: sideways, as the released program runs it.
-    #[default]
-    Lateral,
-    /// y: ahead, as the text describes it.
-    Forward,
+/// What happens to the roll of a mount.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Roll {
+    /// Replaced by this angle, degrees.
+    Fixed(f64),
+    /// Taken as it is.
+    Free,
 }
 
 impl Path {
@@ -110,27 +110,6 @@ impl Path {
             Path::Forward => 1,
         }
     }
-}
-
-/// What happens to the roll of a mount.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Roll {
-    /// Replaced by this angle, degrees.
-    Fixed(f64),
-    /// Taken as it is.
-    Free,
-}
-
-/// Where the first azimuth of each revolution lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Phase {
-    /// At zero at every pose, as published: the pattern repeats from pose to pose.
-    #[default]
-    Locked,
-    /// Moved on by the golden ratio of an azimuth step from pose to pose: no two poses share a pattern. Rays with a
-    /// zero direction component are then not lost.
-    Free,
 }
 
 impl Phase {
