@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::compare::recorded::{Recorded, RecordedArgs};
 use super::ground::suspicions;
-use super::recording::{Recording, ensure_given_fits};
+use super::recording::Recording;
 use super::{Context, Outcome, output, unread};
 use crate::files::write_whole;
 use crate::geometry::Pose;
@@ -183,7 +183,7 @@ fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
     router.finish(&mut hand);
     ensure!(sensors > 0, "{}", unread::why_nothing(recording, &router, &ending));
     ensure!(sensors == 1, "{} holds {sensors} sensors: --mount says where they sit", recording.name());
-    ensure_given_fits(&router)?;
+    recording.ensure_given_fits(&router)?;
     let mut losses = ending.losses();
     let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
     for (sensor, name) in router.sensors().iter().zip(&names) {

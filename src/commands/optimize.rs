@@ -177,15 +177,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         stop.store(false, Ordering::Relaxed);
     }
     let start = Instant::now();
-    let stage = Stage::begin("bounding what any mount could score");
+    let stage = args.certify.map(|_| Stage::begin("bounding what any mount could score"));
     let certificate =
         args.certify.map(|regions| certify(&problem, best.score, regions, &stop)).transpose()?.flatten();
+    drop(stage);
     if args.certify.is_some() && stop.load(Ordering::Relaxed) {
         output::say_notice("interrupted: what is proved is what was bounded until then, if anything");
     }
     let proved = certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() });
     let objective_s = busy.seconds();
-    stage.next("looking again at the best mounts");
     let (refined, final_look) = if stop.load(Ordering::Relaxed) {
         // who stops a search wants its best now: looking again may take longer than the search
         if looks_again || finer.is_some() {
@@ -195,11 +195,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         (None, None)
     } else {
+        let looks = looks_again || finer.is_some();
+        let stage = looks.then(|| Stage::begin("looking again at the best mounts"));
         let refined = finer.map(|finer| finer.refine(&problem, args.regret / 100.0)).transpose()?.flatten();
         let looked = looks_again
             .then(|| final_look::look(args, &given, &problem, &search, &stop))
             .transpose()?
             .flatten();
+        drop(stage);
         if looks_again && looked.is_none() && stop.load(Ordering::Relaxed) {
             output::say_notice(
                 "interrupted: the best mount is given as searched, the look at the best ones not ended",
@@ -207,7 +210,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         (refined, looked)
     };
-    drop(stage);
     let ended = Ended { search: &search, best, stopped_by, wall_s, objective_s, proved, refined, final_look };
     report(args, context, &problem, ended)
 }

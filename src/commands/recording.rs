@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
@@ -46,6 +46,8 @@ pub struct Recording {
     /// The session that it is, and what that says of itself.
     session: Option<(PathBuf, Manifest)>,
     /// What can be read but once, where it is read more than once.
+    /// Its metadata are those of the session, each of what came to its sensor's port.
+    is_tied_by_session: bool,
     spooled: Option<NamedTempFile>,
 }
 
@@ -113,14 +115,18 @@ impl Recording {
                 crate::record::file::MANIFEST
             );
         }
-        let mut session = None;
+        let (mut session, mut is_tied_by_session) = (None, false);
         if capture.is_dir() {
-            session = Some((capture.to_owned(), Manifest::read(capture)?));
+            let manifest = Manifest::read(capture)?;
             path = capture.join(crate::record::file::PACKETS);
             if paths.is_empty() {
                 let files = json_files(&capture.join(crate::record::file::METADATA))?;
-                paths = files.into_iter().map(|path| TiedFile { tie: None, path }).collect();
+                // units whose packets do not say whose they are were recorded from ports of their own
+                let tied = |path: PathBuf| TiedFile { tie: recorded_from(&manifest, capture, &path), path };
+                paths = files.into_iter().map(tied).collect();
+                is_tied_by_session = true;
             }
+            session = Some((capture.to_owned(), manifest));
         }
         let name = match path.as_os_str() == "-" {
             true => "standard input".into(),
@@ -132,6 +138,7 @@ impl Recording {
             metadata: metadata_of(&paths)?,
             calibrations: sensors.calibrations()?,
             session,
+            is_tied_by_session,
             spooled: None,
         })
     }
@@ -216,6 +223,27 @@ impl Recording {
             router.end_learning();
         }
         Ok(router)
+    }
+
+    /// Refuses a calibration that does not fit the sensor that it was given for, and metadata tied to who sends nothing.
+    pub fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
+        for sensor in router.sensors() {
+            if let Some((name, error)) = sensor.calibration_error() {
+                let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
+                bail!("{name}, given for the {}{source}: {error}", sensor.product());
+            }
+            let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name) else { continue };
+            let (is_found, whence) = match tie {
+                Tie::Sender(address) => (sensor.stats().packets > 0, format!("comes from {address}")),
+                Tie::Port(port) => (sensor.data_port().is_some(), format!("goes to port {port}")),
+            };
+            ensure!(
+                is_found || self.is_tied_by_session, // a session's sensor may have been silent
+                "--meta {tie}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
+                 who sends what where"
+            );
+        }
+        Ok(())
     }
 
     /// How a session calls its sensors.
@@ -307,24 +335,15 @@ pub fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     keep().map(Some).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
 }
 
-/// Refuses a calibration that does not fit the sensor that it was given for, and metadata tied to who sends nothing.
-pub fn ensure_given_fits(router: &Router) -> anyhow::Result<()> {
-    for sensor in router.sensors() {
-        if let Some((name, error)) = sensor.calibration_error() {
-            let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
-            bail!("{name}, given for the {}{source}: {error}", sensor.product());
-        }
-        if let (Some(tie), Some(name), 0) = (sensor.tie(), &sensor.metadata_name, sensor.stats().packets) {
-            let whence = match tie {
-                Tie::Sender(address) => format!("comes from {address}"),
-                Tie::Port(port) => format!("goes to port {port}"),
-            };
-            bail!(
-                "--meta {tie}={name}: no packet that fits it {whence}; `outrigger inspect` lists who sends what where"
-            );
-        }
+/// The port that the sensor of a metadata file of a session was recorded from.
+fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie> {
+    let is_of =
+        |entry: &&SensorEntry| entry.metadata.as_ref().is_some_and(|relative| dir.join(relative) == file);
+    let mut entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry)).filter(is_of);
+    match (entries.next(), entries.next()) {
+        (Some(entry), None) => entry.address.map(|address| Tie::Port(address.port())),
+        _ => None,
     }
-    Ok(())
 }
 
 /// The metadata in some files; what describes a unit as another file does counts once.

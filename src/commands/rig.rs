@@ -9,9 +9,12 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::{Context, Outcome, output, signals, wrong_usage};
+use crate::receive::now_ns;
 use crate::rig::MountFile;
-use crate::servo::{Applied, Options, Rig, RigError, RigStatus, ServoReport, WatchedAxis};
+use crate::servo::{Applied, Options, Rig, RigError, RigStatus, WatchedAxis};
 
+/// How often axes that send no readings are told of while watching.
+const LOOK: Duration = Duration::from_secs(1);
 /// No move takes longer.
 const LONGEST_MOVE: Duration = Duration::from_secs(3600);
 
@@ -327,7 +330,7 @@ fn explain(error: RigError, port: &std::path::Path) -> anyhow::Error {
         }
         RigError::Fault { .. } | RigError::Refused { code: firmware_protocol::AckCode::Fault, .. } => {
             anyhow::Error::new(error).context(
-                "nothing moves while a fault is latched: take its cause away, then run `outrigger rig clear`",
+                "from now on nothing moves until the fault is cleared: take its cause away, then run `outrigger rig clear`",
             )
         }
         error => error.into(),
@@ -456,11 +459,20 @@ fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> a
             continue;
         };
         let reports = connected.reports();
+        let mut looked = Instant::now();
         while goes_on() {
             match reports.recv_timeout(Duration::from_millis(100)) {
-                Ok(report) => print_report(report, context)?,
+                Ok(report) => print_reading(&report.into(), context)?,
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                 Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
+            }
+            if looked.elapsed() >= LOOK {
+                looked = Instant::now();
+                let Ok(status) = connected.status() else { break };
+                let silent = status.axes.iter().filter(|axis| axis.source == "stale");
+                for axis in silent {
+                    print_reading(&WatchedAxis::last_of(axis, now_ns()), context)?;
+                }
             }
         }
         // the conversation ended, and status says why; a dead device file is closed at once, or it comes back under
@@ -477,10 +489,9 @@ fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> a
     Ok(())
 }
 
-fn print_report(report: ServoReport, context: Context) -> anyhow::Result<()> {
-    let report = WatchedAxis::from(report);
+fn print_reading(report: &WatchedAxis, context: Context) -> anyhow::Result<()> {
     let line = if context.json {
-        serde_json::to_string(&report)?
+        serde_json::to_string(report)?
     } else {
         format!(
             "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",

@@ -11,8 +11,8 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use super::output;
 
 /// What comes so soon after a signal is the same wish, told twice: `timeout` signals its child and then the group that the
-/// child is in, and a terminal's Ctrl-C reaches a wrapper that passes it on.
-const SAME_WISH: Duration = Duration::from_millis(200);
+/// child is in, and a terminal's Ctrl-C reaches a wrapper that passes it on. Nobody presses Ctrl-C twice in so short a time.
+const SAME_WISH: Duration = Duration::from_millis(80);
 
 /// Wishes to stop.
 pub struct Wishes {

@@ -189,12 +189,13 @@ impl Daemon {
             inlets.push(inlet);
             threads.push(thread);
         }
+        // before the first packet: what is seen is drawn by the angles at which the axes stand
+        let rig =
+            rig.map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion))).transpose()?;
         let of_streams: Vec<Inlet> = sensor_of.iter().map(|sensor| inlets[*sensor].clone()).collect();
         let tap = Arc::new(Tap::new(recorder.held_up));
         let intake = Arc::new(Intake::start(&listens, &sensor_of, receive, &tap, &of_streams)?);
         drop(of_streams);
-        let rig =
-            rig.map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion))).transpose()?;
         let papers = Papers {
             sensors: infos
                 .into_iter()

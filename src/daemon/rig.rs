@@ -227,6 +227,9 @@ impl Shared {
         *lock(&self.interrupt) = Some(rig.interrupt());
         let status = rig.status()?;
         *lock(&self.rig) = Some(Arc::new(rig));
+        for axis in status.axes.iter().filter(|axis| axis.source == "measured") {
+            self.motion.set_pitch_rad(axis.axis, axis.position_deg.to_radians());
+        }
         let mut state = lock(&self.state);
         let (pitches, axes) = (state.mount_pitches_deg.len(), status.axes.len());
         if pitches != 0 && pitches != axes && state.status.is_none() {

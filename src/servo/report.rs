@@ -62,6 +62,22 @@ impl From<ServoReport> for WatchedAxis {
     }
 }
 
+impl WatchedAxis {
+    /// An axis of which no reading comes any more: its last one, and what is known beside it.
+    pub fn last_of(status: &AxisStatus, now_ns: u64) -> Self {
+        Self {
+            time_ns: now_ns.saturating_sub((status.age_ms * 1e6) as u64),
+            axis: status.axis,
+            state: status.state.clone(),
+            position_deg: status.position_deg,
+            target_deg: status.target_deg,
+            source: status.source.clone(),
+            uncertainty_deg: status.uncertainty_deg,
+            faults: status.faults.clone(),
+        }
+    }
+}
+
 /// One axis, as `rig status` shows it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisStatus {

@@ -96,6 +96,15 @@ pub(super) fn unclaimed(
         );
     }
     match (guess, &ousters[..]) {
+        (Guess::OusterLidar { .. }, [(metadata, name)])
+            if metadata.packet_format().packet_bytes() == length =>
+        {
+            let from = packet.source.ip();
+            format!(
+                "{guess} from {from}, which {name} would fit, and another unit has it already: say who sends, \
+                 --meta ADDRESS=FILE.json for each"
+            )
+        }
         (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
         _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
     }

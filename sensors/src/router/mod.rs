@@ -32,7 +32,7 @@ const MOST_KINDS: usize = 256;
 #[derive(Default)]
 pub struct Router {
     sensors: Vec<Sensor>,
-    unclaimed: BTreeMap<(u16, usize), Unclaimed>,
+    unclaimed: BTreeMap<(u16, usize, Option<u64>), Unclaimed>,
     calibrations: Vec<GivenCalibration>,
     names: Vec<Named>,
     ahead: ahead::Ahead,
@@ -42,7 +42,10 @@ pub struct Router {
     strangers: Vec<IpAddr>,
 }
 
-/// Packets of one length on one port that no sensor took.
+/// What is counted together where there are more kinds of packets that nobody took.
+const OF_MORE_KINDS: (u16, usize, Option<u64>) = (0, 0, None);
+
+/// Packets of one length, of one serial number where they bear it, on one port that no sensor took.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Unclaimed {
     /// Destination port.
@@ -293,22 +296,22 @@ impl Router {
     }
 
     fn count_unclaimed(&mut self, packet: &Packet<'_>, reason: Option<String>) {
-        let mut key = (packet.destination.port(), packet.payload.len());
+        let guess = Guess::of(packet.payload);
+        let mut key = (packet.destination.port(), packet.payload.len(), guess.serial());
         if self.unclaimed.len() >= MOST_KINDS && !self.unclaimed.contains_key(&key) {
-            key = (0, 0);
+            key = OF_MORE_KINDS;
         }
         if let Some(entry) = self.unclaimed.get_mut(&key) {
             entry.packets += 1;
             return;
         }
-        let guess = Guess::of(packet.payload);
         let reason = match key {
-            (0, 0) => explain::too_many(MOST_KINDS),
+            OF_MORE_KINDS => explain::too_many(MOST_KINDS),
             _ => explain::unclaimed(&self.sensors, packet, &guess, reason),
         };
         let is_sensor_data = guess != Guess::Unknown && guess != Guess::VelodyneBlocks;
         let (needs_metadata, serial) = (guess.is_ouster(), guess.serial());
-        let (port, length) = key;
+        let (port, length, _) = key;
         let is_ouster_lidar = matches!(guess, Guess::OusterLidar { .. });
         let entry = Unclaimed {
             port,

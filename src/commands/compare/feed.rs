@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::beams::Seat;
 use super::hearing::Heard;
-use crate::commands::recording::{Recording, ensure_given_fits, look_first};
+use crate::commands::recording::{Recording, look_first};
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
@@ -264,7 +264,7 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
         fed.sensors[at].packets_recorded = sensor.stats().packets;
         fed.close(at, sensor, seat)?; // a calibration that does not fit is told of by the sensor's seat
     }
-    ensure_given_fits(&router)?;
+    recording.ensure_given_fits(&router)?;
     fed.losses.extend(ending.losses());
     if fed.sensors.iter().all(|sensor| sensor.frames == 0) {
         let other_unit = router.unclaimed().find(|entry| entry.needs_metadata && entry.serial.is_some());

@@ -11,6 +11,7 @@ use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
 use super::feed::{self, Fed, Seated, Taken};
 use crate::commands::output;
 use crate::commands::recording::{Recording, SensorArgs};
+use crate::commands::stage::Stage;
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::files::is_same;
 use crate::geometry::Pose;
@@ -153,6 +154,7 @@ impl Recorded {
     pub fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
         match &self.source {
             Source::Session { session, tilts, calibrations } => {
+                let _stage = Stage::begin("decoding the session");
                 feed::session(&Seated { session, rig: &self.rig, tilts, calibrations }, &mut |_| (), take)
             }
             Source::Capture(recording) => feed::capture(recording, &self.rig, take),

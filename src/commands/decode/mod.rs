@@ -16,7 +16,7 @@ use self::document::Document;
 use self::frames::FrameRange;
 use self::output::Output;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::{Recording, SensorArgs, ensure_given_fits};
+use super::recording::{Recording, SensorArgs};
 use super::{Context, Outcome, signals};
 use crate::export::Format;
 
@@ -107,7 +107,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     })?;
     router.finish(&mut take);
     go_on()?;
-    ensure_given_fits(&router)?;
+    recording.ensure_given_fits(&router)?;
     document.conclude(&recording, &router, &ending);
     if document.is_empty() {
         if let Some(damage) = ending.damage {

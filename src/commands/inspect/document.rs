@@ -7,7 +7,7 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
-use crate::commands::recording::{Ending, Recording, ensure_given_fits};
+use crate::commands::recording::{Ending, Recording};
 use crate::commands::{sensor_ids, unread};
 use crate::watch::{SensorReport, Watch};
 
@@ -208,7 +208,7 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
     for path in unread::metadata_beside(recording, router, &flows.serials()) {
         advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
-    advice.extend(ensure_given_fits(router).err().map(|error| error.to_string()));
+    advice.extend(recording.ensure_given_fits(router).err().map(|error| error.to_string()));
     advice.extend(unread::beam_notices(router));
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");

@@ -156,7 +156,13 @@ impl<L: Link> RigController<L> {
     /// Stops as fast as the rig can and latches that.
     pub fn e_stop(&mut self) -> Result<(), RigError> {
         self.order("e-stop", Order::EStop)?;
-        self.see("an emergency stop", |state| state == State::EStop)
+        self.see("an emergency stop", |state| state == State::EStop)?;
+        // what is latched comes with the next heartbeat; that it stopped is known without
+        let is_latched = |view: &View| view.heartbeat.is_some_and(|heartbeat| !heartbeat.faults.is_empty());
+        self.ask("a heartbeat with the fault", &[], is_latched).or_else(|error| match error {
+            RigError::NoAnswer { .. } => Ok(()),
+            other => Err(other),
+        })
     }
 
     /// Takes every latched fault away whose cause is gone; an error names the first that stays.
