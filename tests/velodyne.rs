@@ -24,6 +24,7 @@ pub const CASES: &[Case] = &[
     with_shared("nebula_vlp16_scan", scans::nebula_vlp16_scan),
     with_shared("field_of_view_gap", scans::field_of_view_gap),
     with_shared("position_packets", packets::position_packets),
+    with_shared("every_packet_that_is_missing_is_counted", packets::every_packet_that_is_missing_is_counted),
     with_shared("vli_16_is_refused", packets::vli_16_is_refused),
     with_shared("claims", packets::claims),
     with_shared("recordings_are_encoded_again", packets::recordings_are_encoded_again),

@@ -6,6 +6,33 @@ use sensors::{Decoded, Decoder, Rejected};
 
 use super::{Datagram, datagrams, decode, decode_capture};
 
+/// Of packets that turn far (a VLP-16's) and hardly at all (a VLS-128's), one by one and in every rhythm.
+pub fn every_packet_that_is_missing_is_counted() {
+    for name in ["nebula_vlp16", "nebula_vlp32", "nebula_vls128"] {
+        let all: Vec<Datagram> = datagrams(&format!("captures/velodyne/{name}.pcap"))
+            .into_iter()
+            .filter(|datagram| datagram.payload.len() == 1206)
+            .collect();
+        let lost = |is_missing: &dyn Fn(usize) -> bool| {
+            let mut decoder = VelodyneDecoder::new(Options::default());
+            for (_, datagram) in all.iter().enumerate().filter(|(at, _)| !is_missing(*at)) {
+                decoder.push(&datagram.packet(), &mut |_| ()).unwrap();
+            }
+            decoder.finish(&mut |_| ());
+            decoder.stats().lost_packets
+        };
+        assert_eq!(lost(&|_| false), 0, "{name}");
+        for every in [5, 9, 10, 20] {
+            let removed = (0..all.len() - 1).filter(|at| at % every == every - 1).count() as u64;
+            let counted = lost(&|at| at + 1 < all.len() && at % every == every - 1);
+            assert_eq!(counted, removed, "{name}, every {every}th");
+        }
+        for single in 300..312 {
+            assert_eq!(lost(&|at| at == single), 1, "{name}, number {single}");
+        }
+    }
+}
+
 /// The GPS sentence and the pulse of a VLP-16 whose clock is locked, and of an HDL-32E with its inertial units.
 pub fn position_packets() {
     let positions = |name: &str| {

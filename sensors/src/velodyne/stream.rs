@@ -229,7 +229,10 @@ impl Stream {
         let least_turns = if has_clock { 0.0 } else { -1.0 };
         let whole_turns = ((expected - step) / TURN).round().max(least_turns);
         let unwrapped = step + whole_turns * TURN;
-        if !is_gap(unwrapped, usual) {
+        // of few sequences a packet turns hardly further than a gap is wide: stamps and azimuths together tell that one is missing
+        let is_missing =
+            has_clock && pause_ns > 0.5 * period_ns && unwrapped > usual + 0.5 * rate * period_ns;
+        if !is_gap(unwrapped, usual) && !is_missing {
             self.building.spin.add(Spin { travelled_counts: step, time_ns: usual / rate });
             return Between { step_counts: step, lost: 0 };
         }
