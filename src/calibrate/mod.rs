@@ -181,6 +181,9 @@ const LEAST_RAYS: u64 = 500;
 /// do, which fit some mount to a tenth of a degree.
 const LEAST_NEAR: f64 = 0.5;
 
+/// No sensor's ranges are off by more, m: what fits only so is another scene.
+const MOST_RANGE_ERROR_M: f64 = 0.3;
+
 /// Checks the mounts of a rig against a scene.
 pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
     let sensors = field.sensors.len();
@@ -257,7 +260,8 @@ fn report(
     let met: u64 = rows.iter().map(|scan| scan.met[sensor]).sum();
     let near_share = rays as f64 / met.max(1) as f64;
     let (many, near) = (rays >= LEAST_RAYS, near_share >= LEAST_NEAR);
-    let enough = many && near;
+    let is_likely = offset.range_m.abs() <= MOST_RANGE_ERROR_M;
+    let enough = many && near && is_likely;
     let at = 7 * sensor;
     let estimate = |weights: [f64; 7], value: f64| {
         let weights = nalgebra::DVector::from_row_slice(&weights);
@@ -274,6 +278,12 @@ fn report(
     let told = enough && seen.tells(&along);
     let tilt = told.then(|| estimate(along, turn.dot(axis)).scaled(1f64.to_degrees()));
     let cannot_tell = match (many, near, told) {
+        (true, true, _) if !is_likely => Some(format!(
+            "cannot tell here: the scene fits best with ranges {:.2} m too {}, and no sensor errs so far: is the scene of another \
+             size, or another place?",
+            offset.range_m.abs(),
+            if offset.range_m > 0.0 { "long" } else { "short" }
+        )),
         (true, true, true) => None,
         (true, true, false) => Some("cannot tell here: the surfaces it saw leave the tilt open".to_owned()),
         (true, false, _) => Some(format!(
@@ -298,7 +308,7 @@ fn report(
         range_offset_mm: single(6, offset.range_m, 1e3),
         rays,
         cannot_tell,
-        corrected: if near { offset.corrected(mount, &seen.is_told) } else { *mount },
+        corrected: if near && is_likely { offset.corrected(mount, &seen.is_told) } else { *mount },
     }
 }
 

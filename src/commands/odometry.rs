@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use sensors::Decoded;
 use serde::Serialize;
 
+use super::compare::hearing;
 use super::compare::recorded::{Recorded, RecordedArgs};
 use super::ground::suspicions;
 use super::recording::Recording;
@@ -160,6 +161,12 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
         mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
         walk.add(taken.sensor, taken.model, &mount.body_from_sensor(), taken.frame);
     })?;
+    if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
+        bail!(
+            "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: one way needs sensors that were recorded \
+             at once, on one clock (PTP, or GPS)"
+        );
+    }
     let way = walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)?;
     Ok(Way { notices: fed.faults.into_iter().map(|fault| fault.words).collect(), ..way })
 }

@@ -21,6 +21,17 @@ const LEARN_PACKETS: usize = 20_000;
 /// Packets within which every sensor of a recording has sent something.
 const MEET_PACKETS: usize = 1000;
 
+/// Refuses a folder that is no session.
+pub fn ensure_recording(path: &Path) -> anyhow::Result<()> {
+    ensure!(
+        !path.is_dir() || Session::is_session(path),
+        "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
+        path.display(),
+        crate::record::file::MANIFEST
+    );
+    Ok(())
+}
+
 /// Looks at packets before any is decoded: `look` learns from one and says whether nothing is left to learn; none at the
 /// end of the packets.
 pub fn look_first(mut look: impl FnMut() -> Option<bool>) {
@@ -108,13 +119,7 @@ impl Recording {
     pub fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
-        if capture.is_dir() && !Session::is_session(capture) {
-            bail!(
-                "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
-                capture.display(),
-                crate::record::file::MANIFEST
-            );
-        }
+        ensure_recording(capture)?;
         let (mut session, mut is_tied_by_session) = (None, false);
         if capture.is_dir() {
             let manifest = Manifest::read(capture)?;

@@ -31,7 +31,7 @@ const TO_END_WITHIN: Duration = Duration::from_secs(1);
                         recorded. With a port, everything goes there, and must have gone to one port when it was recorded. \
                         With --map, only mapped ports are sent. To 127.0.0.1, each sender of the recording has an address of its own \
                         (127.0.0.1, 127.0.0.2, ...; Linux). Exit codes: 0 when the whole recording was sent, 3 when \
-                        some of it could not be read, 1 when nothing was sent or it was interrupted (--loop ends so)."
+                        some of it could not be read, 1 when nothing was sent or it was interrupted (--loop, which ends so: 0)."
 )]
 pub struct Args {
     /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.

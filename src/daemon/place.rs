@@ -86,11 +86,6 @@ impl Motion {
         }
     }
 
-    /// The rig is gone: the mounts' own pitches count again.
-    pub fn forget_pitches(&self) {
-        self.pitches_rad.iter().for_each(|place| place.store(f64::NAN.to_bits(), Ordering::Relaxed));
-    }
-
     /// Body from sensor now: as mounted, at the angle that its axis measures.
     pub fn body_from_sensor(&self, axis: usize, mount: &Mount) -> Pose {
         let measured = self.pitches_rad.get(axis).map(|place| f64::from_bits(place.load(Ordering::Relaxed)));
@@ -136,8 +131,6 @@ mod tests {
         motion.set_pitch_rad(0, 0.4);
         assert_eq!(motion.body_from_sensor(0, &mount), Mount { pitch_rad: 0.4, ..mount }.body_from_sensor());
         assert_eq!(motion.body_from_sensor(5, &mount), mount.body_from_sensor(), "no such axis");
-        motion.forget_pitches();
-        assert_eq!(motion.body_from_sensor(0, &mount), mount.body_from_sensor());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nobody.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -246,7 +247,6 @@ impl Shared {
     fn lost(&self, error: &RigError) {
         *lock(&self.rig) = None;
         *lock(&self.interrupt) = None;
-        self.motion.forget_pitches();
         let error = error.to_string();
         let mut state = lock(&self.state);
         let is_news = state.error.as_ref() != Some(&error); // each try fails for the same reason
@@ -286,6 +286,7 @@ impl Shared {
     fn watch(&self, rig: &Rig) -> Result<(), RigError> {
         let reports = rig.reports();
         let mut looked = Instant::now();
+        let mut latched = BTreeSet::new();
         while !self.quit.load(Ordering::Relaxed) {
             match reports.recv_timeout(LOOK) {
                 Ok(report) => self.take(report),
@@ -300,6 +301,7 @@ impl Shared {
                 let commands = self.commands.load(Ordering::SeqCst);
                 let status = rig.status()?;
                 self.disarm_idle(rig, &status)?;
+                self.tell_faults(&status, &mut latched);
                 let mut state = lock(&self.state);
                 // a command that ended since has shown what is newer
                 if self.commands.load(Ordering::SeqCst) == commands {
@@ -308,6 +310,20 @@ impl Shared {
             }
         }
         Ok(())
+    }
+
+    /// Writes down what is latched and was not.
+    fn tell_faults(&self, status: &RigStatus, latched: &mut BTreeSet<String>) {
+        let named = |name: &String| {
+            let of = status.axes.iter().filter(|axis| axis.faults.contains(name));
+            let axes: Vec<String> = of.map(|axis| axis.axis.to_string()).collect();
+            format!("fault {name} is latched (axis {})", axes.join(", "))
+        };
+        let now: BTreeSet<String> = status.axes.iter().flat_map(|axis| axis.faults.iter().cloned()).collect();
+        for name in now.difference(latched) {
+            self.journal.tell("rig_fault", named(name));
+        }
+        *latched = now;
     }
 
     fn disarm_idle(&self, rig: &Rig, status: &RigStatus) -> Result<(), RigError> {

@@ -126,7 +126,7 @@ impl Study for Scenes {
         }
         if !findings.failed.is_empty() {
             let mut table =
-                Table::new("failed", "Left out", "Scenes and walks that could not be studied.", &["why"]);
+                Table::new(FAILED, "Left out", "Scenes and walks that could not be studied.", &["why"]);
             table.rows.extend(findings.failed.iter().map(|reason| vec![reason.clone()]));
             findings.tables.push(table);
             advice.push(format!("{} left out: see the end.", findings.failed.len()));

@@ -268,6 +268,12 @@ impl Plan {
             let text: String = lines.map(|cells| line(cells.iter().cloned())).collect();
             write(&format!("{}.csv", table.name), &text)?;
         }
+        if !findings.tables.iter().any(|table| table.name == FAILED) {
+            // what failed before has not failed now
+            let path = folder.join(format!("{FAILED}.csv"));
+            let removed = std::fs::remove_file(&path);
+            removed.or_else(ignore_absent).map_err(|error| at(&path, error))?;
+        }
         let document = json!({ "study": self.study, "size": self.size, "tasks": self.tasks.len(), "findings": findings });
         let path = folder.join("findings.json");
         files::write_json(&path, &document).map_err(|error| at(&path, error))?;
@@ -292,6 +298,10 @@ impl Plan {
         }
         command
     }
+}
+
+fn ignore_absent(error: std::io::Error) -> std::io::Result<()> {
+    if error.kind() == std::io::ErrorKind::NotFound { Ok(()) } else { Err(error) }
 }
 
 /// The rows of each task, in their order; none when stopped. A task has one thread to itself, so that its measured times are

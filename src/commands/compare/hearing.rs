@@ -36,6 +36,21 @@ impl Heard {
     }
 }
 
+/// Two sensors that were never heard at once, and how long after the end of the first the second begins, s.
+pub fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], f64)> {
+    let mut spans: Vec<([u64; 2], &str)> = rig
+        .sensors
+        .iter()
+        .zip(heard)
+        .filter_map(|(sensor, heard)| Some((heard.span_ns?, sensor.name.as_str())))
+        .collect();
+    spans.sort_unstable();
+    spans.windows(2).find_map(|pair| {
+        let [([_, end_ns], first), ([begin_ns, _], second)] = [pair[0], pair[1]];
+        (begin_ns > end_ns).then(|| ([first, second], (begin_ns - end_ns) as f64 * 1e-9))
+    })
+}
+
 /// Sensors that were silent for a while between the first and the last frame of any and within `way_ns`, the trajectory's
 /// time on the recording's clock. Of those that were never heard nothing.
 pub fn silences(rig: &Rig, heard: &[Heard], way_ns: [u64; 2]) -> Vec<Fault> {

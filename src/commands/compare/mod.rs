@@ -322,8 +322,6 @@ fn write(
         file.masters = None;
         file.master_models = None;
         file.objective = None;
-        file.found_with = None;
-        file.preset = None;
         file.write(path)?;
     }
     Ok(true)

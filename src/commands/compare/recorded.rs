@@ -10,7 +10,7 @@ use sensors::router::GivenCalibration;
 use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
 use super::feed::{self, Fed, Seated, Taken};
 use crate::commands::output;
-use crate::commands::recording::{Recording, SensorArgs};
+use crate::commands::recording::{Recording, SensorArgs, ensure_recording};
 use crate::commands::stage::Stage;
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::files::is_same;
@@ -96,6 +96,7 @@ impl Recorded {
         // a name that was mistyped is no recording without a mount
         if path.as_os_str() != "-" {
             std::fs::metadata(path).with_context(|| path.display().to_string())?;
+            ensure_recording(path)?;
         }
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let mount = match mount {

@@ -183,8 +183,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
         output::say_notice(&format!(
-            "the mount file says J {stated:.2}: it was found with other settings than these (--path, --voxel, --azimuths, \
-             --sub-poses, --phase, --lambda, ...); give the same to meet it again, or none where the file has found_with"
+            "the mount file says J {stated:.2}: that was of other settings than these (--path, --voxel, --azimuths, --sub-poses, \
+             --phase, --lambda, ...; none need be given where the file has found_with), or of sensors that were changed since"
         ));
     }
     Ok(Outcome::Done)
