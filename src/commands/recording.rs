@@ -356,6 +356,9 @@ fn metadata_of(files: &[TiedFile]) -> anyhow::Result<Vec<Given>> {
     let mut known: Vec<Given> = Vec::with_capacity(files.len());
     for TiedFile { tie, path } in files {
         let name = path.display().to_string();
+        if let (Some(tie), "") = (tie, name.as_str()) {
+            bail!("--meta {tie}=: no file is named behind the equals sign");
+        }
         let text = crate::files::read_text(path).with_context(|| name.clone())?;
         let metadata = Metadata::parse(&text, &name)?;
         let same_unit = |other: &&Given| {

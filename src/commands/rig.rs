@@ -85,7 +85,7 @@ enum Action {
     },
     /// Decelerate, hold, disarm.
     Stop {
-        /// Stop as fast as the rig can, and latch that.
+        /// Stop as fast as the rig can, and latch that (servos that this program drives itself stop; nobody latches it for them).
         #[arg(long)]
         emergency: bool,
     },
@@ -171,7 +171,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         _ => Vec::new(),
     };
     let moves = matches!(args.action, Action::Set { .. } | Action::Apply { .. } | Action::Home);
-    if moves && !args.arm && !args.dry_run {
+    // what is typed wins over a file that says to try only
+    let dry_run = args.dry_run && (!context.is_typed("arm") || context.is_typed("dry_run"));
+    if moves && !args.arm && !dry_run {
         bail!(
             "this moves the rig: say --arm to allow it, or --dry-run to see what would move; nothing was moved"
         );
@@ -188,7 +190,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             show(&status, None, context)?;
             nothing_latched(&status)?;
         }
-        _ if moves && args.dry_run => dry_run(&rig, &pitches_rad, context)?,
+        _ if moves && dry_run => try_out(&rig, &pitches_rad, args.home, context)?,
         Action::Home => {
             obey_interrupts(&rig)?;
             rig.arm().and_then(|()| rig.home()).map_err(explain)?;
@@ -216,7 +218,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             show(&rig.status()?, None, context)?;
         }
     }
-    if moves && !args.dry_run && !context.json {
+    if moves && !dry_run && !context.json {
         let unhomed = if is_driven_here(port) { "; what moves them next says --home" } else { "" };
         output::print_text(&format!(
             "disarmed as this program ends: the axes are idle, and hold where they stand{unhomed}\n"
@@ -350,7 +352,7 @@ fn nothing_latched(status: &RigStatus) -> anyhow::Result<()> {
     )
 }
 
-fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<()> {
+fn try_out(rig: &Rig, pitches_rad: &[f64], homes: bool, context: Context) -> anyhow::Result<()> {
     if !pitches_rad.is_empty() {
         rig.check(pitches_rad)?;
     }
@@ -379,13 +381,16 @@ fn dry_run(rig: &Rig, pitches_rad: &[f64], context: Context) -> anyhow::Result<(
             to_rad.to_degrees()
         );
     }
-    if moves.is_empty() {
+    if moves.is_empty() || homes {
         text += if status.homing_moves {
             "homing moves every axis to its switch or zero, one after the other\n"
         } else {
             "homing moves nothing on this rig: it has neither switch nor zero to seek\n"
         };
-    } else {
+    } else if status.axes.iter().any(|axis| !axis.homed) {
+        text += "without --home, or `rig home --arm` before it, this would be refused\n";
+    }
+    if !moves.is_empty() {
         text +=
             "a keep-out region of the firmware, where it has one, is known to it alone and not looked at\n";
     }

@@ -144,6 +144,7 @@ pub fn page(document: &Document, replayed: &Replayed, scene: &Scene, trajectory:
     };
     let mut report = Report::new("Predicted against recorded", &summary, &output::again());
     comparison.words.iter().chain(&document.problems).for_each(|words| report.paragraph(words));
+    document.servo_zero.iter().for_each(|offer| report.paragraph(&offer.words()));
     coverage_section(&mut report, comparison);
     tilt_section(&mut report, comparison);
     pictures(&mut report, replayed, scene, trajectory);

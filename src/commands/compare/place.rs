@@ -44,7 +44,8 @@ pub struct PlaceArgs {
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together, `search` looks
-    /// within 2 s for the one at which the rays end where the scene is.
+    /// within 2 s (where the two have no time in common, of the one at which both begin together) for the one at which the
+    /// rays end where the scene is.
     #[arg(long, value_name = "S", allow_hyphen_values = true, default_value = "0")]
     time_offset: Offset,
     #[command(flatten)]

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
@@ -14,7 +15,7 @@ use sensors::velodyne::{Product, ReturnMode};
 use super::web::{Web, WebArgs};
 use crate::commands::ground::{MeshArgs, Numbers};
 use crate::commands::scene_file::{self, MapArgs};
-use crate::commands::{Context, Outcome, output};
+use crate::commands::{Context, Outcome, output, signals};
 use crate::geometry::Pose;
 use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
@@ -22,6 +23,9 @@ use crate::receive::now_ns;
 use crate::rig::{Mount, MountFile};
 use crate::scene::{BoxScene, Scene};
 use crate::trajectory::Trajectory;
+
+/// Time after Ctrl-C in which a packet may still be waited for.
+const TO_END_WITHIN: Duration = Duration::from_secs(1);
 
 /// Arguments of `mock sensor`.
 #[derive(clap::Args, Debug)]
@@ -173,18 +177,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         aside_packets: 0,
         unreachable: None,
     };
+    let stop = signals::stop_within(TO_END_WITHIN, "interrupted")?;
     let begun = Instant::now();
     let outcome = sensor.run_both(&surroundings, |time_ns, line, payload| match (line, args.aside_to) {
+        _ if stop.load(Ordering::Relaxed) => Err(Ended::Interrupted),
         (Line::Lidar, _) => sending.take(time_ns, payload),
         (Line::Aside, Some(to)) => sending.aside(time_ns, payload, to),
         (Line::Aside, None) => Ok(()),
     });
+    let mut until_ns = end_ns;
     match outcome {
+        Err(Ended::Interrupted) => until_ns = start_ns, // what is held back goes now
         Err(Ended::Died) => return Ok(Outcome::Done),
         Err(Ended::Io(to, error)) => return Err(error).with_context(|| format!("cannot send to {to}")),
         Ok(()) => {}
     }
-    let faults = sending.finish(end_ns)?;
+    let faults = sending.finish(until_ns)?;
     let seconds = begun.elapsed().as_secs_f64();
     let (packets, bytes) = (sending.packets, sending.bytes);
     let document = serde_json::json!({
@@ -197,6 +205,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 /// Why sending ended early.
 enum Ended {
     Died,
+    Interrupted,
     Io(SocketAddr, std::io::Error),
 }
 
