@@ -33,7 +33,7 @@ pub fn the_command_finds_writes_and_goes_on() {
     assert_eq!(evaluated["objective"], whole["best"]["objective"], "the mount file scores as found");
     let notice = |arguments: &[&str]| {
         let output = outrigger(&[&["evaluate", "--no-baselines", "--mount", &mount], arguments].concat());
-        String::from_utf8_lossy(&output.stderr).contains("found with other settings")
+        String::from_utf8_lossy(&output.stderr).contains("of other settings than these")
     };
     assert!(!notice(&[]));
     assert!(notice(&["--lambda", "1500"]) && notice(&["--path", "forward"]));
