@@ -1,6 +1,7 @@
 //! `outrigger rig`: read and set the servo rig.
 
-use std::cell::Cell;
+mod watch;
+
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -9,12 +10,9 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::{Context, Outcome, output, signals, wrong_usage};
-use crate::receive::now_ns;
 use crate::rig::MountFile;
-use crate::servo::{Applied, Options, Rig, RigError, RigStatus, WatchedAxis};
+use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
 
-/// How often axes that send no readings are told of while watching.
-const LOOK: Duration = Duration::from_secs(1);
 /// No move takes longer.
 const LONGEST_MOVE: Duration = Duration::from_secs(3600);
 
@@ -206,7 +204,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             let applied = rig.apply(&pitches_rad).map_err(explain)?;
             show(&rig.status()?, Some(&applied), context)?;
         }
-        Action::Watch { r#for } => watch(args, rig, *r#for, context)?,
+        Action::Watch { r#for } => watch::watch(args, rig, *r#for, context)?,
         Action::Stop { emergency } => {
             if *emergency { rig.e_stop() } else { rig.stop() }?;
             let status = rig.status()?;
@@ -443,71 +441,4 @@ fn show(status: &RigStatus, applied: Option<&Applied>, context: Context) -> anyh
         text.push('\n');
     }
     output::print_text(&text)
-}
-
-fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Context) -> anyhow::Result<()> {
-    let signals = signals::interrupts()?;
-    let end = time.map(|time| Instant::now() + time);
-    let stopped = Cell::new(false);
-    let goes_on = || {
-        stopped.set(stopped.get() || signals.try_recv().is_ok());
-        !stopped.get() && end.is_none_or(|end| Instant::now() < end)
-    };
-    let mut rig = Some(first);
-    while goes_on() {
-        let Some(connected) = &rig else {
-            std::thread::sleep(Duration::from_millis(250));
-            rig = args.port.as_ref().and_then(|port| Rig::connect_with(port, options(args, 0).ok()?).ok());
-            if rig.is_some() {
-                output::say_notice("the rig is back; home it before it moves");
-            }
-            continue;
-        };
-        let reports = connected.reports();
-        let mut looked = Instant::now();
-        while goes_on() {
-            match reports.recv_timeout(Duration::from_millis(100)) {
-                Ok(report) => print_reading(&report.into(), context)?,
-                Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
-                Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => break,
-            }
-            if looked.elapsed() >= LOOK {
-                looked = Instant::now();
-                let Ok(status) = connected.status() else { break };
-                let silent = status.axes.iter().filter(|axis| axis.source == "stale");
-                for axis in silent {
-                    print_reading(&WatchedAxis::last_of(axis, now_ns()), context)?;
-                }
-            }
-        }
-        // the conversation ended, and status says why; a dead device file is closed at once, or it comes back under
-        // another name
-        if let Err(error) = connected.status()
-            && args.reconnect
-        {
-            output::say_notice(&format!("{error}; waiting for it"));
-            rig = None;
-        } else {
-            connected.status()?;
-        }
-    }
-    Ok(())
-}
-
-fn print_reading(report: &WatchedAxis, context: Context) -> anyhow::Result<()> {
-    let line = if context.json {
-        serde_json::to_string(report)?
-    } else {
-        format!(
-            "{} axis {} {:9.4} deg, target {:9.4} deg, {}, {} {}",
-            report.time_ns,
-            report.axis,
-            report.position_deg,
-            report.target_deg,
-            report.source,
-            report.state,
-            report.faults.join(", ")
-        )
-    };
-    output::print_text(&(line + "\n"))
 }

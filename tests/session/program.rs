@@ -147,16 +147,22 @@ pub fn a_looped_replay_ends_with_its_count() {
     );
 }
 
+/// Two sensors on ports of their own; the session has begun.
+fn record_left_and_right(dir: &std::path::Path) -> Recorder {
+    let mut command = outrigger();
+    command
+        .args(["record", "--listen", "left=127.0.0.1:0", "--listen", "right=127.0.0.1:0", "--out"])
+        .arg(dir);
+    let recorder = Recorder::start(command);
+    wait_until("the session has its manifest", || Session::is_session(dir));
+    recorder
+}
+
 /// Two Velodynes of one host: only the session says which is which.
 pub fn sensors_are_called_as_they_were_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("walk");
-    let mut command = outrigger();
-    command
-        .args(["record", "--listen", "left=127.0.0.1:0", "--listen", "right=127.0.0.1:0", "--out"])
-        .arg(&dir);
-    let recorder = Recorder::start(command);
-    wait_until("the session has its manifest", || Session::is_session(&dir));
+    let recorder = record_left_and_right(&dir);
     let entries = Session::open(&dir).unwrap().manifest().sensors.clone();
     let from = sender();
     for payload in velodyne_columns(Product::Vlp16, 2400) {
@@ -221,12 +227,7 @@ pub fn a_silent_sensor_is_named() {
 pub fn two_mock_sensors_are_recorded_and_decoded() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("walk");
-    let mut command = outrigger();
-    command
-        .args(["record", "--listen", "left=127.0.0.1:0", "--listen", "right=127.0.0.1:0", "--out"])
-        .arg(&dir);
-    let recorder = Recorder::start(command);
-    wait_until("the session has its manifest", || Session::is_session(&dir));
+    let recorder = record_left_and_right(&dir);
     let addresses: Vec<_> = Session::open(&dir)
         .unwrap()
         .manifest()
