@@ -108,6 +108,9 @@ pub(super) fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8
     let layout = stream.layout(data);
     for (block, bank) in layout.banks.iter().enumerate() {
         if data.bank(block) != Some(usize::from(*bank)) {
+            if let Some(other) = detect::other_model(data, product) {
+                return Err(of_another_model(other, product));
+            }
             let expected = BANK_FLAGS[usize::from(*bank)];
             return Err(malformed(format!(
                 "block {block} of a {product} begins with {:#06x}, expected {expected:#06x}",
@@ -126,9 +129,12 @@ pub(super) fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8
     if product.model_byte().is_some() {
         if model_byte.is_some_and(|known| known != data.model_byte()) {
             let found = data.model_byte();
-            return Err(foreign(format!(
-                "model byte {found:#04x}, earlier packets of this {product} had another"
-            )));
+            return Err(match detect::claimed_product(found) {
+                Some((other, _)) if other != product => of_another_model(other.name(), product),
+                _ => {
+                    foreign(format!("model byte {found:#04x}, earlier packets of this {product} had another"))
+                }
+            });
         }
         if detect::mode(data).is_none() && product != Product::Hdl32e {
             return Err(malformed(format!(
@@ -138,6 +144,13 @@ pub(super) fn check(data: DataPacket<'_>, stream: &Stream, model_byte: Option<u8
         }
     }
     Ok(())
+}
+
+fn of_another_model(other: &str, product: Product) -> Rejected {
+    foreign(format!(
+        "a packet of a {other}, and those before from its sender to this port are of a {product}: models behind one address \
+         and one port are not told apart"
+    ))
 }
 
 fn check_azimuths(data: DataPacket<'_>, blocks: usize) -> Result<(), Rejected> {

@@ -100,6 +100,21 @@ pub(crate) fn family(packet: DataPacket<'_>) -> Option<Family> {
     }
 }
 
+/// The model that a packet is of which is none of a product, by the flags of all its blocks and by its model byte.
+pub(crate) fn other_model(packet: DataPacket<'_>, product: Product) -> Option<&'static str> {
+    let of_flags = family(packet).filter(|family| *family != product.family())?;
+    if of_flags == Family::SixtyFour {
+        let lower = (0..BLOCKS).filter(|block| packet.bank(*block) == Some(1)).count();
+        return (lower == BLOCKS / 2).then_some("hdl-64e");
+    }
+    let (claimed, _) = claimed_product(packet.model_byte())?;
+    let claims = match claimed.family() {
+        Family::Sixteen => Family::ThirtyTwo, // their flags are the same
+        family => family,
+    };
+    (claimed != product && claims == of_flags).then(|| claimed.name())
+}
+
 /// The type and the value of the byte of its status that a packet of an HDL-64E carries; none of other sensors.
 pub(crate) fn status_bytes(payload: &[u8]) -> Option<[u8; 2]> {
     let packet = DataPacket::of(payload.try_into().ok()?);

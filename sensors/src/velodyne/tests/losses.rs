@@ -188,6 +188,27 @@ fn another_sensors_packets_are_foreign() {
     assert_eq!((outcome.stats.foreign, outcome.stats.lost_packets), (2, 0));
 }
 
+/// Whichever comes first.
+#[test]
+fn packets_of_other_models_are_foreign() {
+    let models = [Product::Vlp16, Product::Vlp32c, Product::Hdl64eS2, Product::Vls128];
+    let made_up = |product| crate::made_up::velodyne_columns(product, 2000);
+    for product in models {
+        let own = made_up(product);
+        for other in models.into_iter().filter(|other| *other != product) {
+            let others = made_up(other);
+            let (before, behind) = own.split_at(30);
+            let all = before.iter().chain(&others[..20]).chain(behind).map(|payload| (1_000, &payload[..]));
+            let outcome = decode(all, Options::default());
+            let stats = &outcome.stats;
+            assert_eq!((outcome.product, stats.foreign, stats.malformed), (Some(product), 20, 0), "{other}");
+            let reason = outcome.rejected[0].to_string();
+            let words = [format!("are of a {product}"), format!("a {other}").replace("-s2", "")];
+            assert!(words.iter().all(|words| reason.contains(words)), "{reason}");
+        }
+    }
+}
+
 #[test]
 fn a_clock_that_is_set_ends_the_frame() {
     let mut packets = stream();
