@@ -12,7 +12,7 @@ use tempfile::NamedTempFile;
 
 use super::tied_file::TiedFile;
 use crate::config::Config;
-use crate::record::{Manifest, SensorEntry, Session};
+use crate::record::{Manifest, SensorEntry, Session, aside_of};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
 /// has not said yet how it is calibrated.
@@ -75,12 +75,12 @@ struct Given {
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct SensorArgs {
     /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none. Where packets bear no serial number
-    /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, or by the port of the
-    /// lidar packets, :7502=front.json.
-    #[arg(long = "meta", value_name = "[ADDRESS=|:PORT=]META.json")]
+    /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, by the port of the lidar
+    /// packets, :7502=front.json, or by both, 192.168.1.10:7502=front.json.
+    #[arg(long = "meta", value_name = "[[ADDRESS][:PORT]=]META.json", value_parser = TiedFile::parser())]
     pub meta: Vec<TiedFile>,
     /// Calibration of a Velodyne (db.xml or YAML); with several, name each by its address: 192.168.1.201=left.xml.
-    #[arg(long, value_name = "[ADDRESS=]FILE")]
+    #[arg(long, value_name = "[ADDRESS=]FILE", value_parser = TiedFile::parser())]
     pub calibration: Vec<TiedFile>,
 }
 
@@ -241,7 +241,14 @@ impl Recording {
             let (is_found, whence) = match tie {
                 Tie::Sender(address) => (sensor.stats().packets > 0, format!("comes from {address}")),
                 Tie::Port(port) => (sensor.data_port().is_some(), format!("goes to port {port}")),
+                Tie::Stream(stream) => {
+                    let (address, port) = (stream.ip(), stream.port());
+                    (sensor.data_port().is_some(), format!("comes from {address} and goes to port {port}"))
+                }
             };
+            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_tied_by_session) {
+                bail!("--meta {tie}={name}: {reason}");
+            }
             ensure!(
                 is_found || self.is_tied_by_session, // a session's sensor may have been silent
                 "--meta {tie}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
@@ -255,11 +262,17 @@ impl Recording {
     fn names(&self) -> Vec<Named> {
         let Some((dir, manifest)) = &self.session else { return Vec::new() };
         let entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry));
+        let port = |entry: &SensorEntry| entry.address.map(|address| address.port());
         let named = |entry: &SensorEntry| Named {
             name: entry.name.clone(),
             metadata: entry.metadata.as_ref().map(|relative| dir.join(relative).display().to_string()),
             source: entry.source,
-            port: entry.address.map(|address| address.port()),
+            port: port(entry),
+            aside_port: manifest
+                .sensors
+                .iter()
+                .find(|other| other.name == aside_of(&entry.name))
+                .and_then(port),
         };
         entries.map(named).collect()
     }
@@ -392,7 +405,7 @@ fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
     let source = match file.tie {
         None => None,
         Some(Tie::Sender(address)) => Some(address),
-        Some(tie @ Tie::Port(_)) => {
+        Some(tie @ (Tie::Port(_) | Tie::Stream(_))) => {
             bail!(
                 "--calibration {tie}={name}: expected the address that the Velodyne sends from, ADDRESS=FILE"
             )

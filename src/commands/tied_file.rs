@@ -1,8 +1,10 @@
-//! A file, or a file with what tells whose it is before it: `FILE`, `192.168.1.10=FILE`, `:7502=FILE`.
+//! A file, or a file with what tells whose it is before it: `FILE`, `192.168.1.10=FILE`, `:7502=FILE`,
+//! `192.168.1.10:7502=FILE`.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use sensors::router::Tie;
 
 /// A file of a sensor.
@@ -15,24 +17,27 @@ pub struct TiedFile {
 }
 
 impl TiedFile {
-    /// The same text with the file as seen from a folder.
+    /// For a flag.
+    pub fn parser() -> impl TypedValueParser<Value = Self> {
+        OsStringValueParser::new().try_map(Self::read)
+    }
+
+    /// Reads what was typed.
+    fn read(text: OsString) -> Result<Self, String> {
+        let split = text.to_str().and_then(|text| text.split_once('='));
+        match split.and_then(|(tie, path)| Some((Tie::from_text(tie)?, path))) {
+            Some((tie, path)) => Ok(Self { tie: Some(tie?), path: path.into() }),
+            // a name may hold an equals sign, too
+            None => Ok(Self { tie: None, path: text.into() }),
+        }
+    }
+
+    /// The same text with the file as seen from a folder; what is wrong stays as it is, to be told of.
     pub fn text_in(text: &str, folder: &Path) -> OsString {
-        let Self { tie, path } = OsString::from(text).into();
+        let Ok(Self { tie, path }) = Self::read(text.into()) else { return text.into() };
         let mut seen = tie.map_or_else(OsString::new, |tie| format!("{tie}=").into());
         seen.push(folder.join(path));
         seen
-    }
-}
-
-impl From<OsString> for TiedFile {
-    fn from(text: OsString) -> Self {
-        let split = text.to_str().and_then(|text| text.split_once('='));
-        let tied = split.and_then(|(tie, path)| Some((Tie::from_text(tie)?, path)));
-        match tied {
-            Some((tie, path)) => Self { tie: Some(tie), path: path.into() },
-            // a name may hold an equals sign, too
-            None => Self { tie: None, path: text.into() },
-        }
     }
 }
 
@@ -43,7 +48,7 @@ mod tests {
     #[test]
     fn files_with_and_without_their_sensor() {
         let read = |text: &str| {
-            let TiedFile { tie, path } = OsString::from(text).into();
+            let TiedFile { tie, path } = TiedFile::read(text.into()).unwrap();
             (tie.map(|tie| tie.to_string()), path.display().to_string())
         };
         let sender = |tie: &str, path: &str| (Some(tie.to_owned()), path.to_owned());
@@ -51,7 +56,17 @@ mod tests {
         assert_eq!(read("192.168.1.10=front.json"), sender("192.168.1.10", "front.json"));
         assert_eq!(read("fe80::1=a=b.json"), sender("fe80::1", "a=b.json"));
         assert_eq!(read(":7502=front.json"), sender(":7502", "front.json"));
-        assert_eq!(read("a=b.json"), (None, "a=b.json".into()));
+        assert_eq!(read("[fe80::1]=a.json"), sender("fe80::1", "a.json"));
+        assert_eq!(read("::1=a.json"), sender("::1", "a.json"));
+        assert_eq!(read("192.168.1.10:7502=a.json"), sender("192.168.1.10:7502", "a.json"));
+        assert_eq!(read("[fe80::1]:7502=a.json"), sender("[fe80::1]:7502", "a.json"));
+        for no_tie in ["a=b.json", ":a=b.json", "a:1=b.json", "fe80::1]=b.json", ":=b.json"] {
+            assert_eq!(read(no_tie), (None, no_tie.into()));
+        }
+        for wrong in [":0=a.json", ":99999=a.json", "192.168.1.10:0=a.json", "[::1]:65536=a.json"] {
+            let said = TiedFile::read(wrong.into()).unwrap_err();
+            assert!(said.contains("expected 1 to 65535"), "{said}");
+        }
         assert_eq!(TiedFile::text_in(":7502=a.json", Path::new("rig")), ":7502=rig/a.json");
         assert_eq!(TiedFile::text_in("a.json", Path::new("rig")), "rig/a.json");
     }

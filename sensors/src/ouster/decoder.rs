@@ -57,6 +57,11 @@ impl OusterDecoder {
         &self.metadata
     }
 
+    /// Whether its lidar packets say whose they are.
+    pub(crate) fn says_whose(&self) -> bool {
+        self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some()
+    }
+
     /// Length of its lidar packets.
     pub(crate) fn lidar_bytes(&self) -> usize {
         self.lidar_bytes

@@ -2,6 +2,7 @@
 
 use super::guess::Guess;
 use super::sensor::{Beams, Family, GivenCalibration, Sensor};
+use super::streams::{Stream, listed};
 use crate::Packet;
 use crate::ouster::Metadata;
 
@@ -10,6 +11,40 @@ pub(super) fn ambiguous(count: usize) -> String {
         "{count} sensors send packets like this one without a serial number, and its sender is none that is known; \
          give only the metadata of sensors that are in the recording, or say who sends where: --meta ADDRESS=FILE.json, or \
          --meta :PORT=FILE.json"
+    )
+}
+
+/// Why a packet is not given to the one sensor that it fits: other packets would fit it as well.
+pub(super) fn of_one_of_several(sensor: &Sensor) -> String {
+    let name = sensor.metadata_name.as_deref().unwrap_or("FILE.json");
+    let say = format!("say which, --meta ADDRESS={name}, --meta :PORT={name}, or both, ADDRESS:PORT={name}");
+    if let Some(lidar) = sensor.streams.of_several() {
+        return format!(
+            "{name} fits the packets of several sensors, which bear no serial number: lidar packets come from {}; {say}",
+            listed(&lidar)
+        );
+    }
+    let imu = sensor.imu_streams();
+    match &imu[..] {
+        [own] => format!(
+            "inertial packets without a serial number, of another sensor than those from {}, which {name} took",
+            listed(&[*own])
+        ),
+        _ => format!(
+            "inertial packets without a serial number of {} sensors, one of which may be that of {name}: {}; say \
+             who sends, --meta ADDRESS={name}",
+            imu.len(),
+            listed(&imu)
+        ),
+    }
+}
+
+/// Why a position packet is not given to one of the Velodynes behind its address.
+pub(super) fn position_of_several(units: &[Stream]) -> String {
+    format!(
+        "Velodyne position packet of one of several behind its address ({}), and nothing says of which; a \
+         session says it: record each with --listen NAME-aside=PORT",
+        listed(units)
     )
 }
 
@@ -42,6 +77,10 @@ pub(super) fn unclaimed(
             return decoder_says.unwrap_or_else(|| guess.to_string());
         }
         Guess::OusterLidar { .. } | Guess::OusterImu { .. } | Guess::OusterZone { .. } => {}
+    }
+    let rival = sensors.iter().filter(|sensor| sensor.fits(packet)).find_map(Sensor::one_of_several);
+    if let Some(reason) = rival {
+        return reason;
     }
     let ousters: Vec<(&Metadata, &str)> = sensors
         .iter()
@@ -83,6 +122,15 @@ pub(super) fn unclaimed(
         }
         return decoder_says.map_or_else(|| guess.to_string(), |says| format!("{guess}: {says}"));
     }
+    if let (Guess::OusterLidar { .. }, [(metadata, name)]) = (guess, &ousters[..])
+        && metadata.packet_format().packet_bytes() == length
+    {
+        let from = packet.source.ip();
+        return format!(
+            "{guess} from {from}, which {name} would fit, and another unit has it already: say who sends, --meta \
+             ADDRESS=FILE.json for each"
+        );
+    }
     let sends_elsewhere =
         |sensor: &&Sensor| !sensor.sources.is_empty() && !sensor.sources.contains(&packet.source.ip());
     if let [sensor] = &sensors.iter().filter(sends_elsewhere).collect::<Vec<_>>()[..]
@@ -96,15 +144,6 @@ pub(super) fn unclaimed(
         );
     }
     match (guess, &ousters[..]) {
-        (Guess::OusterLidar { .. }, [(metadata, name)])
-            if metadata.packet_format().packet_bytes() == length =>
-        {
-            let from = packet.source.ip();
-            format!(
-                "{guess} from {from}, which {name} would fit, and another unit has it already: say who sends, \
-                 --meta ADDRESS=FILE.json for each"
-            )
-        }
         (Guess::OusterLidar { .. }, [(metadata, name)]) => other_format(guess, length, metadata, name),
         _ => decoder_says.unwrap_or_else(|| format!("{guess}, which fits no metadata that was given")),
     }

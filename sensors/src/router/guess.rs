@@ -50,23 +50,8 @@ pub enum Guess {
 impl Guess {
     /// Looks at a payload.
     pub fn of(payload: &[u8]) -> Self {
-        let velodyne_blocks = payload.len() > 200
-            && [0, 100].iter().all(|at| {
-                payload[*at] == VELODYNE_FLAG && [0xEE, 0xDD, 0xCC, 0xBB].contains(&payload[*at + 1])
-            });
-        if velodyne_blocks {
-            return if payload.len() == DATA_PACKET_BYTES {
-                Self::VelodyneData
-            } else {
-                Self::VelodyneBlocks
-            };
-        }
-        if payload.len() == POSITION_PACKET_BYTES {
-            let pulse_state = payload[202];
-            let text = &payload[206..];
-            if pulse_state <= 3 && (text.starts_with(b"$GP") || text.starts_with(b"$GN") || text[0] == 0) {
-                return Self::VelodynePosition;
-            }
+        if let Some(guess) = Self::of_velodyne(payload) {
+            return guess;
         }
         if let Some(header) = ouster_header(payload) {
             return match header.kind {
@@ -80,6 +65,36 @@ impl Guess {
         }
         let formats = legacy(payload);
         if formats.is_empty() { Self::Unknown } else { Self::OusterLidar { header: None, formats } }
+    }
+
+    /// Whether a payload looks like a Velodyne's; that is told at once.
+    pub(super) fn of_velodyne(payload: &[u8]) -> Option<Self> {
+        let velodyne_blocks = payload.len() > 200
+            && [0, 100].iter().all(|at| {
+                payload[*at] == VELODYNE_FLAG && [0xEE, 0xDD, 0xCC, 0xBB].contains(&payload[*at + 1])
+            });
+        if velodyne_blocks {
+            return Some(match payload.len() {
+                DATA_PACKET_BYTES => Self::VelodyneData,
+                _ => Self::VelodyneBlocks,
+            });
+        }
+        if payload.len() == POSITION_PACKET_BYTES {
+            let pulse_state = payload[202];
+            let text = &payload[206..];
+            if pulse_state <= 3 && (text.starts_with(b"$GP") || text.starts_with(b"$GN") || text[0] == 0) {
+                return Some(Self::VelodynePosition);
+            }
+        }
+        None
+    }
+
+    /// Serial number in a payload; what [`Guess::serial`] says, without looking for its format.
+    pub(super) fn serial_in(payload: &[u8]) -> Option<u64> {
+        if Self::of_velodyne(payload).is_some() {
+            return None;
+        }
+        ouster_header(payload).map(|header| header.serial)
     }
 
     /// Whether an Ouster sent it.

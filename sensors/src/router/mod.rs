@@ -8,6 +8,7 @@ mod ahead;
 mod explain;
 mod guess;
 mod sensor;
+mod streams;
 #[cfg(test)]
 mod tests;
 mod tie;
@@ -21,6 +22,7 @@ use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
 pub use sensor::{Beams, Family, GivenCalibration, Sensor};
+use streams::{Stream, stream_of};
 pub use tie::{Named, Tie};
 
 /// Most Velodyne sensors that are told apart; a recording with more senders is no rig.
@@ -40,6 +42,8 @@ pub struct Router {
     has_learned: bool,
     /// Where lidar packets of Ousters came from in that look whose metadata were not given.
     strangers: Vec<IpAddr>,
+    /// Where data packets of Velodynes came from and went to.
+    velodynes: Vec<Stream>,
 }
 
 /// What is counted together where there are more kinds of packets that nobody took.
@@ -135,6 +139,7 @@ impl Router {
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
         match self.best_claim(packet) {
             (Some((at, claim)), 1) if is_evidence(claim, packet) => self.sensors[at].note_source(packet),
+            (Some((at, _)), 1) => self.sensors[at].streams.note_imu(packet),
             (None, _) => self.meet_stranger(packet),
             _ => {}
         }
@@ -205,14 +210,17 @@ impl Router {
         match self.best_claim(packet) {
             // metadata of one unit as it was set at several times, none of which fits: the first says why
             (Some((at, claim)), count) if count == 1 || claim == Claim::Named => {
-                return Ok((at, Some(claim)));
+                return match claim >= Claim::Named || self.is_its_own(at, packet) {
+                    true => Ok((at, Some(claim))),
+                    false => Err(Some(explain::of_one_of_several(&self.sensors[at]))),
+                };
             }
             (Some(_), count) => return Err(Some(explain::ambiguous(count))),
             (None, _) => {}
         }
-        match Guess::of(packet.payload) {
-            Guess::VelodyneData => self.velodyne(packet, true).map(|at| (at, None)),
-            Guess::VelodynePosition => self.velodyne(packet, false).map(|at| (at, None)),
+        match Guess::of_velodyne(packet.payload) {
+            Some(Guess::VelodyneData) => self.velodyne(packet, true).map(|at| (at, None)),
+            Some(Guess::VelodynePosition) => self.velodyne(packet, false).map(|at| (at, None)),
             // damaged, perhaps: the sender's decoder knows
             _ => self
                 .sensors
@@ -220,7 +228,7 @@ impl Router {
                 .position(|sensor| {
                     matches!(sensor.family, Family::Ouster(_))
                         && sensor.first_source == Some(packet.source)
-                        && !sensor.is_tied_elsewhere(packet)
+                        && !sensor.fits(packet)
                 })
                 .map(|at| (at, None))
                 .ok_or(None),
@@ -240,11 +248,40 @@ impl Router {
             }
         }
         match best {
-            Some((_, claim)) if self.has_learned && !is_evidence(claim, packet) => {
-                self.of_who_is_met(packet, claim).unwrap_or((best, count))
+            Some((_, claim)) if !is_evidence(claim, packet) => {
+                let met = || self.has_learned.then(|| self.of_who_is_met(packet, claim)).flatten();
+                let by_port = || (count > 1).then(|| self.of_whose_port(packet, claim)).flatten();
+                by_port().or_else(met).unwrap_or((best, count))
             }
             _ => (best, count),
         }
+    }
+
+    /// Of several sensors that send from one place, an inertial packet is of the one whose port it goes to.
+    fn of_whose_port(&self, packet: &Packet<'_>, claim: Claim) -> Option<(Option<(usize, Claim)>, usize)> {
+        let port = Some(packet.destination.port());
+        let is_meant = |sensor: &Sensor| sensor.imu_port() == port && sensor.claim(packet) == claim;
+        let meant = self.sensors.iter().enumerate().filter(|(_, sensor)| is_meant(sensor));
+        match meant.map(|(at, _)| at).collect::<Vec<_>>()[..] {
+            [at] => Some((Some((at, claim)), 1)),
+            _ => None,
+        }
+    }
+
+    /// Whether a packet that does not say whose it is, and that this sensor alone claims, can be no other unit's: one unit
+    /// sends from one address to one port. Where nobody looked before, the first to come counts.
+    fn is_its_own(&mut self, at: usize, packet: &Packet<'_>) -> bool {
+        let sensor = &mut self.sensors[at];
+        if sensor.streams.of_several().is_some() {
+            return false;
+        }
+        if packet.payload.len() != crate::ouster::imu::LEGACY_BYTES {
+            return true;
+        }
+        if sensor.imu_streams().is_empty() {
+            sensor.streams.note_imu(packet);
+        }
+        sensor.imu_streams() == [stream_of(packet)]
     }
 
     /// An inertial packet that does not say whose it is comes from a sensor whose lidar packets are there.
@@ -259,6 +296,13 @@ impl Router {
     }
 
     fn meet_stranger(&mut self, packet: &Packet<'_>) {
+        if Guess::of_velodyne(packet.payload) == Some(Guess::VelodyneData) {
+            self.note_velodyne(packet);
+            return;
+        }
+        for sensor in &mut self.sensors {
+            sensor.note_rival(packet);
+        }
         let address = packet.source.ip();
         let is_new = self.strangers.len() < MOST_SENSORS && !self.strangers.contains(&address);
         if is_new && matches!(Guess::of(packet.payload), Guess::OusterLidar { .. }) {
@@ -266,21 +310,44 @@ impl Router {
         }
     }
 
-    /// The Velodyne of this sender and port; position packets go by the sender alone.
+    fn note_velodyne(&mut self, packet: &Packet<'_>) {
+        let stream = stream_of(packet);
+        if self.velodynes.len() < MOST_SENSORS && !self.velodynes.contains(&stream) {
+            self.velodynes.push(stream);
+        }
+    }
+
+    /// Where the data packets of the Velodyne go that this position packet is of; none where its sender is but one.
+    fn data_port_of(&self, packet: &Packet<'_>) -> Result<Option<u16>, Option<String>> {
+        let (address, port) = stream_of(packet);
+        let mut said = self.names.iter().filter(|named| named.sends_beside(address, port));
+        if let (Some(named), None) = (said.next(), said.next()) {
+            return Ok(named.port);
+        }
+        let units: Vec<Stream> = self.velodynes.iter().filter(|unit| unit.0 == address).copied().collect();
+        if units.len() > 1 { Err(Some(explain::position_of_several(&units))) } else { Ok(None) }
+    }
+
+    /// The Velodyne of this sender and port.
     fn velodyne(&mut self, packet: &Packet<'_>, data: bool) -> Result<usize, Option<String>> {
-        let (address, port) = (packet.source.ip(), packet.destination.port());
+        let (address, port) = stream_of(packet);
+        let data_port = if data { Some(port) } else { self.data_port_of(packet)? };
+        if data {
+            self.note_velodyne(packet);
+        }
         let same_sender = |sensor: &Sensor| {
             matches!(sensor.family, Family::Velodyne(_))
                 && sensor.first_source.is_some_and(|source| source.ip() == address)
         };
         let found = self.sensors.iter().position(|sensor| {
-            same_sender(sensor) && (!data || sensor.data_port.is_none_or(|known| known == port))
+            same_sender(sensor)
+                && (data_port.is_none() || sensor.data_port.is_none() || sensor.data_port == data_port)
         });
         let at = match found {
             Some(at) => at,
             None if self.sensors.len() >= MOST_SENSORS => return Err(Some(explain::too_many(MOST_SENSORS))),
             None => {
-                let status = self.ahead.status(address, port);
+                let status = self.ahead.status(address, data_port.unwrap_or(port));
                 let options = Options { source: Some(address), status, ..Options::default() };
                 let decoder = Family::Velodyne(Box::new(VelodyneDecoder::new(options)));
                 self.sensors.push(Sensor::new(decoder, None));
@@ -289,15 +356,13 @@ impl Router {
         };
         let sensor = &mut self.sensors[at];
         sensor.first_source.get_or_insert(packet.source);
-        if data {
-            sensor.data_port.get_or_insert(port);
-        }
+        sensor.data_port = sensor.data_port.or(data_port);
         Ok(at)
     }
 
     fn count_unclaimed(&mut self, packet: &Packet<'_>, reason: Option<String>) {
-        let guess = Guess::of(packet.payload);
-        let mut key = (packet.destination.port(), packet.payload.len(), guess.serial());
+        let serial = Guess::serial_in(packet.payload);
+        let mut key = (packet.destination.port(), packet.payload.len(), serial);
         if self.unclaimed.len() >= MOST_KINDS && !self.unclaimed.contains_key(&key) {
             key = OF_MORE_KINDS;
         }
@@ -305,12 +370,13 @@ impl Router {
             entry.packets += 1;
             return;
         }
+        let guess = Guess::of(packet.payload);
         let reason = match key {
             OF_MORE_KINDS => explain::too_many(MOST_KINDS),
             _ => explain::unclaimed(&self.sensors, packet, &guess, reason),
         };
         let is_sensor_data = guess != Guess::Unknown && guess != Guess::VelodyneBlocks;
-        let (needs_metadata, serial) = (guess.is_ouster(), guess.serial());
+        let needs_metadata = guess.is_ouster();
         let (port, length, _) = key;
         let is_ouster_lidar = matches!(guess, Guess::OusterLidar { .. });
         let entry = Unclaimed {

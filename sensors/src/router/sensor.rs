@@ -3,6 +3,7 @@
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
+use super::streams::{Stream, Streams};
 use super::tie::{Named, Tie};
 use super::{explain, is_evidence};
 use crate::ouster::{Claim, OusterDecoder};
@@ -21,6 +22,9 @@ pub struct Sensor {
     pub(super) source_is_known: bool,
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
+    pub(super) streams: Streams,
+    /// Where what it sends beside its lidar packets goes, where somebody says.
+    aside_port: Option<u16>,
     first_damage: Option<String>,
     misread_bytes: Option<usize>,
     calibrated: Option<(String, Result<SensorModel, CalibrationError>)>,
@@ -102,6 +106,8 @@ impl Sensor {
             source_is_known: false,
             first_source: None,
             data_port: None,
+            streams: Streams::default(),
+            aside_port: None,
             first_damage: None,
             misread_bytes: None,
             calibrated: None,
@@ -213,6 +219,13 @@ impl Sensor {
         self.misread_bytes
     }
 
+    /// Why it has no packets, where those of several units could be its own.
+    pub fn one_of_several(&self) -> Option<String> {
+        let of_several = self.streams.of_several().is_some()
+            || (self.stats().packets == 0 && self.imu_streams().len() > 1);
+        of_several.then(|| explain::of_one_of_several(self))
+    }
+
     /// What its packets are said to have in common.
     pub fn tie(&self) -> Option<Tie> {
         self.tie
@@ -222,8 +235,8 @@ impl Sensor {
     pub(super) fn claim(&self, packet: &Packet<'_>) -> Claim {
         let Family::Ouster(decoder) = &self.family else { return Claim::No };
         let claim = decoder.claim(packet);
-        if claim == Claim::No {
-            return claim;
+        if claim == Claim::No || (self.has_anonymous(packet) && self.streams.is_other_lidar(packet)) {
+            return Claim::No;
         }
         let address = packet.source.ip();
         match self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes())) {
@@ -243,6 +256,39 @@ impl Sensor {
         holds == Some(false) && decoder.claim(packet) != Claim::No
     }
 
+    /// Whether this is a lidar packet of its length, and such do not say whose they are.
+    fn has_anonymous(&self, packet: &Packet<'_>) -> bool {
+        let Family::Ouster(decoder) = &self.family else { return false };
+        !decoder.says_whose() && packet.payload.len() == decoder.lidar_bytes()
+    }
+
+    /// Whether a packet has the format of this Ouster's, wherever it comes from or goes to.
+    pub(super) fn fits(&self, packet: &Packet<'_>) -> bool {
+        matches!(&self.family, Family::Ouster(decoder) if decoder.claim(packet) != Claim::No)
+    }
+
+    /// Notes lidar packets that fit and that nobody takes.
+    pub(super) fn note_rival(&mut self, packet: &Packet<'_>) {
+        if self.has_anonymous(packet)
+            && self.streams.is_other_lidar(packet)
+            && self.fits(packet)
+            && !self.is_tied_elsewhere(packet)
+        {
+            self.streams.note_rival(packet);
+        }
+    }
+
+    /// The port that inertial packets go to, by who recorded them or by its metadata.
+    pub(super) fn imu_port(&self) -> Option<u16> {
+        let Family::Ouster(decoder) = &self.family else { return None };
+        self.aside_port.or(decoder.metadata().imu_port)
+    }
+
+    /// The inertial packets that could be its own.
+    pub(super) fn imu_streams(&self) -> Vec<Stream> {
+        self.streams.imu(&self.sources, self.imu_port())
+    }
+
     /// Takes its name, once it is known who it is.
     pub(super) fn take_name(&mut self, names: &[Named]) {
         if self.name.is_some() || names.is_empty() {
@@ -250,10 +296,10 @@ impl Sensor {
         }
         let seen = self.first_source.zip(self.data_port);
         let mut meant = names.iter().filter(|named| named.means(self.metadata_name.as_deref(), seen));
-        self.name = match (meant.next(), meant.next()) {
-            (Some(named), None) => Some(named.name.clone()),
-            _ => None,
-        };
+        if let (Some(named), None) = (meant.next(), meant.next()) {
+            self.name = Some(named.name.clone());
+            self.aside_port = named.aside_port;
+        }
     }
 
     /// Notes where one of its packets came from and went to.
@@ -291,6 +337,9 @@ impl Sensor {
 
     pub(super) fn note_source(&mut self, packet: &Packet<'_>) {
         self.source_is_known = true;
+        if self.has_anonymous(packet) {
+            self.streams.note_lidar(packet);
+        }
         let address = packet.source.ip();
         // loopback says nothing: recordings that were sent again come from there, whatever the sensor
         if !address.is_loopback() && !self.sources.contains(&address) && self.sources.len() < 16 {

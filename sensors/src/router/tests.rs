@@ -108,10 +108,125 @@ fn units_without_a_serial_number_are_tied_to_their_packets() {
     assert_eq!(routed(ports, [127, 0, 0, 1], 7502), Routed::Taken(0));
     assert_eq!(routed(ports, [127, 0, 0, 1], 7504), Routed::Taken(1));
     assert_eq!(routed(ports, [127, 0, 0, 1], 7506), Routed::Unclaimed);
-    let senders = ["127.0.0.1", "127.0.0.2"].map(Tie::from_text);
+    let senders = ["127.0.0.1", "127.0.0.2"].map(|text| Tie::from_text(text).unwrap().ok());
     assert_eq!(routed(senders, [127, 0, 0, 2], 7502), Routed::Taken(1));
     assert_eq!(routed(senders, [127, 0, 0, 3], 7502), Routed::Unclaimed);
+    let both = ["127.0.0.1:7502", "127.0.0.1:7504"].map(|text| Tie::from_text(text).unwrap().ok());
+    assert_eq!(routed(both, [127, 0, 0, 1], 7504), Routed::Taken(1));
+    assert_eq!(routed(both, [127, 0, 0, 2], 7504), Routed::Unclaimed);
     assert_eq!(routed([None, None], [127, 0, 0, 1], 7502), Routed::Unclaimed);
+}
+
+const IMU: [u8; 48] = [1; 48];
+
+/// Metadata of an OS1-64 of the LEGACY profile whose inertial packets go to a port.
+fn sends_imu_to(serial: u64, port: u16) -> Metadata {
+    Metadata { imu_port: Some(port), ..metadata("os1-64", serial, Profile::Rng15Rfl8Nir8) }
+}
+
+#[test]
+fn inertial_packets_of_one_sender_go_by_their_port() {
+    let ours = [sends_imu_to(11, 7503), sends_imu_to(22, 7505)];
+    let mut router = Router::new();
+    for metadata in &ours {
+        router.add_ouster(metadata.clone(), "one");
+    }
+    for (metadata, port) in ours.iter().zip([7502, 7504]) {
+        router.learn(&packet(1, port, &ouster_packets(metadata)[0]));
+    }
+    router.end_learning();
+    let mut routed = |port| router.push(&packet(1, port, &IMU), &mut ignore);
+    assert_eq!([7503, 7505].map(&mut routed), [Routed::Taken(0), Routed::Taken(1)]);
+    assert_eq!(routed(7507), Routed::Unclaimed);
+}
+
+/// One unit sends from one address to one port.
+#[test]
+fn inertial_packets_of_two_senders_are_not_merged() {
+    let routed = |streams: &[(u8, u16)], has_looked: bool| -> (Vec<Routed>, String) {
+        let mut router = Router::new();
+        router.add_ouster(sends_imu_to(11, 7503), "one.json");
+        let streams: Vec<Packet<'_>> =
+            streams.iter().map(|(sender, port)| packet(*sender, *port, &IMU)).collect();
+        if has_looked {
+            for packet in &streams {
+                router.learn(packet);
+            }
+            router.end_learning();
+        }
+        let routed = streams.iter().map(|packet| router.push(packet, &mut ignore)).collect();
+        (routed, router.unclaimed().map(|entry| entry.reason.clone()).collect())
+    };
+    let (nobody, ours) = (Routed::Unclaimed, Routed::Taken(0));
+    let (taken, reason) = routed(&[(1, 7503), (2, 7503)], true);
+    assert_eq!(taken, [nobody; 2]);
+    assert!(reason.contains("of 2 sensors") && reason.contains("--meta ADDRESS=one.json"), "{reason}");
+    assert_eq!(routed(&[(1, 7505), (2, 7503)], true).0, [nobody, ours], "the metadata know the port");
+    assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, nobody], "the first is taken");
+}
+
+/// Packets of two units fit the metadata of one of them: neither is taken for it.
+#[test]
+fn of_two_units_without_a_serial_number_none_is_picked() {
+    let metadata = metadata("os1-64", 11, Profile::Legacy);
+    let lidar = ouster_packets(&metadata);
+    for streams in [[(1, 7502), (2, 7502)], [(1, 7502), (1, 7504)]] {
+        let routed = |tie: Option<Tie>| {
+            let mut router = Router::new();
+            router.add_tied_ouster(metadata.clone(), "one.json", tie);
+            let streams = streams.map(|(sender, port)| packet(sender, port, &lidar[0]));
+            for packet in &streams {
+                router.learn(packet);
+            }
+            router.end_learning();
+            let routed = streams.each_ref().map(|packet| router.push(packet, &mut ignore));
+            assert_eq!(router.push(&packet(1, 7503, &IMU), &mut ignore) == Routed::Unclaimed, tie.is_none());
+            (routed, router.unclaimed().map(|entry| entry.reason.clone()).collect::<String>())
+        };
+        let (taken, reason) = routed(None);
+        assert_eq!(taken, [Routed::Unclaimed; 2], "{streams:?}");
+        assert!(reason.contains("several sensors") && reason.contains("--meta :PORT=one.json"), "{reason}");
+        let tie =
+            if streams[0].0 == streams[1].0 { Tie::Port(7502) } else { Tie::Sender([10, 0, 0, 1].into()) };
+        assert_eq!(routed(Some(tie)).0, [Routed::Taken(0), Routed::Unclaimed], "{streams:?}");
+    }
+}
+
+#[test]
+fn position_packets_of_several_units_behind_one_address_go_by_who_recorded_them() {
+    let position = crate::velodyne::Position::default().encode();
+    let routed = |names: Vec<Named>, sender: u8| {
+        let mut router = Router::new();
+        router.set_names(names);
+        let data = velodyne_columns(Product::Vlp16, 200);
+        let data: Vec<Packet<'_>> =
+            [(1, 2368), (1, 2369), (2, 2368)].map(|(sender, port)| packet(sender, port, &data[0])).into();
+        for packet in &data {
+            router.learn(packet);
+        }
+        router.end_learning();
+        // a position packet may be the first to come
+        let routed = router.push(&packet(sender, 8310, &position), &mut ignore);
+        for packet in &data {
+            router.push(packet, &mut ignore);
+        }
+        let reason = router.unclaimed().map(|entry| entry.reason.clone()).collect::<String>();
+        (routed, router.sensors()[0].data_port(), reason)
+    };
+    let named = |name: &str, port, aside_port| Named {
+        name: name.into(),
+        metadata: None,
+        source: None,
+        port: Some(port),
+        aside_port,
+    };
+    let names = vec![named("left", 2368, None), named("right", 2369, Some(8310))];
+    let (taken, port, ..) = routed(names, 1);
+    assert_eq!((taken, port), (Routed::Taken(0), Some(2369)));
+    let (taken, _, reason) = routed(Vec::new(), 1);
+    assert_eq!(taken, Routed::Unclaimed);
+    assert!(reason.contains("10.0.0.1 to port 2368, 10.0.0.1 to port 2369"), "{reason}");
+    assert_eq!(routed(Vec::new(), 2).0, Routed::Taken(0), "the only one of its address");
 }
 
 /// Where metadata of a unit are given that is not there, inertial packets go to the one that is.
@@ -146,6 +261,7 @@ fn sensors_are_called_as_somebody_says() {
         metadata: metadata.map(str::to_owned),
         source: None,
         port: Some(port),
+        aside_port: None,
     };
     router.set_names(vec![
         named("front", Some("a.json"), 7502),

@@ -12,26 +12,52 @@ pub enum Tie {
     Sender(IpAddr),
     /// Its lidar packets go to this port; what else it sends goes where it likes.
     Port(u16),
+    /// They come from this address, and the lidar packets go to this port.
+    Stream(SocketAddr),
 }
 
 impl Tie {
-    /// An address, or a port behind a colon.
-    pub fn from_text(text: &str) -> Option<Self> {
-        match text.strip_prefix(':') {
-            Some(port) => port.parse().ok().map(Self::Port),
-            None => text.parse().ok().map(Self::Sender),
+    /// An address, a port behind a colon, or both: `192.168.1.10`, `:7502`, `192.168.1.10:7502`, `[fd00::10]:7502`. None where
+    /// the text is none of them; an error where it is one with a port that there is not.
+    pub fn from_text(text: &str) -> Option<Result<Self, String>> {
+        if let Some(address) = address(text) {
+            return Some(Ok(Self::Sender(address)));
         }
+        let (sender, port) = text.rsplit_once(':')?;
+        if port.is_empty() || !port.bytes().all(|byte| byte.is_ascii_digit()) {
+            return None;
+        }
+        let sender = match sender {
+            "" => None,
+            // without brackets nothing tells the port from a part of the address
+            sender if sender.contains(':') && !sender.starts_with('[') => return None,
+            sender => Some(address(sender)?),
+        };
+        let Some(number) = port.parse().ok().filter(|number| *number > 0) else {
+            return Some(Err(format!("{text}: there is no port {port}, expected 1 to {}", u16::MAX)));
+        };
+        Some(Ok(match sender {
+            Some(address) => Self::Stream(SocketAddr::new(address, number)),
+            None => Self::Port(number),
+        }))
     }
 
     /// Whether a packet is of this sensor by it; none where it does not say.
     pub(super) fn holds(self, packet: &Packet<'_>, lidar_bytes: usize) -> Option<bool> {
+        let goes_to = |port| (packet.payload.len() == lidar_bytes).then(|| packet.destination.port() == port);
         match self {
             Self::Sender(address) => Some(packet.source.ip() == address),
-            Self::Port(port) => {
-                (packet.payload.len() == lidar_bytes).then(|| packet.destination.port() == port)
-            }
+            Self::Port(port) => goes_to(port),
+            Self::Stream(stream) if packet.source.ip() == stream.ip() => goes_to(stream.port()),
+            Self::Stream(_) => Some(false),
         }
     }
+}
+
+/// An address, one of six in brackets or not.
+fn address(text: &str) -> Option<IpAddr> {
+    let bare = text.strip_prefix('[').and_then(|text| text.strip_suffix(']'));
+    bare.map_or_else(|| text.parse().ok(), |bare| bare.parse().ok().map(IpAddr::V6))
 }
 
 impl fmt::Display for Tie {
@@ -39,6 +65,7 @@ impl fmt::Display for Tie {
         match self {
             Self::Sender(address) => write!(out, "{address}"),
             Self::Port(port) => write!(out, ":{port}"),
+            Self::Stream(stream) => write!(out, "{stream}"),
         }
     }
 }
@@ -54,9 +81,19 @@ pub struct Named {
     pub source: Option<IpAddr>,
     /// Port that its lidar packets go to.
     pub port: Option<u16>,
+    /// Port that what it sends beside them goes to, where that is another.
+    pub aside_port: Option<u16>,
 }
 
 impl Named {
+    /// Whether a Velodyne is meant by where its position packets come from and go to.
+    pub(super) fn sends_beside(&self, address: IpAddr, port: u16) -> bool {
+        self.metadata.is_none()
+            && self.port.is_some()
+            && [self.port, self.aside_port].contains(&Some(port))
+            && self.source.is_none_or(|known| known == address)
+    }
+
     /// Whether a sensor is meant: by its metadata, or by where its lidar packets come from and go to.
     pub(super) fn means(&self, metadata: Option<&str>, seen: Option<(SocketAddr, u16)>) -> bool {
         if self.metadata.is_some() && self.metadata.as_deref() == metadata {

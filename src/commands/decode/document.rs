@@ -154,7 +154,12 @@ impl Document {
         for (at, sensor) in router.sensors().iter().enumerate() {
             let found = self.found.remove(&at).unwrap_or_default();
             let counters = sensor.stats().clone();
-            if counters.packets == 0 {
+            if sensor.one_of_several().is_some() {
+                self.losses.push(format!(
+                    "{}: its packets were not decoded, as another unit's look the same",
+                    ids[at]
+                ));
+            } else if counters.packets == 0 {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }

@@ -214,7 +214,7 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
         if let Some(damage) = sensor.first_damage() {
             advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
-        } else if sensor.stats().packets == 0 && sensor.tie().is_none() {
+        } else if sensor.stats().packets == 0 && sensor.tie().is_none() && sensor.one_of_several().is_none() {
             advice.push(format!("{name}: it fits no packet of the recording"));
         }
     }

@@ -62,7 +62,7 @@ pub struct FlowReport {
     /// Packets that no sensor took.
     pub of_nobody: u64,
     #[serde(skip)]
-    fits_no_metadata: bool,
+    lacks_metadata: bool,
     /// Serial number in them.
     pub serial: Option<u64>,
     /// Initialization id in the first of them.
@@ -132,7 +132,7 @@ impl Flows {
                 sensors: flow.takers.iter().map(|at| ids[*at].clone()).collect(),
                 metadata: takers.iter().filter_map(|sensor| sensor.metadata_name.clone()).collect(),
                 of_nobody: flow.of_nobody,
-                fits_no_metadata: takers.is_empty() && has_metadata && flow.guess.is_ouster(),
+                lacks_metadata: takers.is_empty() && has_metadata && flow.guess.is_ouster(),
                 serial: flow.guess.serial(),
                 init_id: flow.header().map(|header| header.init_id),
                 frames: flow.columns.as_ref().map(|columns| columns.frames),
@@ -149,8 +149,8 @@ impl FlowReport {
     /// Whose packets they are, in words; nothing where nobody knows.
     pub fn whose(&self) -> String {
         if self.sensors.is_empty() {
-            let fits_none = ", fits no metadata that was given";
-            return if self.fits_no_metadata { fits_none.into() } else { String::new() };
+            let of_none = ", of no sensor whose metadata were given";
+            return if self.lacks_metadata { of_none.into() } else { String::new() };
         }
         let files = match self.metadata.is_empty() {
             true => String::new(),
