@@ -129,6 +129,16 @@ fn mistakes_are_named_with_their_line() {
             output.status
         );
     }
+    for (setting, words) in [
+        ("timeout_s = -5", "'-5' of "),
+        ("tolerance_deg = 0", "above 0 and below 90 degrees"),
+        ("approach_deg = 90", "below 90 degrees"),
+    ] {
+        let path = file(folder.path(), &format!("[rig]\nport = \"none\"\n{setting}\n"));
+        let output = outrigger(&["rig", "status", "--config", path.to_str().unwrap()], &[]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains(words) && said.contains("rig.toml:4, '"), "{setting}: {said}");
+    }
     let missing = outrigger(&["man", "--config", "no-such.toml"], &[]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(String::from_utf8(missing.stderr).unwrap().contains("cannot read no-such.toml"));

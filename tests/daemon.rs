@@ -62,6 +62,7 @@ pub const CASES: &[Case] = &[
         reconfiguration::better_pitches_are_proposed_and_driven_to_when_agreed,
     ),
     case("points_without_a_pose_are_named", reconfiguration::points_without_a_pose_are_named),
+    case("axes_turn_the_sensors_that_are_named_for_them", rig::axes_turn_the_sensors_that_are_named_for_them),
     case("a_sensor_that_the_mounts_do_not_name_is_told", rig::a_sensor_that_the_mounts_do_not_name_is_told),
     case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
     case("foxglove_sees_points_cells_frames_and_axes", foxglove::foxglove_sees_points_cells_frames_and_axes),

@@ -135,6 +135,10 @@ fn a_rig_that_does_not_answer_is_named() {
     let error = RigController::connect(link, Options::default()).err().unwrap();
     assert!(matches!(error, RigError::NoAnswer { what: "hello", .. }), "{error}");
     assert!(error.to_string().contains("of them for others"), "{error}");
+    let mut link = clean(4);
+    link.inject_at(1_000_000, MockFault::WrongId(true));
+    let lost = ready(link, Options::default()).idle(Duration::from_secs(3)).unwrap_err().to_string();
+    assert!(lost.contains("node 1 says nothing any more, node 2 does"), "{lost}");
     let wrong = RigController::connect(clean(4), Options { node: 9, ..Options::default() }).err().unwrap();
     assert!(matches!(wrong, RigError::NoAnswer { what: "hello", .. }), "{wrong}");
 }

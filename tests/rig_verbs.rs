@@ -140,8 +140,9 @@ fn nothing_moves_without_being_armed() {
         ("--timeout-s", "1e30", "up to 3600 s"),
         ("--tolerance-deg", "nan", "below 90"),
     ] {
-        let said = refusal(&outrigger(&["rig", "set", "0", "0", "--port", &port, "--dry-run", flag, value]));
-        assert!(said.contains(flag) && said.contains(expected), "{said}");
+        let set = outrigger(&["rig", "set", "0", "0", "--port", &port, "--dry-run", flag, value]);
+        let said = String::from_utf8_lossy(&set.stderr);
+        assert!(set.status.code() == Some(2) && said.contains(flag) && said.contains(expected), "{said}");
     }
     for (verb, flag) in [
         ("status", "--arm"),
@@ -154,12 +155,31 @@ fn nothing_moves_without_being_armed() {
         let flag = flag.split('=').next().unwrap();
         assert!(said.status.code() == Some(2) && words.contains(flag), "{verb} {flag}: {words}");
         assert!(words.contains(&format!("`rig {verb}` has no use for it")), "{words}");
+        assert!(words.contains(&format!("Usage: outrigger rig {verb}")), "{words}");
+        let help = outrigger(&["rig", verb, "--help"]).stdout;
+        let help = String::from_utf8_lossy(&help);
+        assert!(help.contains("--port") && !help.contains(flag), "{help}");
     }
     for time in ["nan", "-1", "inf", "1e19"] {
         let watched = outrigger(&["rig", "watch", "--port", &port, "--for", time]);
         let said = String::from_utf8_lossy(&watched.stderr);
         assert!(watched.status.code() == Some(2) && said.contains("expected seconds"), "{time}: {said}");
     }
+    // a file that says to try only does not win over who types --arm
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("rig.toml");
+    std::fs::write(
+        &config,
+        format!("format = \"outrigger-rig/1\"\n[rig]\nport = {port:?}\ndry_run = true\n"),
+    )
+    .unwrap();
+    let tried = document(&outrigger(&["rig", "home", "--config", config.to_str().unwrap(), "--json"]));
+    assert_eq!(tried["dry_run"], true, "{tried:#}");
+    let homed =
+        document(&outrigger(&["rig", "home", "--arm", "--config", config.to_str().unwrap(), "--json"]));
+    assert_eq!(homed["axes"][0]["homed"], true, "{homed:#}");
+    let said = refusal(&outrigger(&["rig", "status", "--port", "/dev/null"]));
+    assert!(said.contains("cannot open /dev/null: it is no serial device"), "{said}");
     let said = refusal(&outrigger(&["rig", "status", "--port", &port, "--node", "5"]));
     assert!(said.contains("node 1 is heard") && said.contains("--node 1"), "{said}");
     for port in ["dynamixel:/dev/null@57600:1,1", "cia402:none7@1,200"] {

@@ -43,6 +43,10 @@ pub const CASES: &[Case] = &[
         "ctrl_c_completes_the_session_and_replay_repeats_it",
         program::ctrl_c_completes_the_session_and_replay_repeats_it,
     ),
+    case(
+        "a_mock_sensor_ends_in_order_when_interrupted",
+        program::a_mock_sensor_ends_in_order_when_interrupted,
+    ),
     case("replay_says_what_it_does_not_send", program::replay_says_what_it_does_not_send),
     case("a_looped_replay_ends_with_its_count", program::a_looped_replay_ends_with_its_count),
     case("sensors_are_called_as_they_were_recorded", program::sensors_are_called_as_they_were_recorded),

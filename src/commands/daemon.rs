@@ -94,7 +94,7 @@ pub(super) fn check(config: &Config) -> anyhow::Result<()> {
         _ => None,
     })?;
     #[cfg(feature = "daemon")]
-    surroundings::place(&args.place)?;
+    surroundings::place(&args.place, &super::rig::axes_of(config)?)?;
     drop(args);
     Ok(())
 }

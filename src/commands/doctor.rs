@@ -92,7 +92,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     checks.extend(named.checks);
     let heard = hearing::look(args, context.config, &named.metadata);
     checks.extend(heard.checks);
-    checks.extend(disk(&args.out, heard.bytes_s)?);
+    checks.extend(disk(&args.out, heard.bytes_s, named.bytes_s)?);
     if let Some(port) = args.port.as_deref() {
         checks.extend(rig(port, context.config, &named.pitches_deg));
     }
@@ -148,14 +148,19 @@ fn clock() -> Check {
     }
 }
 
-/// Space and speed, for what comes now, or else for a great rig.
-fn disk(folder: &Path, bytes_s: Option<f64>) -> anyhow::Result<Vec<Check>> {
+/// Space and speed, for what comes now, or else what the configured sensors can send, or else a great rig.
+fn disk(
+    folder: &Path,
+    heard_bytes_s: Option<f64>,
+    configured_bytes_s: Option<f64>,
+) -> anyhow::Result<Vec<Check>> {
     // recording makes the folder
     let there = folder.ancestors().find(|above| above.is_dir()).unwrap_or(Path::new("."));
     let free = free_bytes(there).with_context(|| there.display().to_string())?;
-    let (mb_s, whose) = match bytes_s {
-        Some(bytes_s) => (bytes_s * 1e-6, "that come now"),
-        None => (GREAT_RIG_MB_S, "of two OS1-128 with two returns"),
+    let (mb_s, whose) = match (heard_bytes_s, configured_bytes_s) {
+        (Some(bytes_s), _) => (bytes_s * 1e-6, "that come now"),
+        (None, Some(bytes_s)) => (bytes_s * 1e-6, "that the sensors of the rig.toml can send"),
+        (None, None) => (GREAT_RIG_MB_S, "of two OS1-128 with two returns"),
     };
     let hours = free as f64 / (mb_s * 1e6 * 3600.0);
     let state = if hours > 1.0 { State::Ok } else { State::Warning };
@@ -232,12 +237,12 @@ fn rig(port: &Path, config: Option<&Config>, pitches_deg: &[f64]) -> Vec<Check> 
     let pitches_rad: Vec<f64> = pitches_deg.iter().map(|pitch_deg| pitch_deg.to_radians()).collect();
     let axes = status.axes.len();
     if !pitches_rad.is_empty() && pitches_rad.len() != axes {
-        let found = format!("{axes} axes, the mount file has {} sensors", pitches_rad.len());
+        let found = format!("{axes} axes, {} sensors of the mount file for them", pitches_rad.len());
         checks.push(Check::new(
             &name,
             State::Warning,
             found,
-            "`rig apply --sensors` says which are on which axis",
+            "`sensors` under [rig.apply] says which are on axis 0, 1, ...",
         ));
     } else if !pitches_rad.is_empty()
         && let Err(error) = rig.check(&pitches_rad)

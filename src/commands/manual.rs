@@ -35,8 +35,8 @@ Once per LiDAR.
 
 Every other section is a verb, and every key in it a flag of that verb with `_` for `-`. An array gives a flag several times:
 `limits_deg = [[-50, 50], [-30, 30]]` is `--limits-deg=-50,50 --limits-deg=-30,30`. `[daemon]` takes the keys about the
-place (`mount`, `scene`, `room`, `trajectory` and what belongs to them) from `[predict]` where it does not say otherwise, and
-everything about servos from `[rig]`.
+place (`mount`, `scene`, `room`, `trajectory` and what belongs to them) from `[predict]` where it does not say otherwise,
+everything about servos from `[rig]`, and from `[rig.apply]` which `sensors` sit on axis 0, 1, ...
 ";
 
 /// Arguments of `completions`.

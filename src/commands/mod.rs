@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::parser::ValueSource;
-use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
 use crate::config::Config;
 
@@ -140,7 +140,18 @@ impl Context {
 
 /// What was typed cannot be meant: exit code 2.
 pub fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
-    Cli::command().error(ErrorKind::ArgumentConflict, what).into()
+    clap::Error::raw(ErrorKind::ArgumentConflict, what).into()
+}
+
+/// The verb that was typed, as its help has it.
+fn verb_of(mut typed: &ArgMatches) -> Command {
+    let mut command = Cli::command();
+    command.build();
+    while let Some((name, within)) = typed.subcommand() {
+        let Some(verb) = command.find_subcommand(name).cloned() else { break };
+        (command, typed) = (verb, within);
+    }
+    command
 }
 
 /// Parses a command line, with the defaults of its `rig.toml`, and runs it.
@@ -206,7 +217,7 @@ impl Cli {
             Ok(Outcome::Done) => ExitCode::SUCCESS,
             Ok(Outcome::DataLost) => ExitCode::from(3),
             Err(error) => match error.downcast::<clap::Error>() {
-                Ok(usage) => usage.exit(),
+                Ok(usage) => usage.format(&mut verb_of(typed)).exit(),
                 Err(error) => fail(error),
             },
         }

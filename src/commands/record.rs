@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::ouster::Metadata;
 
+use super::rig::by_axis;
 use super::signals::Wishes;
 use super::{Context, Outcome, output};
 use crate::config::{SensorConfig, Stream};
@@ -54,7 +55,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let sensor = listens.iter_mut().find(|listen| listen.name == *name);
         sensor.with_context(|| format!("--source {name}: no --listen has that name"))?.source = Some(*source);
     }
-    let seats = args.mount.as_deref().map(seats).transpose()?;
+    let seats = args.mount.as_deref().map(|mount| seats(mount, &[])).transpose()?;
     let metadata: Vec<Option<String>> = wanted.iter().map(metadata_of).collect::<anyhow::Result<_>>()?;
     let looks = FirstLooks::new(
         wanted.iter().zip(&metadata).map(|(w, m)| first_look(w, m.as_deref(), &listens)).collect(),
@@ -115,11 +116,12 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
 pub(super) struct Seats {
     pub(super) mount: MountFile,
     pub(super) rig: Rig,
-    calibrations: Vec<CalibrationFile>,
+    pub(super) calibrations: Vec<CalibrationFile>,
 }
 
-pub(super) fn seats(path: &Path) -> anyhow::Result<Seats> {
-    let mount = MountFile::read(path)?;
+/// Reads a mount file; `axes` are the sensors that axis 0, 1, ... turn, where that is said.
+pub(super) fn seats(path: &Path, axes: &[String]) -> anyhow::Result<Seats> {
+    let mount = by_axis(MountFile::read(path)?, path, axes)?;
     Ok(Seats { rig: mount.rig()?, calibrations: mount.calibration_files()?, mount })
 }
 

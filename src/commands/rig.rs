@@ -2,14 +2,16 @@
 
 mod watch;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use clap::Subcommand;
 use serde_json::json;
 
-use super::{Context, Outcome, output, signals, wrong_usage};
+use super::defaults::section;
+use super::{Context, Outcome, Verb, output, signals, wrong_usage};
+use crate::config::Config;
 use crate::rig::MountFile;
 use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
 
@@ -30,7 +32,7 @@ pub struct Args {
     #[arg(long, global = true)]
     home: bool,
     /// Go this far below a pitch first, degrees, so that it is always approached from the same side of the gears' play.
-    #[arg(long, value_name = "DEG", default_value_t = 1.0, global = true, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 1.0, value_parser = approach, global = true, allow_hyphen_values = true)]
     approach_deg: f64,
     /// Check everything that is known here (angles, limits, faults) and print what would move, without moving.
     #[arg(long, global = true)]
@@ -39,11 +41,11 @@ pub struct Args {
     #[arg(long, value_name = "LOW,HIGH", value_parser = limits, allow_hyphen_values = true, global = true)]
     limits_deg: Vec<(f64, f64)>,
     /// Distance from the target that counts as there, degrees.
-    #[arg(long, value_name = "DEG", default_value_t = 0.3, global = true, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.3, value_parser = tolerance, global = true, allow_hyphen_values = true)]
     tolerance_deg: f64,
     /// Longest time for homing or one move, seconds.
-    #[arg(long, value_name = "S", default_value_t = 20.0, global = true, allow_negative_numbers = true)]
-    timeout_s: f64,
+    #[arg(long, value_name = "S", default_value = "20", value_parser = move_time, global = true, allow_hyphen_values = true)]
+    timeout_s: Duration,
     /// When the line breaks while watching, wait for the rig and go on; with usb:SERIAL under whatever name it comes back.
     #[arg(long, global = true)]
     reconnect: bool,
@@ -57,8 +59,10 @@ pub struct Args {
 #[derive(Subcommand, Debug)]
 enum Action {
     /// Where every axis is, how that is known, and what is wrong; exit code 1 while a fault is latched.
+    #[command(defer(hide_unused))]
     Status,
     /// Make positions trusted after a start.
+    #[command(defer(hide_unused))]
     Home,
     /// Move every axis to a pitch.
     Set {
@@ -76,18 +80,21 @@ enum Action {
         sensors: Vec<String>,
     },
     /// Print readings as they come; with --json one document a line, in the keys and units of `status`.
+    #[command(defer(hide_unused))]
     Watch {
         /// End after this time, seconds; until Ctrl-C when not given.
         #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = watched_for)]
         r#for: Option<Duration>,
     },
     /// Decelerate, hold, disarm.
+    #[command(defer(hide_unused))]
     Stop {
         /// Stop as fast as the rig can, and latch that (servos that this program drives itself stop; nobody latches it for them).
         #[arg(long)]
         emergency: bool,
     },
     /// Take latched faults away whose causes are gone.
+    #[command(defer(hide_unused))]
     Clear,
 }
 
@@ -117,6 +124,17 @@ const USED_BY: [(&str, &[&str]); 8] = [
     ("reconnect", &["watch"]),
 ];
 
+/// A verb's help without what it refuses.
+fn hide_unused(verb: clap::Command) -> clap::Command {
+    let is_unused = |arg: &clap::Arg| {
+        let used_by = USED_BY.iter().find(|(argument, _)| arg.get_id() == *argument);
+        used_by.is_some_and(|(_, verbs)| !verbs.contains(&verb.get_name()))
+    };
+    let unused: Vec<clap::Id> =
+        verb.get_arguments().filter(|arg| is_unused(arg)).map(|arg| arg.get_id().clone()).collect();
+    unused.iter().fold(verb, |verb, id| verb.mut_arg(id, |arg| arg.hide(true)))
+}
+
 fn refuse_unused(action: &Action, context: Context) -> anyhow::Result<()> {
     let verb = action.name();
     let unused = |(argument, verbs): &&(&str, &[&str])| !verbs.contains(&verb) && context.is_typed(argument);
@@ -145,6 +163,26 @@ fn limits(text: &str) -> Result<(f64, f64), String> {
         (Ok(low), Ok(high)) if low < high && low.abs() <= 360.0 && high.abs() <= 360.0 => Ok((low, high)),
         _ => Err(wrong()),
     }
+}
+
+fn approach(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|angle_deg| (0.0..90.0).contains(angle_deg))
+        .ok_or_else(|| "expected an angle below 90 degrees, or 0 to go straight there".into())
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|angle_deg| *angle_deg > 0.0 && *angle_deg < 90.0)
+        .ok_or_else(|| "expected an angle above 0 and below 90 degrees".into())
+}
+
+fn move_time(text: &str) -> Result<Duration, String> {
+    let time = text.parse().ok().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    time.filter(|time| !time.is_zero() && *time <= LONGEST_MOVE)
+        .ok_or_else(|| format!("expected a time above 0 and up to {} s", LONGEST_MOVE.as_secs()))
 }
 
 fn watched_for(text: &str) -> Result<Duration, String> {
@@ -226,22 +264,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 }
 
 pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
-    let settle_within = Duration::try_from_secs_f64(args.timeout_s)
-        .ok()
-        .filter(|time| !time.is_zero() && *time <= LONGEST_MOVE)
-        .with_context(|| {
-            let most_s = LONGEST_MOVE.as_secs();
-            format!("--timeout-s {}: expected a time above 0 and up to {most_s} s", args.timeout_s)
-        })?;
-    if !(args.tolerance_deg > 0.0 && args.tolerance_deg < 90.0) {
-        bail!("--tolerance-deg {}: expected an angle above 0 and below 90 degrees", args.tolerance_deg);
-    }
-    if !(0.0..90.0).contains(&args.approach_deg) {
-        bail!(
-            "--approach-deg {}: expected an angle below 90 degrees, or 0 to go straight there",
-            args.approach_deg
-        );
-    }
     let approach_rad = args.approach_deg.to_radians();
     let mut limits_rad: Vec<_> =
         args.limits_deg.iter().map(|(low, high)| (low.to_radians(), high.to_radians())).collect();
@@ -252,7 +274,7 @@ pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     }
     let tolerance_rad = args.tolerance_deg.to_radians();
     Ok(Options {
-        settle_within,
+        settle_within: args.timeout_s,
         tolerance_rad,
         limits_rad,
         approach_rad,
@@ -261,30 +283,30 @@ pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     })
 }
 
+/// Names of the sensors on axis 0, 1, ..., as a rig.toml has them under [rig.apply]; empty where it says nothing of it.
+pub(super) fn axes_of(config: &Config) -> anyhow::Result<Vec<String>> {
+    let args: Args = section(config, &["rig", "apply", "-"], |verb| match verb {
+        Verb::Rig(args) => Some(args),
+        _ => None,
+    })?;
+    Ok(if let Action::Apply { sensors, .. } = args.action { sensors } else { Vec::new() })
+}
+
+/// The sensors of a mount file in the order of the axes that these names say.
+pub(super) fn by_axis(file: MountFile, path: &Path, names: &[String]) -> anyhow::Result<MountFile> {
+    file.by_axis(names)
+        .map_err(|reason| anyhow::anyhow!("{}: --sensors {}: {reason}", path.display(), names.join(",")))
+}
+
 /// The pitches of a mount file, in the order of axes.
-fn pitches_of(mount: &std::path::Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
-    let file = MountFile::read(mount)?;
-    let again = |at: usize, name: &String| names[..at].contains(name);
-    if let Some((_, name)) = names.iter().enumerate().find(|(at, name)| again(*at, name)) {
-        bail!("--sensors {}: {name} is given twice; each axis carries another sensor", names.join(","));
-    }
-    if names.is_empty() {
-        return Ok(file.sensors.iter().map(|sensor| sensor.pitch_deg.to_radians()).collect());
-    }
-    let known = || file.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", ");
-    names
-        .iter()
-        .map(|name| {
-            let sensor = file.sensors.iter().find(|sensor| sensor.name == *name);
-            sensor
-                .map(|sensor| sensor.pitch_deg.to_radians())
-                .with_context(|| format!("{}: no sensor `{name}`; there are {}", mount.display(), known()))
-        })
-        .collect()
+fn pitches_of(mount: &Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
+    let file = by_axis(MountFile::read(mount)?, mount, names)?;
+    let turned = if names.is_empty() { file.sensors.len() } else { names.len() };
+    Ok(file.sensors[..turned].iter().map(|sensor| sensor.pitch_deg.to_radians()).collect())
 }
 
 /// Whether a mount file, or what was named of it, has a pitch for every axis.
-fn fits(rig: &Rig, mount: &std::path::Path, names: &[String], pitches: usize) -> anyhow::Result<()> {
+fn fits(rig: &Rig, mount: &Path, names: &[String], pitches: usize) -> anyhow::Result<()> {
     let axes = rig.axis_count();
     if pitches == axes {
         return Ok(());
@@ -313,12 +335,12 @@ fn obey_interrupts(rig: &Rig) -> anyhow::Result<()> {
 }
 
 /// Whether the servos are driven by this program: what it knows of them ends with it.
-fn is_driven_here(port: &std::path::Path) -> bool {
+fn is_driven_here(port: &Path) -> bool {
     let port = port.to_string_lossy();
     ["dynamixel:", "feetech:", "cia402:"].iter().any(|word| port.starts_with(word))
 }
 
-fn explain(error: RigError, port: &std::path::Path) -> anyhow::Error {
+fn explain(error: RigError, port: &Path) -> anyhow::Error {
     match error {
         RigError::Refused { code: firmware_protocol::AckCode::NotHomed, .. } => {
             let advice = if is_driven_here(port) {

@@ -15,7 +15,7 @@ const WAITING: usize = 4096;
 /// Events that end a recording early.
 const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 11] = [
+const TROUBLES: [&str; 12] = [
     "sensor_silent",
     "sensor_restarted",
     "clock_jump",
@@ -24,6 +24,7 @@ const TROUBLES: [&str; 11] = [
     "disk_slow",
     "unseated",
     "mount_of_others",
+    "rig_command_failed",
     "rig_fault",
     "rig_lost",
     "rotation_failed",

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use firmware_protocol::KeepOut;
+use firmware_protocol::{AckCode, KeepOut};
 
 use super::journal::Journal;
 use super::place::Motion;
@@ -55,9 +55,21 @@ pub enum RigCommandError {
     /// No mount is configured.
     #[error("no mount is configured: give [daemon] or [predict] a mount in rig.toml")]
     NoMount,
+    /// A fault is latched.
+    #[error("{0}: take its cause away, clear the faults, then arm the rig again")]
+    Latched(RigError),
     /// The rig refused or failed.
     #[error(transparent)]
-    Rig(#[from] RigError),
+    Rig(RigError),
+}
+
+impl From<RigError> for RigCommandError {
+    fn from(error: RigError) -> Self {
+        match error {
+            RigError::Fault { .. } | RigError::Refused { code: AckCode::Fault, .. } => Self::Latched(error),
+            error => Self::Rig(error),
+        }
+    }
 }
 
 /// A handle on the rig's thread.
@@ -236,7 +248,7 @@ impl Shared {
         if pitches != 0 && pitches != axes && state.status.is_none() {
             let words = format!(
                 "the mount names {pitches} sensors, the rig has {axes} axes: axis 0 is taken to turn the first of them, and \
-                 the mount cannot be applied from here"
+                 the mount cannot be applied from here; `sensors` under [rig.apply] says which sit on axis 0, 1, ..."
             );
             self.journal.tell("mount_of_others", words);
         }
@@ -382,20 +394,29 @@ impl Shared {
         let outcome = work(&rig);
         *lock(&self.last_command) = Instant::now();
         let status = rig.status();
-        let words = match &outcome {
-            Ok(()) => format!("{word}: done"),
-            Err(error) => format!("{word}: {error}"),
-        };
+        let has_moved = moves && outcome.as_ref().is_err_and(ends_a_move);
+        let stands = status.as_ref().ok().filter(|_| has_moved).map(standing);
+        let words = self.tell_end(word, &outcome, stands);
         let mut state = lock(&self.state);
         self.commands.fetch_add(1, Ordering::SeqCst);
         state.busy = None;
-        state.last_command = Some(words.clone());
+        state.last_command = Some(words);
         if let Ok(status) = status {
             state.status = Some(status);
         }
         drop(state);
-        self.journal.tell("rig_command", words);
         Ok(outcome?)
+    }
+
+    /// Writes down how a command ended, and where it left the axes.
+    fn tell_end(&self, word: &str, outcome: &Result<(), RigError>, stands: Option<String>) -> String {
+        let (event, how) = match outcome {
+            Ok(()) => ("rig_command", "done".to_owned()),
+            Err(error) => ("rig_command_failed", error.to_string()),
+        };
+        let words = format!("{word}: {how}{}", stands.map_or(String::new(), |where_| format!("; {where_}")));
+        self.journal.tell(event, words.clone());
+        words
     }
 
     /// Interrupts what is under way: once to hold, twice for an emergency stop.
@@ -411,15 +432,14 @@ impl Shared {
         let outcome = if level >= 2 { rig.e_stop() } else { rig.hold() };
         interrupt.reset();
         let word = if level >= 2 { "e-stop" } else { "hold" };
-        let words = match &outcome {
-            Ok(()) => format!("{word}: done"),
-            Err(error) => format!("{word}: {error}"),
-        };
-        lock(&self.state).last_command = Some(words.clone());
-        self.journal.tell("rig_command", words);
-        if let Ok(status) = rig.status() {
-            lock(&self.state).status = Some(status);
+        let status = rig.status().ok();
+        let words = self.tell_end(word, &outcome, status.as_ref().map(standing));
+        let mut state = lock(&self.state);
+        state.last_command = Some(words);
+        if let Some(status) = status {
+            state.status = Some(status);
         }
+        drop(state);
         Ok(outcome?)
     }
 
@@ -439,6 +459,62 @@ impl Shared {
     }
 }
 
+/// Whether it may come when axes are on their way: what is refused has moved none.
+fn ends_a_move(error: &RigError) -> bool {
+    use RigError::{Fault, Interrupted, Late, NotReached, Restarted, TakenOver};
+    matches!(
+        error,
+        Fault { .. } | Interrupted { .. } | Late { .. } | NotReached { .. } | Restarted { .. } | TakenOver
+    )
+}
+
+/// Where each axis is, in words.
+fn standing(status: &RigStatus) -> String {
+    let each = status.axes.iter().map(|axis| match axis.source.as_str() {
+        "stale" => format!("axis {} was last read at {:.2} degrees", axis.axis, axis.position_deg),
+        _ => format!("axis {} stands at {:.2} degrees", axis.axis, axis.position_deg),
+    });
+    each.collect::<Vec<_>>().join(", ")
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mock::rig::{MockConfig, MockRig};
+    use crate::rig::Mount;
+
+    #[test]
+    fn a_rig_that_is_lost_is_taken_to_stand_where_it_stood() {
+        let start_urad = Some([300_000, -200_000]);
+        let mock = MockRig::start(MockConfig { start_urad, ..MockConfig::default() }, 3).unwrap();
+        let settings = RigSettings {
+            port: mock.path().to_owned(),
+            options: Options::new_session(),
+            mount_pitches_deg: vec![40.0, -40.0],
+            disarm_after: Duration::from_secs(600),
+        };
+        let (journal, _lines) = Journal::new();
+        let motion = Arc::new(Motion::new(2));
+        let stands_rad = |axis: usize| {
+            let mount = Mount { pitch_rad: 0.7, ..Mount::default() };
+            [0.3, -0.2, 0.7].into_iter().find(|pitch_rad| {
+                let near = Mount { pitch_rad: *pitch_rad, ..mount }.body_from_sensor();
+                let x = glam::DVec3::X;
+                (motion.body_from_sensor(axis, &mount).transform_point(x) - near.transform_point(x)).length()
+                    < 0.01
+            })
+        };
+        assert_eq!(stands_rad(0), Some(0.7), "before it is found the mount is all that is known");
+        let host = RigHost::start(settings, Arc::new(journal), Arc::clone(&motion)).unwrap();
+        assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "from the first moment on");
+        mock.close();
+        while host.state().connected {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "nothing turned it");
+    }
 }

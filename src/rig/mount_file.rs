@@ -132,6 +132,24 @@ impl MountFile {
         Ok(file)
     }
 
+    /// The same with its sensors in the order of a rig's axes: those of these names first, then those that no axis turns.
+    ///
+    /// # Errors
+    /// A name that it does not have, or has been given before; in words.
+    pub fn by_axis(mut self, names: &[String]) -> Result<Self, String> {
+        let known = self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", ");
+        for (axis, name) in names.iter().enumerate() {
+            if names[..axis].contains(name) {
+                return Err(format!("{name} is given twice; each axis carries another sensor"));
+            }
+            let Some(at) = self.sensors.iter().position(|sensor| sensor.name == *name) else {
+                return Err(format!("no sensor `{name}`; there are {known}"));
+            };
+            self.sensors[axis..=at].rotate_right(1); // the others keep their order
+        }
+        Ok(self)
+    }
+
     /// Writes a file, whole or not at all. What [`MountFile::read`] would refuse is not written.
     pub fn write(&self, path: &Path) -> Result<(), MountFileError> {
         self.check().map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
@@ -321,6 +339,21 @@ mod tests {
         assert!(MountFile::from_json("").unwrap_err().contains("EOF"));
         let twins = MountFile::new(vec![entry("left"), entry("left")]);
         assert!(twins.check().unwrap_err().contains("names must differ"));
+    }
+
+    #[test]
+    fn sensors_come_in_the_order_of_axes() {
+        let file = MountFile::new(["a", "b", "c", "d"].map(entry).into());
+        let order = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+            let sensors = |file: MountFile| file.sensors.into_iter().map(|sensor| sensor.name).collect();
+            file.clone().by_axis(&names).map(sensors).map(|names: Vec<String>| names.concat())
+        };
+        assert_eq!(order(&[]).unwrap(), "abcd");
+        assert_eq!(order(&["c", "a"]).unwrap(), "cabd");
+        assert_eq!(order(&["d", "c", "b", "a"]).unwrap(), "dcba");
+        assert!(order(&["c", "c"]).unwrap_err().contains("twice"));
+        assert!(order(&["c", "x"]).unwrap_err().contains("no sensor `x`; there are a, b, c, d"));
     }
 
     #[test]

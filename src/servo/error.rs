@@ -60,8 +60,9 @@ impl LinkError {
         if error.description.contains("exclusive lock") {
             return Self::InUse { path };
         }
-        let is_other = std::fs::metadata(&path).is_ok_and(|file| !file.file_type().is_char_device());
-        // the system calls it no typewriter
+        // the system calls it no typewriter, also where it is a device of another kind
+        let is_other = error.description.contains("typewriter")
+            || std::fs::metadata(&path).is_ok_and(|file| !file.file_type().is_char_device());
         let reason = if is_other { "it is no serial device".into() } else { error.to_string() };
         Self::Open { path, reason }
     }

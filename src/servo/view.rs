@@ -79,8 +79,8 @@ pub(super) struct View {
     clocks: VecDeque<(u64, i64)>,
     /// Messages that are none of this version's.
     pub not_understood: u32,
-    /// A node that was heard and is not the one that is talked to.
-    pub other_node: Option<u8>,
+    /// A node that was heard and is not the one that is talked to, and when last.
+    pub other_node: Option<(u8, u64)>,
 }
 
 impl View {
@@ -96,7 +96,7 @@ impl View {
         if id.direction != Direction::ToHost || id.node != node {
             self.not_understood += 1;
             if id.direction == Direction::ToHost {
-                self.other_node = Some(id.node);
+                self.other_node = Some((id.node, received.time_ns));
             }
             return None;
         }

@@ -76,8 +76,17 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
         axes(&daemon.status())[0].0 < 29.0,
         "it did not arrive: the stop did not wait for the end of the move"
     );
-    let (code, _) = daemon.post("/api/v1/rig/arm", "");
+    let (code, answer) = daemon.post("/api/v1/rig/arm", "");
     assert_eq!(code, 409, "a latched stop keeps it from being armed");
+    assert!(answer["error"].as_str().unwrap().contains("e_stop: take its cause away, clear the faults"));
+    let told = |event: &'static str, words: &'static str| {
+        daemon.wait(event, |status| {
+            let mut events = status["events"].as_array().unwrap().iter();
+            events.any(|told| told["event"] == event && told["words"].as_str().unwrap().contains(words))
+        })
+    };
+    told("rig_fault", "fault e_stop is latched");
+    told("rig_command_failed", "apply: rig: interrupted, emergency stop; axis 0 stands at ");
     daemon.order("/api/v1/rig/clear", "");
     daemon.order("/api/v1/rig/arm", "");
     daemon.order("/api/v1/rig/hold", "");
@@ -93,6 +102,26 @@ pub fn the_rig_moves_when_armed_and_stops_when_told() {
         "{}: {log}",
         servo.len()
     );
+}
+
+pub fn axes_turn_the_sensors_that_are_named_for_them() {
+    let rig = MockRig::start(MockConfig::default(), 3).unwrap();
+    let bench = bench([-20.0, 10.0]);
+    let mut text = std::fs::read_to_string(bench.path("rig.toml")).unwrap();
+    text += "[rig.apply]\nsensors = [\"right\", \"left\"]\n";
+    std::fs::write(bench.path("rig.toml"), text).unwrap();
+    plug(&bench, &rig);
+    let daemon = bench.start(&["--record"]);
+    daemon.wait("the rig is there", |status| status["rig"]["connected"] == true);
+    ["arm", "home", "apply"].iter().for_each(|order| drop(daemon.order(&format!("/api/v1/rig/{order}"), "")));
+    let status = daemon.status();
+    assert!(
+        axes(&status).iter().zip([10.0, -20.0]).all(|((at_deg, _), to_deg)| (at_deg - to_deg).abs() < 0.5),
+        "{status}"
+    );
+    assert_eq!(daemon.end().0, Some(0));
+    let mount = bench.sessions()[0].mount().unwrap().unwrap();
+    assert_eq!(mount.sensors[0].name, "right", "a session's mounts are in the order of the axes");
 }
 
 pub fn a_sensor_that_the_mounts_do_not_name_is_told() {

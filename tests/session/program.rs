@@ -416,3 +416,17 @@ pub fn tshark_reads_a_session() {
     }
     assert_eq!(seen, [40, 50]);
 }
+
+pub fn a_mock_sensor_ends_in_order_when_interrupted() {
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let to = socket.local_addr().unwrap().to_string();
+    let arguments = ["--json", "mock", "sensor", "--model", "vlp-16", "--to", &to, "--duration", "600"];
+    let child = outrigger().args(arguments).stdout(Stdio::piped()).spawn().unwrap();
+    socket.recv(&mut [0; 2048]).unwrap();
+    kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    let documents = serde_json::Deserializer::from_slice(&output.stdout).into_iter::<serde_json::Value>();
+    let last = documents.last().unwrap().unwrap();
+    assert!(last["sent_packets"].as_u64().unwrap() > 0, "what it sent is said: {last}");
+}

@@ -63,13 +63,29 @@ pub struct AxisSummary {
     pub reports: usize,
 }
 
+/// What a session's axes reported, each `axis` as the place of its sensor in `rig`. Axis 0 turns the first sensor of the
+/// session's own mount file, wherever another file of the same sensors may list it.
+pub fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
+    let mut reports: Vec<ServoReport> = session.servo()?;
+    // a session whose copy is gone can still be held against a file that is named
+    let own = session.mount().ok().flatten();
+    let seats: Option<Vec<usize>> =
+        own.and_then(|own| own.sensors.iter().map(|sensor| rig.seat(&sensor.name).ok()).collect());
+    // with other names the order is all that is known
+    let Some(seats) = seats else { return Ok(reports) };
+    for report in &mut reports {
+        report.axis = seats.get(report.axis).copied().unwrap_or(report.axis);
+    }
+    Ok(reports)
+}
+
 /// Pitches of a session's sensors as their axes measured them, their zeros added; nothing where it holds no reports.
 pub fn tilts(
     session: &Session,
     rig: &Rig,
     zeros: &AxisZeros,
 ) -> anyhow::Result<(Vec<TiltHistory>, Vec<AxisSummary>)> {
-    let reports: Vec<ServoReport> = session.servo()?;
+    let reports = reports_of(session, rig)?;
     let (mut tilts, mut axes) = (Vec::new(), Vec::new());
     for (axis, sensor) in rig.sensors.iter().enumerate() {
         let rad = |urad: i32| f64::from(urad) * 1e-6;

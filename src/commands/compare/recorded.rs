@@ -7,7 +7,7 @@ use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
 use sensors::router::GivenCalibration;
 
-use super::axes::{AxisSummary, AxisZeros, contradicted, tilts};
+use super::axes::{AxisSummary, AxisZeros, contradicted, reports_of, tilts};
 use super::feed::{self, Fed, Seated, Taken};
 use crate::commands::output;
 use crate::commands::recording::{Recording, SensorArgs, ensure_recording};
@@ -127,10 +127,10 @@ impl Recorded {
         Ok(Some(Self { source, mount, rig, axes, notices, span_ns: OnceCell::new() }))
     }
 
-    /// What its axes reported; nothing for a capture.
+    /// What its axes reported, by the places of their sensors in the rig; nothing for a capture.
     pub fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
         match &self.source {
-            Source::Session { session, .. } => Ok(session.servo()?),
+            Source::Session { session, .. } => reports_of(session, &self.rig),
             Source::Capture(_) => Ok(Vec::new()),
         }
     }

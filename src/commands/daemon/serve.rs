@@ -145,7 +145,8 @@ fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
         Verb::Record(args) => Some(args),
         _ => None,
     })?;
-    let place = place(&args.place)?;
+    let axes = rig::axes_of(config)?;
+    let place = place(&args.place, &axes)?;
     let config_text = crate::files::read_text(&config.path)
         .with_context(|| format!("cannot read {}", config.path.display()))?;
     Ok(Settings {
@@ -163,24 +164,29 @@ fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
             stop_below_bytes: args.stop_below_mib << 20,
             held_up: Duration::from_millis(args.hold_up_writes_ms),
         },
-        rig: rig_settings(args, config, place.mount.as_ref())?,
+        rig: rig_settings(args, config, place.mount.as_ref(), axes.len())?,
         place,
         config: Some(config_text),
     })
 }
 
+/// `turned` is how many of the mount's sensors have an axis; 0 where that is not said.
 fn rig_settings(
     args: &Args,
     config: &'static Config,
     mount: Option<&MountFile>,
+    turned: usize,
 ) -> anyhow::Result<Option<RigSettings>> {
     let of_rig: rig::Args = section(config, &["rig", "status"], |verb| match verb {
         Verb::Rig(args) => Some(args),
         _ => None,
     })?;
     let Some(port) = of_rig.port.clone() else { return Ok(None) };
-    let mount_pitches_deg: Vec<f64> =
+    let mut mount_pitches_deg: Vec<f64> =
         mount.map(|mount| mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect()).unwrap_or_default();
+    if turned > 0 {
+        mount_pitches_deg.truncate(turned);
+    }
     let options = rig::options(&of_rig, mount_pitches_deg.len().max(2))?;
     Ok(Some(RigSettings { port, options, mount_pitches_deg, disarm_after: args.disarm_minutes }))
 }

@@ -4,22 +4,19 @@ use anyhow::{Context as _, bail};
 
 use super::place::PlaceArgs;
 use crate::commands::ground::read_trajectory;
-use crate::commands::scene_file;
+use crate::commands::{record, scene_file};
 use crate::daemon::Place;
-use crate::rig::MountFile;
 
-/// Reads what is named.
-pub fn place(args: &PlaceArgs) -> anyhow::Result<Place> {
+/// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is said: everywhere behind this they
+/// come in that order.
+pub fn place(args: &PlaceArgs, axes: &[String]) -> anyhow::Result<Place> {
     if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
         bail!("--cell {}, expected 0.01 to 10 m", args.cell);
     }
     let mut place = Place { voxel_m: args.cell, ..Place::default() };
     if let Some(path) = &args.mount {
-        let file = MountFile::read(path)?;
-        let units = file.units(&[])?;
-        place.rig = file.rig_of(&units);
-        place.calibrations = file.calibration_files()?;
-        place.mount = Some(file);
+        let seats = record::seats(path, axes)?;
+        (place.rig, place.calibrations, place.mount) = (seats.rig, seats.calibrations, Some(seats.mount));
     }
     place.scene = match (&args.scene, &args.room) {
         (Some(_), Some(_)) => bail!("--scene and --room are both given: which of the two is it?"),

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use sensors::ouster::Metadata;
 use sensors::velodyne::Product;
+use sensors::velodyne::wire::DATA_PACKET_BYTES;
 
 use super::{Check, State};
 use crate::commands::defaults::section;
-use crate::commands::{Verb, daemon, record};
+use crate::commands::{Verb, daemon, record, rig};
 use crate::config::{Config, SensorConfig};
 use crate::record::is_aside;
 use crate::setup::{Sensor, SensorState, warnings};
@@ -19,7 +20,9 @@ pub struct Named {
     pub checks: Vec<Check>,
     /// Metadata by the names of sensors, as recording will have them.
     pub metadata: BTreeMap<String, String>,
-    /// Of the sensors of the mount file, in its order.
+    /// What all sensors will send together, with two returns where that is not known; none where one's rate is not.
+    pub bytes_s: Option<f64>,
+    /// Of the sensors of the mount file that axis 0, 1, ... turn.
     pub pitches_deg: Vec<f64>,
 }
 
@@ -37,6 +40,9 @@ pub fn look(config: &Config) -> Named {
         }
     }
     named.seats(config);
+    let rates = config.sensors.iter().filter(|sensor| sensor.listen.is_some());
+    let rates: Option<Vec<f64>> = rates.map(|sensor| named.bytes_s(sensor)).collect();
+    named.bytes_s = rates.map(|rates| rates.iter().sum()).filter(|bytes_s| *bytes_s > 0.0);
     if let Err(error) = daemon::check(config) {
         named.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
     }
@@ -118,20 +124,34 @@ impl Named {
         Some(ours.serial)
     }
 
+    /// What a sensor sends, by its metadata or the manual of its model.
+    fn bytes_s(&self, config: &SensorConfig) -> Option<f64> {
+        if let Some(product) = Product::from_name(&config.model) {
+            let packet_s = product.cycle_ns() * product.sequences_per_packet(true) as f64 * 1e-9;
+            return Some(DATA_PACKET_BYTES as f64 / packet_s);
+        }
+        let ours = Metadata::parse(self.metadata.get(&config.name)?, &config.name).ok()?;
+        let frame_bytes = ours.packets_per_frame() * ours.packet_format().packet_bytes();
+        Some(frame_bytes as f64 * ours.frame_rate_hz)
+    }
+
     /// The mount file that recording will keep, and every sensor's seat in it.
     fn seats(&mut self, config: &Config) {
         let args: anyhow::Result<record::Args> = section(config, &["record"], |verb| match verb {
             Verb::Record(args) => Some(args),
             _ => None,
         });
-        let seats = match args.map(|args| args.mount.as_deref().map(record::seats)) {
-            Ok(None) => return,
-            Ok(Some(seats)) => seats,
-            Err(error) => Err(error),
-        };
+        let seats = args.and_then(|args| {
+            let axes = rig::axes_of(config)?;
+            let seats = args.mount.as_deref().map(|mount| record::seats(mount, &axes)).transpose()?;
+            Ok(seats.map(|seats| (seats, axes.len())))
+        });
         let rig = match seats {
-            Ok(seats) => {
-                self.pitches_deg = seats.mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect();
+            Ok(None) => return,
+            Ok(Some((seats, turned))) => {
+                let sensors = &seats.mount.sensors;
+                let turned = if turned == 0 { sensors.len() } else { turned };
+                self.pitches_deg = sensors[..turned].iter().map(|sensor| sensor.pitch_deg).collect();
                 seats.rig
             }
             Err(error) => {

@@ -62,9 +62,10 @@ impl From<RigCommandError> for Problem {
             RigCommandError::Rig(RigError::AxisCount { .. } | RigError::NoAngle { .. }) => {
                 StatusCode::BAD_REQUEST
             }
-            RigCommandError::Busy(_) | RigCommandError::NotArmed | RigCommandError::Rig(_) => {
-                StatusCode::CONFLICT
-            }
+            RigCommandError::Busy(_)
+            | RigCommandError::NotArmed
+            | RigCommandError::Latched(_)
+            | RigCommandError::Rig(_) => StatusCode::CONFLICT,
         };
         Self::new(code, error.to_string())
     }

@@ -67,7 +67,7 @@ impl<L: Link> RigController<L> {
             }
             if self.link.now_ns() >= end_ns && !self.link.is_busy() {
                 let counters = self.link.counters();
-                let other = self.view.other_node.map_or(String::new(), |node| {
+                let other = self.view.other_node.map_or(String::new(), |(node, _)| {
                     format!("; node {node} is heard, {} was asked for: --node {node}?", self.options.node)
                 });
                 let heard = format!(
@@ -237,10 +237,14 @@ impl<L: Link> RigController<L> {
         let within = self.options.silence;
         // a rig without power behind a living adapter
         if self.connected && silence_ns > within.as_nanos() as u64 && !self.link.is_busy() {
-            let heard =
-                "it says nothing at all: no power, another program's hands on it, or a mock on too busy \
-                         a machine"
-                    .to_owned();
+            let heard = match self.view.other_node {
+                Some((other, heard_ns)) if heard_ns > self.view.heard_ns => format!(
+                    "node {} says nothing any more, node {other} does: another number was given to it, or to another rig",
+                    self.options.node
+                ),
+                _ => "it says nothing at all: no power, another program's hands on it, or a mock on too busy a machine"
+                    .to_owned(),
+            };
             return Err(RigError::NoAnswer { what: "heartbeats", within, heard });
         }
         Ok(())
