@@ -503,8 +503,9 @@ mod tests {
             let mount = Mount { pitch_rad: 0.7, ..Mount::default() };
             [0.3, -0.2, 0.7].into_iter().find(|pitch_rad| {
                 let near = Mount { pitch_rad: *pitch_rad, ..mount }.body_from_sensor();
-                let x = glam::DVec3::X;
-                (motion.body_from_sensor(axis, &mount).transform_point(x) - near.transform_point(x)).length()
+                let up = glam::DVec3::Z;
+                (motion.body_from_sensor(axis, &mount).transform_point(up) - near.transform_point(up))
+                    .length()
                     < 0.01
             })
         };
