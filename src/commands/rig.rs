@@ -193,14 +193,14 @@ fn watched_for(text: &str) -> Result<Duration, String> {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    // what was typed is checked before anything is opened
+    refuse_unused(&args.action, context)?;
     let Some(port) = &args.port else {
         let of_file = context.config.map_or(String::new(), |config| {
             format!(", or `port` under [rig] of {}, which names none", config.path.display())
         });
         bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
     };
-    // what was typed is checked before anything is opened
-    refuse_unused(&args.action, context)?;
     let pitches_rad = match &args.action {
         Action::Set { pitches_deg } => pitches_deg.iter().map(|pitch| pitch.to_radians()).collect(),
         Action::Apply { mount, sensors } => pitches_of(mount, sensors)?,
