@@ -11,6 +11,7 @@ use crate::support::{Case, case, shared, with_machine, with_shared};
 
 pub const CASES: &[Case] = &[
     case("shards_in_any_order_merge_to_the_same_bytes", shards_in_any_order_merge_to_the_same_bytes),
+    case("meshes_come_and_go", meshes_come_and_go),
     case("scripts_run_a_study_to_the_same_bytes", scripts_run_a_study_to_the_same_bytes),
     case("what_is_missing_or_foreign_is_said", what_is_missing_or_foreign_is_said),
     case("a_signal_ends_a_task_of_minutes_at_once", a_signal_ends_a_task_of_minutes_at_once),
@@ -138,17 +139,60 @@ fn what_is_missing_or_foreign_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     assert!(fails(&["run", "published", "--shard", "1/1"], folder).contains("study plan"));
-    let error = fails(&["unheard-of"], folder);
-    assert!(error.contains("unheard-of") && error.contains("sensor-count"), "{error}");
-    assert!(fails(&["joint"], folder).contains("--scene"));
+    for (name, words) in [("unheard-of", "sensor-count"), ("joint", "--scene")] {
+        let output = study(&[name], folder);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && error.contains(words), "{error}");
+    }
     ok(&["plan", "sensor-count", "--quick", "--seeds", "1"], folder);
-    assert!(fails(&["plan", "sensor-count", "--quick", "--seeds", "2"], folder).contains("another plan"));
+    let error = fails(&["plan", "sensor-count", "--quick", "--seeds", "2"], folder);
+    assert!(error.contains("another plan, of seeds 1, asked for is 2"), "{error}");
     assert!(fails(&["run", "published", "--shard", "1/1"], folder).contains("sensor-count"));
     let foreign = r#"{"format":"outrigger-study-shard/1","plan_sha256":"00","shard":{"index":1,"count":1},"done_sha256":"","done":[]}"#;
     std::fs::write(folder.join("shard-00001-of-00001.json"), foreign).unwrap();
     assert!(fails(&["merge", "sensor-count"], folder).contains("another plan"));
     let usage = study(&["run", "published", "--shard", "3/2"], folder);
     assert_eq!(usage.status.code(), Some(2));
+}
+
+/// A room as a mesh.
+fn room(x_m: f64) -> String {
+    let mut text = String::new();
+    for (x, y, z) in (0..8).map(|corner| (corner & 1, corner >> 1 & 1, corner >> 2)) {
+        text += &format!("v {} {} {}\n", f64::from(x) * x_m, f64::from(y) * 6.0, f64::from(z) * 2.5);
+    }
+    for [a, b, c, d] in [[1, 2, 4, 3], [5, 7, 8, 6], [1, 5, 6, 2], [3, 4, 8, 7], [1, 3, 7, 5], [2, 6, 8, 4]] {
+        text += &format!("f {a} {b} {c} {d}\n");
+    }
+    text
+}
+
+/// What was done of the meshes that stay is kept, also of one that comes back.
+fn meshes_come_and_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    std::fs::create_dir(&scenes).unwrap();
+    std::fs::write(scenes.join("long.obj"), room(9.0)).unwrap();
+    std::fs::write(scenes.join("short.obj"), room(7.0)).unwrap();
+    let arguments = ["scenes", "--quick", "--scene", scenes.to_str().unwrap()];
+    let run = || {
+        let output = study(&arguments, &out);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        (read(&out, "rows.csv"), said)
+    };
+    let (both, _) = run();
+    assert!(both.contains("long") && both.contains("short"), "{both}");
+    std::fs::rename(scenes.join("short.obj"), folder.path().join("short.obj")).unwrap();
+    // whoever looked at it again would find no mesh
+    std::fs::write(scenes.join("long.obj"), "").unwrap();
+    let (alone, said) = run();
+    assert!(said.contains("4 of the 4 of now are done already"), "{said}");
+    assert!(alone.contains("long") && !alone.contains("short"), "{alone}");
+    std::fs::rename(folder.path().join("short.obj"), scenes.join("short.obj")).unwrap();
+    let (again, said) = run();
+    assert!(said.contains("8 of the 8 of now are done already"), "{said}");
+    assert_eq!(again, both);
 }
 
 fn walk_and_mount_are_searched_in_a_house() {

@@ -1,13 +1,13 @@
 //! `outrigger study`
 
-use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context as _;
 use serde::Serialize;
 
-use super::{Context, Outcome, output, signals};
+use super::stage::Stage;
+use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::files;
 use crate::study::shard::{Plan, Ran, Shard};
 use crate::study::submit::{self, Engine};
@@ -18,7 +18,8 @@ use crate::study::{Findings, STUDIES, Size, named};
 #[command(
     after_help = "`study NAME` plans, runs and merges; what is done already is not done again. On several machines: `study plan \
                   NAME --out DIR`, then `study run NAME --out DIR --shard i/N` for every i (each writes one file), then `study \
-                  merge NAME --out DIR`. `study submit NAME --engine slurm --shards N --out DIR` writes scripts that do this."
+                  merge NAME --out DIR`. `study submit NAME --engine slurm --shards N --out DIR` writes scripts that do this. Where meshes came to \
+                  the folder behind --scene or left it, what was done of the others is kept."
 )]
 pub struct Args {
     /// plan, run, merge or submit and a study, or a study alone for all three: published, methods, sensor-count, pareto,
@@ -95,13 +96,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             "run" => (Action::Run, name),
             "merge" => (Action::Merge, name),
             "submit" => (Action::Submit, name),
-            other => anyhow::bail!("{other:?}: give plan, run, merge or submit, and then a study"),
+            other => refuse!("{other:?}: give plan, run, merge or submit, and then a study"),
         },
         _ => {
-            anyhow::bail!("give a study: {}", STUDIES.iter().map(|s| s.name()).collect::<Vec<_>>().join(", "))
+            refuse!("give a study: {}", STUDIES.iter().map(|s| s.name()).collect::<Vec<_>>().join(", "))
         }
     };
-    let study = named(name)?;
+    let study = named(name).map_err(wrong_usage)?;
+    refuse_unused(action, context)?;
     let folder = args.out.clone().unwrap_or_else(|| PathBuf::from(format!("study-{name}")));
     let plan = match action {
         Action::Plan | Action::Submit | Action::All => {
@@ -113,15 +115,26 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 count_instructions: args.count_instructions,
             };
             if size.scene.is_some() && !study.takes_a_scene() {
-                anyhow::bail!("--scene is for studies in a scene: {name} has scenes of its own");
+                refuse!("--scene is for studies in a scene: {name} has scenes of its own");
             }
             if (size.trajectory.is_some() || size.count_instructions) && study.name() != "speed-accuracy" {
-                anyhow::bail!(
+                refuse!(
                     "--trajectory and --count-instructions are for speed-accuracy: {name} does not know them"
                 );
             }
-            let plan = Plan::new(study, size)?;
-            plan.write(&folder)?;
+            let is_without_scene = size.scene.is_none();
+            let plan = Plan::new(study, size).map_err(|error| match is_without_scene {
+                // nothing was read: what is missing is missing from the command line
+                true => wrong_usage(error),
+                false => error.into(),
+            })?;
+            if let Some(done) = plan.write(&folder)? {
+                output::say_notice(&format!(
+                    "{} held other tasks: {done} of the {} of now are done already",
+                    folder.display(),
+                    plan.tasks.len()
+                ));
+            }
             plan
         }
         Action::Run | Action::Merge => Plan::read(&folder)?,
@@ -160,6 +173,23 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// What was typed and is of no use to this action: what a study is asked for stands in its plan.
+fn refuse_unused(action: Action, context: Context) -> anyhow::Result<()> {
+    if matches!(action, Action::Run | Action::Merge) {
+        context.ensure_not_typed(
+            &["seeds", "quick", "scene", "trajectory", "count_instructions"],
+            "stands in the plan: give it to `study plan`",
+        )?;
+    }
+    if action != Action::Run {
+        context.ensure_not_typed(&["shard"], "is about `study run`")?;
+    }
+    if action != Action::Submit {
+        context.ensure_not_typed(&["engine", "shards"], "is about `study submit`")?;
+    }
+    Ok(())
+}
+
 fn write_scripts(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<String> {
     let program = std::env::current_exe().context("this program's own path")?;
     let folder = folder.canonicalize().with_context(|| folder.display().to_string())?;
@@ -181,20 +211,18 @@ fn run_shards(args: &Args, plan: &Plan, folder: &Path) -> anyhow::Result<bool> {
             (1..=count).map(|index| Shard { index, count }).collect()
         }
     };
-    let bar = if std::io::stderr().is_terminal() {
-        indicatif::ProgressBar::new(shards.len() as u64)
-    } else {
-        indicatif::ProgressBar::hidden()
-    };
-    for shard in shards {
-        match plan.run_shard(folder, shard, |done| bar.set_message(format!("{done} tasks")), &stop)? {
+    let bar = Stage::begin("the first shard");
+    let all = shards.len();
+    bar.counts(all as u64, 0);
+    for (place, shard) in shards.into_iter().enumerate() {
+        let say = |done| bar.say(format!("shard {} of {all}, {done} tasks of it", place + 1));
+        match plan.run_shard(folder, shard, say, &stop)? {
             Ran::Whole => {}
             Ran::Again(what) => output::say_notice(&format!("{what}: shard {shard} was run again")),
             Ran::Stopped => return Ok(false),
         }
-        bar.inc(1);
+        bar.more(1);
     }
-    bar.finish_and_clear();
     Ok(true)
 }
 

@@ -5,6 +5,7 @@
 //! same to the byte. Measured times are the exception; fields that hold one begin with `wall_` and are kept apart.
 
 mod joint;
+mod kept;
 mod methods;
 mod page;
 mod pareto;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+use super::kept::Kept;
 use super::page::line;
 use super::rows::FAILED;
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
@@ -94,6 +95,9 @@ pub enum Ran {
     Stopped,
 }
 
+/// A shard, or what is said of a damaged one.
+type ReadShard = Result<ShardFile, String>;
+
 /// Why the file of a shard cannot be used.
 enum Unusable {
     /// Nobody's work is lost when it is done again.
@@ -114,19 +118,65 @@ impl Plan {
         Self { format: PLAN_FORMAT.into(), study: study.into(), size: Size::default(), tasks }
     }
 
-    /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be the same.
-    pub fn write(&self, folder: &Path) -> Result<(), StudyError> {
+    /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be of the same study and size;
+    /// where only tasks came or went, what was done of the others is kept, and how many these are is told.
+    pub fn write(&self, folder: &Path) -> Result<Option<usize>, StudyError> {
         std::fs::create_dir_all(folder).map_err(|error| at(folder, error))?;
         let path = folder.join("plan.json");
+        let mut done = None;
         if path.exists() {
-            return match Self::read(folder)? == *self {
-                true => Ok(()),
-                false => {
-                    Err(StudyError(format!("{} holds another plan: give another folder", path.display())))
-                }
-            };
+            let there = Self::read(folder)?;
+            if there == *self {
+                return Ok(None);
+            }
+            if let Some(difference) = self.difference(&there) {
+                let words =
+                    format!("{} holds another plan, {difference}: give another folder", path.display());
+                return Err(StudyError(words));
+            }
+            let kept = there.keep(folder)?;
+            done = Some(self.tasks.iter().filter(|task| kept.of(task).is_some()).count());
+            kept.write(folder)?;
+            // only now, and before the plan: whatever ends this in between, the next call finds what is kept
+            for (path, _) in there.shards(folder)? {
+                std::fs::remove_file(&path).map_err(|error| at(&path, error))?;
+            }
         }
-        files::write_json(&path, self).map_err(|error| at(&path, error))
+        files::write_json(&path, self).map_err(|error| at(&path, error))?;
+        Ok(done)
+    }
+
+    /// In what another plan was asked for something else; nothing where at most its tasks are others.
+    fn difference(&self, other: &Self) -> Option<String> {
+        let fields = |plan: &Self| match serde_json::to_value(&plan.size) {
+            Ok(Value::Object(mut fields)) => {
+                fields.insert("study".into(), json!(plan.study));
+                fields
+            }
+            _ => serde_json::Map::new(),
+        };
+        let (now, then) = (fields(self), fields(other));
+        let name = now.keys().chain(then.keys()).find(|name| now.get(*name) != then.get(*name))?;
+        let value = |fields: &serde_json::Map<String, Value>| match fields.get(name) {
+            None | Some(Value::Null) => "none".to_owned(),
+            Some(value) => value.to_string(),
+        };
+        let name_of_flag = name.replace('_', "-");
+        Some(format!("of {name_of_flag} {}, asked for is {}", value(&then), value(&now)))
+    }
+
+    /// Everything that was done of this plan and did not fail.
+    fn keep(&self, folder: &Path) -> Result<Kept, StudyError> {
+        let mut kept = Kept::read(folder)?;
+        for (_, shard) in self.shards(folder)? {
+            // a damaged one is done again
+            for (task, rows) in shard.map_or(Vec::new(), |file| file.done) {
+                if !rows.iter().any(|row| row.contains_key(FAILED)) {
+                    kept.keep(&self.tasks[task], rows);
+                }
+            }
+        }
+        Ok(kept)
     }
 
     /// Reads `plan.json`.
@@ -172,9 +222,12 @@ impl Plan {
             }
         }
         let study = named(&self.study)?;
+        let kept = Kept::read(folder)?;
         let mine: Vec<usize> = shard.tasks(self.tasks.len()).collect();
         let done = on_all_cores(&mine, progress, stop, |task| {
-            let rows = study.run(&self.tasks[task]);
+            let rows = kept
+                .of(&self.tasks[task])
+                .map_or_else(|| study.run(&self.tasks[task]), |rows| Ok(rows.clone()));
             rows.map_err(|error| StudyError(format!("task {task} ({}): {error}", self.tasks[task])))
         })?;
         let Some(done) = done else { return Ok(Ran::Stopped) };
@@ -207,9 +260,8 @@ impl Plan {
         Ok(file)
     }
 
-    /// The rows of all shards that lie in the folder, in the order of the tasks.
-    pub fn rows(&self, folder: &Path) -> Result<Vec<Row>, StudyError> {
-        let mut by_task: Vec<Option<Vec<Row>>> = vec![None; self.tasks.len()];
+    /// The shards that lie in a folder; in place of a damaged one what is said of it.
+    fn shards(&self, folder: &Path) -> Result<Vec<(PathBuf, ReadShard)>, StudyError> {
         let entries = std::fs::read_dir(folder).map_err(|error| at(folder, error))?;
         let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         paths.retain(|path| {
@@ -217,12 +269,22 @@ impl Plan {
             name.starts_with("shard-") && name.ends_with(".json")
         });
         paths.sort();
-        for path in &paths {
-            let file = self.read_shard(path).map_err(|unusable| match unusable {
-                Unusable::Foreign(error) => error,
-                Unusable::Damaged(what) => StudyError(format!(
-                    "{what}: nothing was merged; run that shard again, it is then replaced"
-                )),
+        let read = |path: PathBuf| match self.read_shard(&path) {
+            Ok(file) => Ok((path, Ok(file))),
+            Err(Unusable::Damaged(what)) => Ok((path, Err(what))),
+            Err(Unusable::Foreign(error)) => Err(error),
+        };
+        paths.into_iter().map(read).collect()
+    }
+
+    /// The rows of all shards that lie in the folder, in the order of the tasks.
+    pub fn rows(&self, folder: &Path) -> Result<Vec<Row>, StudyError> {
+        let mut by_task: Vec<Option<Vec<Row>>> = vec![None; self.tasks.len()];
+        let shards = self.shards(folder)?;
+        let count = shards.len();
+        for (_, shard) in shards {
+            let file = shard.map_err(|what| {
+                StudyError(format!("{what}: nothing was merged; run that shard again, it is then replaced"))
             })?;
             for (task, rows) in file.done {
                 // shards cut in different ways may overlap: the same task has the same rows
@@ -237,7 +299,7 @@ impl Plan {
                 "{missing} of {} tasks have no rows in {} ({} shard files): run the missing shards",
                 self.tasks.len(),
                 folder.display(),
-                paths.len()
+                count
             )));
         }
         Ok(by_task.into_iter().flatten().flatten().collect())
@@ -340,7 +402,7 @@ fn on_all_cores(
     Ok((done.len() == tasks.len()).then_some(done))
 }
 
-fn sha256_of(data: &impl Serialize) -> String {
+pub(super) fn sha256_of(data: &impl Serialize) -> String {
     let text = serde_json::to_string(data).unwrap_or_default();
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -349,6 +411,6 @@ fn shard_path(folder: &Path, shard: Shard) -> PathBuf {
     folder.join(format!("shard-{:05}-of-{:05}.json", shard.index, shard.count))
 }
 
-fn at(path: &Path, error: impl std::fmt::Display) -> StudyError {
+pub(super) fn at(path: &Path, error: impl std::fmt::Display) -> StudyError {
     StudyError(format!("{}: {error}", path.display()))
 }

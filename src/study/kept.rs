@@ -1,0 +1,62 @@
+//! What was done for an earlier plan of a study: it is not done again where tasks come or go.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::shard::{at, sha256_of};
+use super::{Row, StudyError};
+use crate::files;
+
+const FORMAT: &str = "outrigger-study-kept/1";
+
+/// `kept.json`: rows by task.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Kept {
+    format: String,
+    /// Of `rows` as they are written, so that damage that leaves them readable is found.
+    rows_sha256: String,
+    /// By the task as it stands in a plan.
+    rows: BTreeMap<String, Vec<Row>>,
+}
+
+impl Kept {
+    /// What a folder holds; nothing where no plan was ever changed.
+    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+        let path = folder.join("kept.json");
+        let text = match files::read_text(&path) {
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Ok(Self { format: FORMAT.into(), rows_sha256: String::new(), rows: BTreeMap::new() });
+            }
+            text => text.map_err(|error| at(&path, error))?,
+        };
+        let unusable = |why: String| at(&path, format!("{why}: remove it, and its tasks are done again"));
+        let kept: Self = serde_json::from_str(&text).map_err(|error| unusable(error.to_string()))?;
+        if kept.format != FORMAT {
+            return Err(unusable(format!("format is {:?}, this program reads {FORMAT:?}", kept.format)));
+        }
+        if sha256_of(&kept.rows) != kept.rows_sha256 {
+            return Err(unusable("its rows are not those that were written (checksum)".into()));
+        }
+        Ok(kept)
+    }
+
+    /// Keeps the rows of a task.
+    pub fn keep(&mut self, task: &Value, rows: Vec<Row>) {
+        self.rows.insert(task.to_string(), rows);
+    }
+
+    /// The rows of a task that was done.
+    pub fn of(&self, task: &Value) -> Option<&Vec<Row>> {
+        self.rows.get(&task.to_string())
+    }
+
+    /// Writes it, whole or not at all.
+    pub fn write(mut self, folder: &Path) -> Result<(), StudyError> {
+        self.rows_sha256 = sha256_of(&self.rows);
+        let path = folder.join("kept.json");
+        files::write_json(&path, &self).map_err(|error| at(&path, error))
+    }
+}
