@@ -8,29 +8,66 @@ use indicatif::{ProgressBar, ProgressStyle};
 /// A verb at work; the line is taken away when it ends.
 pub struct Stage(ProgressBar);
 
+/// Where nobody knows how much there is to do, and where it is known.
+const UNCOUNTED: &str = "{spinner} {elapsed} {wide_msg}";
+const COUNTED: &str = "{bar:24} {percent:>3} %, {eta} left: {wide_msg}";
+
 impl Stage {
     /// Begins the first part of the work.
     pub fn begin(what: impl Into<String>) -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self(ProgressBar::hidden());
+        let is_seen = std::io::stderr().is_terminal();
+        let stage = Self(if is_seen { ProgressBar::new_spinner() } else { ProgressBar::hidden() });
+        stage.next(what);
+        if is_seen {
+            stage.0.enable_steady_tick(Duration::from_millis(200));
         }
-        let bar = ProgressBar::new_spinner();
-        if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
-            bar.set_style(style);
-        }
-        bar.set_message(what.into());
-        bar.enable_steady_tick(Duration::from_millis(200));
-        Self(bar)
+        stage
     }
 
-    /// Goes on to the next part.
+    /// Goes on to the next part, of which nobody knows how much there is to do.
     pub fn next(&self, what: impl Into<String>) {
+        self.style(UNCOUNTED);
+        self.say(what);
+    }
+
+    /// Says it in other words.
+    pub fn say(&self, what: impl Into<String>) {
         self.0.set_message(what.into());
+    }
+
+    /// How much there is to do in this part, `done` of it already.
+    pub fn counts(&self, all: u64, done: u64) {
+        self.0.set_length(all);
+        self.0.set_position(done);
+        self.0.reset_eta();
+        self.style(COUNTED);
+    }
+
+    /// How much of it is done.
+    pub fn at(&self, done: u64) {
+        self.0.set_position(done);
+    }
+
+    /// So much more of it is done.
+    pub fn more(&self, done: u64) {
+        self.0.inc(done);
+    }
+
+    /// Leaves a line above, on a terminal.
+    pub fn leave(&self, line: impl AsRef<str>) {
+        self.0.println(line);
+    }
+
+    fn style(&self, template: &str) {
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            self.0.set_style(style);
+        }
     }
 }
 
 impl Drop for Stage {
     fn drop(&mut self) {
+        // an error message must not stand beside half a bar
         self.0.finish_and_clear();
     }
 }

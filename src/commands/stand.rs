@@ -2,14 +2,13 @@
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::{Context as _, ensure};
-use indicatif::ProgressBar;
 use serde::Serialize;
 
 use super::compare::feed::Taken;
 use super::compare::recorded::{Recorded, RecordedArgs};
+use super::stage::Stage;
 use super::{Context, Outcome, output};
 use crate::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
 use crate::compare::Thinning;
@@ -96,18 +95,20 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
     })?;
     let revolution_ns = if fed.revolution_ns > 0 { fed.revolution_ns } else { 100_000_000 };
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(200));
+    let bar = Stage::begin("laying the settings into one another");
+    bar.counts(sensors.len() as u64, 0);
     let tests: Vec<StandTest> = sensors
         .iter()
         .zip(holds)
         .map(|(sensor, holds)| {
             let settings: Vec<Setting> = holds.into_iter().map(Hold::setting).collect();
-            bar.set_message(format!("{}: {} settings laid into one another", sensor.name, settings.len()));
-            stand_test(sensor, &settings, revolution_ns)
+            bar.say(format!("{}: laying {} settings into one another", sensor.name, settings.len()));
+            let test = stand_test(sensor, &settings, revolution_ns);
+            bar.more(1);
+            test
         })
         .collect();
-    bar.finish_and_clear();
+    drop(bar);
     let whole = fed.losses.is_empty();
     let document = Document {
         format: "outrigger-stand/1",

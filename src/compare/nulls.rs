@@ -102,15 +102,17 @@ struct Run {
 }
 
 impl NullTest {
-    /// Simulates healthy runs and puts the recording among them.
-    pub fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy) -> Self {
+    /// Simulates healthy runs and puts the recording among them; `progress` is told of each.
+    pub fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy, progress: impl Fn()) -> Self {
         let foreseen: Vec<Foreseen> = field.rays.par_iter().map(|ray| field.foresee(ray, patches)).collect();
         let recorded: Vec<Option<f64>> = field.rays.iter().map(|ray| ray.range_m).collect();
         let actual = judge(field, &foreseen, &recorded, patches.len());
         let runs: Vec<Run> = (0..healthy.runs as u64)
             .map(|run| {
                 let simulated = simulate(field, healthy, healthy.seed.wrapping_add(run));
-                judge(field, &foreseen, &simulated, patches.len())
+                let run = judge(field, &foreseen, &simulated, patches.len());
+                progress();
+                run
             })
             .collect();
         let among = |value: Option<f64>, of: fn(&Run) -> Option<f64>| {

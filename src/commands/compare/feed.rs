@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::beams::Seat;
 use super::hearing::Heard;
 use crate::commands::recording::{Recording, look_first};
+use crate::commands::stage::Stage;
 use crate::commands::unread;
 use crate::compare::{Fault, TiltHistory};
 use crate::record::{SensorEntry, Session};
@@ -137,11 +138,7 @@ pub struct Seated<'a> {
 }
 
 /// Every frame of a session, in the order of its packets.
-pub fn session(
-    seated: &Seated<'_>,
-    progress: &mut dyn FnMut(u64),
-    take: &mut dyn FnMut(Taken<'_>),
-) -> anyhow::Result<Fed> {
+pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
     let Seated { session, rig, tilts, .. } = seated;
     let mut fed = Fed::of(rig);
     let places = places(session, rig)?;
@@ -165,13 +162,13 @@ pub fn session(
         take(Taken { sensor: place, number, model: seats[place].beams(sensor), pitch_rad, frame });
     };
     let mut packets = session.packets()?;
-    let mut bytes = 0;
+    // what a packet has about it in the file is little
+    stage.counts(std::fs::metadata(session.packets_path()).map_or(0, |file| file.len()), 0);
     while let Some((interface, packet)) = packets.next()? {
         let Some(place) = places[interface] else { continue };
         fed.sensors[place].packets_recorded += 1;
-        bytes += packet.payload.len() as u64;
         routers[place].push(&packet, &mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
-        progress(bytes);
+        stage.more(packet.payload.len() as u64);
     }
     for (place, (router, seat)) in routers.iter_mut().zip(&seats).enumerate() {
         router.finish(&mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));

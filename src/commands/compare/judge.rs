@@ -3,6 +3,7 @@
 use super::comparison::{CheckReport, Comparison, Measured, RayReport, SurfaceReport, Verdict};
 use super::verdict::{verdict, words};
 use crate::calibrate::{self, MountCheck};
+use crate::commands::stage::Stage;
 use crate::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
     RayClasses, Replayed, misread, surface_cells,
@@ -30,6 +31,7 @@ pub struct Given<'a> {
     pub agree_within_m: f64,
     /// Found while decoding.
     pub faults: Vec<Fault>,
+    pub stage: &'a Stage,
 }
 
 /// Everything that the replay says.
@@ -48,7 +50,12 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     let every = kept.len().div_ceil(NULL_RAYS).max(1);
     let fewer: Vec<_> = kept.iter().step_by(every).copied().collect();
     let thinned = Field { rays: &fewer, ..field };
-    let prediction = given.patches.map(|patches| NullTest::run(&thinned, patches, given.healthy));
+    let prediction = given.patches.map(|patches| {
+        given.stage.next(format!("simulating {} healthy runs to compare with (--nulls)", given.healthy.runs));
+        given.stage.counts(given.healthy.runs as u64, 0);
+        NullTest::run(&thinned, patches, given.healthy, || given.stage.more(1))
+    });
+    given.stage.next("looking where the sensors really sit");
     let check = mount_check(&field, &given.healthy, given.revolution_ns);
     let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } = check;
     // where the scene ends, rays near the cut fit the surfaces behind it

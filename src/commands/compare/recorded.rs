@@ -155,8 +155,8 @@ impl Recorded {
     pub fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
         match &self.source {
             Source::Session { session, tilts, calibrations } => {
-                let _stage = Stage::begin("decoding the session");
-                feed::session(&Seated { session, rig: &self.rig, tilts, calibrations }, &mut |_| (), take)
+                let stage = Stage::begin("going through the session");
+                feed::session(&Seated { session, rig: &self.rig, tilts, calibrations }, &stage, take)
             }
             Source::Capture(recording) => feed::capture(recording, &self.rig, take),
         }

@@ -83,7 +83,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut progress = Progress::new();
 
     progress.stage("optimize", "1/5 searching the best pitches");
-    let plan = plan::search(&args.preset, args.evals as usize, args.seed, &progress)?;
+    let plan = plan::search(&args.preset, args.evals as usize, args.seed, &progress.bar)?;
     plan.mount.write(&args.out.join("mount.json"))?;
     let scene = Scene::Box(BoxScene::closed(plan.preset.box_min_m.into(), plan.preset.box_max_m.into()));
     let way = straight_way(plan.preset, args.speed);
@@ -106,7 +106,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
     progress.stage("record", "3/5 walking and recording");
     let session_dir = args.out.join(SESSION);
-    let walked = walk::record(&walk, tilted, &session_dir, &progress)?;
+    let walked = walk::record(&walk, tilted, &session_dir, &progress.bar)?;
     if let Some(failure) = walked.failure {
         return Err(failure.context(format!(
             "the walk ended early; what was recorded until then is in {}",
@@ -116,10 +116,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
     progress.stage("compare", "4/5 replaying and comparing");
     let session = Session::open(&session_dir)?;
-    let total: u64 = std::fs::metadata(session.packets_path()).map_or(0, |file| file.len());
-    progress.length(total);
-    let mut replayed =
-        replay::compare(&session, &plan.rig, &scene, &planned, &mut |bytes| progress.at(bytes))?;
+    let mut replayed = replay::compare(&session, &plan.rig, &scene, &planned, &progress.bar)?;
     let problems = problems(args, &session, &walk, &walked, &mut replayed.sensors);
 
     progress.stage("report", "5/5 writing the report");

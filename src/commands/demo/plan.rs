@@ -9,7 +9,7 @@ use crate::rig::{MountFile, Rig, SensorEntry};
 use crate::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
 
 use super::document::SearchSummary;
-use super::progress::Progress;
+use crate::commands::stage::Stage;
 
 /// The optimal mounts of a mirrored pair that can be built.
 pub struct Plan {
@@ -20,7 +20,7 @@ pub struct Plan {
 }
 
 /// Searches one mirrored pair whose housings keep apart, the platform walking along its own forward axis.
-pub fn search(preset: &str, evaluations: usize, seed: u64, progress: &Progress) -> anyhow::Result<Plan> {
+pub fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage) -> anyhow::Result<Plan> {
     let start = Instant::now();
     let preset = Preset::named(preset)?;
     let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };
@@ -28,11 +28,11 @@ pub fn search(preset: &str, evaluations: usize, seed: u64, progress: &Progress) 
     let problem = MountProblem::new(objective, 1, KeepApart::Housings);
     let settings = Settings::new(seed, evaluations);
     let mut search = Search::new(problem.space()?, Kind::Pattern, settings);
-    progress.length(evaluations as u64);
+    stage.counts(evaluations as u64, 0);
     search.run(
         evaluations,
         |values| problem.measure(values),
-        |search| progress.at(search.evaluations() as u64),
+        |search| stage.at(search.evaluations() as u64),
         &AtomicBool::new(false),
     )?;
     let best = search.best().filter(|best| best.violation <= 0.0);

@@ -2,73 +2,51 @@
 
 use std::collections::BTreeMap;
 use std::io::IsTerminal as _;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressStyle};
+use crate::commands::stage::Stage;
 
 /// Stages done and under way.
 pub struct Progress {
-    bar: ProgressBar,
-    on_terminal: bool,
-    stage: Option<(&'static str, Instant)>,
+    /// The one under way.
+    pub bar: Stage,
+    begun: Option<Begun>,
     seconds: BTreeMap<&'static str, f64>,
+}
+
+struct Begun {
+    name: &'static str,
+    what: &'static str,
+    at: Instant,
 }
 
 impl Progress {
     /// Nothing begun.
     pub fn new() -> Self {
-        let on_terminal = std::io::stderr().is_terminal();
-        let bar = if on_terminal { ProgressBar::new(0) } else { ProgressBar::hidden() };
-        let style = ProgressStyle::with_template("{msg:34} {bar:30} {percent:>3} %")
-            .unwrap_or_else(|_| ProgressStyle::default_bar());
-        bar.set_style(style);
-        Self { bar, on_terminal, stage: None, seconds: BTreeMap::new() }
+        Self { bar: Stage::begin(""), begun: None, seconds: BTreeMap::new() }
     }
 
     /// Begins a stage; `name` is its key among the seconds, `what` what people read.
-    pub fn stage(&mut self, name: &'static str, what: &str) {
+    pub fn stage(&mut self, name: &'static str, what: &'static str) {
         self.end();
-        self.stage = Some((name, Instant::now()));
-        self.bar.set_length(0);
-        self.bar.set_position(0);
-        self.bar.set_message(what.to_owned());
-        self.bar.enable_steady_tick(Duration::from_millis(200));
-        if !self.on_terminal {
+        self.begun = Some(Begun { name, what, at: Instant::now() });
+        self.bar.next(what);
+        if !std::io::stderr().is_terminal() {
             eprintln!("{what} ...");
         }
     }
 
-    /// How much the stage has to do.
-    pub fn length(&self, length: u64) {
-        self.bar.set_length(length);
-    }
-
-    /// How much of it is done.
-    pub fn at(&self, position: u64) {
-        self.bar.set_position(position);
-    }
-
     /// Ends the last stage; seconds per stage.
-    pub fn finish(&mut self) -> BTreeMap<&'static str, f64> {
+    pub fn finish(mut self) -> BTreeMap<&'static str, f64> {
         self.end();
-        self.bar.finish_and_clear();
-        self.seconds.clone()
+        self.seconds
     }
 
     fn end(&mut self) {
-        if let Some((name, start)) = self.stage.take() {
-            let seconds = start.elapsed().as_secs_f64();
+        if let Some(Begun { name, what, at }) = self.begun.take() {
+            let seconds = at.elapsed().as_secs_f64();
             self.seconds.insert(name, seconds);
-            if self.on_terminal {
-                self.bar.println(format!("{} ({seconds:.1} s)", self.bar.message()));
-            }
+            self.bar.leave(format!("{what} ({seconds:.1} s)"));
         }
-    }
-}
-
-impl Drop for Progress {
-    fn drop(&mut self) {
-        // an error message must not stand beside half a bar
-        self.bar.finish_and_clear();
     }
 }

@@ -8,6 +8,7 @@ use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::hearing::silences;
 use crate::commands::compare::judge::{self, Given};
+use crate::commands::stage::Stage;
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::coverage::Coverage;
 use crate::record::Session;
@@ -35,7 +36,7 @@ pub fn compare(
     rig: &Rig,
     scene: &Scene,
     planned: &Coverage,
-    progress: &mut dyn FnMut(u64),
+    stage: &Stage,
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
     let (tilts, axes) = tilts(session, rig, &AxisZeros::default())?;
@@ -51,7 +52,7 @@ pub fn compare(
         replay = replay.with_surface(patches);
     }
     let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
-    let mut fed = feed::session(&seated, progress, &mut |taken| {
+    let mut fed = feed::session(&seated, stage, &mut |taken| {
         replay.set_model(taken.sensor, taken.model);
         if let Some(pitch_rad) = taken.pitch_rad {
             replay.set_pitch(taken.sensor, pitch_rad);
@@ -70,6 +71,7 @@ pub fn compare(
             revolution_ns: fed.revolution_ns,
             agree_within_m: gate.agree_within_m,
             faults: fed.faults,
+            stage,
         },
         &replayed,
     );

@@ -10,6 +10,7 @@ use anyhow::Context as _;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
 use sensors::velodyne::{Product, ReturnMode};
 
+use crate::commands::stage::Stage;
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::geometry::Pose;
 use crate::mock::sensor::{MockSensor, Surroundings};
@@ -24,7 +25,6 @@ use crate::simulate::scan::{self, Scanner};
 use crate::trajectory::Trajectory;
 
 use super::Fault;
-use super::progress::Progress;
 use super::tilt::Tilted;
 
 /// Columns per revolution of a mock Ouster.
@@ -60,12 +60,7 @@ pub struct Walked {
 }
 
 /// Walks and records into a new session. Whatever fails on the way, the session is closed and can be opened.
-pub fn record(
-    walk: &Walk<'_>,
-    tilted: Tilted,
-    session: &Path,
-    progress: &Progress,
-) -> anyhow::Result<Walked> {
+pub fn record(walk: &Walk<'_>, tilted: Tilted, session: &Path, stage: &Stage) -> anyhow::Result<Walked> {
     let here = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let listens: Vec<Listen> = walk
         .rig
@@ -87,7 +82,7 @@ pub fn record(
     writer.put_trajectory(walk.trajectory)?;
     let recording = Recording::start(receiver, writer)?;
     let sent: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(0)).collect();
-    let failure = walk_along(walk, tilted, &recording, devices, &sent, progress);
+    let failure = walk_along(walk, tilted, &recording, devices, &sent, stage);
     std::thread::sleep(DRAIN);
     if let Err(failure) = &failure {
         // the disk may be what failed; the manifest says so too
@@ -143,13 +138,13 @@ fn walk_along(
     recording: &Recording,
     devices: Vec<(MockSensor, SocketAddr)>,
     sent: &[AtomicU64],
-    progress: &Progress,
+    stage: &Stage,
 ) -> anyhow::Result<()> {
     let Tilted { device, servo, true_pitch_rad } = tilted;
     let mut device = Some(device);
     let reports = servo.reports();
     let [start_ns, end_ns] = walk.trajectory.time_span_ns();
-    progress.length(end_ns - start_ns);
+    stage.counts(end_ns - start_ns, 0);
     let at_ns: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(start_ns)).collect();
     let unplugged: Vec<AtomicBool> = devices.iter().map(|_| AtomicBool::new(false)).collect();
     let clock = Clock::new(Pace::Rate(walk.rate), Some(start_ns));
@@ -189,7 +184,7 @@ fn walk_along(
         let mut outcome = Ok(());
         while running.iter().any(|sensor| !sensor.is_finished()) {
             let farthest_ns = at_ns.iter().map(|at| at.load(Ordering::Relaxed)).max().unwrap_or(start_ns);
-            progress.at(farthest_ns - start_ns);
+            stage.at(farthest_ns - start_ns);
             if farthest_ns >= half_way_ns {
                 match walk.fault {
                     Some(Fault::CutCable) => drop(device.take()),

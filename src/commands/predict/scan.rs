@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
+use crate::commands::stage::Stage;
 use crate::commands::surface::{Covered, MAIN_RANK, Surface};
 use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
@@ -23,8 +24,13 @@ pub struct Scanned {
     pub covered: Option<Covered>,
 }
 
-/// Scans the whole way.
-pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> Scanned {
+/// Revolutions of all sensors on the whole way.
+pub fn revolutions(scanner: &Scanner<'_>) -> u64 {
+    (0..scanner.rig.sensors.len()).map(|sensor| turns(scanner, sensor).count() as u64).sum()
+}
+
+/// Scans the whole way; the stage is told of every revolution.
+pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>, stage: &Stage) -> Scanned {
     let sensors = scanner.rig.sensors.len();
     let sweeps: Vec<_> = (0..sensors).map(|sensor| scanner.sweep(sensor)).collect();
     let turns: Vec<_> = (0..sensors).flat_map(|sensor| turns(scanner, sensor)).collect();
@@ -46,6 +52,7 @@ pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) 
                             .for_each(|(completeness, adder)| completeness.add(adder, back.point_m));
                     }
                 });
+                stage.more(1);
             }
         });
         if is_worth_settling(round) {
@@ -113,6 +120,7 @@ pub fn baselines(
     grid: &VoxelGrid,
     surface: Option<&Surface>,
     scanned: &Scanned,
+    stage: &Stage,
 ) -> Baselines<Alone> {
     let sensors = &scanner.rig.sensors;
     let mounts: Vec<_> = sensors.iter().map(|sensor| sensor.mount).collect();
@@ -126,16 +134,22 @@ pub fn baselines(
     let of_rig = scanned.coverage.union_count() as i64;
     let alone = |mount: Mount| {
         let rig = rig_of(mount);
-        let seen = scan(&single(scanner, strongest, &rig), grid, surface);
+        let seen = scan(&single(scanner, strongest, &rig), grid, surface, stage);
         let unique_voxels = seen.coverage.union_count();
         let gain_voxels = of_rig - unique_voxels as i64;
         let seen = Alone { unique_voxels, gain_voxels, covered: seen.covered };
         Single::new(&sensors[strongest].model.name, &mount, seen)
     };
     let tilted = |pitch_deg: f64| Mount { pitch_rad: pitch_deg.to_radians(), ..level };
+    // of the search some revolutions, of what was found all, beside all of the level one
+    let all = turns(scanner, strongest).count() as u64;
+    let tried = all.div_ceil(step(scanner, strongest));
+    stage.counts(SCAN_PITCHES_DEG.len() as u64 * tried + 2 * all, 0);
     let (best_deg, pitch_search) = best_pitch(&SCAN_PITCHES_DEG, |pitch_deg| {
         let rig = rig_of(tilted(pitch_deg));
-        value_of_some(&single(scanner, strongest, &rig), grid, surface)
+        let value = value_of_some(&single(scanner, strongest, &rig), grid, surface);
+        stage.more(tried);
+        value
     });
     let level_single = alone(level);
     let mut best_single = if best_deg == 0.0 { level_single.clone() } else { alone(tilted(best_deg)) };
@@ -158,6 +172,11 @@ pub fn baselines(
     }
 }
 
+/// Which of a sensor's revolutions are cast in a search: as many whole ones as there are speak for it.
+fn step(scanner: &Scanner<'_>, sensor: usize) -> u64 {
+    search_step(scanner.columns(sensor) / u64::from(scanner.spins[sensor].columns))
+}
+
 /// The scanner with one sensor: no other housing is in its way, the wearer is.
 fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a> {
     let solids = scanner.occluders[sensor].iter();
@@ -168,10 +187,8 @@ fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a>
 /// What some revolutions of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
 fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> f64 {
     let turns: Vec<_> = turns(scanner, 0).map(|(_, columns)| columns).collect();
-    // as many whole revolutions as there are speak for the step
-    let step = search_step(scanner.columns(0) / u64::from(scanner.spins[0].columns));
     let sweep = scanner.sweep(0);
-    let chosen: Vec<_> = turns.into_iter().step_by(step as usize).collect();
+    let chosen: Vec<_> = turns.into_iter().step_by(step(scanner, 0) as usize).collect();
     if let Some(surface) = surface {
         let mut found = Completeness::new(&surface.samples, &THRESHOLDS_M[MAIN_RANK..=MAIN_RANK]);
         for (round, numbers) in rounds(chosen.len() as u64).iter().enumerate() {
