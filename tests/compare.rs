@@ -23,6 +23,12 @@ const ASKED: &str = "statistics of minutes: set OUTRIGGER_STATISTICS=1 (and OUTR
 pub const CASES: &[Case] = &[
     case("a_faithful_recording_matches", rig_faults::a_faithful_recording_matches),
     case("another_place_says_nothing_about_the_mounts", another_place_says_nothing_about_the_mounts),
+    case(
+        "a_scene_of_another_size_says_nothing_about_the_mounts",
+        a_scene_of_another_size_says_nothing_about_the_mounts,
+    ),
+    case("a_room_of_another_size_is_told_as_such", rig_faults::a_room_of_another_size_is_told_as_such),
+    case("a_match_says_what_it_cannot_tell", rig_faults::a_match_says_what_it_cannot_tell),
     case("a_tilted_sensor_is_found_and_corrected", rig_faults::a_tilted_sensor_is_found_and_corrected),
     case("a_rolled_or_shifted_sensor_is_named", rig_faults::a_rolled_or_shifted_sensor_is_named),
     case("errors_only_lower_coverage", rig_faults::errors_only_lower_coverage),
@@ -136,6 +142,19 @@ fn check_against(
     let rays = measured(&recorded, &walk, &said, &truth, bias_m);
     let field = calibrate::Field { scene: &scene, trajectory: &walk, sensors: &said, rays: &rays };
     calibrate::check(&field, &calibrate::Settings::default())
+}
+
+/// In a room that is a metre larger all round, ranges that are a metre too short fit, and with them some mount.
+fn a_scene_of_another_size_says_nothing_about_the_mounts() {
+    let BoxScene { min_m, max_m, .. } = room();
+    let larger = BoxScene::closed(min_m - DVec3::ONE, max_m + DVec3::ONE);
+    let found = check_against(&room(), &larger, "os1-64", 0.0, 0.0);
+    for (sensor, said) in found.mount.iter().zip(pair("os1-64")) {
+        assert!(sensor.is_of_another_scene && sensor.cannot_tell.is_some(), "{sensor:?}");
+        assert!(sensor.tilt_error_deg.is_none() && sensor.range_offset_mm.is_none(), "{sensor:?}");
+        assert_eq!(sensor.corrected, said.mount);
+    }
+    assert!(found.relative_tilt.is_none());
 }
 
 /// A recording of another place fits some mount as well as any; nothing is made of that.

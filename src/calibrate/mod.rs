@@ -112,6 +112,9 @@ pub struct SensorCheck {
     pub rays: u64,
     /// Why nothing can be said about the tilt here.
     pub cannot_tell: Option<String>,
+    /// Whether that is because the scene is another one, or of another size.
+    #[serde(skip)]
+    pub is_of_another_scene: bool,
     /// Mount with every observable correction; yaw, which a mount has not, left out.
     #[serde(skip)]
     pub corrected: Mount,
@@ -133,6 +136,7 @@ impl SensorCheck {
             range_offset_mm: None,
             rays: 0,
             cannot_tell: None,
+            is_of_another_scene: false,
             corrected: mount,
         }
     }
@@ -308,6 +312,7 @@ fn report(
         range_offset_mm: single(6, offset.range_m, 1e3),
         rays,
         cannot_tell,
+        is_of_another_scene: many && !(near && is_likely),
         corrected: if near && is_likely { offset.corrected(mount, &seen.is_told) } else { *mount },
     }
 }

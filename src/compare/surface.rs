@@ -34,6 +34,8 @@ pub struct Patches {
     observable: Vec<bool>,
     patch_of: Vec<u32>,
     centres_m: Vec<DVec3>,
+    /// Means of the observable points.
+    middles_m: Vec<DVec3>,
     /// Observable points.
     weights: Vec<u32>,
     index: HashMap<Key, u32>,
@@ -80,6 +82,7 @@ impl Patches {
     ) -> Self {
         let mut index = HashMap::new();
         let (mut centres_m, mut weights) = (Vec::new(), Vec::new());
+        let mut middles_m: Vec<DVec3> = Vec::new();
         let patch_of = points
             .iter()
             .zip(&observable)
@@ -88,14 +91,21 @@ impl Patches {
                 let patch = *index.entry(key).or_insert_with(|| {
                     let corner = DVec3::from(key.0.map(f64::from));
                     centres_m.push((corner + 0.5) * patch_m + CORNER_M);
+                    middles_m.push(DVec3::ZERO);
                     weights.push(0);
                     centres_m.len() as u32 - 1
                 });
-                weights[patch as usize] += u32::from(*seen);
+                if *seen {
+                    weights[patch as usize] += 1;
+                    middles_m[patch as usize] += *point_m;
+                }
                 patch
             })
             .collect();
-        Self { samples, observable, patch_of, centres_m, weights, index, patch_m }
+        for (middle_m, weight) in middles_m.iter_mut().zip(&weights) {
+            *middle_m /= f64::from((*weight).max(1));
+        }
+        Self { samples, observable, patch_of, centres_m, middles_m, weights, index, patch_m }
     }
 
     /// Number of patches, observable or not.
@@ -111,6 +121,11 @@ impl Patches {
     /// Middle of a patch's cell, m.
     pub fn centre_m(&self, patch: usize) -> DVec3 {
         self.centres_m[patch]
+    }
+
+    /// Middle of a patch's observable points, m: unlike that of its cell it lies on the surface, where this is flat.
+    pub fn middle_m(&self, patch: usize) -> DVec3 {
+        self.middles_m[patch]
     }
 
     /// Edge of a patch, m.
@@ -274,4 +289,24 @@ pub struct SurfaceCovered {
     pub recorded_patches: Vec<bool>,
     /// The same, by patch.
     pub placed_patches: Vec<bool>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_a_patch_lies_on_the_surface() {
+        let (low_m, high_m) = (DVec3::new(-2.0, -1.5, -1.5), DVec3::new(3.0, 2.0, 1.2));
+        let room = Scene::Box(BoxScene::closed(low_m, high_m));
+        let patches = Patches::of_scene(&room, 40_000, 1, &[DVec3::new(0.1, 0.2, 0.5)]).unwrap();
+        let mut told = 0;
+        for patch in (0..patches.len()).filter(|patch| patches.weight(*patch) > 0) {
+            let at_m = patches.middle_m(patch);
+            let off_m = (at_m - low_m).abs().min((at_m - high_m).abs()).min_element();
+            assert!(off_m < 1e-9, "{at_m}: {off_m} m off every wall");
+            told += 1;
+        }
+        assert!(told > 500, "{told}");
+    }
 }

@@ -41,7 +41,7 @@ pub struct Comparison {
 const PART_SHARE: f64 = 0.05;
 
 impl Comparison {
-    /// The verdict in one sentence, and how much of the recording it is about.
+    /// The verdict in one sentence, how much of the recording it is about, and what it leaves open.
     pub fn headline(&self) -> String {
         let (mut unplaced, mut all) = (0, 0);
         for RayReport { classes, .. } in self.rays.values() {
@@ -55,7 +55,19 @@ impl Comparison {
             }
             false => String::new(),
         };
-        format!("{}{part}", self.verdict.words())
+        format!("{}{part}{}", self.verdict.words(), self.untold())
+    }
+
+    /// What a match leaves open: coverage as promised does not promise tilts.
+    fn untold(&self) -> String {
+        let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());
+        let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();
+        match names[..] {
+            [_, ..] if self.verdict == Verdict::Matches => {
+                format!("; the tilt of {} cannot be told", names.join(" and "))
+            }
+            _ => String::new(),
+        }
     }
 }
 

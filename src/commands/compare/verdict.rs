@@ -1,5 +1,9 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
 use super::comparison::{Comparison, Verdict};
 use super::seats::{off, off_in_range, off_its_seat};
 use crate::chart::number;
@@ -59,16 +63,24 @@ pub fn words(
         }
     }
     words.extend(comparison.mount.iter().filter_map(off_in_range));
+    // what ends elsewhere in another scene says nothing about people, glass or dark surfaces
+    let is_misread = comparison.faults.iter().any(|fault| fault.explained_share.is_some());
+    let is_another = !is_misread && comparison.mount.iter().any(|check| check.is_of_another_scene);
     for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
         let mut checks = comparison.mount.iter().filter(|check| check.sensor == sensor.name);
-        let is_off = checks.any(|check| !off_its_seat(check).is_empty());
-        words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice(), is_off));
-        words.extend(missing_returns(&sensor.name, &breakdown.total(), cell_m));
+        let cause = match is_another {
+            true => Some(ANOTHER_SCENE),
+            false => checks.any(|check| !off_its_seat(check).is_empty()).then_some(ANOTHER_SEAT),
+        };
+        words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice(), cause));
+        if !is_another {
+            words.extend(missing_returns(&sensor.name, &breakdown.total(), cell_m));
+        }
     }
     if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
         words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
     }
-    if comparison.faults.is_empty() && off(comparison).is_empty() {
+    if comparison.faults.is_empty() && off(comparison).is_empty() && !is_another {
         words.extend(comparison.conflicts.iter().flat_map(contradictions));
     }
     words
@@ -113,8 +125,13 @@ fn missing_returns(name: &str, total: &RayClasses, cell_m: Option<f64>) -> Optio
     })
 }
 
-/// What one sensor's rays hint at; where its mount is off, that is the likeliest cause of all that ends elsewhere.
-fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -> Vec<String> {
+/// Likeliest causes of all that ends elsewhere, where they are known.
+const ANOTHER_SEAT: &str = "it sits otherwise than said; compare again with the mount that --corrected-mount writes (of a \
+                            sensor whose axis measures: with --axis-zero)";
+const ANOTHER_SCENE: &str = "the scene is of another size, or another place";
+
+/// What one sensor's rays hint at; where the likeliest cause of all that ends elsewhere is known, no other is named.
+fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], cause: Option<&str>) -> Vec<String> {
     let all = total.informative();
     let mut words = Vec::new();
     let share = 100.0 * total.unplaced as f64 / (all + total.nothing + total.unplaced).max(1) as f64;
@@ -127,15 +144,14 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], is_off: bool) -
         return words;
     }
     let percent = |count: u64| 100.0 * count as f64 / all as f64;
-    if !is_off {
-        words.extend(ends_elsewhere(name, total, strip));
-    } else if percent(total.short + total.long) > 2.0 {
-        words.push(format!(
-            "{name}: {:.1} % of the rays end early and {:.1} % late: most likely because it sits otherwise than said; compare \
-             again with the mount that --corrected-mount writes (of a sensor whose axis measures: with --axis-zero)",
+    match cause {
+        None => words.extend(ends_elsewhere(name, total, strip)),
+        Some(cause) if percent(total.short + total.long) > 2.0 => words.push(format!(
+            "{name}: {:.1} % of the rays end early and {:.1} % late: most likely because {cause}",
             percent(total.short),
             percent(total.long)
-        ));
+        )),
+        Some(_) => {}
     }
     if percent(total.extra) > 2.0 {
         words.push(format!(
@@ -199,9 +215,27 @@ fn sector_words(sectors: &[bool; SECTORS]) -> String {
 /// Edge of a place that is worth naming, m.
 const PLACE_M: f64 = 2.0;
 
+/// Where something is missing.
+#[derive(Default)]
+struct Place {
+    weight: u64,
+    patches: Vec<usize>,
+}
+
+impl Place {
+    /// The middle of the missing patch that lies most in the middle of all: their mean may lie off every surface.
+    fn middle_m(&self, patches: &Patches) -> DVec3 {
+        let weighted = |patch: &usize| f64::from(patches.weight(*patch)) * patches.middle_m(*patch);
+        let mean_m = self.patches.iter().map(weighted).sum::<DVec3>() / self.weight.max(1) as f64;
+        let middles_m = self.patches.iter().map(|patch| patches.middle_m(*patch));
+        let nearest = middles_m.min_by(|a, b| a.distance(mean_m).total_cmp(&b.distance(mean_m)));
+        nearest.unwrap_or(mean_m)
+    }
+}
+
 /// The places where most is missing.
 fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<String> {
-    let mut places: std::collections::BTreeMap<[i64; 3], (u64, glam::DVec3)> = Default::default();
+    let mut places: BTreeMap<[i64; 3], Place> = Default::default();
     let (mut all, mut missed) = (0, 0);
     for patch in (0..patches.len()).filter(|patch| predicted[*patch] && patches.weight(*patch) > 0) {
         let weight = u64::from(patches.weight(patch));
@@ -210,25 +244,24 @@ fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<Stri
             continue;
         }
         missed += weight;
-        let centre_m = patches.centre_m(patch);
-        let at = (centre_m / PLACE_M).floor();
+        let at = (patches.middle_m(patch) / PLACE_M).floor();
         let place = places.entry([at.x as i64, at.y as i64, at.z as i64]).or_default();
-        place.0 += weight;
-        place.1 += weight as f64 * centre_m;
+        place.weight += weight;
+        place.patches.push(patch);
     }
     if all == 0 || missed == 0 {
         return Vec::new();
     }
-    let mut places: Vec<(u64, glam::DVec3)> = places.into_values().collect();
-    places.sort_by_key(|place| std::cmp::Reverse(place.0));
+    let mut places: Vec<Place> = places.into_values().collect();
+    places.sort_by_key(|place| std::cmp::Reverse(place.weight));
     let named: Vec<String> = places
         .iter()
         .take(3)
-        .map(|(weight, sum)| {
-            let at = *sum / *weight as f64;
+        .map(|place| {
+            let at = place.middle_m(patches);
             format!(
                 "{:.0} % near ({:.1}, {:.1}, {:.1}) m",
-                100.0 * *weight as f64 / missed as f64,
+                100.0 * place.weight as f64 / missed as f64,
                 at.x,
                 at.y,
                 at.z
