@@ -121,6 +121,16 @@ fn as_glb() -> Vec<u8> {
     bytes
 }
 
+/// A binary file has no lines: where it ends is said in bytes, and within which elements.
+#[test]
+fn a_cut_binary_ply_is_named_by_its_byte() {
+    let whole = as_ply("binary_little_endian", false);
+    let cut = &whole[..whole.len() - 5];
+    let said = ply::read(cut).unwrap_err().to_string();
+    assert!(said.starts_with(&format!("byte {}: element face of 12: ", cut.len())), "{said}");
+    assert!(said.contains("got 11") && !said.to_lowercase().contains("line"), "{said}");
+}
+
 type Read = fn(&[u8]) -> Result<Soup, Fault>;
 
 fn every_format() -> Vec<(&'static str, Vec<u8>, Read)> {
