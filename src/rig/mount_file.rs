@@ -249,6 +249,13 @@ impl MountFile {
                 ("found_with.least_distance_m", found.least_distance_m),
             ];
             prices.chain(others).try_for_each(|(field, value)| finite(field, value))?;
+            let presets = self.preset.as_ref().map_or(found.lambda.len(), |names| names.split(',').count());
+            if found.lambda.len() != presets {
+                return Err(format!(
+                    "found_with.lambda holds {} prices, expected one for each of the {presets} presets",
+                    found.lambda.len()
+                ));
+            }
         }
         self.objective.map_or(Ok(()), |value| finite("objective", value))
     }

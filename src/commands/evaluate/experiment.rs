@@ -2,12 +2,12 @@
 
 use std::str::FromStr;
 
-use anyhow::bail;
-
+use super::found::{are_same_presets, prices};
 use super::prices::Prices;
+use crate::commands::wrong_usage;
 use crate::objective::{Objective, Weights};
 use crate::rig::MountFile;
-use crate::simulate::published::{Experiment, Path, Phase, Preset, Roll, Simulator};
+use crate::simulate::published::{Experiment, ExperimentError, Path, Phase, Preset, Roll, Simulator};
 
 /// A published experiment and what may be changed about it.
 #[derive(clap::Args, Debug, Clone)]
@@ -94,15 +94,13 @@ impl ExperimentArgs {
 
     /// What is not said here as the score in a mount file was made; a mount found in another experiment than that which is
     /// asked for says nothing.
-    pub fn or_as_found(&self, file: &MountFile) -> Self {
+    fn or_as_found(&self, file: &MountFile) -> Self {
         let asked = self.clone();
         let (Some(found), Some(names)) = (&file.found_with, &file.preset) else { return asked };
-        if !self.preset.is_empty() && self.preset.join(",") != *names {
+        if !self.preset.is_empty() && !are_same_presets(&self.preset.join(","), names) {
             return asked;
         }
-        let models =
-            names.split(',').filter_map(|name| Some(Preset::named(name.trim()).ok()?.model.to_owned()));
-        let prices = Prices::ByModel(models.zip(found.lambda.iter().copied()).collect());
+        let prices = Prices::ByModel(prices(names, &found.lambda));
         Self {
             path: self.path.or(Some(match found.path {
                 Path::Lateral => PathArg::Lateral,
@@ -123,15 +121,31 @@ impl ExperimentArgs {
         }
     }
 
-    /// The objective that was asked for; `otherwise` names presets (with commas) where none are given, `roll` is the
-    /// rule where none is given.
-    pub fn objective(&self, otherwise: Option<&str>, roll: Roll) -> anyhow::Result<Objective> {
+    /// The objective that was asked for; `roll` is the rule where none is given.
+    pub fn objective(&self, roll: Roll) -> anyhow::Result<Objective> {
+        self.made(None, roll).map_err(refused)
+    }
+
+    /// The same for the sensors of a mount file, which says what is not said here.
+    pub fn objective_for(&self, file: &MountFile, path: &std::path::Path) -> anyhow::Result<Objective> {
+        let is_silent = self.preset.is_empty()
+            && self.voxel.is_none()
+            && self.azimuths.is_none()
+            && self.sub_poses.is_none();
+        self.or_as_found(file).made(file.preset.as_deref(), Roll::Free).map_err(|error| match is_silent {
+            true => error.context(format!("mount file {}", path.display())),
+            false => refused(error),
+        })
+    }
+
+    /// `otherwise` names presets (with commas) where none are given.
+    fn made(&self, otherwise: Option<&str>, roll: Roll) -> anyhow::Result<Objective> {
         let given = self.preset.iter().map(String::as_str);
         let otherwise = otherwise.filter(|_| self.preset.is_empty());
         let names = given.chain(otherwise.iter().flat_map(|names| names.split(',')));
         let presets = names.map(|name| Preset::named(name.trim())).collect::<Result<Vec<_>, _>>()?;
         let Some(preset) = presets.first() else {
-            bail!("which experiment? Give --preset, one of {}", Preset::names());
+            refuse!("which experiment? Give --preset, one of {}", Preset::names());
         };
         let experiment = Experiment {
             path: match self.path {
@@ -151,21 +165,29 @@ impl ExperimentArgs {
         };
         let least_distance_m = self.least_distance.unwrap_or(0.0);
         if !(least_distance_m.is_finite() && least_distance_m >= 0.0) {
-            bail!("--least-distance {least_distance_m}, expected a finite number of at least 0");
+            refuse!("--least-distance {least_distance_m}, expected a finite number of at least 0");
         }
         let prices = self.lambda.clone().unwrap_or_default().of(&experiment)?;
         let registration = self.registration_weight.unwrap_or(0.0);
         if !(registration.is_finite() && registration >= 0.0) {
-            bail!("--registration-weight {registration}, expected a number of at least 0");
+            refuse!("--registration-weight {registration}, expected a number of at least 0");
         }
         let least_conditioning = self.min_conditioning.unwrap_or(0.0);
         if !(0.0..1.0 / 3.0).contains(&least_conditioning) {
-            bail!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3");
+            refuse!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3");
         }
         let weights =
             Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
         let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;
         Ok(objective.with_prices(prices))
+    }
+}
+
+/// What cannot be simulated was asked for.
+fn refused(error: anyhow::Error) -> anyhow::Error {
+    match error.downcast::<ExperimentError>() {
+        Ok(error) => wrong_usage(error),
+        Err(error) => error,
     }
 }
 

@@ -2,8 +2,6 @@
 
 use std::str::FromStr;
 
-use anyhow::bail;
-
 use crate::simulate::published::{Experiment, Placement};
 
 /// Masters as typed, with the model of each where it was named.
@@ -38,7 +36,7 @@ impl Masters {
     /// The masters where the sensors are said elsewhere; none may name a model.
     pub fn without_models(&self) -> anyhow::Result<Vec<Placement>> {
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| match model {
-            Some(model) => bail!("master {}: model {model} is not said here", index + 1),
+            Some(model) => refuse!("master {}: model {model} is not said here", index + 1),
             None => Ok(*placement),
         };
         self.0.iter().enumerate().map(placed).collect()
@@ -52,7 +50,7 @@ impl Masters {
             match (model.as_ref().map(known), &models[..]) {
                 (None, [_]) => Ok(*placement),
                 (Some(Some(sensor_type)), _) => Ok(Placement { sensor_type, ..*placement }),
-                _ => bail!(
+                _ => refuse!(
                     "master {}: end it with the model of its sensor, one of {} (x,y,z,pitch_deg,roll_deg,model)",
                     index + 1,
                     models.join(", ")

@@ -3,17 +3,19 @@
 mod beside;
 mod experiment;
 mod fidelity;
+mod found;
 mod masters;
 mod page;
 mod prices;
 
 pub use experiment::ExperimentArgs;
+pub use found::found_with;
 pub use masters::Masters;
 
 use std::path::{Path as FilePath, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, anyhow};
 use serde::Serialize;
 
 use self::beside::{Alone, Rescored};
@@ -131,16 +133,14 @@ struct Document<'a> {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let Asked { objective, sensors, stated } = match (&args.mount, &args.masters) {
+    check(args, context)?;
+    let Asked { objective, sensors, stated, apart } = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
-        (None, None) => bail!("give --mount or --masters"),
+        (None, None) => refuse!("give --mount or --masters"),
     };
-    if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
-        bail!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
-    }
     output::check_places([&args.report])?;
-    let asked = args.fidelity.unwrap_or(FidelityArg::for_scene(args.experiment.is_new_scene()));
+    let asked = fidelity_asked(args);
     let simulator = objective.simulator();
     let start = Instant::now();
     let seen = simulator.see(&sensors)?;
@@ -182,12 +182,33 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
-        output::say_notice(&format!(
-            "the mount file says J {stated:.2}: that was of other settings than these (--path, --voxel, --azimuths, --sub-poses, \
-             --phase, --lambda, ...; none need be given where the file has found_with), or of sensors that were changed since"
-        ));
+        output::say_notice(&format!("the mount file says J {stated:.2}, {apart}"));
     }
     Ok(Outcome::Done)
+}
+
+/// Refuses what cannot be meant, or has nothing to be about.
+fn check(args: &Args, context: Context) -> anyhow::Result<()> {
+    if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
+        refuse!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
+    }
+    if args.rescore == 0 {
+        context.ensure_not_typed(&["divergence", "seed"], "is about --rescore, which is not asked for")?;
+    }
+    if args.mount.is_some() {
+        context.ensure_not_typed(
+            &["no_mirror"],
+            "is about --masters: a mount file lists every sensor, mirrored ones too",
+        )?;
+    }
+    if fidelity_asked(args) == FidelityArg::Given {
+        context.ensure_not_typed(&["tolerance"], "is about --fidelity auto, which is not asked for")?;
+    }
+    Ok(())
+}
+
+fn fidelity_asked(args: &Args) -> FidelityArg {
+    args.fidelity.unwrap_or(FidelityArg::for_scene(args.experiment.is_new_scene()))
 }
 
 /// What to score.
@@ -196,10 +217,12 @@ struct Asked {
     sensors: Vec<Placement>,
     /// The score that the mount file states.
     stated: Option<f64>,
+    /// Why that may be another one than is found here.
+    apart: String,
 }
 
 fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
-    let objective = args.experiment.objective(None, Roll::Fixed(0.0))?;
+    let objective = args.experiment.objective(Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
     let masters = &masters.of(experiment)?;
     if experiment.replaces_a_roll(masters) {
@@ -208,12 +231,12 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
         );
     }
     let sensors = experiment.sensors(masters);
-    Ok(Asked { objective, sensors, stated: None })
+    Ok(Asked { objective, sensors, stated: None, apart: String::new() })
 }
 
 fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
     let file = MountFile::read(path)?;
-    let objective = args.experiment.or_as_found(&file).objective(file.preset.as_deref(), Roll::Free)?;
+    let objective = args.experiment.objective_for(&file, path)?;
     let experiment = objective.simulator().experiment();
     let type_of = |sensor: &SensorEntry| {
         let mut models = experiment.types().map(|preset| preset.model);
@@ -244,12 +267,24 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
             Ok(Placement { sensor_type: type_of(s)?, ..placed })
         })
         .collect::<anyhow::Result<_>>()?;
-    if experiment.replaces_a_roll(&listed) {
+    let is_rolled_otherwise = experiment.replaces_a_roll(&listed);
+    if is_rolled_otherwise {
         output::say_notice("the roll in the mount file is replaced, as --roll says");
     }
     let as_listed = Experiment { mirror: false, ..*experiment };
     let sensors = as_listed.sensors(&listed);
-    Ok(Asked { objective, sensors, stated: file.objective })
+    let mut differences = found::differences(&file, &objective);
+    differences.extend(is_rolled_otherwise.then(|| "the rolls in it (here replaced)".to_owned()));
+    let apart = match (differences.is_empty(), &file.found_with) {
+        (false, _) => format!("found with {}", differences.join(", ")),
+        (true, Some(_)) => "and was found with the settings of here: its sensors were changed since".into(),
+        (true, None) => {
+            "and not with which --path, --voxel, --azimuths, --sub-poses, --phase, --lambda ... that was \
+                         found: they were others than here, or its sensors were changed since"
+                .into()
+        }
+    };
+    Ok(Asked { objective, sensors, stated: file.objective, apart })
 }
 
 fn summary(document: &Document) -> String {

@@ -2,8 +2,6 @@
 
 use std::str::FromStr;
 
-use anyhow::bail;
-
 use crate::objective::Weights;
 use crate::simulate::published::Experiment;
 
@@ -64,11 +62,11 @@ impl Prices {
             Self::ByModel(prices) => prices,
         };
         if let Some((model, _)) = prices.iter().find(|(model, _)| !models.contains(&model.as_str())) {
-            bail!("--lambda has a price for {model}, but the rig's sensors are {}", models.join(", "));
+            refuse!("--lambda has a price for {model}, but the rig's sensors are {}", models.join(", "));
         }
         let price = |model: &&str| match prices.iter().find(|(priced, _)| priced == model) {
             Some((_, price)) => Ok(*price),
-            None => bail!("--lambda has no price for {model}: give one for each of {}", models.join(", ")),
+            None => refuse!("--lambda has no price for {model}: give one for each of {}", models.join(", ")),
         };
         models.iter().map(price).collect()
     }

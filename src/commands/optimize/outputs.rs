@@ -6,12 +6,12 @@ use anyhow::Context as _;
 
 use super::{Document, summary};
 use crate::chart::{LineChart, Series, number};
+use crate::commands::evaluate::found_with;
 use crate::commands::figures;
 use crate::files;
-use crate::objective::Objective;
 use crate::optimize::MountProblem;
 use crate::report::Report;
-use crate::rig::{FoundWith, MountFile, SensorEntry};
+use crate::rig::{MountFile, SensorEntry};
 use crate::simulate::published::Placement;
 
 /// The mount file of these masters.
@@ -36,22 +36,6 @@ pub fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64)
     file.objective = Some(objective);
     file.found_with = Some(Box::new(found_with(problem.objective())));
     file
-}
-
-/// What a score by this objective rests on.
-pub fn found_with(objective: &Objective) -> FoundWith {
-    let experiment = objective.simulator().experiment();
-    FoundWith {
-        path: experiment.path,
-        voxel_m: experiment.voxel_m,
-        azimuths: experiment.azimuths,
-        sub_poses: experiment.sub_poses,
-        phase: experiment.phase,
-        lambda: objective.prices().to_vec(),
-        registration_weight: objective.weights().registration,
-        least_conditioning: objective.weights().least_conditioning,
-        least_distance_m: objective.least_distance_m(),
-    }
 }
 
 /// `master` and `mirrored`, numbered where there are several.

@@ -113,6 +113,14 @@ impl Path {
 }
 
 impl Phase {
+    /// As flags and files call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Locked => "locked",
+            Self::Free => "free",
+        }
+    }
+
     /// How far the pattern has turned at a pose, counted from 0, in steps from azimuth to azimuth; `shift` is where a free
     /// one starts.
     pub fn turn(self, pose: u64, shift: f64) -> f64 {
