@@ -35,6 +35,12 @@ pub fn check_place(path: &Path) -> io::Result<()> {
     temporary_beside(path).map(drop)
 }
 
+/// Looks whether files could be put into a folder, which is made when there is something to put there.
+pub fn check_folder(folder: &Path) -> io::Result<()> {
+    let nearest = folder.ancestors().find(|at| at.exists()).unwrap_or(Path::new("."));
+    temporary_beside(&nearest.join("file")).map(drop)
+}
+
 /// Puts a file under its name whole or not at all, and on the disk.
 pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = temporary_beside(path)?;

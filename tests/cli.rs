@@ -32,6 +32,27 @@ fn wrong_usage_is_exit_code_2() {
         &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5"],
         &["optimize", "--preset", "paper-os1-64", "--pitch-limits", "30,10"],
         &["decode"],
+        // what has no use, and what does not fit together: told before a file is read
+        &["predict", "--mount", "none", "--trajectory", "none", "--room=0,0,0,1,1,1", "--map-voxel", "0.2"],
+        &["predict", "--mount", "none", "--trajectory", "none", "--room=0,0,0,1,1,1", "--up", "y"],
+        &["compare", "none", "--room=0,0,0,1,1,1", "--map-hits", "3"],
+        &["compare", "none", "--map-frames", "0..2", "--mesh-unit", "mm"],
+        &["compare", "none", "--room=0,0,0,1,1,1", "--trajectory", "still", "--rate", "10"],
+        &["compare", "none", "--room=0,0,0,1,1,1", "--odometry-voxel", "1"],
+        &["compare", "none", "--room=0,0,0,1,1,1", "--trajectory", "odometry"],
+        &["compare", "none", "--room=0,0,0,1,1,1", "--voxel", "0"],
+        &["boresight", "none", "--trajectory", "still", "--odometry-voxel", "1"],
+        &["boresight", "none", "--pose-sd", "0"],
+        &["evaluate", "--masters", "0,0,0,5,0"],
+        &["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,5,0"],
+        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--voxel", "0.3"],
+        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--divergence", "1"],
+        &["evaluate", "--mount", "none", "--no-mirror"],
+        &["optimize", "--preset", "paper-os1-64", "--lambda", "vlp-16=1"],
+        &["study", "unheard-of"],
+        &["study", "joint"],
+        &["study", "run", "published", "--seeds", "3"],
+        &["study", "published", "--shards", "3"],
     ] {
         let output = outrigger(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr(&output));
@@ -136,7 +157,6 @@ fn a_missing_or_wrong_file_is_named() {
         (&["inspect", "src"], "src: a folder without manifest.json; expected a capture file, or a session"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
         (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
-        (&["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,0,0"], "paper-os1-64"),
         // before the search, not after it
         (&["optimize", "--evals", "100000", "--out", "no-such/m.json"], "cannot write no-such/m.json"),
         (&["optimize", "--evals", "100000", "--report", "src"], "cannot write src: it is a folder"),

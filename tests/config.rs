@@ -240,8 +240,10 @@ fn the_doctor_holds_the_file_against_what_comes() {
     );
     let bad = |from: &str, to: &str| {
         let path = file(folder.path(), &rig.replace(from, to));
-        let output =
-            outrigger(&["doctor", "--json", "--listen-for", "1", "--config", path.to_str().unwrap(), "--out", &at("")], &[]);
+        let output = outrigger(
+            &["doctor", "--json", "--listen-for", "1", "--config", path.to_str().unwrap(), "--out", &at("")],
+            &[],
+        );
         let document = json(&output);
         let checks = document["checks"].as_array().unwrap();
         // how fast this machine's disk is, or what its kernel grants, is not what is looked at

@@ -61,6 +61,9 @@ struct Document {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error()?;
+    if args.trajectory.as_ref().is_some_and(|way| way.as_os_str() != "odometry") {
+        OdometryArgs::ensure_not_typed(context)?;
+    }
     let recorded = Recorded::open(&args.recorded)?;
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = recorded.notices.clone();

@@ -88,14 +88,14 @@ enum LogFormat {
 }
 
 /// Whether a rig.toml's [daemon] can be read, and what it names of the place.
-pub(super) fn check(config: &Config) -> anyhow::Result<()> {
+pub(super) fn check(config: &Config, context: super::Context) -> anyhow::Result<()> {
     let args: Args = section(config, &["daemon"], |verb| match verb {
         Verb::Daemon(args) => Some(args),
         _ => None,
     })?;
     #[cfg(feature = "daemon")]
-    surroundings::place(&args.place, &super::rig::axes_of(config)?)?;
-    drop(args);
+    surroundings::place(&args.place, &super::rig::axes_of(config)?, context)?;
+    drop((args, context));
     Ok(())
 }
 

@@ -88,7 +88,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         args.listen_for
     );
     let mut checks = vec![processors(), governor(), clock()];
-    let named = context.config.map(named::look).unwrap_or_default();
+    let named = context.config.map(|config| named::look(config, context)).unwrap_or_default();
     checks.extend(named.checks);
     let heard = hearing::look(args, context.config, &named.metadata);
     checks.extend(heard.checks);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, bail};
 use glam::DVec3;
 use serde::Serialize;
 
@@ -59,11 +59,6 @@ pub struct ReadMesh {
 }
 
 impl MeshArgs {
-    /// Whether anything was stated.
-    pub fn is_stated(&self) -> bool {
-        self.mesh_unit.is_some() || self.up.is_some()
-    }
-
     /// Reads a mesh; what nobody stated and the format does not say is taken as metres, z up.
     pub fn read(&self, path: &Path) -> anyhow::Result<ReadMesh> {
         let unit = self.mesh_unit.map(|unit| match unit {
@@ -218,7 +213,9 @@ impl PoseErrorArgs {
             ("--attitude-sd", self.attitude_sd),
             ("--pose-memory", self.pose_memory),
         ] {
-            ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+            if !(value.is_finite() && value > 0.0) {
+                refuse!("{name} {value}, expected above 0");
+            }
         }
         Ok(PoseError {
             position_sd_m: self.pose_sd,

@@ -10,6 +10,13 @@ use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser
 
 use crate::config::Config;
 
+/// Ends a verb whose command line cannot be meant, in words as for `format!`: exit code 2.
+macro_rules! refuse {
+    ($($words:tt)*) => {
+        return Err($crate::commands::wrong_usage(format!($($words)*)))
+    };
+}
+
 mod baselines;
 mod boresight;
 mod compare;
@@ -135,6 +142,14 @@ impl Context {
             matches.try_contains_id(argument).is_ok()
                 && matches.value_source(argument) == Some(ValueSource::CommandLine)
         })
+    }
+
+    /// Refuses arguments (named as their fields are) that were typed and are of no use: `why` goes on after their flag.
+    pub fn ensure_not_typed(&self, arguments: &[&str], why: impl std::fmt::Display) -> anyhow::Result<()> {
+        if let Some(argument) = arguments.iter().find(|argument| self.is_typed(argument)) {
+            refuse!("--{} {why}", argument.replace('_', "-"));
+        }
+        Ok(())
     }
 }
 

@@ -45,25 +45,36 @@ pub struct Args {
 #[derive(clap::Args, Debug)]
 pub struct OdometryArgs {
     /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
-    #[arg(long = "odometry-voxel", value_name = "M")]
+    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M")]
     voxel_m: Option<f64>,
     /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
-    #[arg(long = "odometry-min-range", value_name = "M", default_value_t = 0.5)]
+    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5)]
     nearest_m: f64,
     /// Returns farther than this are not used by odometry.
-    #[arg(long = "odometry-max-range", value_name = "M", default_value_t = 100.0)]
+    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0)]
     farthest_m: f64,
 }
 
 impl OdometryArgs {
+    /// Refuses what was typed about odometry where the way is not found by it.
+    pub fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
+        context.ensure_not_typed(
+            &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
+            "is about --trajectory odometry, which is not asked for",
+        )
+    }
+
     fn check(&self) -> anyhow::Result<()> {
         for (name, value) in
             [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
         {
-            ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+            if !(value.is_finite() && value > 0.0) {
+                refuse!("{name} {value}, expected above 0");
+            }
         }
-        let is_below = (0.0..self.farthest_m).contains(&self.nearest_m);
-        ensure!(is_below, "--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
+        if !(0.0..self.farthest_m).contains(&self.nearest_m) {
+            refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
+        }
         Ok(())
     }
 }

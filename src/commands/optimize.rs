@@ -9,7 +9,6 @@ mod refine;
 mod state;
 mod summary;
 
-use std::io::IsTerminal as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -108,7 +107,7 @@ struct Best {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::check_places([&args.out, &args.export_published, &args.csv, &args.report, &args.resume])?;
-    let given = args.experiment.objective(None, Roll::Fixed(0.0))?;
+    let given = args.experiment.objective(Roll::Fixed(0.0))?;
     refuse_mixed(args, given.simulator().experiment())?;
     let finer = refine::Finer::asked(args, &given)?;
     let problem = problem(args, context, finer.as_ref().map_or(&given, |finer| finer.objective()).clone())?;
@@ -120,16 +119,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         };
     let looks_again = final_look::is_wanted(args, search.kind(), finer.is_some())?;
     if context.is_typed("tolerance") && args.robust.is_none() && !looks_again {
-        return Err(wrong_usage("--tolerance is about --robust and --final-look, and neither is asked for"));
+        refuse!("--tolerance is about --robust and --final-look, and neither is asked for");
     }
     if context.is_typed("regret") && finer.is_none() {
-        return Err(wrong_usage("--regret is about --fidelity auto, which is not asked for"));
+        refuse!("--regret is about --fidelity auto, which is not asked for");
     }
     refuse_unused(context, search.kind())?;
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
     let stop = signals::stop_flag()?;
-    let bar = progress_bar(budget);
-    bar.set_position(search.evaluations() as u64);
+    let bar = Stage::begin("searching");
+    bar.counts(budget as u64, search.evaluations() as u64);
     let start = Instant::now();
     let mut saved = Instant::now();
     let mut save_error = None;
@@ -145,13 +144,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             Ok::<_, ExperimentError>(measured)
         },
         |search| {
-            if args.max_rays.is_some_and(|most| search.rays() >= most) {
+            let are_spent = args.max_rays.is_some_and(|most| search.rays() >= most);
+            if are_spent && !stop.load(Ordering::Relaxed) {
                 are_rays_spent.store(true, Ordering::Relaxed);
                 stop.store(true, Ordering::Relaxed);
             }
-            bar.set_position(search.evaluations() as u64);
+            bar.at(search.evaluations() as u64);
             if let Some(best) = search.best() {
-                bar.set_message(format!("J {:.1}", best.score));
+                bar.say(format!("evaluation {} of {budget}, J {:.1}", search.evaluations(), best.score));
             }
             if let Some(path) = &args.resume
                 && save_error.is_none()
@@ -164,18 +164,20 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         &stop,
     )?;
     let wall_s = start.elapsed().as_secs_f64();
+    let are_rays_spent = are_rays_spent.into_inner();
+    if are_rays_spent {
+        // by itself, not by the user: the looks that follow are not to end
+        stop.store(false, Ordering::Relaxed);
+    }
     let stopped_by = match stopped_by {
-        StoppedBy::Interrupted if are_rays_spent.into_inner() => StoppedBy::Rays,
+        StoppedBy::Interrupted if are_rays_spent => StoppedBy::Rays,
         other => other,
     };
-    bar.finish_and_clear();
+    drop(bar);
     if let Some(path) = &args.resume {
         save_error.map_or_else(|| state::write(path, &question, &search), Err)?;
     }
     let Some(best) = search.best() else { bail!("stopped before the first evaluation: no mount was scored") };
-    if stopped_by == StoppedBy::Rays {
-        stop.store(false, Ordering::Relaxed);
-    }
     let start = Instant::now();
     let stage = args.certify.map(|_| Stage::begin("bounding what any mount could score"));
     let certificate =
@@ -222,10 +224,10 @@ fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
     let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
     let models = models.join(" and ");
     if args.certify.is_some() {
-        bail!("--certify bounds rigs of one sensor type, and {models} may be mixed: give one --preset");
+        refuse!("--certify bounds rigs of one sensor type, and {models} may be mixed: give one --preset");
     }
     if args.export_published.is_some() {
-        bail!(
+        refuse!(
             "--export-published: the published layout has one sensor type, and {models} may be mixed: give one --preset"
         );
     }
@@ -244,12 +246,12 @@ fn refuse_unused(context: Context, kind: Kind) -> anyhow::Result<()> {
         if context.is_typed(argument) && !uses(kind) {
             let users: Vec<_> =
                 Kind::ALL.iter().filter(|kind| uses(**kind)).map(|kind| kind.name()).collect();
-            return Err(wrong_usage(format!(
+            refuse!(
                 "--{} is about --method {}: {} has no use for it",
                 argument.replace('_', "-"),
                 users.join(", "),
                 kind.name()
-            )));
+            );
         }
     }
     Ok(())
@@ -259,13 +261,13 @@ fn refuse_unused(context: Context, kind: Kind) -> anyhow::Result<()> {
 fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
     let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
     if args.masters_min > args.masters_max {
-        bail!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
+        refuse!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
     }
     if args.certify.is_some() && args.masters_min > 1 {
-        bail!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
+        refuse!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
     }
     if context.is_typed("roll_limits") && search.fixed_roll_deg.is_some() {
-        return Err(wrong_usage("--roll-limits is about a free roll, and it is fixed here: add --roll free"));
+        refuse!("--roll-limits is about a free roll, and it is fixed here: add --roll free");
     }
     search.masters_min = args.masters_min;
     search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
@@ -275,13 +277,21 @@ fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Resul
     }
     if let Some(step_deg) = args.tilt_step {
         if !(step_deg.is_finite() && step_deg > 0.0) {
-            bail!("--tilt-step {step_deg}, expected above 0");
+            refuse!("--tilt-step {step_deg}, expected above 0");
         }
-        for (name, Range(low, high)) in
-            [("--pitch-limits", args.pitch_limits), ("--roll-limits", args.roll_limits)]
-        {
-            if (low / step_deg).ceil() > (high / step_deg).floor() {
-                bail!("{name}: no multiple of {step_deg} degrees lies between {low} and {high}");
+        let roll = ("--roll-limits", args.roll_limits);
+        let roll = search.fixed_roll_deg.is_none().then_some(roll);
+        for (name, Range(low, high)) in [("--pitch-limits", args.pitch_limits)].into_iter().chain(roll) {
+            let (first, last) = ((low / step_deg).ceil(), (high / step_deg).floor());
+            if first > last {
+                refuse!("{name}: no multiple of {step_deg} degrees lies between {low} and {high}");
+            }
+            if first == last && low < high {
+                let only_deg = first * step_deg + 0.0;
+                refuse!(
+                    "--tilt-step {step_deg} leaves no angle but {only_deg} between {low} and {high} degrees: give a smaller one, \
+                     or {name}={only_deg},{only_deg} where that is meant"
+                );
             }
         }
         search.tilt_step_deg = Some(step_deg);
@@ -291,7 +301,8 @@ fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Resul
     };
     let (position_m, angle_deg) = args.mount_errors();
     let tolerance = Tolerance { position_m, angle_deg, free_phase: args.free_spin };
-    let robustness = Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED)?;
+    let robustness =
+        Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED).map_err(wrong_usage)?;
     Ok(MountProblem::with_search(objective, search, args.clearance.0).robust(robustness, criterion))
 }
 
@@ -316,29 +327,18 @@ fn continued(args: &Args, context: Context, search: Search) -> anyhow::Result<Se
     ] {
         if is_other && context.is_typed(argument) {
             let flag = argument.replace('_', "-");
-            return Err(wrong_usage(format!(
+            refuse!(
                 "the state file holds a search with another --{flag}, which it keeps: leave it out, or start a new file"
-            )));
+            );
         }
     }
     if args.method.is_some_and(|kind| kind != search.kind()) || args.seed.is_some_and(|given| given != seed) {
-        bail!(
+        refuse!(
             "the state file holds a search by {} with seed {seed}: leave out --method and --seed, or start a new file",
             search.kind().name()
         );
     }
     Ok(search)
-}
-
-fn progress_bar(budget: usize) -> indicatif::ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return indicatif::ProgressBar::hidden();
-    }
-    let bar = indicatif::ProgressBar::new(budget as u64);
-    let style =
-        indicatif::ProgressStyle::with_template("{bar:30} {pos}/{len} evaluations, {msg}, {eta} left");
-    bar.set_style(style.unwrap_or_else(|_| indicatif::ProgressStyle::default_bar()));
-    bar
 }
 
 fn report(

@@ -10,7 +10,7 @@ use clap::Subcommand;
 use serde_json::json;
 
 use super::defaults::section;
-use super::{Context, Outcome, Verb, output, signals, wrong_usage};
+use super::{Context, Outcome, Verb, output, signals};
 use crate::config::Config;
 use crate::rig::MountFile;
 use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
@@ -148,11 +148,11 @@ fn refuse_unused(action: &Action, context: Context) -> anyhow::Result<()> {
             ));
             Ok(())
         }
-        Some((argument, verbs)) => Err(wrong_usage(format!(
+        Some((argument, verbs)) => refuse!(
             "--{} is about `rig {}`: `rig {verb}` has no use for it",
             argument.replace('_', "-"),
             verbs.join("`, `rig ")
-        ))),
+        ),
     }
 }
 

@@ -11,6 +11,8 @@ use serde::Serialize;
 use super::compare::axes::{AxisZeros, tilts};
 use super::compare::feed::{self, Seated, Taken};
 use super::ground::{MeshArgs, MeshTaken};
+use super::stage::Stage;
+use super::{Context, wrong_usage};
 use crate::record::Session;
 use crate::rig::Rig;
 use crate::scene::{
@@ -73,18 +75,44 @@ impl MapTaken {
     }
 }
 
+/// Arguments about a mesh, and about a map.
+const OF_A_MESH: [&str; 2] = ["mesh_unit", "up"];
+const OF_A_MAP: [&str; 3] = ["map_voxel", "map_hits", "map_path"];
+
+/// Refuses what was typed about a mesh or a map where the scene is neither; `what` it is, in words.
+pub fn ensure_none_typed(context: Context, what: &str) -> anyhow::Result<()> {
+    context.ensure_not_typed(&OF_A_MESH, format!("is about the mesh behind --scene, and {what}"))?;
+    context.ensure_not_typed(
+        &OF_A_MAP,
+        format!("is about a map that is made of a recording or a cloud, and {what}"),
+    )
+}
+
+/// Refuses what was typed about a scene behind `--scene` where the map is made of frames of the recording itself.
+pub fn ensure_of_frames(context: Context) -> anyhow::Result<()> {
+    let of_another = ["mesh_unit", "up", "map_path"];
+    context.ensure_not_typed(
+        &of_another,
+        "is about what lies behind --scene, and the map is made of --map-frames",
+    )
+}
+
 /// Reads whatever the path names.
-pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Result<ReadScene> {
+pub fn read(
+    path: &Path,
+    mesh_args: &MeshArgs,
+    map_args: &MapArgs,
+    context: Context,
+) -> anyhow::Result<ReadScene> {
     let is_session = Session::is_session(path);
     if path.is_dir() && !is_session {
         bail!("{}: a folder that is no session; expected a session, a mesh or a cloud", path.display());
     }
     if !is_session && !is_cloud(path) {
-        ensure!(
-            map_args.map_path.is_none(),
-            "--map-path is about a cloud or a session, and {} is none",
-            path.display()
-        );
+        context.ensure_not_typed(
+            &OF_A_MAP,
+            format!("is about a map that is made of a session or a cloud, and {} is neither", path.display()),
+        )?;
         let read = mesh_args.read(path).map_err(|error| match error.downcast_ref() {
             Some(MeshFileError::UnknownFormat { .. }) => anyhow!(
                 "{}: its name has no ending that is known; expected a session, a mesh ({MESH_ENDINGS}) or a cloud \
@@ -97,11 +125,10 @@ pub fn read(path: &Path, mesh_args: &MeshArgs, map_args: &MapArgs) -> anyhow::Re
         let scene = Scene::Mesh(mesh.clone());
         return Ok(ReadScene { scene, mesh: Some((mesh, read.taken)), map: None, warnings: read.warnings });
     }
-    ensure!(
-        !mesh_args.is_stated(),
-        "--mesh-unit and --up are about a mesh, and {} is none: maps are in metres, z up",
-        path.display()
-    );
+    context.ensure_not_typed(
+        &OF_A_MESH,
+        format!("is about a mesh, and {} is none: maps are in metres, z up", path.display()),
+    )?;
     let mut making = Making::new(map_args)?;
     let mut warnings = Vec::new();
     let way =
@@ -134,7 +161,8 @@ pub struct Making {
 impl Making {
     /// Nothing known yet.
     pub fn new(args: &MapArgs) -> anyhow::Result<Self> {
-        let map = VoxelMap::new(args.map_voxel, args.map_hits, LONGEST_RAY_M).context("--map-voxel")?;
+        let map = VoxelMap::new(args.map_voxel, args.map_hits, LONGEST_RAY_M)
+            .map_err(|error| wrong_usage(format!("--map-voxel: {error}")))?;
         Ok(Self { map, least_hits: args.map_hits, points: 0, blind: 0, from_nowhere: 0 })
     }
 
@@ -172,7 +200,8 @@ impl Making {
         let (tilts, _) = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
         let seated = Seated { session: &session, rig: &rig, tilts: &tilts, calibrations: &[] };
-        let fed = feed::session(&seated, &mut |_| (), &mut take)?;
+        let stage = Stage::begin("making a map of the session");
+        let fed = feed::session(&seated, &stage, &mut take)?;
         Ok(fed.losses.iter().map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 

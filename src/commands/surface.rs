@@ -27,11 +27,6 @@ pub struct SampleArgs {
 }
 
 impl SampleArgs {
-    /// Whether samples were named.
-    pub fn is_file(&self) -> bool {
-        self.samples.is_some()
-    }
-
     /// Reads or draws the samples.
     pub fn take(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
         let Some(path) = &self.samples else {

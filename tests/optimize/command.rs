@@ -33,10 +33,14 @@ pub fn the_command_finds_writes_and_goes_on() {
     assert_eq!(evaluated["objective"], whole["best"]["objective"], "the mount file scores as found");
     let notice = |arguments: &[&str]| {
         let output = outrigger(&[&["evaluate", "--no-baselines", "--mount", &mount], arguments].concat());
-        String::from_utf8_lossy(&output.stderr).contains("of other settings than these")
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        said.split_once("found with ").map(|(_, what)| what.trim_end().to_owned())
     };
-    assert!(!notice(&[]));
-    assert!(notice(&["--lambda", "1500"]) && notice(&["--path", "forward"]));
+    assert_eq!(notice(&[]), None);
+    let lambda = notice(&["--lambda", "1500"]);
+    assert_eq!(lambda.as_deref(), Some("--lambda vlp-16=2000 (here vlp-16=1500)"));
+    let path = notice(&["--path", "forward"]);
+    assert_eq!(path.as_deref(), Some("--path lateral (here forward)"));
 
     // the plan is made for the first budget, so both legs are given the same one by interrupting at a limit
     search(&["--method", "pattern", "--evals", "30", "--seed", "3", "--resume", &state]);
@@ -48,7 +52,25 @@ pub fn the_command_finds_writes_and_goes_on() {
 
     let other = outrigger(&["optimize", "--preset", "paper-os1-64", "--resume", &state, "--evals", "50"]);
     let words = String::from_utf8_lossy(&other.stderr);
-    assert!(!other.status.success() && words.contains("preset") && words.contains("state.json"), "{words}");
+    assert!(!other.status.success() && words.contains("--preset") && words.contains("state.json"), "{words}");
+    // by the flag that was typed, not by what follows from it
+    for (typed, words) in [
+        (&["--voxel", "0.25"][..], "--voxel 0.5, asked for is 0.25"),
+        (&["--voxel", "0.5"], "--phase locked, asked for is free (--fidelity auto"),
+        (&["--masters-max", "2"], "--masters-max 5, asked for is 2"),
+        (&["--pitch-limits", "0,45"], "--pitch-limits [-90.0,90.0], asked for is [0.0,45.0]"),
+    ] {
+        let other =
+            outrigger(&[&["optimize", "--preset", "paper-vlp-16", "--resume", &state], typed].concat());
+        let said = String::from_utf8_lossy(&other.stderr).into_owned();
+        assert!(other.status.code() == Some(2) && said.contains(words), "{typed:?}: {said}");
+    }
+    let spent = [&["optimize"], &common[..], &["--resume", &state, "--evals", "60", "--max-rays", "1"]];
+    let spent = outrigger(&spent.concat());
+    let said = String::from_utf8_lossy(&spent.stderr);
+    assert!(spent.status.success() && !said.contains("interrupted"), "{said}");
+    let document: serde_json::Value = serde_json::from_slice(&spent.stdout).unwrap();
+    assert_eq!(document["stopped_by"], "rays");
     std::fs::write(&state, "{").unwrap();
     let broken = outrigger(&["optimize", "--preset", "paper-vlp-16", "--resume", &state, "--evals", "50"]);
     let words = String::from_utf8_lossy(&broken.stderr);
@@ -170,10 +192,12 @@ pub fn a_servo_s_steps_and_limits_are_kept() {
         (&["--tilt-step", "7", "--pitch-limits", "1,6"], "no multiple of 7"),
         (&["--masters-min", "3", "--masters-max", "2"], "--masters-min 3"),
         (&["--robust", "worst", "--tolerance", "-1,0"], "tolerance -1"),
+        (&["--tilt-step", "200"], "leaves no angle but 0 between -90 and 90"),
+        (&["--pitch-limits", "-200,200"], "expected within -180 to 180"),
     ] {
         let output = outrigger(&[&["optimize", "--preset", "paper-vlp-16", "--evals", "5"], bad].concat());
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{bad:?}");
+        assert_eq!(output.status.code(), Some(2), "{bad:?}");
         assert!(error.contains(words), "{bad:?}: {error}");
     }
 }
@@ -355,7 +379,18 @@ pub fn a_mount_is_scored_as_it_was_found() {
     // what is said counts, and where it is other than in the file that is told
     let output = outrigger(&[&evaluate[..], &["--path", "lateral"]].concat());
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success() && told.contains("the mount file says J"), "{told}");
+    assert!(output.status.success() && told.contains("found with --path forward (here lateral)"), "{told}");
+    // the same experiment, whoever of its sensors is named first
+    let swapped = json(&[&evaluate[..], &["--preset", "paper-vlp-16,paper-os1-64"]].concat());
+    assert_eq!((&swapped["objective"], &swapped["azimuths"]), (&scored["objective"], &90.into()));
+    assert_eq!(swapped["prices"], serde_json::json!([700.0, 900.0]));
+    let mut turned: serde_json::Value = serde_json::from_slice(&std::fs::read(&mount).unwrap()).unwrap();
+    turned["sensors"][0]["pitch_deg"] = (turned["sensors"][0]["pitch_deg"].as_f64().unwrap() + 1.0).into();
+    let other = folder.path().join("turned.json").to_str().unwrap().to_owned();
+    std::fs::write(&other, turned.to_string()).unwrap();
+    let output = outrigger(&["evaluate", "--mount", &other, "--no-baselines"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("its sensors were changed since"), "{told}");
     // a file from before these were kept is read
     let mut old: serde_json::Value = serde_json::from_slice(&std::fs::read(&mount).unwrap()).unwrap();
     assert_eq!(old["found_with"]["azimuths"], 90);
@@ -378,7 +413,7 @@ pub fn a_certificate_lies_between_what_was_found_and_the_plain_bound() {
     assert!(number(&proved, "/certificate/regions") <= 40.0);
     let two = outrigger(&["optimize", "--certify", "9", "--masters-min", "2", "--preset", "paper-vlp-16"]);
     let error = String::from_utf8_lossy(&two.stderr).into_owned();
-    assert!(two.status.code() == Some(1) && error.contains("one master"), "{error}");
+    assert!(two.status.code() == Some(2) && error.contains("one master"), "{error}");
 }
 
 pub fn a_search_looks_again_at_what_it_liked() {
@@ -411,6 +446,6 @@ pub fn a_search_looks_again_at_what_it_liked() {
     );
     assert_eq!(json(&auto)["fidelity"], *fidelity, "same seed, same choice");
     let refused = outrigger(&[&auto[..], &["--robust", "worst"]].concat());
-    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--robust"));
 }

@@ -14,7 +14,7 @@ mod verdict;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, bail};
 use serde::Serialize;
 
 use super::ground::PoseErrorArgs;
@@ -24,7 +24,7 @@ use crate::calibrate::SensorCheck;
 use crate::chart::signed;
 use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::coverage::{Coverage, VoxelGrid};
-use crate::files::write_json;
+use crate::files::{check_folder, write_json};
 use crate::rig::{MountFile, Rig};
 use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
@@ -51,7 +51,8 @@ const SETTLE_EVERY: u64 = 16;
     after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \
                   its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
-                  Exit codes: 0 the recording matches, 1 failed, 3 it differs, cannot tell, or data was lost."
+                  Exit codes: 0 the recording covers what was promised (a tilt that it cannot tell is no failure, \
+                  and is named beside that), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
@@ -162,10 +163,10 @@ impl ZeroOffer {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
-    check(args)?;
     let error = args.pose_error.error()?;
+    check(args, context)?;
     let recorded = Recorded::open(&args.recorded)?;
-    let place = place::read(&args.place, &recorded)?;
+    let place = place::read(&args.place, &recorded, context)?;
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);
     let grid = grid(args, scene)?;
@@ -183,7 +184,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
     fed.faults.extend(hearing::silences(rig, &fed.heard, way_ns));
     let planned = planned(args, scene, rig, &grid)?;
-    let stage = Stage::begin(format!("comparing, beside {} simulated healthy runs (--nulls)", args.nulls));
+    let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge::judge(
         Given {
             scene,
@@ -194,6 +195,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             revolution_ns: fed.revolution_ns,
             agree_within_m: args.gate,
             faults: fed.faults,
+            stage: &stage,
         },
         &replayed,
     );
@@ -218,12 +220,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if written? { outcome } else { Outcome::DataLost })
 }
 
-fn check(args: &Args) -> anyhow::Result<()> {
+fn check(args: &Args, context: Context) -> anyhow::Result<()> {
     for (name, value) in [("--voxel", args.voxel), ("--gate", args.gate)] {
-        ensure!(value.is_finite() && value > 0.0, "{name} {value}, expected above 0");
+        if !(value.is_finite() && value > 0.0) {
+            refuse!("{name} {value}, expected above 0");
+        }
     }
+    place::check(&args.place, context)?;
     if let Some(out) = &args.out {
-        std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
+        check_folder(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
     }
     args.recorded.check_places([&args.corrected_mount])
 }
@@ -298,6 +303,7 @@ fn write(
 ) -> anyhow::Result<bool> {
     if let Some(out) = &args.out {
         let cannot = |path: &Path| format!("cannot write {}", path.display());
+        std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
         let json = out.join("report.json");
         write_json(&json, document).with_context(|| cannot(&json))?;
         let html = out.join("report.html");

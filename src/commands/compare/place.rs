@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, ensure};
 
 use super::Recorded;
+use crate::commands::Context;
 use crate::commands::ground::{MeshArgs, Room, outside, suspicions};
 use crate::commands::odometry::{self, OdometryArgs};
 use crate::commands::scene_file::{self, Making, MapArgs};
@@ -44,8 +45,8 @@ pub struct PlaceArgs {
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together, `search` looks
-    /// within 2 s (where the two have no time in common, of the one at which both begin together) for the one at which the
-    /// rays end where the scene is.
+    /// for the one at which the rays end where the scene is: up to 2 s from 0, or, where the two have no time in common, up
+    /// to 2 s from the one at which both begin together, however large that is.
     #[arg(long, value_name = "S", allow_hyphen_values = true, default_value = "0")]
     time_offset: Offset,
     #[command(flatten)]
@@ -102,12 +103,38 @@ pub struct Place {
     pub notices: Vec<String>,
 }
 
+/// Refuses, before anything is read, what was asked for and does not fit together.
+pub fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
+    let way = args.trajectory.as_ref().and_then(|path| path.to_str());
+    if way == Some("odometry") {
+        if args.map_frames.is_none() {
+            refuse!(
+                "--trajectory odometry begins a world of its own, which lies nowhere in a scene: it needs --map-frames"
+            );
+        }
+    } else {
+        OdometryArgs::ensure_not_typed(context)?;
+    }
+    if matches!(way, None | Some("still" | "odometry")) {
+        context.ensure_not_typed(
+            &["rate"],
+            "is about a file of poses in KITTI format: --trajectory names none",
+        )?;
+    }
+    if args.map_frames.is_some() {
+        scene_file::ensure_of_frames(context)?;
+        if matches!(args.time_offset, Offset::Search) {
+            refuse!("--time-offset search needs a scene: a map of the recording itself fits at any");
+        }
+    }
+    match &args.room {
+        Some(_) => scene_file::ensure_none_typed(context, "the scene is a room"),
+        None => Ok(()),
+    }
+}
+
 /// Reads everything.
-pub fn read(args: &PlaceArgs, recorded: &Recorded) -> anyhow::Result<Place> {
-    ensure!(
-        args.scene.is_some() || !args.mesh.is_stated(),
-        "--mesh-unit and --up speak of the mesh behind --scene, and there is none"
-    );
+pub fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> anyhow::Result<Place> {
     let mut notices = Vec::new();
     let trajectory = trajectory(args, recorded, &mut notices)?;
     let from_start = || -> anyhow::Result<i64> {
@@ -128,7 +155,7 @@ pub fn read(args: &PlaceArgs, recorded: &Recorded) -> anyhow::Result<Place> {
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
     let scene = match (&args.scene, &args.room) {
         (Some(path), _) => {
-            let read = scene_file::read(path, &args.mesh, &args.map)?;
+            let read = scene_file::read(path, &args.mesh, &args.map, context)?;
             notices.extend(read.warnings);
             read.scene
         }
@@ -137,10 +164,6 @@ pub fn read(args: &PlaceArgs, recorded: &Recorded) -> anyhow::Result<Place> {
     };
     let mut found = None;
     if matches!(args.time_offset, Offset::Search) {
-        ensure!(
-            mapped.is_empty(),
-            "--time-offset search needs a scene: a map of the recording itself fits at any"
-        );
         let told = search(recorded, &scene, &trajectory, time_offset_ns)?;
         notices.push(format!("time offset found: {:.4} s +- {:.4} s (95 %)", told.seconds, told.u95_s));
         time_offset_ns = (told.seconds * 1e9).round() as i64;
@@ -188,10 +211,6 @@ fn trajectory(
         return recorded.still();
     }
     if name == "odometry" {
-        ensure!(
-            args.map_frames.is_some(),
-            "--trajectory odometry begins a world of its own, which lies nowhere in a scene: it needs --map-frames"
-        );
         let way = odometry::of_rig(recorded, &args.odometry)?;
         notices.extend(odometry::remarks(&way));
         return Ok(way.walked.trajectory);

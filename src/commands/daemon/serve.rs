@@ -25,7 +25,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         bail!("which sensors? --config RIG.toml (`outrigger init` writes one)");
     };
     start_log(args);
-    let settings = settings(args, config)?;
+    let settings = settings(args, config, context)?;
     let web = Web::bind(WebSettings {
         listen: args.listen,
         token: token(args)?,
@@ -124,7 +124,7 @@ fn conclude(ending: &Ending) -> Outcome {
     if ending.data_lost { Outcome::DataLost } else { Outcome::Done }
 }
 
-fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
+fn settings(args: &Args, config: &'static Config, context: Context) -> anyhow::Result<Settings> {
     let sensors: Vec<SensorSettings> = config
         .sensors
         .iter()
@@ -146,7 +146,7 @@ fn settings(args: &Args, config: &'static Config) -> anyhow::Result<Settings> {
         _ => None,
     })?;
     let axes = rig::axes_of(config)?;
-    let place = place(&args.place, &axes)?;
+    let place = place(&args.place, &axes, context)?;
     let config_text = crate::files::read_text(&config.path)
         .with_context(|| format!("cannot read {}", config.path.display()))?;
     Ok(Settings {

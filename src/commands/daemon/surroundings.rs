@@ -4,12 +4,12 @@ use anyhow::{Context as _, bail};
 
 use super::place::PlaceArgs;
 use crate::commands::ground::read_trajectory;
-use crate::commands::{record, scene_file};
+use crate::commands::{Context, record, scene_file};
 use crate::daemon::Place;
 
 /// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is said: everywhere behind this they
 /// come in that order.
-pub fn place(args: &PlaceArgs, axes: &[String]) -> anyhow::Result<Place> {
+pub fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Result<Place> {
     if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
         bail!("--cell {}, expected 0.01 to 10 m", args.cell);
     }
@@ -21,12 +21,18 @@ pub fn place(args: &PlaceArgs, axes: &[String]) -> anyhow::Result<Place> {
     place.scene = match (&args.scene, &args.room) {
         (Some(_), Some(_)) => bail!("--scene and --room are both given: which of the two is it?"),
         (Some(path), None) => {
-            let read = scene_file::read(path, &args.mesh, &args.map)?;
+            let read = scene_file::read(path, &args.mesh, &args.map, context)?;
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
             Some(read.scene)
         }
-        (None, Some(room)) => Some(room.scene()),
-        (None, None) => None,
+        (None, Some(room)) => {
+            scene_file::ensure_none_typed(context, "the scene is a room")?;
+            Some(room.scene())
+        }
+        (None, None) => {
+            scene_file::ensure_none_typed(context, "there is none")?;
+            None
+        }
     };
     let cells = place.grid().cells.iter().map(|count| *count as f64).product::<f64>();
     if cells > f64::from(1 << 27) {

@@ -8,7 +8,7 @@ use sensors::velodyne::wire::DATA_PACKET_BYTES;
 
 use super::{Check, State};
 use crate::commands::defaults::section;
-use crate::commands::{Verb, daemon, record, rig};
+use crate::commands::{Context, Verb, daemon, record, rig};
 use crate::config::{Config, SensorConfig};
 use crate::record::is_aside;
 use crate::setup::{Sensor, SensorState, warnings};
@@ -27,7 +27,7 @@ pub struct Named {
 }
 
 /// Looks at everything.
-pub fn look(config: &Config) -> Named {
+pub fn look(config: &Config, context: Context) -> Named {
     let mut named = Named::default();
     let mut units: BTreeMap<String, String> = BTreeMap::new();
     for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {
@@ -43,7 +43,7 @@ pub fn look(config: &Config) -> Named {
     let rates = config.sensors.iter().filter(|sensor| sensor.listen.is_some());
     let rates: Option<Vec<f64>> = rates.map(|sensor| named.bytes_s(sensor)).collect();
     named.bytes_s = rates.map(|rates| rates.iter().sum()).filter(|bytes_s| *bytes_s > 0.0);
-    if let Err(error) = daemon::check(config) {
+    if let Err(error) = daemon::check(config, context) {
         named.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
     }
     named

@@ -140,7 +140,7 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut sensor = build_sensor(args)?;
-    let scene = build_scene(args)?;
+    let scene = build_scene(args, context)?;
     let mount = build_mount(args)?;
     let trajectory = build_trajectory(args)?;
     let [start_ns, end_ns] = trajectory.time_span_ns();
@@ -347,12 +347,13 @@ fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
     Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_aside())
 }
 
-fn build_scene(args: &Args) -> anyhow::Result<Scene> {
+fn build_scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
     if let Some(path) = &args.scene {
-        let read = scene_file::read(path, &args.mesh, &args.map)?;
+        let read = scene_file::read(path, &args.mesh, &args.map, context)?;
         read.warnings.iter().for_each(|warning| output::say_notice(warning));
         return Ok(read.scene);
     }
+    scene_file::ensure_none_typed(context, "there is none")?;
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
     let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
     if !least.cmplt(greatest).all() {

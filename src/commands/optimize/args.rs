@@ -44,11 +44,11 @@ pub struct Args {
     /// Fewest masters.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(super) masters_min: u32,
-    /// Pitches that the servo reaches: "low,high" in degrees.
-    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    /// Pitches that the servo reaches: "low,high" in degrees, within -180 to 180.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true, value_parser = tilts)]
     pub(super) pitch_limits: Range,
-    /// Rolls that the plate allows, where roll is free: "low,high" in degrees.
-    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true)]
+    /// Rolls that the plate allows, where roll is free: "low,high" in degrees, within -180 to 180.
+    #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true, value_parser = tilts)]
     pub(super) roll_limits: Range,
     /// Where masters may sit: "x,x,y,y,z,z", least and greatest of each, m [default: as published].
     #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
@@ -125,6 +125,15 @@ impl FromStr for Range {
             [first, second] => Err(format!("{first} is above {second}, expected the least one first")),
             other => Err(format!("{} numbers, expected 2", other.len())),
         }
+    }
+}
+
+/// Degrees by which something may be turned: beyond half a turn each way there are but the same angles again.
+fn tilts(text: &str) -> Result<Range, String> {
+    let Range(low, high) = text.parse()?;
+    match low >= -180.0 && high <= 180.0 {
+        true => Ok(Range(low, high)),
+        false => Err(format!("{low} to {high} degrees, expected within -180 to 180")),
     }
 }
 

@@ -3,7 +3,6 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::bail;
 use serde::Serialize;
 
 use super::Args;
@@ -31,7 +30,7 @@ pub(super) struct Looked {
 pub(super) fn is_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Result<bool> {
     match args.final_look {
         Some(Switch::On) if is_refined => {
-            bail!("--fidelity auto looks again in a way of its own: leave out --final-look")
+            refuse!("--fidelity auto looks again in a way of its own: leave out --final-look")
         }
         Some(switch) => Ok(switch == Switch::On),
         None => Ok(kind == Kind::Staged && !is_refined && args.robust.is_none() && args.certify.is_none()),

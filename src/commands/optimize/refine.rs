@@ -2,7 +2,6 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use anyhow::bail;
 use serde::Serialize;
 
 use super::Args;
@@ -63,10 +62,10 @@ impl Finer {
             return Ok(None);
         }
         if args.robust.is_some() {
-            bail!("--robust judges by draws of its own: leave out --fidelity auto");
+            refuse!("--robust judges by draws of its own: leave out --fidelity auto");
         }
         if args.certify.is_some() {
-            bail!("--certify proves something about one sampling: leave out --fidelity auto");
+            refuse!("--certify proves something about one sampling: leave out --fidelity auto");
         }
         Ok(Some(Self { ladder: BoxLadder::new(given)?, seen: Mutex::default() }))
     }

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::outputs;
+use crate::commands::evaluate::found_with;
 use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
@@ -40,7 +40,7 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
         "robust": problem.robustness(),
     });
     if let (Some(question), Value::Object(found_with)) =
-        (question.as_object_mut(), serde_json::to_value(outputs::found_with(objective))?)
+        (question.as_object_mut(), serde_json::to_value(found_with(objective))?)
     {
         question.extend(found_with);
     }
@@ -60,21 +60,65 @@ pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
     if read.format != FORMAT {
         bail!("state file {}: format is {:?}, this program reads {FORMAT:?}", path.display(), read.format);
     }
-    if let Some(wanted) = question.as_object() {
-        // the preset first: where it differs, so do others that follow from it
-        let preset = wanted.get_key_value("preset");
-        for (name, now) in preset.into_iter().chain(wanted) {
-            let then = &read.question[name];
-            if then != now {
-                bail!(
-                    "state file {}: its search has {name} {then}, asked for is {now}: give the same options, or another file",
-                    path.display()
-                );
-            }
-        }
+    if let Some(difference) = difference(&read.question, question) {
+        refuse!(
+            "state file {}: its search has {difference}: give the same options, or another file",
+            path.display()
+        );
     }
     read.search.check().map_err(|reason| anyhow::anyhow!("state file {}: {reason}", path.display()))?;
     Ok(Some(read.search))
+}
+
+/// Where two questions differ: by the flag that decides it, with what it was and what is asked for.
+fn difference(then: &Value, now: &Value) -> Option<String> {
+    // preset and voxel first: where they differ, so do others that follow from them
+    let first = ["/preset", "/voxel_m"].map(str::to_owned);
+    let mut places = first.to_vec();
+    leaves(then, "", &mut places);
+    leaves(now, "", &mut places);
+    let place = places.iter().find(|place| then.pointer(place) != now.pointer(place))?;
+    let (flag, hint) = flag(place);
+    let value = |question: &Value| match question.pointer(place) {
+        None | Some(Value::Null) => "none".to_owned(),
+        Some(Value::String(text)) => text.clone(),
+        Some(value) => value.to_string(),
+    };
+    Some(format!("{flag} {}, asked for is {}{hint}", value(then), value(now)))
+}
+
+/// Pointers to all that is no object.
+fn leaves(value: &Value, place: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Object(fields) => {
+            fields.iter().for_each(|(name, value)| leaves(value, &format!("{place}/{name}"), found));
+        }
+        _ => found.push(place.to_owned()),
+    }
+}
+
+/// The flag that decides what stands in one place of a question, and what else may.
+fn flag(place: &str) -> (String, &'static str) {
+    const AUTO: &str =
+        " (--fidelity auto, as with --voxel alone, searches with free phases and four poses per metre)";
+    let flag = match place.trim_start_matches('/') {
+        "voxel_m" => "--voxel",
+        "phase" => return ("--phase".into(), AUTO),
+        "sub_poses" => return ("--sub-poses".into(), AUTO),
+        "mirror" | "search/is_mirrored" | "search/is_mirrored_exactly" => "mirror images (--no-mirror)",
+        "search/fixed_roll_deg" => "--roll",
+        "search/fore_aft_symmetry" => return ("fore and aft alike (--phase)".into(), AUTO),
+        "search/types" => "--preset",
+        "search/tilt_step_deg" => "--tilt-step",
+        "search/bounds/pitch_deg" => "--pitch-limits",
+        "search/bounds/roll_deg" => "--roll-limits",
+        "least_conditioning" => "--min-conditioning",
+        "least_distance_m" => "--least-distance",
+        place if place.starts_with("search/bounds/") => "--space",
+        place if place.starts_with("robust") => "what --robust rests on:",
+        place => return (format!("--{}", place.trim_start_matches("search/").replace(['_', '/'], "-")), ""),
+    };
+    (flag.into(), "")
 }
 
 /// Writes a state file, whole or not at all.

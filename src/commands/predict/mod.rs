@@ -97,16 +97,19 @@ struct Place {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    if args.room.is_some() {
+        scene_file::ensure_none_typed(context, "the scene is a room")?;
+    }
     output::check_places([&args.out, &args.report])?;
     let (units, rig) = units(args)?;
-    let place = place(args)?;
+    let place = place(args, context)?;
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&place.warnings) {
         output::say_notice(notice);
     }
     let scanner = args.sensing.scanner(&place.scene, &place.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
-    let stage = Stage::begin("casting the rays of the rig");
+    let stage = Stage::begin("looking which samples of the surface can be seen");
     let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
     let surface = match &place.mesh {
         Some((mesh, _)) => {
@@ -115,7 +118,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         None => None,
     };
-    let scanned = scan::scan(&scanner, &place.grid, surface.as_ref());
+    stage.next("casting the rays of the rig");
+    stage.counts(scan::revolutions(&scanner), 0);
+    let scanned = scan::scan(&scanner, &place.grid, surface.as_ref(), &stage);
     let wall_s = start.elapsed().as_secs_f64();
     let mut doubts = silent(&scanner, &scanned.returns);
     doubts.extend(
@@ -126,8 +131,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     );
     doubts.extend(noisy(args));
     stage.next("looking what single sensors would see (--no-baselines leaves them out)");
-    let baselines =
-        (!args.no_baselines).then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned));
+    let baselines = (!args.no_baselines)
+        .then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned, &stage));
     stage.next("looking what could be seen from the way");
     let reachable =
         reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
@@ -175,19 +180,17 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     Ok((units, rig))
 }
 
-fn place(args: &Args) -> anyhow::Result<Place> {
+fn place(args: &Args, context: Context) -> anyhow::Result<Place> {
     let ReadScene { scene, mesh, map, mut warnings } = match (&args.scene, &args.room) {
-        (Some(path), _) => scene_file::read(path, &args.mesh, &args.map)?,
-        (None, Some(room)) => {
-            if args.mesh.is_stated() {
-                bail!("--mesh-unit and --up are about a mesh: give --scene, or leave them out");
-            }
-            ReadScene { scene: room.scene(), mesh: None, map: None, warnings: Vec::new() }
-        }
-        (None, None) => bail!("give --scene or --room"),
+        (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
+        (None, Some(room)) => ReadScene { scene: room.scene(), mesh: None, map: None, warnings: Vec::new() },
+        (None, None) => refuse!("give --scene or --room"),
     };
-    if mesh.is_none() && args.samples.is_file() {
-        bail!("--samples is about the surface of a mesh: give one behind --scene, or leave it out");
+    if mesh.is_none() {
+        context.ensure_not_typed(
+            &["samples", "sample_count"],
+            "is about the surface of a mesh: give one behind --scene, or leave it out",
+        )?;
     }
     let trajectory = args.trajectory.read()?;
     let what = match &scene {
@@ -202,7 +205,7 @@ fn place(args: &Args) -> anyhow::Result<Place> {
 
 fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
     if !(voxel_m.is_finite() && voxel_m > 0.0) {
-        bail!("--voxel {voxel_m}, expected above 0");
+        refuse!("--voxel {voxel_m}, expected above 0");
     }
     let bounds_m = scene.bounds_m();
     let cells = (bounds_m[1] - bounds_m[0]) / voxel_m + 2.0;

@@ -1,6 +1,5 @@
 //! How the sensors of a prediction spin, and what is less than perfect about them.
 
-use anyhow::bail;
 use glam::DVec3;
 
 use crate::commands::ground::Numbers;
@@ -83,7 +82,7 @@ impl SensingArgs {
         }
         if let Some(Numbers([x0, y0, z0, x1, y1, z1, radius_m])) = self.wearer {
             if radius_m <= 0.0 {
-                bail!("--wearer: the radius is {radius_m}, expected above 0");
+                refuse!("--wearer: the radius is {radius_m}, expected above 0");
             }
             let (from_m, to_m) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
             let wearer = Occluder::Capsule { from_m, to_m, radius_m };
@@ -109,31 +108,31 @@ impl SensingArgs {
             ("--max-range", self.max_range.unwrap_or(1.0)),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                bail!("{name} {value}, expected above 0");
+                refuse!("{name} {value}, expected above 0");
             }
         }
         for (name, value) in
             [("--range-noise", self.range_noise), ("--min-range", self.min_range.unwrap_or(0.0))]
         {
             if !(value.is_finite() && value >= 0.0) {
-                bail!("{name} {value}, expected 0 or more");
+                refuse!("{name} {value}, expected 0 or more");
             }
         }
         if let Some(reflectivity) = self.reflectivity
             && !(reflectivity > 0.0 && reflectivity <= 1.0)
         {
-            bail!("--reflectivity {reflectivity}, expected above 0 and at most 1");
+            refuse!("--reflectivity {reflectivity}, expected above 0 and at most 1");
         }
         if !self.spin_phase.is_finite() {
-            bail!("--spin-phase {}, expected an angle", self.spin_phase);
+            refuse!("--spin-phase {}, expected an angle", self.spin_phase);
         }
         if !(0.0..1.0).contains(&self.drop_out) {
-            bail!("--drop-out {}, expected a share of at least 0 and below 1", self.drop_out);
+            refuse!("--drop-out {}, expected a share of at least 0 and below 1", self.drop_out);
         }
         if let (Some(least), Some(greatest)) = (self.min_range, self.max_range)
             && least >= greatest
         {
-            bail!("--min-range {least} is not below --max-range {greatest}");
+            refuse!("--min-range {least} is not below --max-range {greatest}");
         }
         Ok(())
     }

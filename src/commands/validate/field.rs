@@ -40,10 +40,12 @@ pub struct Field {
 pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
     match (&args.mounts, &args.mount) {
         (Some(masters), _) => {
-            let [choice] = &args.sensor[..] else { bail!("--mounts takes one --sensor for all of them") };
+            let [choice] = &args.sensor[..] else { refuse!("--mounts takes one --sensor for all of them") };
             let unit = match choice {
                 UnitChoice { sensor: Some(name), .. } => {
-                    bail!("--sensor {name}=...: sensors of --mounts have no names; give one --sensor for all")
+                    refuse!(
+                        "--sensor {name}=...: sensors of --mounts have no names; give one --sensor for all"
+                    )
                 }
                 UnitChoice { file: Some(file), model, .. } => Unit::calibrated(file, model.as_deref())?,
                 UnitChoice { model, .. } => Unit::nominal(model.as_deref().unwrap_or_default())?,
@@ -65,7 +67,7 @@ pub fn placed(args: &Args) -> anyhow::Result<Vec<Placed>> {
             };
             Ok(file.sensors.iter().zip(units).map(place).collect())
         }
-        (None, None) => bail!("give --mounts or --mount"),
+        (None, None) => refuse!("give --mounts or --mount"),
     }
 }
 
@@ -107,7 +109,7 @@ fn fan(args: &Args, unit: &Unit) -> anyhow::Result<BeamFan> {
     let columns = args.azimuths.unwrap_or(unit.columns);
     let rate_hz = args.spin_rate.unwrap_or(unit.rate_hz);
     if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        bail!("--spin-rate {rate_hz}, expected above 0");
+        refuse!("--spin-rate {rate_hz}, expected above 0");
     }
     let mut fan = BeamFan::nominal(&unit.model, columns as usize, rate_hz);
     fan.min_range_m = args.min_range;
