@@ -45,6 +45,7 @@ pub const CASES: &[Case] = &[
     ),
     case("a_calibration_counts_wherever_it_is_named", units::a_calibration_counts_wherever_it_is_named),
     case("a_second_unit_under_one_name_is_told_of", units::a_second_unit_under_one_name_is_told_of),
+    case("one_way_needs_one_clock", units::one_way_needs_one_clock),
     case("another_sensor_than_the_mount_says_is_named", units::another_sensor_than_the_mount_says_is_named),
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),

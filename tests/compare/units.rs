@@ -18,6 +18,7 @@ use serde_json::Value;
 
 use crate::support::shared;
 
+const BEGIN_NS: u64 = 1_763_722_223_000_000_000;
 const SOURCE: &str = "10.0.0.7:2368";
 /// A second unit, whose packets came to the same port.
 const OTHER: &str = "10.0.0.9:2368";
@@ -55,8 +56,21 @@ fn record_from(session: &Path, mount: &MountFile, sources: &[&str]) {
     let source = sources[0];
     let info = SensorInfo { name: "front".into(), source: Some(source.ip()), ..SensorInfo::default() };
     let writer = SessionWriter::create(session, &[info]).unwrap();
+    let destination = "10.0.0.100:2368".parse().unwrap();
+    spin(BEGIN_NS, |host_time_ns, payload| {
+        for source in &sources {
+            writer.write_packet(0, &Packet { host_time_ns, source: *source, destination, payload }).unwrap();
+        }
+    });
+    writer.put_mount(mount, &mount.calibration_files().unwrap()).unwrap();
+    writer.flush().unwrap();
+    writer.close(None).unwrap();
+}
+
+/// What the unit sends in half a second.
+fn spin(begin_ns: u64, mut take: impl FnMut(u64, &[u8])) {
     let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.3), DVec3::new(5.0, 3.5, 1.7)));
-    let (begin_ns, length_ns) = (1_763_722_223_000_000_000, 500_000_000);
+    let length_ns = 500_000_000;
     let still =
         Trajectory::new(vec![(begin_ns, Pose::IDENTITY), (begin_ns + length_ns, Pose::IDENTITY)]).unwrap();
     let surroundings = Surroundings {
@@ -66,18 +80,13 @@ fn record_from(session: &Path, mount: &MountFile, sources: &[&str]) {
         noise_m: 0.0,
         seed: 1,
     };
-    let destination = "10.0.0.100:2368".parse().unwrap();
     MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
         .unwrap()
         .run(&surroundings, |host_time_ns, payload| {
-            sources.iter().try_for_each(|source| {
-                writer.write_packet(0, &Packet { host_time_ns, source: *source, destination, payload })
-            })
+            take(host_time_ns, payload);
+            Ok::<_, std::io::Error>(())
         })
         .unwrap();
-    writer.put_mount(mount, &mount.calibration_files().unwrap()).unwrap();
-    writer.flush().unwrap();
-    writer.close(None).unwrap();
 }
 
 fn compare(recording: &Path, more: &[&str]) -> (Value, String) {
@@ -199,4 +208,40 @@ pub fn another_sensor_than_the_mount_says_is_named() {
     record(&path("lite"), &write_mount(&path("lite.json"), "puck-lite", None));
     let (document, _) = compare(&path("lite"), &[]);
     assert_eq!(document["faults"].as_array().map(Vec::len), Some(0), "{document:#}");
+}
+
+/// Two sensors whose clocks are minutes apart were never there at once: no way is made up of them.
+pub fn one_way_needs_one_clock() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let named = |name: &str, x_m| SensorEntry {
+        name: name.into(),
+        model: "vlp-16".into(),
+        x_m,
+        y_m: 0.0,
+        z_m: 0.0,
+        pitch_deg: 0.0,
+        roll_deg: 0.0,
+    };
+    let mount = MountFile::new(vec![named("front", 0.0), named("rear", 0.4)]);
+    let found = |name: &str, ahead_ns: u64| {
+        let info = |name: &str| SensorInfo { name: name.into(), ..SensorInfo::default() };
+        let writer = SessionWriter::create(&path(name), &[info("front"), info("rear")]).unwrap();
+        let (source, destination) = (SOURCE.parse().unwrap(), "10.0.0.100:2368".parse().unwrap());
+        for (sensor, ahead_ns) in [(0, 0), (1, ahead_ns)] {
+            spin(BEGIN_NS + ahead_ns, |host_time_ns, payload| {
+                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, payload }).unwrap();
+            });
+        }
+        writer.put_mount(&mount, &[]).unwrap();
+        writer.close(None).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+        let output = command.arg("odometry").arg(path(name)).arg("--json").output().unwrap();
+        (output.status.code(), output.stdout.len(), String::from_utf8(output.stderr).unwrap())
+    };
+    let (code, bytes, said) = found("apart", 471_000_000_000);
+    assert_eq!((code, bytes), (Some(1), 0), "{said}");
+    assert!(said.contains("rear begins 470.5") && said.contains("after front has ended"), "{said}");
+    let (code, bytes, said) = found("together", 0);
+    assert!(code == Some(0) && bytes > 0, "{said}");
 }
