@@ -24,6 +24,7 @@ pub const CASES: &[Case] = &[
     with_shared("streams_are_named_without_metadata", streams_are_named_without_metadata),
     with_shared("streams_are_those_of_the_metadata", streams_are_those_of_the_metadata),
     with_shared("metadata_of_another_sensor_is_named", metadata_of_another_sensor_is_named),
+    with_shared("files_beside_are_proposed_once", files_beside_are_proposed_once),
     with_shared("metadata_of_another_mode_is_named", metadata_of_another_mode_is_named),
     with_shared("another_port_makes_no_difference", another_port_makes_no_difference),
     with_shared("clocks_are_told_apart", clocks_are_told_apart),
@@ -215,6 +216,28 @@ fn metadata_of_another_sensor_is_named() {
     let (_, document) = inspect(&shared(OS1), &[&shared("captures/ouster/OS-0-32-U1_v2.2.0_1024x10.json")]);
     let advice = lines(&document, "advice");
     assert!(advice.contains("(992137000142): add that of 122201000998"), "{advice}");
+}
+
+/// Files beside a recording are proposed for what nobody took, and those that say the same once.
+fn files_beside_are_proposed_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name);
+    let text = std::fs::read_to_string(shared(OS1_META)).unwrap();
+    assert!(text.contains("7503"));
+    std::fs::write(name("one.json"), &text).unwrap();
+    std::fs::write(name("two.json"), text.replace("7503", "7505")).unwrap();
+    let other = "captures/ouster/OS-0-128-U1_v2.3.0_1024x10";
+    let mut all = datagrams(&shared(OS1));
+    write_capture(&name("alone.pcapng"), &all);
+    all.extend(datagrams(&shared(&format!("{other}.pcap"))));
+    write_capture(&name("both.pcapng"), &all);
+    let proposed = |capture: &str, metas: &[&Path]| {
+        let (_, document) = inspect(&name(capture), metas);
+        lines(&document, "advice").matches("lies beside").count()
+    };
+    assert_eq!(proposed("alone.pcapng", &[]), 1);
+    assert_eq!(proposed("alone.pcapng", &[&shared(&format!("{other}.json"))]), 1);
+    assert_eq!(proposed("both.pcapng", &[&name("two.json")]), 0, "of this sensor there is one already");
 }
 
 fn metadata_of_another_mode_is_named() {

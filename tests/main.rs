@@ -30,6 +30,7 @@ mod session;
 mod simulator;
 mod study;
 mod tidy;
+mod tied_metadata;
 mod velodyne;
 
 fn main() -> std::process::ExitCode {
@@ -59,6 +60,7 @@ fn main() -> std::process::ExitCode {
         ("simulator", simulator::CASES),
         ("study", study::CASES),
         ("tidy", tidy::CASES),
+        ("tied_metadata", tied_metadata::CASES),
         ("velodyne", velodyne::CASES),
     ];
     support::run(modules)

@@ -64,7 +64,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if args.trajectory.as_ref().is_some_and(|way| way.as_os_str() != "odometry") {
         OdometryArgs::ensure_not_typed(context)?;
     }
-    let recorded = Recorded::open(&args.recorded)?;
+    let recorded = Recorded::open(&args.recorded, context)?;
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;

@@ -27,6 +27,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod figures;
+mod given;
 mod ground;
 mod init;
 mod inspect;

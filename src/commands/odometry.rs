@@ -115,12 +115,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     args.settings.check()?;
     args.recorded.check_places([&args.out, &args.kitti])?;
     let mut notices = Vec::new();
-    let way = match Recorded::open_if_seated(&args.recorded)? {
+    let way = match Recorded::open_if_seated(&args.recorded, context)? {
         Some(recorded) => {
             notices.clone_from(&recorded.notices);
             of_rig(&recorded, &args.settings)?
         }
-        None => of_one(&Recording::open(&args.recorded.recording, &args.recorded.sensors)?, &args.settings)?,
+        None => {
+            let RecordedArgs { recording, sensors, .. } = &args.recorded;
+            of_one(&Recording::open(recording, &sensors.of(context, recording))?, &args.settings)?
+        }
     };
     let trajectory = &way.walked.trajectory;
     let mut files = Vec::new();
@@ -285,8 +288,8 @@ pub fn remarks(way: &Way) -> Vec<String> {
 
 fn text(document: &Document) -> String {
     let mut text = format!(
-        "{} revolutions of {} in {:.1} s: {:.3} m of way, map of {:.2} m cells\n",
-        document.sweeps,
+        "{} of {} in {:.1} s: {:.3} m of way, map of {:.2} m cells\n",
+        output::counted(document.sweeps as u64, "revolution"),
         document.sensors.join(", "),
         document.duration_s,
         document.length_m,

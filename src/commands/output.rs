@@ -58,6 +58,11 @@ pub fn p_value(p_value: f64) -> String {
     if p_value < 0.0005 { "p < 0.001".into() } else { format!("p {p_value:.3}") }
 }
 
+/// So many of something: `1 frame`, `2 frames`.
+pub fn counted(count: u64, of_one: &str) -> String {
+    format!("{count} {of_one}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Prints a notice on stderr: done as asked, with something the user may not expect.
 pub fn say_notice(notice: &str) {
     let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");

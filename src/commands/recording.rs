@@ -7,11 +7,12 @@ use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
 use sensors::router::{GivenCalibration, Named, Router, Tie};
-use sensors::velodyne::Calibration;
 use tempfile::NamedTempFile;
 
+use super::given::{
+    Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
+};
 use super::tied_file::TiedFile;
-use crate::config::Config;
 use crate::record::{Manifest, SensorEntry, Session, aside_of};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
@@ -56,50 +57,12 @@ pub struct Recording {
     calibrations: Vec<GivenCalibration>,
     /// The session that it is, and what that says of itself.
     session: Option<(PathBuf, Manifest)>,
-    /// What can be read but once, where it is read more than once.
     /// Its metadata are those of the session, each of what came to its sensor's port.
     is_tied_by_session: bool,
+    /// What of these cannot be read, and why.
+    unreadable: Vec<String>,
+    /// What can be read but once, where it is read more than once.
     spooled: Option<NamedTempFile>,
-}
-
-/// Metadata of an Ouster.
-struct Given {
-    metadata: Metadata,
-    /// What messages call them.
-    name: String,
-    /// Which unit's they are, where somebody says.
-    tie: Option<Tie>,
-}
-
-/// Which sensors a recording is about: the options that `decode` and `inspect` share.
-#[derive(clap::Args, Clone, Debug, Default)]
-pub struct SensorArgs {
-    /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none. Where packets bear no serial number
-    /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, by the port of the lidar
-    /// packets, :7502=front.json, or by both, 192.168.1.10:7502=front.json.
-    #[arg(long = "meta", value_name = "[[ADDRESS][:PORT]=]META.json", value_parser = TiedFile::parser())]
-    pub meta: Vec<TiedFile>,
-    /// Calibration of a Velodyne (db.xml or YAML); with several, name each by its address: 192.168.1.201=left.xml.
-    #[arg(long, value_name = "[ADDRESS=]FILE", value_parser = TiedFile::parser())]
-    pub calibration: Vec<TiedFile>,
-}
-
-impl SensorArgs {
-    /// With the metadata of the rig.toml's sensors, where none are typed and the capture is no session, which has its own.
-    pub fn or_of(&self, config: Option<&Config>, capture: &Path) -> Self {
-        let mut sensors = self.clone();
-        if sensors.meta.is_empty() && !Session::is_session(capture) {
-            let named = config.into_iter().flat_map(|config| &config.sensors);
-            let files = named.filter_map(|sensor| sensor.metadata.clone());
-            sensors.meta.extend(files.map(|path| TiedFile { tie: None, path }));
-        }
-        sensors
-    }
-
-    /// The calibrations, read.
-    pub fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
-        self.calibration.iter().map(calibration).collect()
-    }
 }
 
 /// How a pass over the packets ended.
@@ -110,6 +73,8 @@ pub struct Ending {
     pub damage: Option<CaptureError>,
     /// Interfaces of the last section.
     pub interfaces: Vec<Interface>,
+    /// What was not read behind the damage, in words.
+    unread: Option<String>,
     missing: Vec<String>,
 }
 
@@ -120,12 +85,15 @@ impl Recording {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
         ensure_recording(capture)?;
-        let (mut session, mut is_tied_by_session) = (None, false);
+        let (mut session, mut is_tied_by_session, mut unreadable) = (None, false, Vec::new());
         if capture.is_dir() {
             let manifest = Manifest::read(capture)?;
             path = capture.join(crate::record::file::PACKETS);
             if paths.is_empty() {
-                let files = json_files(&capture.join(crate::record::file::METADATA))?;
+                let mut files = session_metadata(capture)?;
+                let named = manifest.sensors.iter().filter_map(|entry| entry.metadata.as_ref());
+                let named: Vec<PathBuf> = named.map(|relative| capture.join(relative)).collect();
+                files.extend(named.into_iter().filter(|file| !file.exists()));
                 // units whose packets do not say whose they are were recorded from ports of their own
                 let tied = |path: PathBuf| TiedFile { tie: recorded_from(&manifest, capture, &path), path };
                 paths = files.into_iter().map(tied).collect();
@@ -137,13 +105,25 @@ impl Recording {
             true => "standard input".into(),
             false => path.display().to_string(),
         };
+        // a session of which one file is damaged has others
+        let mut tell = |error: anyhow::Error| {
+            if !is_tied_by_session {
+                return Err(error);
+            }
+            unreadable.push(format!("{error:#}"));
+            Ok(())
+        };
+        let metadata = metadata_of(&paths, &mut tell)?;
+        let calibrations = sensors.calibrations()?;
+        ensure_named(&calibrations, session.as_ref().map(|(_, manifest)| manifest), capture)?;
         Ok(Self {
             name,
             path,
-            metadata: metadata_of(&paths)?,
-            calibrations: sensors.calibrations()?,
+            metadata,
+            calibrations,
             session,
             is_tied_by_session,
+            unreadable,
             spooled: None,
         })
     }
@@ -177,14 +157,12 @@ impl Recording {
     /// The session that the file was taken out of, without what belongs to it.
     pub fn session_around(&self) -> Option<&Path> {
         let folder = self.path.parent().filter(|folder| Session::is_session(folder));
-        let has_metadata = |folder: &&Path| {
-            json_files(&folder.join(crate::record::file::METADATA)).is_ok_and(|files| !files.is_empty())
-        };
+        let has_metadata = |folder: &&Path| session_metadata(folder).is_ok_and(|files| !files.is_empty());
         folder.filter(|_| self.metadata.is_empty()).filter(has_metadata)
     }
 
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
-    /// of one of these lengths, where any is known, and not among those given.
+    /// of one of these lengths, where any is known, and none of whom others are given. What says the same counts once.
     pub fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
         let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -193,21 +171,35 @@ impl Recording {
             let name = path.file_stem().and_then(|name| name.to_str()).unwrap_or_default();
             name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
         };
-        let describes = |path: &PathBuf| {
-            if self.metadata.iter().any(|given| crate::files::is_same(path, Path::new(&given.name))) {
-                return false;
-            }
+        let is_given = |path: &Path| {
+            self.metadata.iter().any(|given| crate::files::is_same(path, Path::new(&given.name)))
+        };
+        let of_given =
+            |serial: u64| self.metadata.iter().any(|given| given.metadata.serial_number() == Some(serial));
+        let mut known: Vec<Metadata> = Vec::new();
+        let mut describes = |path: &PathBuf| {
             let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
             let text = if small { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
             // what does not read as metadata is not what is looked for
-            Metadata::parse(&text, "").is_ok_and(|metadata| {
-                let length = metadata.packet_format().packet_bytes();
-                (packet_bytes.is_empty() || packet_bytes.contains(&length))
-                    && (metadata.serial_number().is_some_and(|serial| serials.contains(&serial))
-                        || named(path))
-            })
+            let Ok(metadata) = Metadata::parse(&text, "") else { return false };
+            let length = metadata.packet_format().packet_bytes();
+            let is_wanted = match metadata.serial_number() {
+                Some(serial) if serials.contains(&serial) => true,
+                Some(serial) if of_given(serial) => false,
+                _ => named(path),
+            };
+            let metadata = as_decoded(&metadata);
+            if !is_wanted
+                || is_given(path)
+                || !(packet_bytes.is_empty() || packet_bytes.contains(&length))
+                || known.contains(&metadata)
+            {
+                return false;
+            }
+            known.push(metadata);
+            true
         };
-        files.into_iter().take(MOST_FILES_BESIDE).filter(describes).collect()
+        files.into_iter().take(MOST_FILES_BESIDE).filter(|path| describes(path)).collect()
     }
 
     /// A router that knows the sensors of the metadata, and where they send from if that is needed.
@@ -230,13 +222,21 @@ impl Recording {
         Ok(router)
     }
 
-    /// Refuses a calibration that does not fit the sensor that it was given for, and metadata tied to who sends nothing.
-    pub fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
+    /// Refuses a calibration that does not fit the sensor that it was given for.
+    pub fn ensure_calibrations_fit(router: &Router) -> anyhow::Result<()> {
         for sensor in router.sensors() {
             if let Some((name, error)) = sensor.calibration_error() {
                 let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
                 bail!("{name}, given for the {}{source}: {error}", sensor.product());
             }
+        }
+        Ok(())
+    }
+
+    /// The same, and metadata tied to who sends nothing.
+    pub fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
+        Self::ensure_calibrations_fit(router)?;
+        for sensor in router.sensors() {
             let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name) else { continue };
             let (is_found, whence) = match tie {
                 Tie::Sender(address) => (sensor.stats().packets > 0, format!("comes from {address}")),
@@ -300,12 +300,29 @@ impl Recording {
             }
         };
         bar.finish_and_clear();
+        let of_session = self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| manifest.missing());
         Ok(Ending {
             counters: reader.counters().clone(),
+            unread: damage.as_ref().and_then(|damage| self.unread_behind(damage, &reader)),
             damage,
             interfaces: reader.interfaces().to_vec(),
-            missing: self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| manifest.missing()),
+            missing: self.unreadable.iter().cloned().chain(of_session).collect(),
         })
+    }
+
+    /// How much of the file lies behind damage, in words.
+    fn unread_behind(&self, damage: &CaptureError, reader: &CaptureReader) -> Option<String> {
+        let (CaptureError::Damaged { offset, .. } | CaptureError::Read { offset, .. }) = damage else {
+            return None;
+        };
+        let bytes = std::fs::metadata(&self.path).ok().filter(std::fs::Metadata::is_file)?.len();
+        let (from, packed) = match reader.is_packed() {
+            true => (reader.position(), " (packed)"),
+            false => (*offset, ""),
+        };
+        let unread = bytes.saturating_sub(from);
+        let percent = 100.0 * unread as f64 / bytes.max(1) as f64;
+        Some(format!("from there on {unread} bytes{packed} were not read, {percent:.0} % of the file"))
     }
 }
 
@@ -313,7 +330,8 @@ impl Ending {
     /// Data that is missing because of the file or its recorder, in words.
     pub fn losses(&self) -> Vec<String> {
         let mut losses = self.missing.clone();
-        losses.extend(self.damage.as_ref().map(ToString::to_string));
+        let unread = self.unread.as_ref().map_or(String::new(), |unread| format!("; {unread}"));
+        losses.extend(self.damage.as_ref().map(|damage| format!("{damage}{unread}")));
         losses.extend(capture_losses(&self.counters));
         losses
     }
@@ -351,84 +369,6 @@ pub fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     };
     let name = if is_standard_input { "standard input".into() } else { path.display().to_string() };
     keep().map(Some).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
-}
-
-/// The port that the sensor of a metadata file of a session was recorded from.
-fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie> {
-    let is_of =
-        |entry: &&SensorEntry| entry.metadata.as_ref().is_some_and(|relative| dir.join(relative) == file);
-    let mut entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry)).filter(is_of);
-    match (entries.next(), entries.next()) {
-        (Some(entry), None) => entry.address.map(|address| Tie::Port(address.port())),
-        _ => None,
-    }
-}
-
-/// The metadata in some files; what describes a unit as another file does counts once.
-fn metadata_of(files: &[TiedFile]) -> anyhow::Result<Vec<Given>> {
-    let mut known: Vec<Given> = Vec::with_capacity(files.len());
-    for TiedFile { tie, path } in files {
-        let name = path.display().to_string();
-        if let (Some(tie), "") = (tie, name.as_str()) {
-            bail!("--meta {tie}=: no file is named behind the equals sign");
-        }
-        let text = crate::files::read_text(path).with_context(|| name.clone())?;
-        let metadata = Metadata::parse(&text, &name)?;
-        let same_unit = |other: &&Given| {
-            let serial = metadata.serial_number();
-            let is_one = serial.is_some_and(|serial| other.metadata.serial_number() == Some(serial));
-            is_one && other.tie == *tie && other.metadata.packet_format() == metadata.packet_format()
-        };
-        match known.iter().find(same_unit) {
-            Some(other) if as_decoded(&other.metadata) == as_decoded(&metadata) => {}
-            Some(other) => bail!(
-                "{} and {name}: both of sensor {}, with packets of the same format, and they differ: give the one of the \
-                 time of the recording",
-                other.name,
-                metadata.serial
-            ),
-            None => known.push(Given { metadata, name, tie: *tie }),
-        }
-    }
-    Ok(known)
-}
-
-/// What decoding takes from metadata: not when it was switched on, what it runs and where it sends.
-fn as_decoded(metadata: &Metadata) -> Metadata {
-    let firmware = String::new();
-    let (lidar_port, imu_port, zone_port, destination) = (None, None, None, None);
-    Metadata { init_id: 0, firmware, lidar_port, imu_port, zone_port, destination, ..metadata.clone() }
-}
-
-fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
-    let name = file.path.display().to_string();
-    let source = match file.tie {
-        None => None,
-        Some(Tie::Sender(address)) => Some(address),
-        Some(tie @ (Tie::Port(_) | Tie::Stream(_))) => {
-            bail!(
-                "--calibration {tie}={name}: expected the address that the Velodyne sends from, ADDRESS=FILE"
-            )
-        }
-    };
-    let bytes = std::fs::read(&file.path).with_context(|| name.clone())?;
-    let calibration = Calibration::from_bytes(&bytes).with_context(|| name.clone())?;
-    Ok(GivenCalibration { source, name, calibration })
-}
-
-fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
-    let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
-        let path = entry.with_context(|| folder.display().to_string())?.path();
-        if path.extension().is_some_and(|extension| extension == "json") {
-            files.push(path);
-        }
-    }
-    files.sort();
-    Ok(files)
 }
 
 /// Drawn on stderr, and only on a terminal.

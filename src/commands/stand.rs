@@ -77,7 +77,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     // no zeros: turns alone do not tell them
     let of =
         RecordedArgs { recording: args.session.clone(), mount: args.mount.clone(), ..Default::default() };
-    let recorded = Recorded::open(&of)?;
+    let recorded = Recorded::open(&of, context)?;
     let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),

@@ -32,6 +32,14 @@ impl TiedFile {
         }
     }
 
+    /// The name before the equals sign of `NAME=FILE`, and the file behind it; none where there is a file of the whole name.
+    pub fn of_name(&self) -> Option<(String, PathBuf)> {
+        let text = self.path.to_str().filter(|_| !self.path.exists())?;
+        let (before, file) = text.split_once('=')?;
+        let (folder, name) = before.rsplit_once('/').map_or(("", before), |(folder, name)| (folder, name));
+        (!name.is_empty()).then(|| (name.to_owned(), Path::new(folder).join(file)))
+    }
+
     /// The same text with the file as seen from a folder; what is wrong stays as it is, to be told of.
     pub fn text_in(text: &str, folder: &Path) -> OsString {
         let Ok(Self { tie, path }) = Self::read(text.into()) else { return text.into() };

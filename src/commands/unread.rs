@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use sensors::DecodeStats;
 use sensors::capture::CaptureCounters;
-use sensors::router::{Router, Sensor, Unclaimed};
+use sensors::router::{Family, Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 use super::sensor_ids;
@@ -49,12 +49,12 @@ pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> S
         let _ = write!(text, "\n  {loss}");
     }
     if needs_metadata(router) {
-        let serials: Vec<u64> = unclaimed.iter().filter_map(|entry| entry.serial).collect();
-        let beside = metadata_beside(recording, router, &serials);
+        let beside = metadata_beside(recording, router);
         for path in &beside {
             let _ = write!(text, "\n{} lies beside it: try --meta {}", path.display(), path.display());
         }
-        if beside.is_empty() {
+        let has_some = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));
+        if beside.is_empty() && !has_some {
             text.push_str(
                 "\nAn Ouster recording needs its sensor's metadata: save http://SENSOR/api/v1/sensor/metadata as a file",
             );
@@ -69,9 +69,9 @@ fn needs_metadata(router: &Router) -> bool {
         || router.sensors().iter().any(|sensor| sensor.misread_bytes().is_some())
 }
 
-/// Metadata files that lie beside a recording and would read what those given do not, of sensors with these serial numbers
-/// or named like the recording.
-pub fn metadata_beside(recording: &Recording, router: &Router, serials: &[u64]) -> Vec<PathBuf> {
+/// Metadata files that lie beside a recording and would read what those given do not, of sensors with serial numbers that
+/// nobody took or named like the recording.
+pub fn metadata_beside(recording: &Recording, router: &Router) -> Vec<PathBuf> {
     if !needs_metadata(router) {
         return Vec::new();
     }
@@ -79,7 +79,8 @@ pub fn metadata_beside(recording: &Recording, router: &Router, serials: &[u64]) 
     let misread = router.sensors().iter().filter_map(Sensor::misread_bytes);
     let serials_misread = router.sensors().iter().filter(|sensor| sensor.misread_bytes().is_some());
     let serials_misread = serials_misread.filter_map(|sensor| sensor.serial().parse().ok());
-    let serials: Vec<u64> = serials.iter().copied().chain(serials_misread).collect();
+    let serials: Vec<u64> =
+        router.unclaimed().filter_map(|entry| entry.serial).chain(serials_misread).collect();
     recording.metadata_beside(&serials, &unclaimed.chain(misread).collect::<Vec<_>>())
 }
 

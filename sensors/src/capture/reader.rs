@@ -45,6 +45,7 @@ pub struct CaptureReader {
     counters: CaptureCounters,
     interface: usize,
     position: Arc<AtomicU64>,
+    is_packed: bool,
 }
 
 /// A datagram whose bytes lie still while it is handed out.
@@ -93,6 +94,7 @@ impl CaptureReader {
             counters: CaptureCounters::default(),
             interface: 0,
             position,
+            is_packed: gzip,
         })
     }
 
@@ -144,6 +146,11 @@ impl CaptureReader {
     /// Bytes taken from the file so far (packed ones, if it is packed), to show progress.
     pub fn position(&self) -> u64 {
         self.position.load(Ordering::Relaxed)
+    }
+
+    /// Whether the file is packed.
+    pub fn is_packed(&self) -> bool {
+        self.is_packed
     }
 
     /// Counts a frame as what it is; a datagram, if it holds or completes one.

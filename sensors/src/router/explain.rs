@@ -1,7 +1,9 @@
 //! Why nobody took a packet, and what would help.
 
+use std::net::SocketAddr;
+
 use super::guess::Guess;
-use super::sensor::{Beams, Family, GivenCalibration, Sensor};
+use super::sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
 use super::streams::{Stream, listed};
 use crate::Packet;
 use crate::ouster::Metadata;
@@ -149,18 +151,28 @@ pub(super) fn unclaimed(
     }
 }
 
+/// What tells a sensor from others: its name, where it has one, the sender and the port of its data packets.
+fn at_home(sensor: &Sensor) -> Option<String> {
+    let address = sensor.first_source?.ip();
+    let place = match sensor.data_port {
+        Some(port) => SocketAddr::new(address, port).to_string(),
+        None => address.to_string(),
+    };
+    Some(sensor.name.as_ref().map_or(place.clone(), |name| format!("{name} ({place})")))
+}
+
 /// Why a calibration serves no sensor.
 pub(super) fn unused_calibration(sensors: &[Sensor], given: &GivenCalibration) -> String {
     let name = &given.name;
     let velodynes = sensors.iter().filter(|sensor| matches!(sensor.family, Family::Velodyne(_)));
-    let senders: Vec<String> =
-        velodynes.filter_map(|sensor| Some(sensor.first_source?.ip().to_string())).collect();
-    match given.source {
-        _ if senders.is_empty() => format!("calibration {name} is not used: no Velodyne is in the recording"),
-        Some(source) if !senders.contains(&source.to_string()) => format!(
-            "calibration {name} is not used: no Velodyne sends from {source}; there {} from {}",
-            if senders.len() == 1 { "is one" } else { "are some" },
-            senders.join(", ")
+    let is_nobodys = !velodynes.clone().any(|sensor| sensor.is_meant(&given.whose));
+    let there: Vec<String> = velodynes.filter_map(at_home).collect();
+    match &given.whose {
+        _ if there.is_empty() => format!("calibration {name} is not used: no Velodyne is in the recording"),
+        whose @ (Whose::Tied(_) | Whose::Named(_)) if is_nobodys => format!(
+            "calibration {name} is not used: no Velodyne is that of {whose}; there {} {}",
+            if there.len() == 1 { "is" } else { "are" },
+            there.join(", ")
         ),
         _ => format!(
             "calibration {name} is not used: every Velodyne has another one, which was given before it"

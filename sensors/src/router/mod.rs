@@ -21,7 +21,7 @@ use crate::velodyne::{Options, VelodyneDecoder};
 use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
-pub use sensor::{Beams, Family, GivenCalibration, Sensor};
+pub use sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
 use streams::{Stream, stream_of};
 pub use tie::{Named, Tie};
 
@@ -114,9 +114,7 @@ impl Router {
     /// Calibrations that no sensor of the recording has taken, in words.
     pub fn unused_calibrations(&self) -> Vec<String> {
         let takes = |sensor: &Sensor, given: &GivenCalibration| {
-            let is_meant =
-                given.source.is_none_or(|source| sensor.first_source.is_some_and(|from| from.ip() == source));
-            is_meant && sensor.beams() == Beams::Given(&given.name)
+            sensor.is_meant(&given.whose) && sensor.beams() == Beams::Given(&given.name)
         };
         let is_unused = |given: &&GivenCalibration| !self.sensors.iter().any(|sensor| takes(sensor, given));
         let unused = self.calibrations.iter().filter(is_unused);
@@ -164,12 +162,12 @@ impl Router {
             }
         };
         let outcome = self.sensors[at].family.decoder_mut().take(packet);
+        self.sensors[at].take_name(&self.names);
         self.sensors[at].calibrate(&self.calibrations);
         self.hand_out(at, out);
         match outcome {
             Ok(()) => {
                 self.sensors[at].note_packet(packet, claim);
-                self.sensors[at].take_name(&self.names);
                 Routed::Taken(at)
             }
             Err(Rejected::Foreign { reason }) => {

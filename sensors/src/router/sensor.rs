@@ -33,12 +33,33 @@ pub struct Sensor {
 /// The calibration of a Velodyne, as given.
 #[derive(Clone, Debug)]
 pub struct GivenCalibration {
-    /// Where the Velodyne sends from that it is meant for; every one where nobody says.
-    pub source: Option<IpAddr>,
+    /// The Velodynes that it is meant for.
+    pub whose: Whose,
     /// What messages call it.
     pub name: String,
     /// What it says.
     pub calibration: Calibration,
+}
+
+/// Which sensors something is meant for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Whose {
+    /// Every one.
+    Everyone,
+    /// Those whose packets have this in common.
+    Tied(Tie),
+    /// The one that is called so.
+    Named(String),
+}
+
+impl fmt::Display for Whose {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Everyone => Ok(()),
+            Self::Tied(tie) => write!(out, "{tie}"),
+            Self::Named(name) => out.write_str(name),
+        }
+    }
 }
 
 /// Where the beams of a sensor come from.
@@ -323,15 +344,28 @@ impl Sensor {
         }
     }
 
+    /// Whether something is meant for it.
+    pub(super) fn is_meant(&self, whose: &Whose) -> bool {
+        let address = self.first_source.map(|source| source.ip());
+        match whose {
+            Whose::Everyone => true,
+            Whose::Tied(Tie::Sender(sender)) => address == Some(*sender),
+            Whose::Tied(Tie::Port(port)) => self.data_port == Some(*port),
+            Whose::Tied(Tie::Stream(stream)) => {
+                address == Some(stream.ip()) && self.data_port == Some(stream.port())
+            }
+            Whose::Named(name) => self.name.as_ref() == Some(name),
+        }
+    }
+
     /// Takes the first calibration that is meant for it, once it is known what it is.
     pub(super) fn calibrate(&mut self, calibrations: &[GivenCalibration]) {
         if self.calibrated.is_some() || calibrations.is_empty() {
             return;
         }
         let Family::Velodyne(decoder) = &self.family else { return };
-        let (Some(identity), Some(address)) = (decoder.identity(), self.first_source) else { return };
-        let meant =
-            calibrations.iter().find(|given| given.source.is_none_or(|source| source == address.ip()));
+        let Some(identity) = decoder.identity() else { return };
+        let meant = calibrations.iter().find(|given| self.is_meant(&given.whose));
         self.calibrated = meant.map(|given| (given.name.clone(), given.calibration.model(identity.product)));
     }
 

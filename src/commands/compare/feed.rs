@@ -1,7 +1,7 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Router, Sensor, Unclaimed};
+use sensors::router::{GivenCalibration, Router, Sensor, Unclaimed, Whose};
 use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
@@ -143,7 +143,7 @@ pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_
     let mut fed = Fed::of(rig);
     let places = places(session, rig)?;
     let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
-    let mut routers = routers(seated)?;
+    let mut routers = routers(seated, &mut fed.losses);
     learn(session, &places, &mut routers)?;
     for (entry, place) in session.manifest().sensors.iter().zip(&places) {
         if let Some(place) = place {
@@ -202,18 +202,29 @@ fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
 }
 
 /// A router per sensor of the rig, which knows what the session says of it: packets of one do not get to another.
-fn routers(seated: &Seated<'_>) -> anyhow::Result<Vec<Router>> {
-    let router = |mounted: &MountedSensor| -> anyhow::Result<Router> {
+/// Metadata that cannot be read are lost, and not the session with them.
+fn routers(seated: &Seated<'_>, losses: &mut Vec<String>) -> Vec<Router> {
+    let router = |mounted: &MountedSensor| {
         let mut router = Router::new();
-        if let Some(text) = seated.session.metadata(&mounted.name)? {
-            router.add_ouster(Metadata::parse(&text, &mounted.name)?, mounted.name.clone());
+        match metadata_of(seated.session, &mounted.name) {
+            Ok(Some(metadata)) => router.add_ouster(metadata, mounted.name.clone()),
+            Ok(None) => {}
+            Err(error) => losses.push(format!("{}: its metadata: {error:#}", mounted.name)),
         }
-        for calibration in seated.calibrations {
-            router.add_calibration(calibration.clone());
+        for given in seated.calibrations {
+            // what bears a name goes to the sensor of that name, and it alone is here
+            let is_its_own = given.whose == Whose::Named(mounted.name.clone());
+            let whose = if is_its_own { Whose::Everyone } else { given.whose.clone() };
+            router.add_calibration(GivenCalibration { whose, ..given.clone() });
         }
-        Ok(router)
+        router
     };
     seated.rig.sensors.iter().map(router).collect()
+}
+
+fn metadata_of(session: &Session, sensor: &str) -> anyhow::Result<Option<Metadata>> {
+    let Some(text) = session.metadata(sensor)? else { return Ok(None) };
+    Ok(Some(Metadata::parse(&text, sensor)?))
 }
 
 /// Shows the first packets to the routers before any is decoded, as those of a capture are.

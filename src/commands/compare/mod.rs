@@ -165,7 +165,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error()?;
     check(args, context)?;
-    let recorded = Recorded::open(&args.recorded)?;
+    let recorded = Recorded::open(&args.recorded, context)?;
     let place = place::read(&args.place, &recorded, context)?;
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);

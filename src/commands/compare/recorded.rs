@@ -5,12 +5,14 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
-use sensors::router::GivenCalibration;
+use sensors::router::{GivenCalibration, Tie, Whose};
 
 use super::axes::{AxisSummary, AxisZeros, contradicted, reports_of, tilts};
 use super::feed::{self, Fed, Seated, Taken};
+use crate::commands::Context;
+use crate::commands::given::{SensorArgs, ensure_named};
 use crate::commands::output;
-use crate::commands::recording::{Recording, SensorArgs, ensure_recording};
+use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::stage::Stage;
 use crate::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::files::is_same;
@@ -81,8 +83,8 @@ pub struct Kept {
 impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
     /// says, or as the session does.
-    pub fn open(args: &RecordedArgs) -> anyhow::Result<Self> {
-        Self::open_if_seated(args)?.with_context(|| {
+    pub fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
+        Self::open_if_seated(args, context)?.with_context(|| {
             format!(
                 "{}: give --mount: the recording does not say where its sensors sit",
                 args.recording.display()
@@ -91,8 +93,9 @@ impl Recorded {
     }
 
     /// The same; none where nobody says where the sensors sit.
-    pub fn open_if_seated(args: &RecordedArgs) -> anyhow::Result<Option<Self>> {
+    pub fn open_if_seated(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
+        let sensors = &sensors.of(context, path);
         // a name that was mistyped is no recording without a mount
         if path.as_os_str() != "-" {
             std::fs::metadata(path).with_context(|| path.display().to_string())?;
@@ -197,10 +200,12 @@ impl Recorded {
     }
 }
 
-/// A calibration that is meant for an address is meant for a sensor of the session.
+/// A calibration that is meant for one sensor is meant for one of the session.
 fn ensure_meant(calibrations: &[GivenCalibration], session: &Session) -> anyhow::Result<()> {
     let entries = &session.manifest().sensors;
-    for address in calibrations.iter().filter_map(|given| given.source) {
+    ensure_named(calibrations, Some(session.manifest()), session.dir())?;
+    for given in calibrations {
+        let Whose::Tied(Tie::Sender(address)) = given.whose else { continue };
         ensure!(
             entries.iter().any(|entry| entry.source == Some(address)),
             "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \

@@ -10,6 +10,7 @@ use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::frames::FrameRange;
+use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
 use crate::export::Placer;
 
@@ -254,9 +255,9 @@ impl Document {
             let counters = &sensor.counters;
             let _ = writeln!(
                 text,
-                "    {} frames, {} points; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, \
+                "    {}, {} points; {} packets, {} lost, {} duplicated, {} reordered, {} late, {} malformed, \
                  {} with a wrong checksum",
-                sensor.totals.frames,
+                counted(sensor.totals.frames as u64, "frame"),
                 sensor.totals.points + sensor.totals.points_second,
                 counters.packets,
                 counters.lost_packets,

@@ -15,8 +15,9 @@ use sensors::Decoded;
 use self::document::Document;
 use self::frames::FrameRange;
 use self::output::Output;
+use super::given::SensorArgs;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::{Recording, SensorArgs};
+use super::recording::Recording;
 use super::{Context, Outcome, signals};
 use crate::export::Format;
 
@@ -64,7 +65,7 @@ impl Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors.or_of(context.config, &args.capture))?;
+    let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
     let mut output = Output::new(args, args.format(context), &recording)?;
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
 use crate::commands::recording::{Ending, Recording};
-use crate::commands::{sensor_ids, unread};
+use crate::commands::{output::counted, sensor_ids, unread};
 use crate::watch::{SensorReport, Watch};
 
 /// The document.
@@ -66,7 +66,7 @@ impl Document {
             fragments_incomplete: ending.counters.fragments_incomplete,
             capture_counters: ending.counters.clone(),
             losses,
-            advice: advice(recording, router, flows),
+            advice: advice(recording, router),
             sensors,
         }
     }
@@ -144,8 +144,9 @@ impl SensorReport {
             .map_or(String::new(), |points| format!(" and {points:.0} second returns"));
         let _ = writeln!(
             text,
-            "    {} frames, {} whole{rate}{points}{second}",
-            self.frames, self.complete_frames
+            "    {}, {} whole{rate}{points}{second}",
+            counted(self.frames, "frame"),
+            self.complete_frames
         );
         let _ = writeln!(text, "    beams {}", self.beams);
         let counters = &self.counters;
@@ -197,7 +198,7 @@ impl SensorReport {
 }
 
 /// Why something does not decode, and what would help.
-fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> {
+fn advice(recording: &Recording, router: &Router) -> Vec<String> {
     let mut advice: Vec<String> = router
         .unclaimed()
         .map(|entry| {
@@ -205,7 +206,7 @@ fn advice(recording: &Recording, router: &Router, flows: &Flows) -> Vec<String> 
             format!("{packets} packets of {length} bytes to port {port}: {reason}")
         })
         .collect();
-    for path in unread::metadata_beside(recording, router, &flows.serials()) {
+    for path in unread::metadata_beside(recording, router) {
         advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
     advice.extend(recording.ensure_given_fits(router).err().map(|error| error.to_string()));

@@ -108,14 +108,6 @@ impl Flows {
         self.others
     }
 
-    /// Serial numbers of Ouster sensors.
-    pub fn serials(&self) -> Vec<u64> {
-        let mut serials: Vec<u64> = self.flows.values().filter_map(|flow| flow.guess.serial()).collect();
-        serials.sort_unstable();
-        serials.dedup();
-        serials
-    }
-
     /// All streams; the sensors of the router have these ids.
     pub fn reports(&self, router: &Router, ids: &[String]) -> Vec<FlowReport> {
         let has_metadata = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));

@@ -7,15 +7,17 @@ use std::path::PathBuf;
 
 use self::document::Document;
 use self::flows::Flows;
+use super::given::SensorArgs;
 use super::output::{print_json, print_text};
-use super::recording::{Recording, SensorArgs};
+use super::recording::Recording;
 use super::{Context, Outcome};
 use crate::watch::Watch;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
 recording is whole; 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments that \
-never came); 1 when the file cannot be read.";
+never came); 1 when the file cannot be read, or a calibration does not fit its sensor. Ctrl-C ends it by the signal (a \
+shell says 130): nothing is half written.";
 
 /// Arguments of `inspect`.
 #[derive(clap::Args, Debug)]
@@ -29,7 +31,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors.or_of(context.config, &args.capture))?;
+    let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
     let mut router = recording.router()?;
     let mut flows = Flows::default();
     let mut watches: Vec<Watch> = Vec::new();
@@ -45,6 +47,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Ok(())
     })?;
     router.finish(&mut take);
+    Recording::ensure_calibrations_fit(&router)?;
     let document = Document::new(&recording, &router, &flows, &watches, &ending);
     if context.json {
         print_json(&document)?;
