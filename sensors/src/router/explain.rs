@@ -7,8 +7,17 @@ use super::sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
 use super::streams::{Stream, listed};
 use crate::Packet;
 use crate::ouster::Metadata;
+use crate::ouster::imu::LEGACY_BYTES;
 
-pub(super) fn ambiguous(count: usize) -> String {
+/// Why a packet goes to none of so many sensors that it could be of.
+pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
+    if packet.payload.len() == LEGACY_BYTES {
+        return format!(
+            "{count} sensors send inertial packets like this one without a serial number, and neither its sender nor the \
+             udp_port_imu of their metadata tells whose it is; give only the metadata of sensors that are in the recording, or \
+             say who sends: --meta ADDRESS=FILE.json"
+        );
+    }
     format!(
         "{count} sensors send packets like this one without a serial number, and its sender is none that is known; \
          give only the metadata of sensors that are in the recording, or say who sends where: --meta ADDRESS=FILE.json, or \

@@ -213,7 +213,7 @@ impl Router {
                     false => Err(Some(explain::of_one_of_several(&self.sensors[at]))),
                 };
             }
-            (Some(_), count) => return Err(Some(explain::ambiguous(count))),
+            (Some(_), count) => return Err(Some(explain::ambiguous(count, packet))),
             (None, _) => {}
         }
         match Guess::of_velodyne(packet.payload) {

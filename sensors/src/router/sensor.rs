@@ -274,7 +274,8 @@ impl Sensor {
     pub(super) fn is_tied_elsewhere(&self, packet: &Packet<'_>) -> bool {
         let Family::Ouster(decoder) = &self.family else { return false };
         let holds = self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes()));
-        holds == Some(false) && decoder.claim(packet) != Claim::No
+        // a decoder that has a sender claims nothing of another
+        holds == Some(false) && (self.has_anonymous(packet) || decoder.claim(packet) != Claim::No)
     }
 
     /// Whether this is a lidar packet of its length, and such do not say whose they are.
