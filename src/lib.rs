@@ -35,6 +35,7 @@
 
 pub mod features;
 pub mod files;
+pub mod questions;
 pub mod instructions;
 pub mod statistics;
 pub mod rng;

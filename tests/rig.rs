@@ -139,6 +139,19 @@ fn a_rig_that_does_not_answer_is_named() {
     link.inject_at(1_000_000, MockFault::WrongId(true));
     let lost = ready(link, Options::default()).idle(Duration::from_secs(3)).unwrap_err().to_string();
     assert!(lost.contains("node 1 says nothing any more, node 2 does"), "{lost}");
+    // a stranger that was heard for a moment, before the rig itself was heard again, is no reason for its silence
+    let mut link = clean(4);
+    for (at_us, fault) in [
+        (1_000_000, MockFault::WrongId(true)),
+        (1_300_000, MockFault::WrongId(false)),
+        (1_600_000, MockFault::Late(600_000)),
+    ] {
+        link.inject_at(at_us, fault);
+    }
+    let mut rig = ready(link, Options::default());
+    rig.idle(Duration::from_millis(300)).unwrap();
+    let lost = rig.idle(Duration::from_secs(4)).unwrap_err().to_string();
+    assert!(lost.contains("it says nothing at all"), "{lost}");
     let wrong = RigController::connect(clean(4), Options { node: 9, ..Options::default() }).err().unwrap();
     assert!(matches!(wrong, RigError::NoAnswer { what: "hello", .. }), "{wrong}");
 }

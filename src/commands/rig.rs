@@ -124,36 +124,33 @@ const USED_BY: [(&str, &[&str]); 8] = [
     ("reconnect", &["watch"]),
 ];
 
+/// The arguments that a verb has no use for, and the verbs that have.
+fn unused_by(verb: &str) -> impl Iterator<Item = &'static (&'static str, &'static [&'static str])> {
+    USED_BY.iter().filter(move |(_, verbs)| !verbs.contains(&verb))
+}
+
 /// A verb's help without what it refuses.
 fn hide_unused(verb: clap::Command) -> clap::Command {
-    let is_unused = |arg: &clap::Arg| {
-        let used_by = USED_BY.iter().find(|(argument, _)| arg.get_id() == *argument);
-        used_by.is_some_and(|(_, verbs)| !verbs.contains(&verb.get_name()))
-    };
-    let unused: Vec<clap::Id> =
-        verb.get_arguments().filter(|arg| is_unused(arg)).map(|arg| arg.get_id().clone()).collect();
-    unused.iter().fold(verb, |verb, id| verb.mut_arg(id, |arg| arg.hide(true)))
+    let has = |id: &str| verb.get_arguments().any(|arg| arg.get_id() == id);
+    let unused: Vec<&str> = unused_by(verb.get_name()).map(|(id, _)| *id).filter(|id| has(id)).collect();
+    unused.into_iter().fold(verb, |verb, id| verb.mut_arg(id, |arg| arg.hide(true)))
 }
 
 fn refuse_unused(action: &Action, context: Context) -> anyhow::Result<()> {
     let verb = action.name();
-    let unused = |(argument, verbs): &&(&str, &[&str])| !verbs.contains(&verb) && context.is_typed(argument);
-    match USED_BY.iter().find(unused) {
-        None => Ok(()),
+    if verb == "stop" {
         // whoever stops a rig stops it, whatever else was typed
-        Some((argument, _)) if verb == "stop" => {
-            output::say_notice(&format!(
-                "a stop is a stop: --{} changes nothing",
-                argument.replace('_', "-")
-            ));
-            Ok(())
+        if let Some((argument, _)) = unused_by(verb).find(|(argument, _)| context.is_typed(argument)) {
+            let flag = argument.replace('_', "-");
+            output::say_notice(&format!("a stop is a stop: --{flag} changes nothing"));
         }
-        Some((argument, verbs)) => refuse!(
-            "--{} is about `rig {}`: `rig {verb}` has no use for it",
-            argument.replace('_', "-"),
-            verbs.join("`, `rig ")
-        ),
+        return Ok(());
     }
+    unused_by(verb).try_for_each(|(argument, verbs)| {
+        let users = verbs.join("`, `rig ");
+        context
+            .ensure_not_typed(&[*argument], format!("is about `rig {users}`: `rig {verb}` has no use for it"))
+    })
 }
 
 fn limits(text: &str) -> Result<(f64, f64), String> {
@@ -301,8 +298,7 @@ pub(super) fn by_axis(file: MountFile, path: &Path, names: &[String]) -> anyhow:
 /// The pitches of a mount file, in the order of axes.
 fn pitches_of(mount: &Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
     let file = by_axis(MountFile::read(mount)?, mount, names)?;
-    let turned = if names.is_empty() { file.sensors.len() } else { names.len() };
-    Ok(file.sensors[..turned].iter().map(|sensor| sensor.pitch_deg.to_radians()).collect())
+    Ok(file.axis_pitches_deg(names).into_iter().map(f64::to_radians).collect())
 }
 
 /// Whether a mount file, or what was named of it, has a pitch for every axis.

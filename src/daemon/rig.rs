@@ -2,6 +2,9 @@
 //!
 //! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nobody.
 
+mod error;
+mod telling;
+
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -9,7 +12,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use firmware_protocol::{AckCode, KeepOut};
+use firmware_protocol::KeepOut;
+
+pub use error::RigCommandError;
 
 use super::journal::Journal;
 use super::place::Motion;
@@ -35,41 +40,6 @@ pub struct RigSettings {
     pub mount_pitches_deg: Vec<f64>,
     /// Disarm when no command came for so long.
     pub disarm_after: Duration,
-}
-
-/// Why a command was not carried out.
-#[derive(Debug, thiserror::Error)]
-pub enum RigCommandError {
-    /// The configuration names none.
-    #[error("no rig is configured: give [rig] a port in rig.toml")]
-    NoRig,
-    /// It does not answer.
-    #[error("the rig is not connected: {0}")]
-    NotConnected(String),
-    /// Something else is under way.
-    #[error("the rig is busy with `{0}`: wait for its end, or hold")]
-    Busy(&'static str),
-    /// Motion was not allowed.
-    #[error("this moves the rig: arm it first")]
-    NotArmed,
-    /// No mount is configured.
-    #[error("no mount is configured: give [daemon] or [predict] a mount in rig.toml")]
-    NoMount,
-    /// A fault is latched.
-    #[error("{0}: take its cause away, clear the faults, then arm the rig again")]
-    Latched(RigError),
-    /// The rig refused or failed.
-    #[error(transparent)]
-    Rig(RigError),
-}
-
-impl From<RigError> for RigCommandError {
-    fn from(error: RigError) -> Self {
-        match error {
-            RigError::Fault { .. } | RigError::Refused { code: AckCode::Fault, .. } => Self::Latched(error),
-            error => Self::Rig(error),
-        }
-    }
 }
 
 /// A handle on the rig's thread.
@@ -313,7 +283,7 @@ impl Shared {
                 let commands = self.commands.load(Ordering::SeqCst);
                 let status = rig.status()?;
                 self.disarm_idle(rig, &status)?;
-                self.tell_faults(&status, &mut latched);
+                telling::faults(&self.journal, &status, &mut latched);
                 let mut state = lock(&self.state);
                 // a command that ended since has shown what is newer
                 if self.commands.load(Ordering::SeqCst) == commands {
@@ -322,20 +292,6 @@ impl Shared {
             }
         }
         Ok(())
-    }
-
-    /// Writes down what is latched and was not.
-    fn tell_faults(&self, status: &RigStatus, latched: &mut BTreeSet<String>) {
-        let named = |name: &String| {
-            let of = status.axes.iter().filter(|axis| axis.faults.contains(name));
-            let axes: Vec<String> = of.map(|axis| axis.axis.to_string()).collect();
-            format!("fault {name} is latched (axis {})", axes.join(", "))
-        };
-        let now: BTreeSet<String> = status.axes.iter().flat_map(|axis| axis.faults.iter().cloned()).collect();
-        for name in now.difference(latched) {
-            self.journal.tell("rig_fault", named(name));
-        }
-        *latched = now;
     }
 
     fn disarm_idle(&self, rig: &Rig, status: &RigStatus) -> Result<(), RigError> {
@@ -393,30 +349,29 @@ impl Shared {
         *lock(&self.last_command) = Instant::now();
         let outcome = work(&rig);
         *lock(&self.last_command) = Instant::now();
-        let status = rig.status();
-        let has_moved = moves && outcome.as_ref().is_err_and(ends_a_move);
-        let stands = status.as_ref().ok().filter(|_| has_moved).map(standing);
-        let words = self.tell_end(word, &outcome, stands);
-        let mut state = lock(&self.state);
+        let status = rig.status().ok();
+        let has_moved = moves && outcome.as_ref().is_err_and(telling::ends_a_move);
         self.commands.fetch_add(1, Ordering::SeqCst);
-        state.busy = None;
-        state.last_command = Some(words);
-        if let Ok(status) = status {
-            state.status = Some(status);
-        }
-        drop(state);
+        self.conclude(word, &outcome, status, has_moved).busy = None;
         Ok(outcome?)
     }
 
-    /// Writes down how a command ended, and where it left the axes.
-    fn tell_end(&self, word: &str, outcome: &Result<(), RigError>, stands: Option<String>) -> String {
-        let (event, how) = match outcome {
-            Ok(()) => ("rig_command", "done".to_owned()),
-            Err(error) => ("rig_command_failed", error.to_string()),
-        };
-        let words = format!("{word}: {how}{}", stands.map_or(String::new(), |where_| format!("; {where_}")));
-        self.journal.tell(event, words.clone());
-        words
+    /// Shows and writes down how an order ended, and where it left the axes, where that `is_news`. The state is still locked:
+    /// whoever sees the end of a command may give the next.
+    fn conclude(
+        &self,
+        word: &str,
+        outcome: &Result<(), RigError>,
+        status: Option<RigStatus>,
+        is_news: bool,
+    ) -> MutexGuard<'_, RigState> {
+        let words = telling::ended(&self.journal, word, outcome, status.as_ref().filter(|_| is_news));
+        let mut state = lock(&self.state);
+        state.last_command = Some(words);
+        if let Some(status) = status {
+            state.status = Some(status);
+        }
+        state
     }
 
     /// Interrupts what is under way: once to hold, twice for an emergency stop.
@@ -432,14 +387,7 @@ impl Shared {
         let outcome = if level >= 2 { rig.e_stop() } else { rig.hold() };
         interrupt.reset();
         let word = if level >= 2 { "e-stop" } else { "hold" };
-        let status = rig.status().ok();
-        let words = self.tell_end(word, &outcome, status.as_ref().map(standing));
-        let mut state = lock(&self.state);
-        state.last_command = Some(words);
-        if let Some(status) = status {
-            state.status = Some(status);
-        }
-        drop(state);
+        drop(self.conclude(word, &outcome, rig.status().ok(), true));
         Ok(outcome?)
     }
 
@@ -457,24 +405,6 @@ impl Shared {
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-}
-
-/// Whether it may come when axes are on their way: what is refused has moved none.
-fn ends_a_move(error: &RigError) -> bool {
-    use RigError::{Fault, Interrupted, Late, NotReached, Restarted, TakenOver};
-    matches!(
-        error,
-        Fault { .. } | Interrupted { .. } | Late { .. } | NotReached { .. } | Restarted { .. } | TakenOver
-    )
-}
-
-/// Where each axis is, in words.
-fn standing(status: &RigStatus) -> String {
-    let each = status.axes.iter().map(|axis| match axis.source.as_str() {
-        "stale" => format!("axis {} was last read at {:.2} degrees", axis.axis, axis.position_deg),
-        _ => format!("axis {} stands at {:.2} degrees", axis.axis, axis.position_deg),
-    });
-    each.collect::<Vec<_>>().join(", ")
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

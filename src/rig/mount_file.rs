@@ -150,6 +150,13 @@ impl MountFile {
         Ok(self)
     }
 
+    /// Pitch of each axis, degrees, of a file in the order of axes: of the sensors with these names, or of all where none is
+    /// named.
+    pub fn axis_pitches_deg(&self, names: &[String]) -> Vec<f64> {
+        let turned = if names.is_empty() { self.sensors.len() } else { names.len() };
+        self.sensors.iter().take(turned).map(|sensor| sensor.pitch_deg).collect()
+    }
+
     /// Writes a file, whole or not at all. What [`MountFile::read`] would refuse is not written.
     pub fn write(&self, path: &Path) -> Result<(), MountFileError> {
         self.check().map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;

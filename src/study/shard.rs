@@ -13,6 +13,7 @@ use super::page::line;
 use super::rows::FAILED;
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
 use crate::files;
+use crate::questions::first_difference;
 
 const PLAN_FORMAT: &str = "outrigger-study-plan/1";
 const SHARD_FORMAT: &str = "outrigger-study-shard/1";
@@ -148,21 +149,10 @@ impl Plan {
 
     /// In what another plan was asked for something else; nothing where at most its tasks are others.
     fn difference(&self, other: &Self) -> Option<String> {
-        let fields = |plan: &Self| match serde_json::to_value(&plan.size) {
-            Ok(Value::Object(mut fields)) => {
-                fields.insert("study".into(), json!(plan.study));
-                fields
-            }
-            _ => serde_json::Map::new(),
-        };
-        let (now, then) = (fields(self), fields(other));
-        let name = now.keys().chain(then.keys()).find(|name| now.get(*name) != then.get(*name))?;
-        let value = |fields: &serde_json::Map<String, Value>| match fields.get(name) {
-            None | Some(Value::Null) => "none".to_owned(),
-            Some(value) => value.to_string(),
-        };
-        let name_of_flag = name.replace('_', "-");
-        Some(format!("of {name_of_flag} {}, asked for is {}", value(&then), value(&now)))
+        let question = |plan: &Self| json!({"study": plan.study, "size": plan.size});
+        let found = first_difference(&question(other), &question(self), &["/study"])?;
+        let name = found.place.trim_start_matches("/size").trim_start_matches('/').replace('_', "-");
+        Some(format!("of {name} {}, asked for is {}", found.then, found.now))
     }
 
     /// Everything that was done of this plan and did not fail.

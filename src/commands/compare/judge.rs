@@ -51,7 +51,7 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     let fewer: Vec<_> = kept.iter().step_by(every).copied().collect();
     let thinned = Field { rays: &fewer, ..field };
     let prediction = given.patches.map(|patches| {
-        given.stage.next(format!("simulating {} healthy runs to compare with (--nulls)", given.healthy.runs));
+        given.stage.next(format!("simulating {} healthy runs (--nulls)", given.healthy.runs));
         given.stage.counts(given.healthy.runs as u64, 0);
         NullTest::run(&thinned, patches, given.healthy, || given.stage.more(1))
     });

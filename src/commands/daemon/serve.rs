@@ -164,29 +164,25 @@ fn settings(args: &Args, config: &'static Config, context: Context) -> anyhow::R
             stop_below_bytes: args.stop_below_mib << 20,
             held_up: Duration::from_millis(args.hold_up_writes_ms),
         },
-        rig: rig_settings(args, config, place.mount.as_ref(), axes.len())?,
+        rig: rig_settings(args, config, place.mount.as_ref(), &axes)?,
         place,
         config: Some(config_text),
     })
 }
 
-/// `turned` is how many of the mount's sensors have an axis; 0 where that is not said.
+/// `axes` are the sensors that axis 0, 1, ... turn, where that is said.
 fn rig_settings(
     args: &Args,
     config: &'static Config,
     mount: Option<&MountFile>,
-    turned: usize,
+    axes: &[String],
 ) -> anyhow::Result<Option<RigSettings>> {
     let of_rig: rig::Args = section(config, &["rig", "status"], |verb| match verb {
         Verb::Rig(args) => Some(args),
         _ => None,
     })?;
     let Some(port) = of_rig.port.clone() else { return Ok(None) };
-    let mut mount_pitches_deg: Vec<f64> =
-        mount.map(|mount| mount.sensors.iter().map(|sensor| sensor.pitch_deg).collect()).unwrap_or_default();
-    if turned > 0 {
-        mount_pitches_deg.truncate(turned);
-    }
+    let mount_pitches_deg = mount.map_or_else(Vec::new, |mount| mount.axis_pitches_deg(axes));
     let options = rig::options(&of_rig, mount_pitches_deg.len().max(2))?;
     Ok(Some(RigSettings { port, options, mount_pitches_deg, disarm_after: args.disarm_minutes }))
 }

@@ -144,14 +144,12 @@ impl Named {
         let seats = args.and_then(|args| {
             let axes = rig::axes_of(config)?;
             let seats = args.mount.as_deref().map(|mount| record::seats(mount, &axes)).transpose()?;
-            Ok(seats.map(|seats| (seats, axes.len())))
+            Ok(seats.map(|seats| (seats, axes)))
         });
         let rig = match seats {
             Ok(None) => return,
-            Ok(Some((seats, turned))) => {
-                let sensors = &seats.mount.sensors;
-                let turned = if turned == 0 { sensors.len() } else { turned };
-                self.pitches_deg = sensors[..turned].iter().map(|sensor| sensor.pitch_deg).collect();
+            Ok(Some((seats, axes))) => {
+                self.pitches_deg = seats.mount.axis_pitches_deg(&axes);
                 seats.rig
             }
             Err(error) => {

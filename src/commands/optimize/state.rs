@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::commands::evaluate::found_with;
 use crate::files;
 use crate::optimize::{KeepApart, MountProblem, Search};
+use crate::questions::first_difference;
 use crate::simulate::published::Roll;
 
 const FORMAT: &str = "outrigger-search/4";
@@ -73,28 +74,9 @@ pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
 /// Where two questions differ: by the flag that decides it, with what it was and what is asked for.
 fn difference(then: &Value, now: &Value) -> Option<String> {
     // preset and voxel first: where they differ, so do others that follow from them
-    let first = ["/preset", "/voxel_m"].map(str::to_owned);
-    let mut places = first.to_vec();
-    leaves(then, "", &mut places);
-    leaves(now, "", &mut places);
-    let place = places.iter().find(|place| then.pointer(place) != now.pointer(place))?;
-    let (flag, hint) = flag(place);
-    let value = |question: &Value| match question.pointer(place) {
-        None | Some(Value::Null) => "none".to_owned(),
-        Some(Value::String(text)) => text.clone(),
-        Some(value) => value.to_string(),
-    };
-    Some(format!("{flag} {}, asked for is {}{hint}", value(then), value(now)))
-}
-
-/// Pointers to all that is no object.
-fn leaves(value: &Value, place: &str, found: &mut Vec<String>) {
-    match value {
-        Value::Object(fields) => {
-            fields.iter().for_each(|(name, value)| leaves(value, &format!("{place}/{name}"), found));
-        }
-        _ => found.push(place.to_owned()),
-    }
+    let found = first_difference(then, now, &["/preset", "/voxel_m"])?;
+    let (flag, hint) = flag(&found.place);
+    Some(format!("{flag} {}, asked for is {}{hint}", found.then, found.now))
 }
 
 /// The flag that decides what stands in one place of a question, and what else may.
