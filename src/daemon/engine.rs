@@ -13,12 +13,12 @@ use super::coverage::LiveCoverage;
 use super::hub::Hub;
 use super::intake::Intake;
 use super::journal::Journal;
-use super::live::{self, Inlet, Subject, Surroundings};
+use super::live::{self, Inlet, Subject};
 use super::place::{Motion, Place};
-use super::proposal::Proposals;
 use super::recorder::{Papers, Recorder, RecorderError, RecorderSettings};
 use super::rig::{RigCommandError, RigHost, RigSettings};
 use super::status::{LastSession, RecorderStatus, RigState, Status};
+use super::surroundings::Surroundings;
 use super::survey::Survey;
 use super::tap::Tap;
 use crate::config::SensorConfig;
@@ -32,8 +32,13 @@ use crate::scene::VoxelMapError;
 use crate::servo::RigError;
 
 mod look;
+mod memory;
+mod proposal;
+
+pub use proposal::ProposalError;
 
 use look::Look;
+use proposal::Proposals;
 
 /// How often the state is put together.
 const LOOK: Duration = Duration::from_millis(200);

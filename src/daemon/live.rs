@@ -9,15 +9,11 @@ use std::time::{Duration, Instant};
 use sensors::Decoded;
 use sensors::ouster::Metadata;
 use sensors::router::{Routed, Router, Sensor, Unclaimed};
-use tokio::sync::broadcast;
 
-use super::coverage::LiveCoverage;
-use super::hub::Hub;
 use super::journal::Journal;
 use super::latency::Latency;
 use super::painter::Painter;
-use super::place::{Motion, Place};
-use super::survey::Survey;
+use super::surroundings::Surroundings;
 use crate::receive::{Datagram, now_ns};
 use crate::watch::{SensorReport, Watch, is_model};
 
@@ -136,21 +132,6 @@ pub(super) struct Subject {
     pub model: String,
     /// Of an Ouster, with the name of its file.
     pub metadata: Option<(Metadata, String)>,
-}
-
-/// What live threads share.
-#[derive(Clone)]
-pub(super) struct Surroundings {
-    pub place: Arc<Place>,
-    pub motion: Arc<Motion>,
-    pub coverage: Arc<LiveCoverage>,
-    pub journal: Arc<Journal>,
-    /// Messages to every page.
-    pub pages: broadcast::Sender<axum::body::Bytes>,
-    /// Who listens in Foxglove's way.
-    pub hub: Arc<Hub>,
-    /// The map that proposals are made from.
-    pub survey: Arc<Survey>,
 }
 
 /// Starts the thread; it ends when every inlet is gone.

@@ -19,32 +19,29 @@ mod intake;
 mod journal;
 mod latency;
 mod live;
-mod memory;
 mod painter;
 mod picture;
 mod place;
 mod problems;
-mod proposal;
 mod recorder;
 mod rig;
 mod status;
 mod steady;
+mod surroundings;
 mod survey;
 mod tap;
 mod web;
 
-pub use engine::{Daemon, DaemonError, Ending, SensorSettings, Settings};
+pub use engine::{Daemon, DaemonError, Ending, ProposalError, SensorSettings, Settings};
 pub use journal::Event;
 pub use latency::Percentiles;
-pub use memory::MemoryStatus;
 pub use picture::{COVERAGE_KIND, POINTS_KIND};
 pub use place::Place;
-pub use proposal::{Proposal, ProposalError};
 pub use recorder::{RecorderError, RecorderSettings};
 pub use rig::{RigCommandError, RigSettings};
 pub use status::{
-    CoverageStatus, LastSession, Problem, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus,
-    Severity, Status,
+    CoverageStatus, LastSession, MemoryStatus, Problem, Proposal, RecorderStatus, RigState, SensorLosses,
+    SensorState, SensorStatus, Severity, Status,
 };
 pub use steady::HostClock;
 pub use web::{Token, Web, WebError, WebSettings};

@@ -7,8 +7,8 @@ use sensors::projection::{Projector, sample_azimuth_rad};
 use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
 
-use super::live::Surroundings;
 use super::picture;
+use super::surroundings::Surroundings;
 use super::survey::RAYS;
 use crate::export::{Cloud, Source, foxglove};
 use crate::geometry::Pose;

@@ -8,9 +8,8 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
-use super::memory::MemoryStatus;
-use super::proposal::Proposal;
 use crate::clocks::ClockReport;
+use crate::reconfigure::Outlook;
 use crate::record::Manifest;
 use crate::servo::RigStatus;
 
@@ -43,6 +42,29 @@ pub struct Status {
     pub events: Vec<Event>,
 }
 
+/// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct MemoryStatus {
+    /// Resident, by the system's own counting; none where it does not say.
+    pub resident: Option<u64>,
+    /// Buffers of packets: free, waiting, being written or decoded.
+    pub packets: u64,
+    /// Packets that wait for the recorder now.
+    pub queue: u64,
+    /// The most that ever waited for it.
+    pub queue_most: u64,
+    /// More than this never waits for it: what comes then is lost and counted.
+    pub queue_limit: u64,
+    /// The most that ever waited to be decoded for the picture, summed over the sensors.
+    pub picture_most: u64,
+    /// More than this never waits for the picture: what comes then is recorded and not shown.
+    pub picture_limit: u64,
+    /// Cells of the coverage.
+    pub coverage: u64,
+    /// The map that pitches are proposed from.
+    pub map: u64,
+}
+
 /// Better pitches for the place seen so far.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Reconfiguration {
@@ -50,6 +72,33 @@ pub struct Reconfiguration {
     pub thinking: bool,
     /// The newest one that nobody agreed to yet.
     pub proposal: Option<Proposal>,
+}
+
+/// What the operator may agree to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Proposal {
+    /// To be named when agreeing.
+    pub id: u64,
+    /// When it was made, UTC nanoseconds since 1970.
+    pub time_ns: u64,
+    /// Where the axes stood then, degrees.
+    pub now_deg: Vec<f64>,
+    /// Where they should go, degrees.
+    pub pitches_deg: Vec<f64>,
+    /// What the present pitches see of the map.
+    pub now: Outlook,
+    /// What the proposed ones see.
+    pub proposed: Outlook,
+    /// Whether they see enough more to be worth the move.
+    pub is_better: bool,
+    /// Poses of the way that were looked from.
+    pub poses: usize,
+    /// Where the platform is taken to be: `standing` or `trajectory`.
+    pub pose: &'static str,
+    /// The map had no more room: it is of the first part of the recording only.
+    pub map_is_full: bool,
+    /// The same for people.
+    pub words: String,
 }
 
 /// How a sensor does.

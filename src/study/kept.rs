@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 
-use super::shard::{at, sha256_of};
 use super::{Row, StudyError};
 use crate::files;
 
@@ -30,9 +30,10 @@ impl Kept {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Self { format: FORMAT.into(), rows_sha256: String::new(), rows: BTreeMap::new() });
             }
-            text => text.map_err(|error| at(&path, error))?,
+            text => text.map_err(|error| StudyError::at(&path, error))?,
         };
-        let unusable = |why: String| at(&path, format!("{why}: remove it, and its tasks are done again"));
+        let unusable =
+            |why: String| StudyError::at(&path, format!("{why}: remove it, and its tasks are done again"));
         let kept: Self = serde_json::from_str(&text).map_err(|error| unusable(error.to_string()))?;
         if kept.format != FORMAT {
             return Err(unusable(format!("format is {:?}, this program reads {FORMAT:?}", kept.format)));
@@ -57,6 +58,12 @@ impl Kept {
     pub fn write(mut self, folder: &Path) -> Result<(), StudyError> {
         self.rows_sha256 = sha256_of(&self.rows);
         let path = folder.join("kept.json");
-        files::write_json(&path, &self).map_err(|error| at(&path, error))
+        files::write_json(&path, &self).map_err(|error| StudyError::at(&path, error))
     }
+}
+
+/// SHA-256 of data as compact JSON, in hexadecimal digits.
+pub(super) fn sha256_of(data: &impl Serialize) -> String {
+    let text = serde_json::to_string(data).unwrap_or_default();
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -25,7 +25,7 @@ pub use page::{csv, findings_page};
 pub use rows::{Row, number, text};
 pub use spread::Spread;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -112,6 +112,10 @@ pub struct StudyError(pub String);
 impl StudyError {
     fn of(error: impl std::fmt::Display) -> Self {
         Self(error.to_string())
+    }
+
+    fn at(path: &Path, error: impl std::fmt::Display) -> Self {
+        Self(format!("{}: {error}", path.display()))
     }
 }
 

@@ -6,9 +6,8 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use sha2::{Digest as _, Sha256};
 
-use super::kept::Kept;
+use super::kept::{Kept, sha256_of};
 use super::page::line;
 use super::rows::FAILED;
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
@@ -122,7 +121,7 @@ impl Plan {
     /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be of the same study and size;
     /// where only tasks came or went, what was done of the others is kept, and how many these are is told.
     pub fn write(&self, folder: &Path) -> Result<Option<usize>, StudyError> {
-        std::fs::create_dir_all(folder).map_err(|error| at(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(|error| StudyError::at(folder, error))?;
         let path = folder.join("plan.json");
         let mut done = None;
         if path.exists() {
@@ -140,10 +139,10 @@ impl Plan {
             kept.write(folder)?;
             // only now, and before the plan: whatever ends this in between, the next call finds what is kept
             for (path, _) in there.shards(folder)? {
-                std::fs::remove_file(&path).map_err(|error| at(&path, error))?;
+                std::fs::remove_file(&path).map_err(|error| StudyError::at(&path, error))?;
             }
         }
-        files::write_json(&path, self).map_err(|error| at(&path, error))?;
+        files::write_json(&path, self).map_err(|error| StudyError::at(&path, error))?;
         Ok(done)
     }
 
@@ -175,7 +174,7 @@ impl Plan {
         let text = crate::files::read_text(&path).map_err(|error| {
             StudyError(format!("{}: {error}; `outrigger study plan` makes it", path.display()))
         })?;
-        let plan: Self = serde_json::from_str(&text).map_err(|error| at(&path, error))?;
+        let plan: Self = serde_json::from_str(&text).map_err(|error| StudyError::at(&path, error))?;
         if plan.format != PLAN_FORMAT {
             return Err(StudyError(format!(
                 "{}: format is {:?}, this program reads {PLAN_FORMAT:?}",
@@ -228,12 +227,12 @@ impl Plan {
             done_sha256: sha256_of(&done),
             done,
         };
-        files::write_json(&path, &file).map_err(|error| at(&path, error))?;
+        files::write_json(&path, &file).map_err(|error| StudyError::at(&path, error))?;
         Ok(ran)
     }
 
     fn read_shard(&self, path: &Path) -> Result<ShardFile, Unusable> {
-        let text = std::fs::read(path).map_err(|error| Unusable::Foreign(at(path, error)))?;
+        let text = std::fs::read(path).map_err(|error| Unusable::Foreign(StudyError::at(path, error)))?;
         let damaged = |what: String| Unusable::Damaged(format!("{}: {what}", path.display()));
         let file: ShardFile = serde_json::from_slice(&text).map_err(|error| damaged(error.to_string()))?;
         if file.format != SHARD_FORMAT || file.plan_sha256 != self.sha256() {
@@ -252,7 +251,7 @@ impl Plan {
 
     /// The shards that lie in a folder; in place of a damaged one what is said of it.
     fn shards(&self, folder: &Path) -> Result<Vec<(PathBuf, ReadShard)>, StudyError> {
-        let entries = std::fs::read_dir(folder).map_err(|error| at(folder, error))?;
+        let entries = std::fs::read_dir(folder).map_err(|error| StudyError::at(folder, error))?;
         let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         paths.retain(|path| {
             let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
@@ -303,7 +302,7 @@ impl Plan {
         let findings = study.findings(&rows).at_size(study, &self.size);
         let write = |name: &str, content: &str| {
             let path = folder.join(name);
-            files::write_whole(&path, content.as_bytes()).map_err(|error| at(&path, error))
+            files::write_whole(&path, content.as_bytes()).map_err(|error| StudyError::at(&path, error))
         };
         let keep = |wanted: bool| -> Vec<Row> {
             let of_row =
@@ -324,11 +323,11 @@ impl Plan {
             // what failed before has not failed now
             let path = folder.join(format!("{FAILED}.csv"));
             let removed = std::fs::remove_file(&path);
-            removed.or_else(ignore_absent).map_err(|error| at(&path, error))?;
+            removed.or_else(ignore_absent).map_err(|error| StudyError::at(&path, error))?;
         }
         let document = json!({ "study": self.study, "size": self.size, "tasks": self.tasks.len(), "findings": findings });
         let path = folder.join("findings.json");
-        files::write_json(&path, &document).map_err(|error| at(&path, error))?;
+        files::write_json(&path, &document).map_err(|error| StudyError::at(&path, error))?;
         write("report.html", &findings_page(study, &findings, &self.command()).html())?;
         Ok(findings)
     }
@@ -392,15 +391,6 @@ fn on_all_cores(
     Ok((done.len() == tasks.len()).then_some(done))
 }
 
-pub(super) fn sha256_of(data: &impl Serialize) -> String {
-    let text = serde_json::to_string(data).unwrap_or_default();
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 fn shard_path(folder: &Path, shard: Shard) -> PathBuf {
     folder.join(format!("shard-{:05}-of-{:05}.json", shard.index, shard.count))
-}
-
-pub(super) fn at(path: &Path, error: impl std::fmt::Display) -> StudyError {
-    StudyError(format!("{}: {error}", path.display()))
 }

@@ -4,11 +4,11 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::Core;
+use super::memory::memory;
 use crate::daemon::live::Numbers;
-use crate::daemon::memory::{self, MemoryStatus};
 use crate::daemon::problems::{OFF_MOUNT_DEG, problems};
 use crate::daemon::status::{
-    Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
+    MemoryStatus, Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
 };
 use crate::daemon::steady::HostClock;
 use crate::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
@@ -115,7 +115,7 @@ impl Look {
                 .map(|(_, jump_s)| jump_s),
             sensors,
             rig,
-            memory: memory::memory(core),
+            memory: memory(core),
             coverage: Some(coverage),
             reconfiguration: Reconfiguration {
                 thinking: core.proposals.is_thinking(),

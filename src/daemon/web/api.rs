@@ -11,11 +11,10 @@ use axum::{Extension, Json, Router};
 use serde::{Deserialize, Serialize};
 
 use super::guard::{COOKIE, Peer};
+use super::refusal::Refusal;
 use super::{App, foxglove, metrics, stream};
-use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::{RigCommandError, RigHost};
-use crate::daemon::{Daemon, Proposal, ProposalError};
-use crate::servo::RigError;
+use crate::daemon::{Daemon, Proposal};
 
 /// A daemon that has not looked at itself for so long hangs.
 const HANGS: std::time::Duration = std::time::Duration::from_secs(5);
@@ -24,71 +23,13 @@ const OPENAPI: &str = include_str!("../../web/openapi.json");
 /// Longest label of a recording.
 const LABEL_LETTERS: usize = 80;
 
-/// A refusal, as `{"error": "..."}`.
-#[derive(Debug)]
-pub(super) struct Problem {
-    code: StatusCode,
-    words: String,
-}
-
-impl Problem {
-    pub fn new(code: StatusCode, words: impl Into<String>) -> Self {
-        Self { code, words: words.into() }
-    }
-}
-
-impl IntoResponse for Problem {
-    fn into_response(self) -> Response {
-        (self.code, Json(serde_json::json!({ "error": self.words }))).into_response()
-    }
-}
-
-impl From<RecorderError> for Problem {
-    fn from(error: RecorderError) -> Self {
-        let code = match error {
-            RecorderError::AlreadyRecording(_) | RecorderError::NotRecording => StatusCode::CONFLICT,
-            RecorderError::DiskFull { .. } => StatusCode::INSUFFICIENT_STORAGE,
-            RecorderError::Session(_) | RecorderError::Stalled => StatusCode::INTERNAL_SERVER_ERROR,
-        };
-        Self::new(code, error.to_string())
-    }
-}
-
-impl From<RigCommandError> for Problem {
-    fn from(error: RigCommandError) -> Self {
-        let code = match error {
-            RigCommandError::NoRig | RigCommandError::NoMount => StatusCode::NOT_FOUND,
-            RigCommandError::NotConnected(_) => StatusCode::SERVICE_UNAVAILABLE,
-            RigCommandError::Rig(RigError::AxisCount { .. } | RigError::NoAngle { .. }) => {
-                StatusCode::BAD_REQUEST
-            }
-            RigCommandError::Busy(_)
-            | RigCommandError::NotArmed
-            | RigCommandError::Latched(_)
-            | RigCommandError::Rig(_) => StatusCode::CONFLICT,
-        };
-        Self::new(code, error.to_string())
-    }
-}
-
-impl From<ProposalError> for Problem {
-    fn from(error: ProposalError) -> Self {
-        let code = match error {
-            ProposalError::Rig(error) => return error.into(),
-            ProposalError::NotSplit(_) | ProposalError::Thread(_) => StatusCode::INTERNAL_SERVER_ERROR,
-            _ => StatusCode::CONFLICT,
-        };
-        Self::new(code, error.to_string())
-    }
-}
-
 /// A body of JSON, or none at all for what needs nothing.
 struct Body<T>(T);
 
 impl<S: Send + Sync, T: serde::de::DeserializeOwned + Default> FromRequest<S> for Body<T> {
-    type Rejection = Problem;
+    type Rejection = Refusal;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {
+    async fn from_request(request: Request, state: &S) -> Result<Self, Refusal> {
         let length = request.headers().get(header::CONTENT_LENGTH);
         let is_chunked = request.headers().contains_key(header::TRANSFER_ENCODING);
         if !is_chunked && length.is_none_or(|length| length == "0") {
@@ -96,7 +37,7 @@ impl<S: Send + Sync, T: serde::de::DeserializeOwned + Default> FromRequest<S> fo
         }
         let body = Json::<T>::from_request(request, state).await;
         body.map(|Json(body)| Self(body))
-            .map_err(|error: JsonRejection| Problem::new(error.status(), error.body_text()))
+            .map_err(|error: JsonRejection| Refusal::new(error.status(), error.body_text()))
     }
 }
 
@@ -128,9 +69,9 @@ pub(super) fn routes() -> Router<App> {
         .route("/api/v1/rig/hold", post(|app: State<App>| rig(app, RigHost::hold)))
         .route("/api/v1/rig/e-stop", post(|app: State<App>| rig(app, RigHost::e_stop)))
         .route("/api/v1/rig/clear", post(|app: State<App>| rig(app, RigHost::clear)))
-        .fallback(|| async { Problem::new(StatusCode::NOT_FOUND, "there is nothing here") })
+        .fallback(|| async { Refusal::new(StatusCode::NOT_FOUND, "there is nothing here") })
         .method_not_allowed_fallback(|| async {
-            Problem::new(StatusCode::METHOD_NOT_ALLOWED, "not that way")
+            Refusal::new(StatusCode::METHOD_NOT_ALLOWED, "not that way")
         })
 }
 
@@ -164,16 +105,16 @@ async fn login(
     State(app): State<App>,
     Extension(Peer(peer)): Extension<Peer>,
     Body(Login { token }): Body<Login>,
-) -> Result<Response, Problem> {
+) -> Result<Response, Refusal> {
     if !app.guard.knows(token.trim()) {
         app.guard.punish(peer.ip());
-        return Err(Problem::new(StatusCode::UNAUTHORIZED, "that is not the daemon's token"));
+        return Err(Refusal::new(StatusCode::UNAUTHORIZED, "that is not the daemon's token"));
     }
     let mut response = DONE.into_response();
     if app.guard.needs_token() {
         let cookie = format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict; Max-Age=2592000", token.trim());
         let cookie = HeaderValue::from_str(&cookie)
-            .map_err(|_| Problem::new(StatusCode::BAD_REQUEST, "a token is visible letters"))?;
+            .map_err(|_| Refusal::new(StatusCode::BAD_REQUEST, "a token is visible letters"))?;
         response.headers_mut().insert(header::SET_COOKIE, cookie);
     }
     Ok(response)
@@ -189,21 +130,21 @@ struct Start {
 async fn start(
     State(app): State<App>,
     Body(Start { label }): Body<Start>,
-) -> Result<Json<serde_json::Value>, Problem> {
+) -> Result<Json<serde_json::Value>, Refusal> {
     if label.chars().count() > LABEL_LETTERS || label.chars().any(char::is_control) {
         let words = format!("a label has at most {LABEL_LETTERS} letters, on one line");
-        return Err(Problem::new(StatusCode::BAD_REQUEST, words));
+        return Err(Refusal::new(StatusCode::BAD_REQUEST, words));
     }
     let session = blocking(app.daemon, move |daemon| daemon.begin_recording(label)).await??;
     Ok(Json(serde_json::json!({ "session": session })))
 }
 
-async fn stop(State(app): State<App>) -> Result<Response, Problem> {
+async fn stop(State(app): State<App>) -> Result<Response, Refusal> {
     let last = blocking(app.daemon, Daemon::end_recording).await??;
     Ok(Json(last).into_response())
 }
 
-async fn propose(State(app): State<App>) -> Result<Json<Proposal>, Problem> {
+async fn propose(State(app): State<App>) -> Result<Json<Proposal>, Refusal> {
     Ok(Json(blocking(app.daemon, Daemon::propose).await??))
 }
 
@@ -226,7 +167,7 @@ fn whole<'de, D: serde::Deserializer<'de>>(source: D) -> Result<u64, D::Error> {
     Err(serde::de::Error::custom(format!("{number}: expected a whole number from 0 to {MOST}")))
 }
 
-async fn agree(State(app): State<App>, Body(Agree { id }): Body<Agree>) -> Result<Json<Proposal>, Problem> {
+async fn agree(State(app): State<App>, Body(Agree { id }): Body<Agree>) -> Result<Json<Proposal>, Refusal> {
     Ok(Json(blocking(app.daemon, move |daemon| daemon.agree(id)).await??))
 }
 
@@ -236,7 +177,7 @@ struct Apply {
     pitches_deg: Option<Vec<f64>>,
 }
 
-async fn apply(app: State<App>, Body(Apply { pitches_deg }): Body<Apply>) -> Result<Response, Problem> {
+async fn apply(app: State<App>, Body(Apply { pitches_deg }): Body<Apply>) -> Result<Response, Refusal> {
     rig(app, move |rig| match &pitches_deg {
         Some(pitches_deg) => rig.apply(pitches_deg),
         None => rig.apply_mount(),
@@ -248,7 +189,7 @@ async fn apply(app: State<App>, Body(Apply { pitches_deg }): Body<Apply>) -> Res
 async fn rig(
     State(app): State<App>,
     work: impl FnOnce(&RigHost) -> Result<(), RigCommandError> + Send + 'static,
-) -> Result<Response, Problem> {
+) -> Result<Response, Refusal> {
     let state = blocking(app.daemon, move |daemon| {
         work(daemon.rig()?)?;
         Ok::<_, RigCommandError>(daemon.rig_state())
@@ -261,9 +202,9 @@ async fn rig(
 async fn blocking<T: Send + 'static>(
     daemon: Arc<Daemon>,
     work: impl FnOnce(&Daemon) -> T + Send + 'static,
-) -> Result<T, Problem> {
+) -> Result<T, Refusal> {
     let done = tokio::task::spawn_blocking(move || work(&daemon)).await;
-    done.map_err(|_| Problem::new(StatusCode::INTERNAL_SERVER_ERROR, "a defect of the daemon: see its log"))
+    done.map_err(|_| Refusal::new(StatusCode::INTERNAL_SERVER_ERROR, "a defect of the daemon: see its log"))
 }
 
 #[cfg(test)]

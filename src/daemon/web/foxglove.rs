@@ -18,7 +18,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::broadcast::error::RecvError;
 
 use super::App;
-use super::api::Problem;
+use super::refusal::Refusal;
 use super::server::told;
 use super::stream::{Streams, send};
 use crate::daemon::hub::Wanted;
@@ -58,7 +58,7 @@ pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> R
     let upgrade = upgrade.protocols(PROTOCOLS);
     if upgrade.selected_protocol().is_none() {
         let words = format!("this speaks the WebSocket protocol {}: ask for it", PROTOCOLS[0]);
-        return Problem::new(StatusCode::BAD_REQUEST, words).into_response();
+        return Refusal::new(StatusCode::BAD_REQUEST, words).into_response();
     }
     let seat = match app.streams.seat() {
         Ok(seat) => seat,

@@ -13,7 +13,7 @@ use axum::response::{IntoResponse as _, Response};
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 
-use super::api::Problem;
+use super::refusal::Refusal;
 
 /// Requests that an address may make at once, and per second from then on.
 const BURST: f64 = 200.0;
@@ -101,13 +101,13 @@ impl Guard {
     }
 
     /// Whether a request may pass; why not.
-    fn look(&self, method: &Method, path: &str, headers: &HeaderMap, peer: IpAddr) -> Result<(), Problem> {
+    fn look(&self, method: &Method, path: &str, headers: &HeaderMap, peer: IpAddr) -> Result<(), Refusal> {
         let host = self.host(headers)?;
         if !self.is_listener(method, path, headers) {
             self.origin(method, headers, &host)?;
         }
         if !ALWAYS.contains(&path) && !self.take(peer, 1.0, Instant::now()) {
-            return Err(Problem::new(StatusCode::TOO_MANY_REQUESTS, "too many requests from this address"));
+            return Err(Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many requests from this address"));
         }
         let Some(token) = self.token.as_ref().filter(|_| !OPEN.contains(&path)) else { return Ok(()) };
         let known = presented(headers).is_some_and(|text| token.is(text));
@@ -115,14 +115,14 @@ impl Guard {
             if presented(headers).is_some() {
                 self.punish(peer);
             }
-            return Err(Problem::new(StatusCode::UNAUTHORIZED, "this needs the daemon's token"));
+            return Err(Refusal::new(StatusCode::UNAUTHORIZED, "this needs the daemon's token"));
         }
         Ok(())
     }
 
     /// The host that is asked for: an address, or a name that is this machine's for sure.
-    fn host(&self, headers: &HeaderMap) -> Result<String, Problem> {
-        let refuse = |why: &str| Err(Problem::new(StatusCode::MISDIRECTED_REQUEST, why));
+    fn host(&self, headers: &HeaderMap) -> Result<String, Refusal> {
+        let refuse = |why: &str| Err(Refusal::new(StatusCode::MISDIRECTED_REQUEST, why));
         let Some(host) = one(headers, header::HOST) else { return refuse("no Host, or several") };
         let name = without_port(host);
         let known = match name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>() {
@@ -143,8 +143,8 @@ impl Guard {
     }
 
     /// Whoever changes something or opens a stream comes from no page, or from the page of this very host.
-    fn origin(&self, method: &Method, headers: &HeaderMap, host: &str) -> Result<(), Problem> {
-        let refuse = || Err(Problem::new(StatusCode::FORBIDDEN, "requests from other sites are refused"));
+    fn origin(&self, method: &Method, headers: &HeaderMap, host: &str) -> Result<(), Refusal> {
+        let refuse = || Err(Refusal::new(StatusCode::FORBIDDEN, "requests from other sites are refused"));
         if let Some(site) = headers.get("sec-fetch-site") {
             let harmless =
                 *method == Method::GET && headers.get("sec-fetch-mode").is_some_and(|m| m == "navigate");

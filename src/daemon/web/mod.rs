@@ -9,6 +9,7 @@ mod foxglove;
 mod guard;
 mod metrics;
 mod page;
+mod refusal;
 mod server;
 mod stream;
 
@@ -139,7 +140,7 @@ async fn deadline(request: axum::extract::Request, next: middleware::Next) -> ax
     match tokio::time::timeout(REQUEST, next.run(request)).await {
         Ok(response) => response,
         Err(_) => {
-            api::Problem::new(axum::http::StatusCode::REQUEST_TIMEOUT, "it took too long").into_response()
+            refusal::Refusal::new(axum::http::StatusCode::REQUEST_TIMEOUT, "it took too long").into_response()
         }
     }
 }

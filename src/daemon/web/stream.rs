@@ -14,7 +14,7 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 use super::App;
-use super::api::Problem;
+use super::refusal::Refusal;
 use super::server::told;
 use crate::daemon::{Daemon, Status};
 
@@ -39,9 +39,9 @@ impl Streams {
     }
 
     /// A place for one more, if there is one.
-    pub fn seat(&self) -> Result<OwnedSemaphorePermit, Problem> {
+    pub fn seat(&self) -> Result<OwnedSemaphorePermit, Refusal> {
         let seat = Arc::clone(&self.seats).try_acquire_owned();
-        seat.map_err(|_| Problem::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
+        seat.map_err(|_| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
     }
 
     /// Says true when the daemon ends.

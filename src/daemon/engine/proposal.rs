@@ -4,14 +4,13 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use serde::Serialize;
-
-use super::engine::{Core, Daemon};
-use super::live;
-use super::recorder::RecorderError;
-use super::rig::RigCommandError;
+use super::{Core, Daemon};
+use crate::daemon::live;
+use crate::daemon::recorder::RecorderError;
+use crate::daemon::rig::RigCommandError;
+use crate::daemon::status::Proposal;
 use crate::receive::now_ns;
-use crate::reconfigure::{self, Answer, Outlook, Question, ReconfigureError};
+use crate::reconfigure::{self, Answer, Question, ReconfigureError};
 use crate::rig::Rig;
 
 /// Sets of pitches that are looked at.
@@ -20,33 +19,6 @@ const EVALUATIONS: usize = 60;
 const WORTH: f64 = 0.02;
 /// The rig has moved when an axis is so far from where it was, degrees.
 const MOVED_DEG: f64 = 1.0;
-
-/// What the operator may agree to.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Proposal {
-    /// To be named when agreeing.
-    pub id: u64,
-    /// When it was made, UTC nanoseconds since 1970.
-    pub time_ns: u64,
-    /// Where the axes stood then, degrees.
-    pub now_deg: Vec<f64>,
-    /// Where they should go, degrees.
-    pub pitches_deg: Vec<f64>,
-    /// What the present pitches see of the map.
-    pub now: Outlook,
-    /// What the proposed ones see.
-    pub proposed: Outlook,
-    /// Whether they see enough more to be worth the move.
-    pub is_better: bool,
-    /// Poses of the way that were looked from.
-    pub poses: usize,
-    /// Where the platform is taken to be: `standing` or `trajectory`.
-    pub pose: &'static str,
-    /// The map had no more room: it is of the first part of the recording only.
-    pub map_is_full: bool,
-    /// The same for people.
-    pub words: String,
-}
 
 /// Why there is no proposal, or nothing was done about one.
 #[derive(Debug, thiserror::Error)]
@@ -96,7 +68,7 @@ pub enum ProposalError {
 
 /// The newest proposal.
 #[derive(Debug, Default)]
-pub(super) struct Proposals {
+pub(in crate::daemon) struct Proposals {
     newest: Mutex<Option<Proposal>>,
     made: AtomicU64,
     is_thinking: AtomicBool,

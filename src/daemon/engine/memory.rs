@@ -1,32 +1,8 @@
 //! Where the memory is, beside the bounds that keep it there.
 
-use serde::Serialize;
-
-use super::engine::Core;
-use super::live;
-
-/// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct MemoryStatus {
-    /// Resident, by the system's own counting; none where it does not say.
-    pub resident: Option<u64>,
-    /// Buffers of packets: free, waiting, being written or decoded.
-    pub packets: u64,
-    /// Packets that wait for the recorder now.
-    pub queue: u64,
-    /// The most that ever waited for it.
-    pub queue_most: u64,
-    /// More than this never waits for it: what comes then is lost and counted.
-    pub queue_limit: u64,
-    /// The most that ever waited to be decoded for the picture, summed over the sensors.
-    pub picture_most: u64,
-    /// More than this never waits for the picture: what comes then is recorded and not shown.
-    pub picture_limit: u64,
-    /// Cells of the coverage.
-    pub coverage: u64,
-    /// The map that pitches are proposed from.
-    pub map: u64,
-}
+use super::Core;
+use crate::daemon::live;
+use crate::daemon::status::MemoryStatus;
 
 /// As it is now.
 pub(super) fn memory(core: &Core) -> MemoryStatus {
