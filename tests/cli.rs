@@ -53,6 +53,15 @@ fn wrong_usage_is_exit_code_2() {
         &["study", "joint"],
         &["study", "run", "published", "--seeds", "3"],
         &["study", "published", "--shards", "3"],
+        &["daemon"],
+        &["record"],
+        &["rig", "status"],
+        &["sensor", "info"],
+        &["sensor", "configure", "127.0.0.1"],
+        &["replay", "none", "--to", "127.0.0.1", "--map", "1=2", "--map", "1=3"],
+        &["mock", "rig", "--dynamixel", "--fault", "reboot@1"],
+        &["mock", "sensor", "--model", "vlp-16", "--to", "127.0.0.1:9", "--box=1,0,0,0,1,1"],
+        &["man", "fly"],
     ] {
         let output = outrigger(arguments);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", stderr(&output));
@@ -118,7 +127,7 @@ fn pages_that_the_service_names_are_printed() {
     }
     let wrong = outrigger(&["man", "fly"]);
     let said = String::from_utf8_lossy(&wrong.stderr).into_owned();
-    assert!(wrong.status.code() == Some(1) && said.contains("fly") && said.contains("daemon"), "{said}");
+    assert!(wrong.status.code() == Some(2) && said.contains("fly") && said.contains("daemon"), "{said}");
 }
 
 fn a_missing_or_wrong_file_is_named() {

@@ -133,7 +133,7 @@ fn a_typed_name_says_the_format() {
     let files = std::fs::read_dir(name("frames")).unwrap().map(|entry| entry.unwrap().path());
     assert!(files.into_iter().all(|file| file.extension().is_some_and(|extension| extension == "las")));
     let (code, said) = run(&["--format", "las", "--out", &name("other.csv")]);
-    assert!(code == 1 && said.contains("--format las contradicts"), "{said}");
+    assert!(code == 2 && said.contains("--format las contradicts"), "{said}");
 }
 
 /// `compare` decodes a recording more than once, `replay` to one port looks at its ports first.
@@ -233,7 +233,7 @@ fn frames_are_selected() {
     let output =
         outrigger(&["decode", &path(OS1), "--meta", &path(OS1_META), "--format", "csv", "--out", "-"]);
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(1) && said.contains("not to stdout"), "{said}");
+    assert!(output.status.code() == Some(2) && said.contains("not to stdout"), "{said}");
 }
 
 /// Its own calibration, among its status bytes, holds from the first frame on; where that is not to be had it is said.
@@ -298,7 +298,7 @@ fn calibrations_that_serve_nobody_are_told() {
         assert!(said.contains("32 given, a vlp-16 has 16"), "{said}");
     }
     let (code, _, said) = decode(&path(VLP16), &[], &["--calibration", &format!("left={right}")]);
-    assert!(code == 1 && said.contains("is no session, whose sensors have names"), "{said}");
+    assert!(code == 2 && said.contains("is no session, whose sensors have names"), "{said}");
 }
 
 /// There is one level of it for both returns of a firing.

@@ -44,7 +44,16 @@ fn document(output: &Output) -> Value {
 }
 
 fn refusal(output: &Output) -> String {
-    assert_eq!(output.status.code(), Some(1));
+    ended_with(1, output)
+}
+
+/// What is wrong with the command line itself.
+fn misuse(output: &Output) -> String {
+    ended_with(2, output)
+}
+
+fn ended_with(code: i32, output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(code), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
@@ -123,7 +132,7 @@ fn a_mount_file_is_applied_and_read_back() {
 fn nothing_moves_without_being_armed() {
     let (_mock, port) = mock(22);
     let before = document(&outrigger(&["rig", "status", "--port", &port, "--json"]));
-    let said = refusal(&outrigger(&["rig", "set", "10", "-10", "--port", &port]));
+    let said = misuse(&outrigger(&["rig", "set", "10", "-10", "--port", &port]));
     assert!(said.contains("--arm") && said.contains("nothing was moved"), "{said}");
     let dry = document(&outrigger(&["rig", "set", "10", "-10", "--port", &port, "--dry-run", "--json"]));
     assert_eq!(dry["moves"][1]["to_deg"], -10.0, "{dry:#}");
@@ -193,7 +202,7 @@ fn nothing_moves_without_being_armed() {
     }
     let said = refusal(&outrigger(&["rig", "status", "--port", "/dev/no-such-rig"]));
     assert!(said.contains("rig cable: cannot open /dev/no-such-rig"), "{said}");
-    let said = refusal(&outrigger(&["rig", "status"]));
+    let said = misuse(&outrigger(&["rig", "status"]));
     assert!(said.contains("--port"), "{said}");
 }
 

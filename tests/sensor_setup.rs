@@ -412,14 +412,15 @@ fn the_verb_sets_a_mock_up_and_its_packets_follow() {
         assert_eq!(outrigger(&["sensor", "configure", &host, wrong[0], wrong[1]]).status.code(), Some(2));
     }
     let twice = outrigger(&["sensor", "configure", &host, "--dest", "auto", "--set", "udp_dest=1.2.3.4"]);
-    assert!(String::from_utf8_lossy(&twice.stderr).contains("--set udp_dest"), "{twice:?}");
+    let said = String::from_utf8_lossy(&twice.stderr);
+    assert!(twice.status.code() == Some(2) && said.contains("--set udp_dest"), "{said}");
     // a mode that this mock's packets do not have
     let refused = outrigger(&["sensor", "configure", &host, "--set", "lidar_mode=2048x10"]);
     let said = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(1), "{said}");
     assert!(said.contains("status 400: lidar_mode: this mock's packets stay"), "{said}");
     let nothing = outrigger(&["sensor", "configure", &host]);
-    assert_eq!(nothing.status.code(), Some(1));
+    assert_eq!(nothing.status.code(), Some(2));
     let (_mock, host) = mock(first.local_addr().unwrap(), &["--http-fault", "reverts"]);
     let kept = document(&outrigger(&["sensor", "configure", &host, "--lidar-port", &port, "--json"]), 3);
     assert_eq!(kept["changes"][0]["taken"], false, "{kept:#}");

@@ -82,7 +82,7 @@ pub fn metadata_of(
     for TiedFile { tie, path } in files {
         let name = path.display().to_string();
         if let (Some(tie), "") = (tie, name.as_str()) {
-            bail!("--meta {tie}=: no file is named behind the equals sign");
+            refuse!("--meta {tie}=: no file is named behind the equals sign");
         }
         let text = crate::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
         let metadata = match text.and_then(|text| Ok(Metadata::parse(&text, &name)?)) {
@@ -140,7 +140,7 @@ pub fn ensure_named(
         let Whose::Named(name) = &given.whose else { continue };
         let (recording, file) = (recording.display(), &given.name);
         let Some(manifest) = session else {
-            bail!(
+            refuse!(
                 "--calibration {name}={file}: {recording} is no session, whose sensors have names: say ADDRESS={file}, or \
                  :PORT={file} with the port of its data packets"
             );

@@ -99,12 +99,12 @@ fn page_of<'a>(above: &'a Command, name: &str) -> anyhow::Result<&'a Command> {
         "" => Some((verb, "")),
         rest => Some((verb, rest.strip_prefix('-')?)),
     });
-    let (verb, rest) = within.with_context(|| {
+    let (verb, rest) = within.ok_or_else(|| {
         let known: Vec<&str> = above.get_subcommands().map(Command::get_name).collect();
-        match &known[..] {
+        crate::commands::wrong_usage(match &known[..] {
             [] => format!("no verb {name:?} within {}: it has none", above.get_name()),
             known => format!("no verb {name:?}: there are {}", known.join(", ")),
-        }
+        })
     })?;
     page_of(verb, rest)
 }

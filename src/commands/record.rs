@@ -103,7 +103,7 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
         return Ok(args.listen.clone());
     }
     let Some(config) = context.config else {
-        bail!("which sensors? --listen NAME=PORT for each, or --config RIG.toml that has them");
+        refuse!("which sensors? --listen NAME=PORT for each, or --config RIG.toml that has them");
     };
     let wanted: Vec<Stream> = config.sensors.iter().flat_map(SensorConfig::streams).collect();
     if wanted.is_empty() {

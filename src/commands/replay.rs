@@ -243,7 +243,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     for (at, (from, to)) in args.map.iter().enumerate() {
         let before = args.map[..at].iter().find(|(other, _)| other == from);
         if let Some((_, before)) = before {
-            bail!("--map {from}={before} and --map {from}={to}: a port goes to one port");
+            refuse!("--map {from}={before} and --map {from}={to}: a port goes to one port");
         }
     }
     let (Some(port), true) = (args.to.port, looks_ahead(args)) else { return Ok(()) };

@@ -196,7 +196,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let of_file = context.config.map_or(String::new(), |config| {
             format!(", or `port` under [rig] of {}, which names none", config.path.display())
         });
-        bail!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
+        refuse!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
     };
     let pitches_rad = match &args.action {
         Action::Set { pitches_deg } => pitches_deg.iter().map(|pitch| pitch.to_radians()).collect(),
@@ -207,7 +207,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     // what is typed wins over a file that says to try only
     let dry_run = args.dry_run && (!context.is_typed("arm") || context.is_typed("dry_run"));
     if moves && !args.arm && !dry_run {
-        bail!(
+        refuse!(
             "this moves the rig: say --arm to allow it, or --dry-run to see what would move; nothing was moved"
         );
     }
@@ -267,7 +267,7 @@ pub(super) fn options(args: &Args, axes: usize) -> anyhow::Result<Options> {
     if let [all] = limits_rad[..] {
         limits_rad = vec![all; axes];
     } else if !limits_rad.is_empty() && axes > 0 && limits_rad.len() != axes {
-        bail!("--limits-deg is given {} times for {axes} pitches", limits_rad.len());
+        refuse!("--limits-deg is given {} times for {axes} pitches", limits_rad.len());
     }
     let tolerance_rad = args.tolerance_deg.to_radians();
     Ok(Options {

@@ -22,7 +22,7 @@ use crate::rig::MountFile;
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Some(config) = context.config else {
-        bail!("which sensors? --config RIG.toml (`outrigger init` writes one)");
+        refuse!("which sensors? --config RIG.toml (`outrigger init` writes one)");
     };
     start_log(args);
     let settings = settings(args, config, context)?;
@@ -139,7 +139,7 @@ fn settings(args: &Args, config: &'static Config, context: Context) -> anyhow::R
         bail!("{}: no [[sensor]] has a `listen`", config.path.display());
     }
     if args.stop_below_mib > args.warn_below_mib {
-        bail!("--stop-below-mib {} is above --warn-below-mib {}", args.stop_below_mib, args.warn_below_mib);
+        refuse!("--stop-below-mib {} is above --warn-below-mib {}", args.stop_below_mib, args.warn_below_mib);
     }
     let of_record: record::Args = section(config, &["record"], |verb| match verb {
         Verb::Record(args) => Some(args),

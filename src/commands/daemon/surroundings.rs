@@ -11,7 +11,7 @@ use crate::daemon::Place;
 /// come in that order.
 pub fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Result<Place> {
     if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
-        bail!("--cell {}, expected 0.01 to 10 m", args.cell);
+        refuse!("--cell {}, expected 0.01 to 10 m", args.cell);
     }
     let mut place = Place { voxel_m: args.cell, ..Place::default() };
     if let Some(path) = &args.mount {
@@ -19,7 +19,7 @@ pub fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Res
         (place.rig, place.calibrations, place.mount) = (seats.rig, seats.calibrations, Some(seats.mount));
     }
     place.scene = match (&args.scene, &args.room) {
-        (Some(_), Some(_)) => bail!("--scene and --room are both given: which of the two is it?"),
+        (Some(_), Some(_)) => refuse!("--scene and --room are both given: which of the two is it?"),
         (Some(path), None) => {
             let read = scene_file::read(path, &args.mesh, &args.map, context)?;
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
@@ -43,7 +43,7 @@ pub fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Res
             Some(read_trajectory(path, args.rate).with_context(|| path.display().to_string())?);
     }
     if args.trajectory_starts_with_recording && args.trajectory.is_none() {
-        bail!(
+        refuse!(
             "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml"
         );
     }

@@ -59,7 +59,7 @@ impl Output {
     /// As asked for; `None` when no points are wanted.
     pub fn new(args: &Args, format: Option<Format>, recording: &Recording) -> anyhow::Result<Option<Self>> {
         if args.out.as_deref() == Some(Path::new("-")) {
-            bail!(
+            refuse!(
                 "--out -: points go to a file or a folder, not to stdout; expected a name such as points.csv"
             );
         }
@@ -69,11 +69,11 @@ impl Output {
                 if asked.extension() != said.extension()
                     && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
             {
-                bail!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))
+                refuse!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))
             }
             (Some(format), _) | (None, Some(format)) => format,
             (None, None) => match &args.out {
-                Some(out) => bail!("--out {}: which format? add --format", out.display()),
+                Some(out) => refuse!("--out {}: which format? add --format", out.display()),
                 None => return Ok(None),
             },
         };

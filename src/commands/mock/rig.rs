@@ -113,7 +113,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let interrupts = signals::interrupts()?;
     let single = |fault: &Scheduled| matches!(fault.fault, MockFault::Axis(..));
     if let Some(fault) = args.faults.iter().find(|fault| args.dynamixel && !single(fault)) {
-        bail!("--fault {}: bought servos have no such fault", fault.text);
+        refuse!("--fault {}: bought servos have no such fault", fault.text);
     }
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
     let mut config =

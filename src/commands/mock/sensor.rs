@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use glam::DVec3;
 use sensors::catalogue;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
@@ -357,7 +357,7 @@ fn build_scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
     let (least, greatest) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
     if !least.cmplt(greatest).all() {
-        bail!("--box: {least} must be less than {greatest} in each coordinate");
+        refuse!("--box: {least} must be less than {greatest} in each coordinate");
     }
     Ok(Scene::Box(BoxScene::closed(least, greatest)))
 }

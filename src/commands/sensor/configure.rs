@@ -3,7 +3,6 @@
 use std::net::IpAddr;
 use std::time::Duration;
 
-use anyhow::bail;
 use serde_json::Value;
 
 use super::info;
@@ -54,7 +53,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         within: Duration::from_secs_f64(args.within),
     };
     if wanted.is_empty() {
-        bail!("nothing to set: give --dest, --lidar-port, --aside-port, --set KEY=VALUE or --save");
+        refuse!("nothing to set: give --dest, --lidar-port, --aside-port, --set KEY=VALUE or --save");
     }
     let given = [("udp_dest", wanted.host.is_some()), ("udp_ip", wanted.host.is_some())];
     let given = given
@@ -62,10 +61,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .chain([("udp_port_lidar", wanted.port.is_some()), ("udp_port_imu", wanted.aside_port.is_some())]);
     let mut given = given.filter(|(_, is_given)| *is_given);
     if let Some((key, _)) = given.find(|(key, _)| wanted.settings.iter().any(|(other, _)| other == key)) {
-        bail!("--set {key}: --dest, --lidar-port or --aside-port say that already; give one of them");
+        refuse!("--set {key}: --dest, --lidar-port or --aside-port say that already; give one of them");
     }
     if let Some(key) = twice(&wanted.settings) {
-        bail!("--set {key} is given twice");
+        refuse!("--set {key} is given twice");
     }
     let configured = Sensor::at(&args.host)?.configure(&wanted)?;
     if context.json {

@@ -29,7 +29,7 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let hosts = hosts(&args.hosts, context)?;
     if hosts.len() > 1 && (args.save_metadata.is_some() || args.meta.is_some()) {
-        bail!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
+        refuse!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
     }
     let recorded = args.meta.as_deref().map(read_metadata).transpose()?;
     let mut agrees = None;
@@ -65,7 +65,9 @@ fn hosts(typed: &[String], context: Context) -> anyhow::Result<Vec<String>> {
     if !typed.is_empty() {
         return Ok(typed.to_vec());
     }
-    let Some(config) = context.config else { bail!("which sensor? give its address, or --config RIG.toml") };
+    let Some(config) = context.config else {
+        refuse!("which sensor? give its address, or --config RIG.toml")
+    };
     let hosts: Vec<String> = config.sensors.iter().filter_map(|sensor| sensor.host.clone()).collect();
     if hosts.is_empty() {
         bail!("{}: no [[sensor]] has a `host`", config.path.display());
