@@ -5,6 +5,7 @@
 
 mod support;
 
+mod bought_servos;
 mod cli;
 mod closed_loop;
 mod compare;
@@ -35,6 +36,7 @@ mod velodyne;
 
 fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
+        ("bought_servos", bought_servos::CASES),
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
         ("compare", compare::CASES),
