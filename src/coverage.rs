@@ -6,6 +6,7 @@ use std::borrow::Cow;
 use glam::DVec3;
 use sha2::{Digest as _, Sha256};
 
+use crate::files::hexadecimal;
 use crate::scene::bricks::{self, BrickIndex};
 
 /// A regular grid of cubic cells; cell (i, j, k) spans `origin_m + voxel_m * (i..i+1, j..j+1, k..k+1)`.
@@ -243,7 +244,7 @@ impl Coverage {
             hash.update(&word.to_le_bytes()[..left.min(8)]);
             left = left.saturating_sub(8);
         }
-        hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+        hexadecimal(&hash.finalize())
     }
 }
 

@@ -1,4 +1,4 @@
-//! Files that appear under their name only when they are whole, and text files.
+//! Files that appear under their name only when they are whole, text files, and checksums as text.
 
 use std::fs::File;
 use std::io::{self, Write as _};
@@ -89,6 +89,15 @@ pub fn is_same(one: &Path, other: &Path) -> bool {
 /// The folder a path lies in; the current one for a bare name.
 pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// Bytes as hexadecimal digits.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}"); // a String takes everything
+        text
+    })
 }
 
 #[cfg(test)]

@@ -205,7 +205,8 @@ fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
     arg.required(false).default_values(setting.values.iter().map(value))
 }
 
-fn long_name(key: &str) -> String {
+/// The flag of an argument that is named as its field is, without dashes before it.
+pub fn long_name(key: &str) -> String {
     key.replace('_', "-")
 }
 

@@ -148,7 +148,7 @@ impl Context {
     /// Refuses arguments (named as their fields are) that were typed and are of no use: `why` goes on after their flag.
     pub fn ensure_not_typed(&self, arguments: &[&str], why: impl std::fmt::Display) -> anyhow::Result<()> {
         if let Some(argument) = arguments.iter().find(|argument| self.is_typed(argument)) {
-            refuse!("--{} {why}", argument.replace('_', "-"));
+            refuse!("--{} {why}", defaults::long_name(argument));
         }
         Ok(())
     }

@@ -18,6 +18,7 @@ use serde::Serialize;
 pub use args::Args;
 use args::{Corners, Range};
 
+use super::defaults::long_name;
 use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
 use crate::objective::{Evaluation, Objective};
@@ -243,15 +244,12 @@ fn refuse_unused(context: Context, kind: Kind) -> anyhow::Result<()> {
         ("early_stop", Kind::has_a_rule),
     ];
     for (argument, uses) in flags {
-        if context.is_typed(argument) && !uses(kind) {
+        if !uses(kind) {
             let users: Vec<_> =
                 Kind::ALL.iter().filter(|kind| uses(**kind)).map(|kind| kind.name()).collect();
-            refuse!(
-                "--{} is about --method {}: {} has no use for it",
-                argument.replace('_', "-"),
-                users.join(", "),
-                kind.name()
-            );
+            let (users, searches) = (users.join(", "), kind.name());
+            let why = format!("is about --method {users}: {searches} has no use for it");
+            context.ensure_not_typed(&[argument], why)?;
         }
     }
     Ok(())
@@ -326,7 +324,7 @@ fn continued(args: &Args, context: Context, search: Search) -> anyhow::Result<Se
         ("early_stop", args.early_stop != early_stop),
     ] {
         if is_other && context.is_typed(argument) {
-            let flag = argument.replace('_', "-");
+            let flag = long_name(argument);
             refuse!(
                 "the state file holds a search with another --{flag}, which it keeps: leave it out, or start a new file"
             );

@@ -9,7 +9,7 @@ use anyhow::bail;
 use clap::Subcommand;
 use serde_json::json;
 
-use super::defaults::section;
+use super::defaults::{long_name, section};
 use super::{Context, Outcome, Verb, output, signals};
 use crate::config::Config;
 use crate::rig::MountFile;
@@ -141,8 +141,7 @@ fn refuse_unused(action: &Action, context: Context) -> anyhow::Result<()> {
     if verb == "stop" {
         // whoever stops a rig stops it, whatever else was typed
         if let Some((argument, _)) = unused_by(verb).find(|(argument, _)| context.is_typed(argument)) {
-            let flag = argument.replace('_', "-");
-            output::say_notice(&format!("a stop is a stop: --{flag} changes nothing"));
+            output::say_notice(&format!("a stop is a stop: --{} changes nothing", long_name(argument)));
         }
         return Ok(());
     }

@@ -351,8 +351,11 @@ impl Shared {
         *lock(&self.last_command) = Instant::now();
         let status = rig.status().ok();
         let has_moved = moves && outcome.as_ref().is_err_and(telling::ends_a_move);
+        let mut state = self.conclude(word, &outcome, status, has_moved);
+        // while it is locked: what was asked of the rig before this is older than what is shown now
         self.commands.fetch_add(1, Ordering::SeqCst);
-        self.conclude(word, &outcome, status, has_moved).busy = None;
+        state.busy = None;
+        drop(state);
         Ok(outcome?)
     }
 

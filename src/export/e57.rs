@@ -7,6 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::gps::gps_ns;
 use super::{Cause, Cloud, CloudWriter};
+use crate::files::hexadecimal;
 
 pub(super) struct E57Writer {
     writer: Writer<File>,
@@ -82,6 +83,6 @@ impl CloudWriter for E57Writer {
 /// A GUID that follows from what is described: the same points give the same bytes.
 fn guid(of: &[u8]) -> String {
     let hash = Sha256::digest(of);
-    let hex: String = hash[..16].iter().map(|byte| format!("{byte:02x}")).collect();
+    let hex = hexadecimal(&hash[..16]);
     format!("{{{}-{}-{}-{}-{}}}", &hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..])
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::{FileEntry, SessionError};
-use crate::files;
+use crate::files::{self, hexadecimal};
 
 /// Puts a file of a session under its name whole or not at all, and on the disk.
 pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionError> {
@@ -40,13 +40,4 @@ pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionE
 pub fn free_bytes(folder: &Path) -> io::Result<u64> {
     let state = nix::sys::statvfs::statvfs(folder)?;
     Ok(state.blocks_available() * state.fragment_size())
-}
-
-/// Bytes as hexadecimal digits.
-pub(super) fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}"); // a String takes everything
-        text
-    })
 }

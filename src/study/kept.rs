@@ -65,5 +65,5 @@ impl Kept {
 /// SHA-256 of data as compact JSON, in hexadecimal digits.
 pub(super) fn sha256_of(data: &impl Serialize) -> String {
     let text = serde_json::to_string(data).unwrap_or_default();
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+    files::hexadecimal(&Sha256::digest(text.as_bytes()))
 }
