@@ -8,11 +8,11 @@
 //!
 //! ```
 //! use glam::DVec3;
-//! use outrigger::coverage::{Coverage, VoxelGrid};
+//! use outrigger::world::coverage::{Coverage, VoxelGrid};
 //! use outrigger::rig::{Mount, MountedSensor, Rig};
-//! use outrigger::scene::{BoxScene, Scene};
+//! use outrigger::world::scene::{BoxScene, Scene};
 //! use outrigger::simulate::scan::{Scanner, Spin};
-//! use outrigger::trajectory::Trajectory;
+//! use outrigger::world::trajectory::Trajectory;
 //!
 //! let model = sensors::catalogue::nominal("vlp-16")?;
 //! let right = Mount { x_m: 0.1, pitch_rad: 25_f64.to_radians(), ..Mount::default() };
@@ -33,40 +33,18 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
-pub mod features;
-pub mod files;
-pub mod questions;
-pub mod instructions;
-pub mod statistics;
-pub mod rng;
-pub mod clocks;
-pub mod geometry;
-pub mod scene;
-pub mod trajectory;
+pub mod base;
+pub mod world;
 pub mod rig;
-pub mod coverage;
-pub mod surface;
 pub mod simulate;
-pub mod registration;
-pub mod odometry;
-pub mod objective;
-pub mod robustness;
-pub mod fidelity;
-pub mod optimize;
-pub mod reconfigure;
-pub mod compare;
-pub mod calibrate;
-pub mod servo;
-pub mod receive;
-pub mod watch;
-pub mod record;
-pub mod export;
-pub mod chart;
+pub mod design;
+pub mod live;
+pub mod recording;
+pub mod drive;
+pub mod verify;
 pub mod report;
-pub mod study;
-pub mod setup;
 pub mod mock;
-pub mod config;
+pub mod study;
 #[cfg(feature = "daemon")]
 pub mod daemon;
 pub mod commands;

@@ -17,7 +17,7 @@ pub use unit::{CalibrationFile, Unit, UnitChoice, UnitError};
 use glam::{DMat3, DQuat, DVec3};
 use sensors::SensorModel;
 
-use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
+use crate::base::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
 
 /// Where a sensor sits and how it is tilted, in the mount frame (x right, y forward, z up).
 ///

@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use firmware_protocol::AckCode;
 use firmware_protocol::simulated::AxisFault;
+use outrigger::drive::{Rig, RigError};
 use outrigger::mock::dynamixel::MockDynamixel;
-use outrigger::servo::{Rig, RigError};
 
 use crate::rig::patient;
 use crate::support::{Case, case};

@@ -8,13 +8,13 @@
 use std::net::SocketAddr;
 
 use glam::DVec3;
-use outrigger::compare::{Agreement, Gate, Replay};
-use outrigger::coverage::{Coverage, VoxelGrid};
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::rig::{Mount, MountedSensor};
-use outrigger::scene::{BoxScene, Scene};
 use outrigger::simulate::frames::Spin;
-use outrigger::trajectory::Trajectory;
+use outrigger::verify::compare::{Agreement, Gate, Replay};
+use outrigger::world::coverage::{Coverage, VoxelGrid};
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::ouster::{Metadata, OusterDecoder, Profile, Synthetic};
 use sensors::velodyne::{Options, Product, ReturnMode, VelodyneDecoder};
 use sensors::{Decoded, Decoder, Packet, catalogue};
@@ -267,7 +267,7 @@ fn range_noise_shows_as_noise() {
 
 /// Real walls, furniture and openings: single and dual returns, fine and coarse ranges, both makers.
 fn a_furnished_house_closes_the_loop() {
-    let mesh = outrigger::scene::load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
+    let mesh = outrigger::world::scene::load_mesh(&shared("scenes/house.ply"), None, None).unwrap().mesh;
     let text = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
     let here = Trajectory::from_tum(&text).unwrap().at(10_000_000_000).unwrap().translation_m;
     let walk = Trajectory::straight(here, here + DVec3::new(0.12, 0.09, 0.0), 1.0, START_NS);

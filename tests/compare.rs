@@ -7,12 +7,12 @@ mod statistics;
 mod units;
 
 use glam::DVec3;
-use outrigger::calibrate;
-use outrigger::compare::RecordedRay;
+use outrigger::base::rng::Rng;
 use outrigger::rig::{Mount, MountedSensor};
-use outrigger::rng::Rng;
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::verify::calibrate;
+use outrigger::verify::compare::RecordedRay;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::catalogue;
 
 use crate::support::{Case, case, with_machine, with_shared};

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use outrigger::rig::{MountFile, SensorEntry};
-use outrigger::scene::{load_mesh, read_cloud};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{load_mesh, read_cloud};
+use outrigger::world::trajectory::Trajectory;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
@@ -154,7 +154,7 @@ fn mounts_and_configs() {
     });
     let config = include_bytes!("../src/commands/init/rig.toml");
     feed("rig.toml", config, |path| {
-        outrigger::config::Config::read(path).map(drop).map_err(|error| error.to_string())
+        outrigger::live::config::Config::read(path).map(drop).map_err(|error| error.to_string())
     });
 }
 

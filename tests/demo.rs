@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use outrigger::record::Session;
+use outrigger::recording::Session;
 use serde_json::Value;
 
 use crate::support::{Case, case};

@@ -5,11 +5,11 @@ use std::process::Command;
 
 use clap::ValueEnum as _;
 use glam::DVec3;
-use outrigger::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::recording::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::capture::PcapWriter;
 use sensors::ouster::ImuSample;
 use sensors::projection::points_f64;

@@ -8,11 +8,11 @@ use std::process::{Command, Output};
 
 use glam::DVec3;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
-use outrigger::record::{SensorInfo, SessionWriter};
+use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, MountedSensor, Rig, SensorEntry};
-use outrigger::scene::{BoxScene, Scene};
 use outrigger::simulate::scan::{Scanner, Spin};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 use sensors::{Packet, catalogue};
 use serde_json::Value;

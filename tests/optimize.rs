@@ -9,8 +9,8 @@ use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::ValueEnum as _;
-use outrigger::objective::{Objective, Weights};
-use outrigger::optimize::{
+use outrigger::design::objective::{Objective, Weights};
+use outrigger::design::optimize::{
     Acquisition, Bayesian, Candidate, KeepApart, Kind, Measured, MountProblem, Optimizer as _, Search,
     SearchError, Settings, Space, StoppedBy, Trial, Variable,
 };

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use firmware_protocol::Config;
 use firmware_protocol::simulated::AxisFault;
+use outrigger::drive::{Link, Options, RigController, RigError};
 use outrigger::mock::rig::{Damage, MockConfig, MockFault, SimulatedLink, Truth};
-use outrigger::servo::{Link, Options, RigController, RigError};
 use rayon::prelude::*;
 
 use crate::support::{Case, case};

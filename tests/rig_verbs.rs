@@ -253,7 +253,7 @@ fn watching_goes_on_when_the_rig_comes_back_elsewhere() {
     let at = second.true_positions_rad().unwrap()[0];
     std::os::unix::fs::symlink(&port, &link).unwrap();
     let back = lines.any(|line| {
-        let report: outrigger::servo::WatchedAxis = serde_json::from_str(&line.unwrap()).unwrap();
+        let report: outrigger::drive::WatchedAxis = serde_json::from_str(&line.unwrap()).unwrap();
         report.axis == 0 && (report.position_deg.to_radians() - at).abs() < 2e-3
     });
     assert!(back, "nothing came from the rig's new name");

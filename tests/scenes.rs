@@ -4,12 +4,12 @@ use std::path::Path;
 use std::process::Command;
 
 use glam::{DQuat, DVec3};
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::rig::Mount;
-use outrigger::scene::{BoxScene, Mesh, Scene, load_mesh};
 use outrigger::simulate::fan::BeamFan;
-use outrigger::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, observable, read_points};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Mesh, Scene, load_mesh};
+use outrigger::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, observable, read_points};
+use outrigger::world::trajectory::Trajectory;
 
 use crate::support::{Case, case, shared, with_shared};
 

@@ -5,9 +5,9 @@ use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use outrigger::live::setup::discover::{ousters, velodynes};
+use outrigger::live::setup::{Http, Sensor, SensorState, SetupError, Wanted, warnings};
 use outrigger::mock::web::{Announced, Announcer, Behind, MockWeb, OusterWeb, VelodyneWeb, WebFault};
-use outrigger::setup::discover::{ousters, velodynes};
-use outrigger::setup::{Http, Sensor, SensorState, SetupError, Wanted, warnings};
 use sensors::ouster::{Metadata, Profile, Synthetic, TimestampMode};
 use serde_json::{Value, json};
 

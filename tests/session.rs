@@ -80,7 +80,7 @@ fn sender() -> UdpSocket {
 
 /// Payloads of sensor-like lengths, each different.
 fn payloads(count: usize, seed: u64) -> Vec<Vec<u8>> {
-    let mut rng = outrigger::rng::Rng::new(seed, 0);
+    let mut rng = outrigger::base::rng::Rng::new(seed, 0);
     (0..count)
         .map(|number| {
             let length = [1206, 8448, 12_608, 24_896, 48, 512][rng.below(6) as usize];

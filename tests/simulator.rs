@@ -1,7 +1,7 @@
 //! The published simulator to the bit, and the general one against stored references.
 
-use outrigger::instructions::Instructions;
-use outrigger::objective::{self, Weights};
+use outrigger::base::instructions::Instructions;
+use outrigger::design::objective::{self, Weights};
 use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Seen, Simulator};
 use serde::Deserialize;
 use sha2::Digest as _;

@@ -3,7 +3,7 @@
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
-use outrigger::record::{SensorInfo, SessionWriter};
+use outrigger::recording::{SensorInfo, SessionWriter};
 use serde_json::Value;
 
 use crate::decode::{decode, outrigger, path};

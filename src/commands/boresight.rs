@@ -10,10 +10,10 @@ use super::compare::recorded::{Kept, Recorded, RecordedArgs};
 use super::ground::PoseErrorArgs;
 use super::odometry::{self, OdometryArgs};
 use super::{Context, Outcome, output};
-use crate::calibrate::{Pair, RelativeMount, relative_mount};
-use crate::chart::signed;
-use crate::compare::RecordedRay;
-use crate::trajectory::Trajectory;
+use crate::report::chart::signed;
+use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};
+use crate::verify::compare::RecordedRay;
+use crate::world::trajectory::Trajectory;
 
 /// Returns that are kept, of all sensors together.
 const RAYS: usize = 1 << 22;
@@ -107,7 +107,7 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
         Some("still") => return recorded.still(),
         Some("odometry") => {}
         Some(name) => {
-            let text = crate::files::read_text(name).with_context(|| name.to_owned())?;
+            let text = crate::base::files::read_text(name).with_context(|| name.to_owned())?;
             return Trajectory::from_tum(&text).with_context(|| name.to_owned());
         }
         None => {

@@ -8,7 +8,7 @@ use clap::ValueEnum;
 
 use super::Verb;
 use super::defaults::section;
-use crate::config::Config;
+use crate::live::config::Config;
 
 pub(super) mod place;
 #[cfg(feature = "daemon")]
@@ -108,5 +108,5 @@ fn parse_minutes(text: &str) -> Result<Duration, String> {
 /// Says that the daemon was left out: its flags are known all the same, as one rig.toml serves every build.
 #[cfg(not(feature = "daemon"))]
 pub fn run(_: &Args, _: super::Context) -> anyhow::Result<super::Outcome> {
-    anyhow::bail!("{}", crate::features::left_out("the daemon", "daemon"))
+    anyhow::bail!("{}", crate::base::features::left_out("the daemon", "daemon"))
 }

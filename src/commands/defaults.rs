@@ -11,8 +11,8 @@ use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory as _, FromArgMatc
 use super::daemon::place::FROM_PREDICT;
 use super::tied_file::TiedFile;
 use super::{Cli, Verb};
-use crate::config::{Config, ConfigError, Section, Setting};
-use crate::servo::is_no_path;
+use crate::drive::is_no_path;
+use crate::live::config::{Config, ConfigError, Section, Setting};
 
 /// The file that the command line or the environment names.
 pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {
@@ -65,7 +65,7 @@ pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> R
                 *verb = taken.mut_group(&choice.group, |group| group.required(false));
             }
             let taken = std::mem::take(verb);
-            let folder = crate::files::folder_of(&config.path);
+            let folder = crate::base::files::folder_of(&config.path);
             *verb = taken.mut_arg(id, |arg| with_default(arg, setting, folder));
         }
     }

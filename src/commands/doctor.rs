@@ -12,9 +12,9 @@ use serde::Serialize;
 
 use super::defaults::section;
 use super::{Context, Outcome, Verb, output};
-use crate::config::Config;
-use crate::record::free_bytes;
-use crate::servo::{LinkError, Options, Rig, RigError, RigStatus};
+use crate::drive::{LinkError, Options, Rig, RigError, RigStatus};
+use crate::live::config::Config;
+use crate::recording::free_bytes;
 
 mod hearing;
 mod named;
@@ -189,7 +189,7 @@ fn written_mb_s(folder: &Path) -> std::io::Result<f64> {
     let mut file = tempfile_in(folder)?;
     // what a disk compresses would look faster than packets are
     let mut block = vec![0_u8; BLOCK_BYTES];
-    let mut rng = crate::rng::Rng::new(1, 0);
+    let mut rng = crate::base::rng::Rng::new(1, 0);
     block.chunks_mut(8).for_each(|chunk| chunk.copy_from_slice(&rng.below(u64::MAX).to_le_bytes()));
     let start = Instant::now();
     for _ in 0..TRIED_BYTES / BLOCK_BYTES {

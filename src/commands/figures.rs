@@ -1,10 +1,10 @@
 //! Parts of the pages of `evaluate`, `predict` and `validate`: who saw what, blind spots, the way, single sensors.
 
 use super::baselines::Baselines;
-use crate::chart::{CellClass, LineChart, Series, number};
-use crate::coverage::Coverage;
-use crate::registration::{DEGENERATE, RegistrationQuality};
+use crate::design::registration::{DEGENERATE, RegistrationQuality};
+use crate::report::chart::{CellClass, LineChart, Series, number};
 use crate::report::{BlindSpot, FromAbove, Report, unfold_mount_box};
+use crate::world::coverage::Coverage;
 
 /// Number of classes of [`who_saw`].
 pub const WHO_CLASSES: usize = 5;

@@ -9,7 +9,7 @@ use sensors::velodyne::Calibration;
 
 use super::Context;
 use super::tied_file::TiedFile;
-use crate::record::{Manifest, SensorEntry, Session};
+use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Metadata of an Ouster.
 pub struct Given {
@@ -84,7 +84,7 @@ pub fn metadata_of(
         if let (Some(tie), "") = (tie, name.as_str()) {
             refuse!("--meta {tie}=: no file is named behind the equals sign");
         }
-        let text = crate::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
+        let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
         let metadata = match text.and_then(|text| Ok(Metadata::parse(&text, &name)?)) {
             Ok(metadata) => metadata,
             Err(error) => {
@@ -158,7 +158,7 @@ pub fn ensure_named(
 
 /// The metadata files of a session; none of what is no session.
 pub fn session_metadata(session: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    json_files(&session.join(crate::record::file::METADATA))
+    json_files(&session.join(crate::recording::file::METADATA))
 }
 
 pub fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {

@@ -7,8 +7,8 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::rig::Mount;
-use crate::scene::{BoxScene, LoadedMesh, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
-use crate::trajectory::{PoseError, Trajectory, WalkLimits};
+use crate::world::scene::{BoxScene, LoadedMesh, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
+use crate::world::trajectory::{PoseError, Trajectory, WalkLimits};
 
 /// Way between the points of the path from which lines of sight are drawn, m.
 const STATION_STEP_M: f64 = 0.5;
@@ -227,7 +227,7 @@ impl PoseErrorArgs {
 
 /// Reads a trajectory: TUM, or KITTI where a rate is given.
 pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
-    let text = crate::files::read_text(path)?;
+    let text = crate::base::files::read_text(path)?;
     Ok(match rate_hz {
         Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
         None => Trajectory::from_tum(&text).map_err(|error| {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 
 use super::{Context, Outcome, output};
-use crate::files;
+use crate::base::files;
 
 const TEMPLATE: &str = include_str!("init/rig.toml");
 

@@ -8,7 +8,7 @@ use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 
-use crate::config::Config;
+use crate::live::config::Config;
 
 /// Ends a verb whose command line cannot be meant, in words as for `format!`: exit code 2.
 macro_rules! refuse {

@@ -12,11 +12,11 @@ use super::compare::recorded::{Recorded, RecordedArgs};
 use super::ground::suspicions;
 use super::recording::Recording;
 use super::{Context, Outcome, output, unread};
-use crate::files::write_whole;
-use crate::geometry::Pose;
-use crate::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
-use crate::registration::RegistrationQuality;
-use crate::trajectory::Trajectory;
+use crate::base::files::write_whole;
+use crate::base::geometry::Pose;
+use crate::design::registration::RegistrationQuality;
+use crate::verify::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
+use crate::world::trajectory::Trajectory;
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]

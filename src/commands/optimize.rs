@@ -21,11 +21,11 @@ use args::{Corners, Range};
 use super::defaults::long_name;
 use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
-use crate::objective::{Evaluation, Objective};
-use crate::optimize::{
+use crate::design::objective::{Evaluation, Objective};
+use crate::design::optimize::{
     Certificate, KeepApart, Kind, MountProblem, MountSearch, Search, Settings, StoppedBy, Trial, certify,
 };
-use crate::robustness::{Robustness, Spread, Tolerance};
+use crate::design::robustness::{Robustness, Spread, Tolerance};
 use crate::simulate::published::{Experiment, ExperimentError, Path, Roll};
 
 /// Seconds between two writings of the state file.

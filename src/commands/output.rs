@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use crate::calibrate::Estimate;
-use crate::chart::signed;
-use crate::files::check_place;
+use crate::base::files::check_place;
+use crate::report::chart::signed;
 use crate::rig::{Clearance, Touching};
+use crate::verify::calibrate::Estimate;
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
 pub fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {

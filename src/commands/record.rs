@@ -12,12 +12,13 @@ use sensors::ouster::Metadata;
 use super::rig::by_axis;
 use super::signals::Wishes;
 use super::{Context, Outcome, output};
-use crate::config::{SensorConfig, Stream};
-use crate::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
-use crate::record::{Manifest, Recording, SensorInfo, SessionWriter, aside_of, is_aside};
+use crate::live::config::{SensorConfig, Stream};
+use crate::live::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
+use crate::live::receive::{aside_of, is_aside};
+use crate::live::setup::{Sensor, warnings};
+use crate::live::watch::{FirstLook, FirstLooks};
+use crate::recording::{Manifest, Recording, SensorInfo, SessionWriter};
 use crate::rig::{CalibrationFile, MountFile, Rig};
-use crate::setup::{Sensor, warnings};
-use crate::watch::{FirstLook, FirstLooks};
 
 /// How often counters are looked at.
 const LOOK: Duration = Duration::from_millis(100);
@@ -78,7 +79,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .enumerate()
         .map(|(sensor, (listen, metadata))| SensorInfo::of(listen, receiver.address(sensor), metadata))
         .collect();
-    let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::record::folder_name_now()));
+    let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::recording::folder_name_now()));
     let session = SessionWriter::create(&dir, &infos)?;
     if let Some(Seats { mount, rig, calibrations }) = &seats {
         session.put_mount(mount, calibrations)?;
@@ -300,7 +301,7 @@ pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
 }
 
 pub(super) fn read_metadata(path: &Path) -> anyhow::Result<String> {
-    let text = crate::files::read_text(path).with_context(|| format!("metadata {}", path.display()))?;
+    let text = crate::base::files::read_text(path).with_context(|| format!("metadata {}", path.display()))?;
     Metadata::parse(&text, &path.display().to_string())?;
     Ok(text)
 }

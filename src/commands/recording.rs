@@ -13,7 +13,8 @@ use super::given::{
     Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
 };
 use super::tied_file::TiedFile;
-use crate::record::{Manifest, SensorEntry, Session, aside_of};
+use crate::live::receive::aside_of;
+use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
 /// has not said yet how it is calibrated.
@@ -28,7 +29,7 @@ pub fn ensure_recording(path: &Path) -> anyhow::Result<()> {
         !path.is_dir() || Session::is_session(path),
         "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
         path.display(),
-        crate::record::file::MANIFEST
+        crate::recording::file::MANIFEST
     );
     Ok(())
 }
@@ -88,7 +89,7 @@ impl Recording {
         let (mut session, mut is_tied_by_session, mut unreadable) = (None, false, Vec::new());
         if capture.is_dir() {
             let manifest = Manifest::read(capture)?;
-            path = capture.join(crate::record::file::PACKETS);
+            path = capture.join(crate::recording::file::PACKETS);
             if paths.is_empty() {
                 let mut files = session_metadata(capture)?;
                 let named = manifest.sensors.iter().filter_map(|entry| entry.metadata.as_ref());
@@ -151,7 +152,7 @@ impl Recording {
 
     /// Whether this is the file that is read.
     pub fn is_read_from(&self, path: &Path) -> bool {
-        crate::files::is_same(path, &self.path)
+        crate::base::files::is_same(path, &self.path)
     }
 
     /// The session that the file was taken out of, without what belongs to it.
@@ -172,7 +173,7 @@ impl Recording {
             name.strip_prefix(stem).is_some_and(|rest| ["", "_0", ".0", "_1", ".1", ".2"].contains(&rest))
         };
         let is_given = |path: &Path| {
-            self.metadata.iter().any(|given| crate::files::is_same(path, Path::new(&given.name)))
+            self.metadata.iter().any(|given| crate::base::files::is_same(path, Path::new(&given.name)))
         };
         let of_given =
             |serial: u64| self.metadata.iter().any(|given| given.metadata.serial_number() == Some(serial));

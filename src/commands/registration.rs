@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::registration::{Information, RegistrationQuality, least_along};
+use crate::design::registration::{Information, RegistrationQuality, least_along};
 use crate::simulate::scan::Scanner;
 
 /// Every so many columns of a revolution count.

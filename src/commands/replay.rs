@@ -14,7 +14,7 @@ use sensors::capture::CaptureReader;
 use super::recording::{self, capture_losses};
 use super::{Context, Outcome, output, signals};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
-use crate::record::{Session, file};
+use crate::recording::{Session, file};
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;

@@ -11,9 +11,9 @@ use serde_json::json;
 
 use super::defaults::{long_name, section};
 use super::{Context, Outcome, Verb, output, signals};
-use crate::config::Config;
+use crate::drive::{Applied, Options, Rig, RigError, RigStatus};
+use crate::live::config::Config;
 use crate::rig::MountFile;
-use crate::servo::{Applied, Options, Rig, RigError, RigStatus};
 
 /// No move takes longer.
 const LONGEST_MOVE: Duration = Duration::from_secs(3600);

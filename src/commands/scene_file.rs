@@ -13,12 +13,12 @@ use super::compare::feed::{self, Seated, Taken};
 use super::ground::{MeshArgs, MeshTaken};
 use super::stage::Stage;
 use super::{Context, wrong_usage};
-use crate::record::Session;
+use crate::recording::Session;
 use crate::rig::Rig;
-use crate::scene::{
+use crate::world::scene::{
     CLOUD_ENDINGS, CloudPoint, MESH_ENDINGS, Mesh, MeshFileError, Scene, VoxelMap, is_cloud, read_cloud,
 };
-use crate::trajectory::Trajectory;
+use crate::world::trajectory::Trajectory;
 
 /// Rays longer than this are not believed, m.
 const LONGEST_RAY_M: f64 = 300.0;
@@ -144,7 +144,7 @@ pub fn read(
 
 fn way(path: &Path) -> anyhow::Result<Trajectory> {
     let name = path.display().to_string();
-    let text = crate::files::read_text(path).with_context(|| name.clone())?;
+    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
     Trajectory::from_tum(&text).context(name)
 }
 
@@ -298,9 +298,9 @@ impl Making {
 }
 
 /// The grid of a map's own cells, or of others from its least corner on.
-pub fn map_grid(map: &VoxelMap, voxel_m: f64) -> crate::coverage::VoxelGrid {
+pub fn map_grid(map: &VoxelMap, voxel_m: f64) -> crate::world::coverage::VoxelGrid {
     let [low, high] = map.bounds_m();
     let cells = ((high - low) / voxel_m - 1e-6).ceil().max(DVec3::ONE);
     let cells = [cells.x, cells.y, cells.z].map(|count| count as usize);
-    crate::coverage::VoxelGrid { origin_m: low, voxel_m, cells }
+    crate::world::coverage::VoxelGrid { origin_m: low, voxel_m, cells }
 }

@@ -10,10 +10,10 @@ use super::compare::feed::Taken;
 use super::compare::recorded::{Recorded, RecordedArgs};
 use super::stage::Stage;
 use super::{Context, Outcome, output};
-use crate::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
-use crate::compare::Thinning;
-use crate::record::Session;
-use crate::servo::ServoReport;
+use crate::drive::ServoReport;
+use crate::recording::Session;
+use crate::verify::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
+use crate::verify::compare::Thinning;
 
 /// Returns that are kept of each setting.
 const RAYS: usize = 400_000;

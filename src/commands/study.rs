@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
-use crate::files;
+use crate::base::files;
 use crate::study::shard::{Plan, Ran, Shard};
 use crate::study::submit::{self, Engine};
 use crate::study::{Findings, STUDIES, Size, named};

@@ -7,8 +7,8 @@ use anyhow::Context as _;
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::scene::Mesh;
-use crate::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, observable, read_points};
+use crate::world::scene::Mesh;
+use crate::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, observable, read_points};
 
 /// Rank of the threshold that the shares of the observable surface and the search for a baseline use: 5 cm.
 pub const MAIN_RANK: usize = 1;

@@ -7,8 +7,8 @@ use glam::DVec3;
 
 use super::picture;
 use super::status::CoverageStatus;
-use crate::coverage::Coverage;
-use crate::export::foxglove::Voxels;
+use crate::recording::export::foxglove::Voxels;
+use crate::world::coverage::Coverage;
 
 /// Cells sent to a page at most; more are merged by eights.
 const MOST_CELLS: usize = 40_000;
@@ -205,7 +205,7 @@ fn bounds(cells: &HashMap<[u16; 3], u8>) -> [[u16; 3]; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coverage::VoxelGrid;
+    use crate::world::coverage::VoxelGrid;
 
     #[test]
     fn cells_are_missing_kept_or_merely_seen() {

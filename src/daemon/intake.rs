@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 
 use super::live::Inlet;
 use super::tap::Tap;
-use crate::receive::{
+use crate::live::receive::{
     Datagram, Listen, Memory, Monitor, Options, ReceiveError, Receiver, SensorCounters, Stop, Tally, now_ns,
 };
 

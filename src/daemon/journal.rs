@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 
-use crate::receive::now_ns;
-use crate::servo::ServoReport;
+use crate::drive::ServoReport;
+use crate::live::receive::now_ns;
 
 /// Events kept for the page.
 const KEPT: usize = 100;

@@ -14,8 +14,8 @@ use super::journal::Journal;
 use super::latency::Latency;
 use super::painter::Painter;
 use super::surroundings::Surroundings;
-use crate::receive::{Datagram, now_ns};
-use crate::watch::{SensorReport, Watch, is_model};
+use crate::live::receive::{Datagram, now_ns};
+use crate::live::watch::{SensorReport, Watch, is_model};
 
 /// Datagrams that may wait: a revolution and more of the busiest sensor.
 const WAITING: usize = 1024;

@@ -4,7 +4,7 @@
 //! socket -> receive thread -> lane thread -> session on the disk     (first; a slow disk holds up the lane alone)
 //!                                       \-> live thread -> Status     (gives way, and counts what it left out)
 //!                                                     \-> points, coverage -> page
-//! rig <-> servo::Rig's thread <-> rig thread -> Status, session
+//! rig <-> drive::Rig's thread <-> rig thread -> Status, session
 //! coverage, map of the place -> better pitches, when asked -> rig and a new session, when agreed to
 //! ```
 //!

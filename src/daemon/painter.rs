@@ -10,8 +10,8 @@ use sensors::{Frame, SensorModel};
 use super::picture;
 use super::surroundings::Surroundings;
 use super::survey::RAYS;
-use crate::export::{Cloud, Source, foxglove};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
+use crate::recording::export::{Cloud, Source, foxglove};
 
 /// Points drawn of one revolution.
 const POINTS: usize = 6000;

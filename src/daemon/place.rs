@@ -4,12 +4,12 @@ use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 use crate::rig::{CalibrationFile, Mount, MountFile, MountedSensor, NoSeat, Rig};
-use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Around a platform of which nothing is known, m.
 const HALF_SIZE_M: DVec3 = DVec3::new(40.0, 40.0, 10.0);
@@ -109,7 +109,7 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::BoxScene;
+    use crate::world::scene::BoxScene;
 
     #[test]
     fn the_way_begins_when_told() {

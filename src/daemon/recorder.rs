@@ -10,10 +10,10 @@ use super::intake::Intake;
 use super::journal::{Journal, Line};
 use super::status::{LastSession, RecorderStatus};
 use super::tap::Tap;
-use crate::receive::{Tally, now_ns};
-use crate::record::{self, Manifest, SensorInfo, SessionError, SessionWriter};
+use crate::live::receive::{Tally, now_ns};
+use crate::recording::{self, Manifest, SensorInfo, SessionError, SessionWriter};
 use crate::rig::{CalibrationFile, MountFile};
-use crate::trajectory::Trajectory;
+use crate::world::trajectory::Trajectory;
 
 /// How often the recorder looks at the disk and its own files.
 const LOOK: Duration = Duration::from_millis(100);
@@ -395,7 +395,7 @@ impl Worker {
 
     fn look_at_disk(&mut self) {
         // a file system that does not say what is free gets no warning, and still the error when it is full
-        let free_bytes = record::free_bytes(&self.settings.folder).ok();
+        let free_bytes = recording::free_bytes(&self.settings.folder).ok();
         let bytes = if self.open.is_some() { self.tap.counts()[1] } else { 0 };
         let mut bytes_per_s = self.state().bytes_per_s;
         match self.rate {
@@ -411,7 +411,7 @@ impl Worker {
         let seconds_left =
             usable.filter(|_| bytes_per_s > 0.0).map(|usable_bytes| usable_bytes as f64 / bytes_per_s);
         let low = free_bytes.is_some_and(|free_bytes| free_bytes < self.settings.warn_below_bytes)
-            || seconds_left.is_some_and(|left_s| left_s < record::LOW_DISK_SECONDS);
+            || seconds_left.is_some_and(|left_s| left_s < recording::LOW_DISK_SECONDS);
         if low && !self.told.low_disk {
             let free_mib = free_bytes.unwrap_or(0) >> 20;
             self.journal.tell("low_disk", format!("{free_mib} MiB are left where sessions go"));
@@ -444,7 +444,7 @@ impl Worker {
 
 /// A name for a session that no folder has.
 fn free_name(folder: &Path) -> String {
-    let name = record::folder_name_now();
+    let name = recording::folder_name_now();
     let numbered = (2..).map(|number| format!("{name}-{number}"));
     let mut names = std::iter::once(name.clone()).chain(numbered);
     names.find(|name| !folder.join(name).exists()).unwrap_or(name)

@@ -19,7 +19,7 @@ pub use error::RigCommandError;
 use super::journal::Journal;
 use super::place::Motion;
 use super::status::RigState;
-use crate::servo::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
+use crate::drive::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
 
 /// Time between two tries to find a rig.
 const RETRY: Duration = Duration::from_secs(1);
@@ -32,7 +32,7 @@ const HEARTBEAT: Duration = Duration::from_secs(3);
 /// Which rig, and how to talk to it.
 #[derive(Clone, Debug)]
 pub struct RigSettings {
-    /// Its address, as [`crate::servo::open`] knows them.
+    /// Its address, as [`crate::drive::open`] knows them.
     pub port: PathBuf,
     /// Limits, tolerance, times.
     pub options: Options,
@@ -149,7 +149,7 @@ impl RigHost {
         let shared = &self.shared;
         shared.command("apply", true, |rig| {
             let follow =
-                |step: &crate::servo::Progress| shared.show_progress(&step.measured_rad, &step.target_rad);
+                |step: &crate::drive::Progress| shared.show_progress(&step.measured_rad, &step.target_rad);
             rig.apply_with(&pitches_rad, follow).map(drop)
         })
     }

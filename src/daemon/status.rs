@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
-use crate::clocks::ClockReport;
-use crate::reconfigure::Outlook;
-use crate::record::Manifest;
-use crate::servo::RigStatus;
+use crate::design::reconfigure::Outlook;
+use crate::drive::RigStatus;
+use crate::live::clocks::ClockReport;
+use crate::recording::Manifest;
 
 /// The whole state.
 #[derive(Clone, Debug, Serialize)]

@@ -4,8 +4,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use glam::DVec3;
 
-use crate::geometry::Pose;
-use crate::scene::{VoxelMap, VoxelMapError};
+use crate::base::geometry::Pose;
+use crate::world::scene::{VoxelMap, VoxelMapError};
 
 /// Returns that are mapped of one revolution.
 pub(super) const RAYS: usize = 2000;

@@ -5,8 +5,8 @@ use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
 use super::latency::Latency;
-use crate::receive::{Datagram, now_ns};
-use crate::record::SessionWriter;
+use crate::live::receive::{Datagram, now_ns};
+use crate::recording::SessionWriter;
 
 /// The open session, to be exchanged between two packets.
 #[derive(Debug, Default)]

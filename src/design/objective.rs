@@ -6,7 +6,7 @@
 //! equations 8 to 15.
 //!
 //! ```
-//! use outrigger::objective::{Objective, Weights};
+//! use outrigger::design::objective::{Objective, Weights};
 //! use outrigger::simulate::published::{Experiment, Placement, Preset, Simulator};
 //!
 //! let experiment = Experiment::published(Preset::named("paper-os1-64")?);
@@ -23,10 +23,10 @@
 
 use sensors::catalogue;
 
-use crate::coverage::Counts;
-use crate::registration::{DEGENERATE, RegistrationQuality, along_published};
+use crate::design::registration::{DEGENERATE, RegistrationQuality, along_published};
 use crate::rig::{Clearance, MountedSensor, Rig};
 use crate::simulate::published::{ExperimentError, Placement, Preset, Simulator};
+use crate::world::coverage::Counts;
 
 /// Coefficients of J.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -13,10 +13,10 @@ use std::sync::atomic::AtomicBool;
 use glam::DVec3;
 use sensors::SensorModel;
 
-use crate::geometry::Pose;
-use crate::optimize::{Kind, Measured, Search, SearchError, Settings, Space, SpaceError, Variable};
+use crate::base::geometry::Pose;
+use crate::design::optimize::{Kind, Measured, Search, SearchError, Settings, Space, SpaceError, Variable};
 use crate::rig::{Mount, Rig};
-use crate::scene::{Sight, VoxelMap};
+use crate::world::scene::{Sight, VoxelMap};
 
 /// Columns of a revolution that are looked along.
 const COLUMNS: usize = 180;
@@ -197,7 +197,7 @@ fn evenly<T>(of: &[T], most: usize) -> Vec<&T> {
 mod tests {
     use super::*;
     use crate::rig::MountedSensor;
-    use crate::scene::BoxScene;
+    use crate::world::scene::BoxScene;
 
     /// A hall of which a sensor that hangs aslant has seen one half only, mapped by its own rays.
     fn half_seen(pitch_rad: f64) -> (VoxelMap, Rig) {

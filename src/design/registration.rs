@@ -212,9 +212,9 @@ impl RegistrationQuality {
 mod tests {
     use super::*;
     use crate::rig::{Mount, MountedSensor, Rig};
-    use crate::scene::{BoxScene, Scene};
     use crate::simulate::scan::{Scanner, Spin};
-    use crate::trajectory::Trajectory;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
 
     /// One revolution of sensors at the given pitches in the middle of a box, 1.5 m above its floor.
     fn look(model: &str, pitches_deg: &[f64], scene: BoxScene) -> Conditioning {

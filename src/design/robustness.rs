@@ -8,10 +8,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::objective::Objective;
-use crate::rng::Rng;
+use crate::base::rng::Rng;
+use crate::base::statistics::greatest;
+use crate::design::objective::Objective;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
-use crate::statistics::greatest;
 
 /// How far a built rig may be from the planned one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

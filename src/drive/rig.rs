@@ -34,7 +34,7 @@ enum Job {
 ///
 /// ```
 /// use outrigger::mock::rig::{MockConfig, MockRig};
-/// use outrigger::servo::Rig;
+/// use outrigger::drive::Rig;
 ///
 /// let mock = MockRig::start(MockConfig::default(), 1)?; // behind a pseudo terminal, as a board behind its serial line
 /// let rig = Rig::connect(mock.path())?;

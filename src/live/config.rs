@@ -25,7 +25,7 @@ use serde::de::IntoDeserializer as _;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::receive::Listen;
+use crate::live::receive::Listen;
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-rig/1";
@@ -78,7 +78,7 @@ impl SensorConfig {
     pub fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
         let Self { name, model, listen, listen_aside, source, metadata, host } = self.clone();
         let aside = listen_aside.map(|address| {
-            let listen = Listen { name: crate::record::aside_of(&name), address, source };
+            let listen = Listen { name: crate::live::receive::aside_of(&name), address, source };
             Stream { listen, model: None, metadata: None, host: None }
         });
         let lidar = listen.map(|address| {
@@ -159,7 +159,7 @@ enum Endpoint {
 impl Config {
     /// Reads a file and checks everything in it but the settings, which the verbs know.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = crate::files::read_text(path)
+        let text = crate::base::files::read_text(path)
             .map_err(|source| ConfigError::Unreadable { path: path.to_owned(), source })?;
         Self::parse(&text, path)
     }
@@ -237,7 +237,7 @@ impl Reader<'_> {
             ));
         }
         catalogue::nominal(&model).map_err(|error| error.to_string())?;
-        let folder = crate::files::folder_of(self.path);
+        let folder = crate::base::files::folder_of(self.path);
         Ok(SensorConfig {
             listen: listen.map(Endpoint::address).transpose().map_err(|why| format!("listen = {why}"))?,
             listen_aside: listen_aside

@@ -10,8 +10,8 @@ use firmware_protocol::simulated::{AxisFault, SimulatedAxis};
 use firmware_protocol::{Reading, Servo, Setpoint};
 
 use super::pty::Pty;
-use crate::servo::dynamixel::packet::{BROADCAST, Packet, PacketReceiver, instruction};
-use crate::servo::dynamixel::table;
+use crate::drive::dynamixel::packet::{BROADCAST, Packet, PacketReceiver, instruction};
+use crate::drive::dynamixel::table;
 
 /// Registers of a servo.
 const TABLE_BYTES: usize = 160;

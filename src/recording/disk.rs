@@ -7,7 +7,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 
 use super::{FileEntry, SessionError};
-use crate::files::{self, hexadecimal};
+use crate::base::files::{self, hexadecimal};
 
 /// Puts a file of a session under its name whole or not at all, and on the disk.
 pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionError> {

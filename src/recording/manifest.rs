@@ -4,7 +4,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 
 use super::{SessionError, file};
-use crate::receive::SocketReport;
+use crate::live::receive::SocketReport;
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-session/1";
@@ -38,7 +38,7 @@ pub struct Manifest {
 impl Manifest {
     /// Whether an entry is what another one sends beside its lidar packets.
     pub fn is_aside(&self, entry: &SensorEntry) -> bool {
-        super::is_aside(&entry.name, self.sensors.iter().map(|sensor| sensor.name.as_str()))
+        crate::live::receive::is_aside(&entry.name, self.sensors.iter().map(|sensor| sensor.name.as_str()))
     }
 
     /// Why the session is not whole, where it is not.
@@ -146,7 +146,7 @@ impl Manifest {
     /// Reads the manifest of a session.
     pub fn read(dir: &Path) -> Result<Self, SessionError> {
         let path = dir.join(file::MANIFEST);
-        let text = match crate::files::read_text(&path) {
+        let text = match crate::base::files::read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(SessionError::NotASession { dir: dir.to_owned() });
             }

@@ -13,7 +13,7 @@
 //! ```
 //!
 //! ```
-//! use outrigger::record::{SensorInfo, Session, SessionWriter};
+//! use outrigger::recording::{SensorInfo, Session, SessionWriter};
 //! use sensors::Packet;
 //!
 //! let folder = tempfile::tempdir()?;
@@ -35,6 +35,7 @@
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
 mod disk;
+pub mod export;
 mod manifest;
 mod recording;
 mod session;
@@ -52,21 +53,9 @@ use std::path::{Path, PathBuf};
 
 /// A folder name that says when: `session-2026-11-21T111500Z`.
 pub fn folder_name_now() -> String {
-    let time = manifest::rfc3339(crate::receive::now_ns());
+    let time = manifest::rfc3339(crate::live::receive::now_ns());
     let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
     format!("session-{}Z", seconds.replace(':', ""))
-}
-
-const ASIDE: &str = "-aside";
-
-/// Name in a session of what a sensor sends beside its lidar packets (IMU, position), where that has a port of its own.
-pub fn aside_of(sensor: &str) -> String {
-    format!("{sensor}{ASIDE}")
-}
-
-/// Whether a name is that of what one of these sensors sends beside its lidar packets.
-pub fn is_aside<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
-    sensors.any(|sensor| aside_of(sensor) == name)
 }
 
 /// Names of the files in a session.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::{Manifest, SessionError, SessionWriter};
-use crate::receive::{Datagram, Monitor, Receiver, Stop};
+use crate::live::receive::{Datagram, Monitor, Receiver, Stop};
 
 /// Datagrams written under one lock of the session.
 const BATCH: usize = 64;

@@ -9,7 +9,7 @@ use sensors::capture::{CaptureCounters, CaptureReader};
 use super::manifest::Manifest;
 use super::{SessionError, disk, file};
 use crate::rig::MountFile;
-use crate::trajectory::Trajectory;
+use crate::world::trajectory::Trajectory;
 
 /// A session that was opened for reading.
 #[derive(Clone, Debug)]
@@ -114,7 +114,7 @@ impl Session {
 
     fn text(&self, relative: &str) -> Result<Option<String>, SessionError> {
         let path = self.dir.join(relative);
-        match crate::files::read_text(&path) {
+        match crate::base::files::read_text(&path) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(SessionError::io(&path, "cannot be read", error)),

@@ -54,7 +54,7 @@ impl<F: Cut> WholeFile<F> {
 
     /// SHA-256 of the bytes in the file, hexadecimal.
     pub(super) fn sha256(&self) -> String {
-        crate::files::hexadecimal(&self.hash.clone().finalize())
+        crate::base::files::hexadecimal(&self.hash.clone().finalize())
     }
 
     /// Pieces that were taken and then not written, first bytes only, since the last call.
@@ -168,7 +168,7 @@ mod tests {
             drop(file);
             assert_eq!((bytes as usize, lost), (room / 10 * 10, 3 - room / 10), "{room}");
             assert_eq!(disk.content, b"0123456789abcdefghijABCDEFGHIJ"[..room / 10 * 10]);
-            assert_eq!(hash, crate::files::hexadecimal(&Sha256::digest(&disk.content)));
+            assert_eq!(hash, crate::base::files::hexadecimal(&Sha256::digest(&disk.content)));
         }
     }
 }

@@ -14,9 +14,9 @@ use super::manifest::{Manifest, SensorEntry};
 use super::ticker::Ticker;
 use super::whole_file::WholeFile;
 use super::{FileEntry, SessionError, disk, file};
-use crate::receive::{Datagram, Listen, Tally, now_ns};
+use crate::live::receive::{Datagram, Listen, Tally, now_ns};
 use crate::rig::{CalibrationFile, MountFile};
-use crate::trajectory::Trajectory;
+use crate::world::trajectory::Trajectory;
 
 /// Kept back on the disk for closing the session: statistics, manifest and some lines need far less.
 const RESERVE_BYTES: usize = 256 << 10;

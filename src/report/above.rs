@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::chart::{CellMap, number};
+use crate::report::chart::{CellMap, number};
 
 /// Most columns along the longer side of a map.
 const MOST_COLUMNS: f64 = 160.0;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
-use crate::coverage::VoxelGrid;
+use crate::world::coverage::VoxelGrid;
 
 /// Neighbouring cells that could be seen and are not.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]

@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::chart::{CellClass, CellMap, cell_map_svg, escape};
+use crate::report::chart::{CellClass, CellMap, cell_map_svg, escape};
 
 mod above;
 mod blind_spots;
+pub mod chart;
 mod unfold;
 
 pub use above::FromAbove;
@@ -60,7 +61,7 @@ impl Report {
         self.body.push_str("</tbody></table></div>");
     }
 
-    /// A chart made by [`crate::chart`], with its caption and the command that makes it again.
+    /// A chart made by [`crate::report::chart`], with its caption and the command that makes it again.
     pub fn figure(&mut self, svg: &str, caption: &str) {
         let _ = write!(self.body, "<figure><div class=\"scroll\">{svg}</div>");
         self.close_figure(caption);
@@ -115,7 +116,7 @@ impl Report {
 
     /// Writes the page; it appears under its name only when whole.
     pub fn write(&self, path: &Path) -> std::io::Result<()> {
-        crate::files::write_whole(path, self.html().as_bytes())
+        crate::base::files::write_whole(path, self.html().as_bytes())
     }
 }
 

@@ -1,7 +1,7 @@
 //! A grid of cells as flat pictures: the six faces of a box laid out, or the whole grid seen from above.
 
-use crate::chart::CellMap;
-use crate::coverage::VoxelGrid;
+use crate::report::chart::CellMap;
+use crate::world::coverage::VoxelGrid;
 
 /// The same for a grid in the axes of the mount frame (x right, y ahead).
 pub fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {

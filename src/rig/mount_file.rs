@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use sensors::catalogue;
 
 use super::{FoundWith, Mount, published_export};
-use crate::files;
+use crate::base::files;
 
 /// What `format` says.
 pub const FORMAT: &str = "outrigger-mount/1";
@@ -122,7 +122,7 @@ impl MountFile {
     /// Reads a file, or the published program's export. Everything in it is checked: format, frame, names, models,
     /// finite numbers.
     pub fn read(path: &Path) -> Result<Self, MountFileError> {
-        let text = crate::files::read_text(path)
+        let text = crate::base::files::read_text(path)
             .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
         let mut file = Self::from_json(&text)
             .map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;

@@ -9,7 +9,7 @@ use sensors::velodyne::{Calibration, CalibrationError, Product};
 use sensors::{SensorModel, catalogue};
 
 use super::{MountFile, MountedSensor, Rig};
-use crate::files;
+use crate::base::files;
 
 /// Beams of two products that differ by less than this are taken for the same, rad (root mean square).
 const SAME_BEAMS_RAD: f64 = 1e-6;
@@ -109,7 +109,7 @@ impl Unit {
         let unreadable = |source| UnitError::Unreadable { path: path.to_owned(), source };
         match FileKind::of(path) {
             Some(FileKind::Ouster) => {
-                let text = crate::files::read_text(path).map_err(unreadable)?;
+                let text = crate::base::files::read_text(path).map_err(unreadable)?;
                 Self::ouster(path, &text, stated)
             }
             Some(FileKind::Velodyne) => {

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 use sensors::SensorModel;
 
-use crate::geometry::Pose;
-use crate::scene::{Hit, Scene};
+use crate::base::geometry::Pose;
+use crate::world::scene::{Hit, Scene};
 
 /// Casts columns of one sensor model, all beams of a column together.
 pub struct ColumnCaster<'a> {

@@ -12,12 +12,12 @@ use sensors::SensorModel;
 
 use super::published::Phase;
 use super::rounds::{is_worth_settling, rounds};
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::geometry::BODY_FROM_MOUNT_FRAME;
+use crate::base::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::Mount;
-use crate::scene::Scene;
-use crate::surface::Completeness;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
+use crate::world::surface::Completeness;
+use crate::world::trajectory::Trajectory;
 
 /// Beams and columns that are cast together: neighbours on the sphere.
 const TILE: usize = 4;
@@ -200,8 +200,8 @@ impl BeamFan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Pose;
-    use crate::scene::BoxScene;
+    use crate::base::geometry::Pose;
+    use crate::world::scene::BoxScene;
 
     fn room() -> Scene {
         Scene::Box(BoxScene::closed(DVec3::new(-5.0, -4.0, 0.0), DVec3::new(5.0, 4.0, 3.0)))

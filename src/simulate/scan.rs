@@ -12,10 +12,10 @@ use rayon::prelude::*;
 use super::detection::Detection;
 use super::occluder::Occluder;
 use super::sweep::Sweep;
-use crate::coverage::Coverage;
 use crate::rig::Rig;
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// How a sensor spins.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -204,10 +204,10 @@ mod tests {
 
     use super::super::column::{ColumnCaster, beam_at};
     use super::*;
-    use crate::coverage::VoxelGrid;
+    use crate::base::rng::Rng;
     use crate::rig::{Mount, MountedSensor};
-    use crate::rng::Rng;
-    use crate::scene::{BoxScene, Mesh};
+    use crate::world::coverage::VoxelGrid;
+    use crate::world::scene::{BoxScene, Mesh};
 
     fn room() -> Scene {
         Scene::Box(BoxScene::closed(DVec3::new(-5.0, -4.0, 0.0), DVec3::new(5.0, 4.0, 3.0)))

@@ -8,9 +8,9 @@ use glam::DVec3;
 
 use super::column::{FiredBeam, beam_at, by_elevation, median, ring};
 use super::scan::{Scanner, SimulatedColumn, SimulatedReturn};
-use crate::geometry::Pose;
-use crate::rng::Rng;
-use crate::scene::Hit;
+use crate::base::geometry::Pose;
+use crate::base::rng::Rng;
+use crate::world::scene::Hit;
 
 /// Columns, and beams of each, that are cast together: neighbours on the sphere.
 const TILE: usize = 4;

@@ -14,13 +14,13 @@ use serde_json::{Value, json};
 
 use super::rows::{Row, chosen, numbers, row_of};
 use super::{Claim, Findings, Size, Spread, Study, StudyError, Table, Verdict};
-use crate::chart;
-use crate::coverage::VoxelGrid;
-use crate::optimize::{Kind, Measured, Search, Settings, Space, Variable};
+use crate::design::optimize::{Kind, Measured, Search, Settings, Space, Variable};
+use crate::report::chart;
 use crate::rig::Mount;
-use crate::scene::{Scene, load_mesh};
 use crate::simulate::fan::BeamFan;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::VoxelGrid;
+use crate::world::scene::{Scene, load_mesh};
+use crate::world::trajectory::Trajectory;
 
 const CORNERS: usize = 4;
 const LONGEST_M: f64 = 12.0;

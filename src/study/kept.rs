@@ -8,7 +8,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::{Row, StudyError};
-use crate::files;
+use crate::base::files;
 
 const FORMAT: &str = "outrigger-study-kept/1";
 

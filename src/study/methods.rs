@@ -8,10 +8,10 @@ use serde_json::{Value, json};
 use super::rows::{chosen, numbers};
 use super::searches::{self, SearchTask, best_after};
 use super::{Findings, Row, Size, Spread, Study, StudyError, Table};
-use crate::chart;
-use crate::objective::Objective;
-use crate::optimize::{FinalLook, Kind};
-use crate::robustness::{Robustness, Tolerance};
+use crate::design::objective::Objective;
+use crate::design::optimize::{FinalLook, Kind};
+use crate::design::robustness::{Robustness, Tolerance};
+use crate::report::chart;
 use crate::simulate::published::{Experiment, Phase, Placement};
 
 const BUDGETS: [usize; 4] = [56, 80, 300, 3500];

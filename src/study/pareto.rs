@@ -8,8 +8,8 @@ use serde_json::Value;
 use super::rows::{chosen, number, numbers};
 use super::searches::{self, SearchTask};
 use super::{Figure, Findings, Row, Size, Study, StudyError, Table};
-use crate::chart::{self, LineChart, Series};
-use crate::optimize::Kind;
+use crate::design::optimize::Kind;
+use crate::report::chart::{self, LineChart, Series};
 
 const ANGLES_DEG: [f64; 6] = [0.0, 30.0, 60.0, 90.0, 120.0, 150.0];
 const EVALUATIONS: usize = 1000;

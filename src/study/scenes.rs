@@ -9,13 +9,13 @@ use serde_json::{Value, json};
 use super::rows::{FAILED, Row, chosen, row_of, text};
 use super::walks::Walk;
 use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
-use crate::chart::{self, LineChart, Series};
-use crate::coverage::VoxelGrid;
+use crate::base::statistics::greatest;
+use crate::report::chart::{self, LineChart, Series};
 use crate::rig::Mount;
-use crate::scene::{Scene, load_mesh};
 use crate::simulate::fan::BeamFan;
-use crate::statistics::greatest;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::VoxelGrid;
+use crate::world::scene::{Scene, load_mesh};
+use crate::world::trajectory::Trajectory;
 
 const SENSORS: [&str; 2] = ["os1-64", "vlp-16"];
 const VOXEL_M: f64 = 0.2;

@@ -9,8 +9,8 @@ use serde_json::json;
 
 use super::rows::{Row, row_of};
 use super::{StudyError, rows};
-use crate::objective::{Objective, Weights};
-use crate::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
+use crate::design::objective::{Objective, Weights};
+use crate::design::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
 use crate::simulate::published::{Experiment, Path, Placement, Preset, Roll, Simulator};
 
 /// Price of an angle of 0 where a least one is asked for: above all voxels there are.

@@ -5,8 +5,8 @@ use serde_json::{Value, json};
 use super::rows::{chosen, numbers, text};
 use super::searches::{self, SearchTask};
 use super::{Findings, Row, Size, Study, StudyError, Table, number};
-use crate::chart;
-use crate::optimize::Kind;
+use crate::design::optimize::Kind;
+use crate::report::chart;
 
 const EVALUATIONS: usize = 2000;
 const QUICK_EVALUATIONS: usize = 60;

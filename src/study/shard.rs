@@ -11,8 +11,8 @@ use super::kept::{Kept, sha256_of};
 use super::page::line;
 use super::rows::FAILED;
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
-use crate::files;
-use crate::questions::first_difference;
+use crate::base::files;
+use crate::base::questions::first_difference;
 
 const PLAN_FORMAT: &str = "outrigger-study-plan/1";
 const SHARD_FORMAT: &str = "outrigger-study-shard/1";
@@ -171,7 +171,7 @@ impl Plan {
     /// Reads `plan.json`.
     pub fn read(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("plan.json");
-        let text = crate::files::read_text(&path).map_err(|error| {
+        let text = crate::base::files::read_text(&path).map_err(|error| {
             StudyError(format!("{}: {error}; `outrigger study plan` makes it", path.display()))
         })?;
         let plan: Self = serde_json::from_str(&text).map_err(|error| StudyError::at(&path, error))?;

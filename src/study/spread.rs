@@ -1,8 +1,8 @@
 //! Medians over seeds and how sure they are.
 
-use crate::chart;
-use crate::rng::Rng;
-use crate::statistics::{quantile as at, sorted};
+use crate::base::rng::Rng;
+use crate::base::statistics::{quantile as at, sorted};
+use crate::report::chart;
 
 const RESAMPLES: usize = 2000;
 

@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::StudyError;
-use crate::geometry::Pose;
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::base::geometry::Pose;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Height of the rig above the ground, m.
 pub(super) const HEIGHT_M: f64 = 1.6;
@@ -164,7 +164,7 @@ fn steps(from_m: DVec3, to_m: DVec3) -> Vec<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Mesh;
+    use crate::world::scene::Mesh;
     use std::sync::Arc;
 
     /// Walls, floor and ceiling, seen from both sides.

@@ -6,8 +6,8 @@ use std::borrow::Cow;
 use glam::DVec3;
 use sha2::{Digest as _, Sha256};
 
-use crate::files::hexadecimal;
-use crate::scene::bricks::{self, BrickIndex};
+use crate::base::files::hexadecimal;
+use crate::world::scene::bricks::{self, BrickIndex};
 
 /// A regular grid of cubic cells; cell (i, j, k) spans `origin_m + voxel_m * (i..i+1, j..j+1, k..k+1)`.
 #[derive(Clone, Debug, PartialEq)]

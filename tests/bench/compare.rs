@@ -15,10 +15,10 @@ use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use outrigger::mock::sensor::{MockSensor, Surroundings};
-use outrigger::record::{SensorInfo, SessionWriter};
+use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, SensorEntry};
-use outrigger::scene::{Scene, load_mesh};
-use outrigger::trajectory::{PoseError, Trajectory};
+use outrigger::world::scene::{Scene, load_mesh};
+use outrigger::world::trajectory::{PoseError, Trajectory};
 use sensors::Packet;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 use serde_json::Value;

@@ -6,9 +6,9 @@ mod hall;
 mod support;
 
 use glam::DVec3;
-use outrigger::chart::{LineChart, Series};
-use outrigger::coverage::{Coverage, VoxelGrid};
-use outrigger::scene::Mesh;
+use outrigger::report::chart::{LineChart, Series};
+use outrigger::world::coverage::{Coverage, VoxelGrid};
+use outrigger::world::scene::Mesh;
 use support::median_cpu_s;
 
 const VOXEL_M: f64 = 0.1;

@@ -14,13 +14,13 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DMat3, DVec3};
-use outrigger::coverage::{Coverage, VoxelGrid};
-use outrigger::instructions::Instructions;
+use outrigger::base::instructions::Instructions;
 use outrigger::rig::Mount;
-use outrigger::scene::{Mesh, Scene, load_mesh};
 use outrigger::simulate::fan::BeamFan;
-use outrigger::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::coverage::{Coverage, VoxelGrid};
+use outrigger::world::scene::{Mesh, Scene, load_mesh};
+use outrigger::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
+use outrigger::world::trajectory::Trajectory;
 use support::{median, median_cpu_s};
 
 const BEAMS: usize = 64;

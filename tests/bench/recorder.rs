@@ -17,12 +17,12 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
-use outrigger::record::Session;
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::recording::Session;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 use sensors::velodyne::{Product, ReturnMode};
 

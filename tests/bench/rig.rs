@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use outrigger::servo::{Options, Rig};
+use outrigger::drive::{Options, Rig};
 
 /// Ends the rig with the bench.
 struct Mock(Child);

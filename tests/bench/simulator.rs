@@ -10,7 +10,7 @@ mod support;
 use std::hint::black_box;
 use std::time::Instant;
 
-use outrigger::instructions::Instructions;
+use outrigger::base::instructions::Instructions;
 use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
 use support::{median, median_cpu_s};
 

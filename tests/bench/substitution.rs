@@ -6,8 +6,8 @@
 mod support;
 
 use nalgebra::{DMatrix, DVector};
-use outrigger::instructions::Instructions;
-use outrigger::optimize::forward_substitution::{LANES, solve_lower};
+use outrigger::base::instructions::Instructions;
+use outrigger::design::optimize::forward_substitution::{LANES, solve_lower};
 use support::{median, median_cpu_s};
 
 const ROUNDS: usize = 15;

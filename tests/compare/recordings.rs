@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use outrigger::rig::{MountFile, SensorEntry};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::trajectory::Trajectory;
 use serde_json::Value;
 
 use crate::support::shared;

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use glam::{DQuat, DVec3};
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::rig::{Mount, MountFile, SensorEntry};
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::{PoseError, Trajectory};
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::{PoseError, Trajectory};
 use sensors::Packet;
 use sensors::capture::PcapWriter;
 use sensors::ouster::{Metadata, Profile, Synthetic};

@@ -5,13 +5,13 @@ use std::path::Path;
 use std::process::Command;
 
 use glam::DVec3;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
+use outrigger::drive::ServoReport;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
-use outrigger::record::{SensorInfo, SessionWriter};
+use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, SensorEntry};
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::servo::ServoReport;
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::Packet;
 use sensors::velodyne::{Product, ReturnMode};
 use serde_json::Value;

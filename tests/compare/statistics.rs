@@ -4,15 +4,15 @@
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
-use outrigger::calibrate::{self, MountCheck, Settings};
-use outrigger::compare::{Gate, Patches, RecordedRay, Replay, Thinning};
-use outrigger::coverage::VoxelGrid;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
+use outrigger::base::rng::Rng;
 use outrigger::rig::{Mount, MountedSensor};
-use outrigger::rng::Rng;
-use outrigger::scene::{Scene, load_mesh};
 use outrigger::simulate::frames::{Scan, Spin};
-use outrigger::trajectory::{PoseError, Trajectory};
+use outrigger::verify::calibrate::{self, MountCheck, Settings};
+use outrigger::verify::compare::{Gate, Patches, RecordedRay, Replay, Thinning};
+use outrigger::world::coverage::VoxelGrid;
+use outrigger::world::scene::{Scene, load_mesh};
+use outrigger::world::trajectory::{PoseError, Trajectory};
 use sensors::catalogue;
 
 use crate::support::{shared, shared_folder};

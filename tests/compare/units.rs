@@ -5,12 +5,12 @@ use std::path::Path;
 use std::process::Command;
 
 use glam::DVec3;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
-use outrigger::record::{SensorInfo, Session, SessionWriter};
+use outrigger::recording::{SensorInfo, Session, SessionWriter};
 use outrigger::rig::{MountFile, SensorEntry};
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::capture::CaptureReader;
 use sensors::velodyne::{Product, ReturnMode};
 use sensors::{Packet, catalogue};

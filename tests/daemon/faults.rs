@@ -102,7 +102,7 @@ pub fn foreign_packets_and_a_storm_of_garbage() {
     let stranger = UdpSocket::bind("127.0.0.2:0").unwrap();
     let insider = UdpSocket::bind("127.0.0.1:0").unwrap();
     let (begun, mut garbage, mut foreign) = (Instant::now(), 0, 0);
-    let mut rng = outrigger::rng::Rng::new(7, 0);
+    let mut rng = outrigger::base::rng::Rng::new(7, 0);
     while begun.elapsed() < Duration::from_millis(800) {
         // any 48 bytes are an inertial packet of the oldest format
         let length = Some(rng.below(1500)).filter(|length| *length != 48).unwrap_or(49);

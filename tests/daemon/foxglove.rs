@@ -7,7 +7,7 @@ use std::time::Instant;
 use foxglove::Decode as _;
 use foxglove::messages::{FrameTransforms, JointStates, PointCloud, VoxelGrid};
 use glam::{DQuat, DVec3};
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::MockSensor;
 use outrigger::rig::MountFile;
@@ -67,7 +67,7 @@ fn newest(
             let id = u32::from_le_bytes(bytes[1..5].try_into().unwrap());
             assert!(bytes[0] == 1 && ids.contains(&id), "{:?}", &bytes[..13]);
             let time_ns = u64::from_le_bytes(bytes[5..13].try_into().unwrap());
-            assert!(outrigger::receive::now_ns().abs_diff(time_ns) < 60_000_000_000, "{time_ns}");
+            assert!(outrigger::live::receive::now_ns().abs_diff(time_ns) < 60_000_000_000, "{time_ns}");
             newest.insert(id, bytes[13..].to_vec());
         }
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use outrigger::record::Session;
+use outrigger::recording::Session;
 use serde_json::Value;
 
 /// How long a test waits for what must come: only a daemon that never does it fails.

@@ -98,7 +98,7 @@ pub fn better_pitches_are_proposed_and_driven_to_when_agreed() {
     assert_eq!(sessions.len(), 3);
     let [before, after] = [&sessions[1], &sessions[2]];
     assert!(before.problems().is_empty() && after.problems().is_empty());
-    let pitches = |session: &outrigger::record::Session| -> Vec<f64> {
+    let pitches = |session: &outrigger::recording::Session| -> Vec<f64> {
         session.mount().unwrap().unwrap().sensors.iter().map(|sensor| sensor.pitch_deg).collect()
     };
     assert_eq!((pitches(before), pitches(after)), (vec![PITCH_DEG; 2], pitches_deg));

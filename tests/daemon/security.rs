@@ -103,7 +103,7 @@ pub fn nonsense_does_no_harm() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&[]);
     let address = daemon.address;
-    let mut rng = outrigger::rng::Rng::new(11, 0);
+    let mut rng = outrigger::base::rng::Rng::new(11, 0);
     let seeds = [
         format!("GET /api/v1/status HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"),
         format!(

@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
 use glam::DVec3;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
+use outrigger::live::receive::now_ns;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
-use outrigger::receive::now_ns;
 use outrigger::rig::{Mount, SensorEntry};
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 
 /// The room that mock sensors stand in: least and greatest corner.

@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use outrigger::record::Session;
+use outrigger::recording::Session;
 
 use super::program::{Bench, PATIENCE, Running, sessions_in};
 use super::sensor::Sending;

@@ -7,8 +7,8 @@ use firmware_protocol::simulated::AxisFault;
 use firmware_protocol::{
     ALL_AXES, AckCode, Command, Direction, Fault, Frame, Order, Report, ResetCause, State,
 };
-use outrigger::rng::Rng;
-use outrigger::servo::{Link, LinkError, Options, Rig, RigError, SerialLink, ServoReport};
+use outrigger::base::rng::Rng;
+use outrigger::drive::{Link, LinkError, Options, Rig, RigError, SerialLink, ServoReport};
 
 use super::emulator::{Emulator, MISSING, is_there};
 use crate::support::{Case, with_machine};

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use firmware_protocol::{Direction, Frame, LinkCounters, Report};
-use outrigger::servo::{Link, LinkError, Options, Received, RigController, RigError, SerialLink};
+use outrigger::drive::{Link, LinkError, Options, Received, RigController, RigError, SerialLink};
 
 use super::emulator::{Emulator, MISSING, is_there};
 use crate::support::{Case, with_machine};

@@ -2,9 +2,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use outrigger::objective::{Objective, Weights};
-use outrigger::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
-use outrigger::rng::Rng;
+use outrigger::base::rng::Rng;
+use outrigger::design::objective::{Objective, Weights};
+use outrigger::design::optimize::{KeepApart, Kind, MountProblem, MountSearch, Search, Settings};
 use outrigger::simulate::published::{Experiment, Path, Phase, Placement, Preset, Roll, Simulator};
 
 use super::command::{json, outrigger};

@@ -5,7 +5,7 @@
 
 use std::io::{BufRead as _, Write as _};
 
-use outrigger::objective::{Objective, Weights};
+use outrigger::design::objective::{Objective, Weights};
 use outrigger::simulate::published::{Experiment, Path, Placement, Preset, Roll, Simulator};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

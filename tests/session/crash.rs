@@ -4,7 +4,7 @@ use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use outrigger::record::{Session, file};
+use outrigger::recording::{Session, file};
 
 use super::round_trip::{packets_of, record_two};
 use super::{payloads, sender, wait_until};

@@ -6,8 +6,8 @@ use std::process::{Command, Stdio};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use outrigger::receive::{Listen, Options, Receiver};
-use outrigger::record::Session;
+use outrigger::live::receive::{Listen, Options, Receiver};
+use outrigger::recording::Session;
 use outrigger::rig::{MountFile, SensorEntry};
 use sensors::Decoder;
 use sensors::made_up::velodyne_columns;
@@ -183,7 +183,7 @@ pub fn sensors_are_called_as_they_were_recorded() {
     for flow in inspected["flows"].as_array().unwrap() {
         let port = flow["destination"].as_str().unwrap().rsplit_once(':').unwrap().1.to_owned();
         let of_port =
-            |entry: &&outrigger::record::SensorEntry| entry.address.unwrap().port().to_string() == port;
+            |entry: &&outrigger::recording::SensorEntry| entry.address.unwrap().port().to_string() == port;
         let entry = entries.iter().find(of_port).unwrap();
         assert_eq!(flow["sensors"], serde_json::json!([entry.name]), "{inspected:#}");
     }

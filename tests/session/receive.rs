@@ -2,7 +2,7 @@
 
 use std::net::UdpSocket;
 
-use outrigger::receive::{Listen, Options, Receiver};
+use outrigger::live::receive::{Listen, Options, Receiver};
 
 use super::{any_port, sender, wait_until};
 
@@ -14,7 +14,7 @@ pub fn long_and_empty_datagrams_are_whole() {
     let mut receiver = Receiver::start(&[listen("a")], Options::default()).unwrap();
     let (to, from) = (receiver.address(0), sender());
     let lengths = [0, 1, 1536, 1537, 65_507, 24_896, 0, 65_507, 1206];
-    let before_ns = outrigger::receive::now_ns();
+    let before_ns = outrigger::live::receive::now_ns();
     for (number, length) in lengths.into_iter().enumerate() {
         let payload: Vec<u8> = (0..length).map(|byte| (byte + number) as u8).collect();
         from.send_to(&payload, to).unwrap();
@@ -25,7 +25,9 @@ pub fn long_and_empty_datagrams_are_whole() {
         assert_eq!(packet.payload.len(), length);
         assert!(packet.payload.iter().enumerate().all(|(byte, value)| *value == (byte + number) as u8));
         assert_eq!((packet.source, packet.destination), (from.local_addr().unwrap(), to));
-        assert!(packet.host_time_ns >= before_ns && packet.host_time_ns <= outrigger::receive::now_ns());
+        assert!(
+            packet.host_time_ns >= before_ns && packet.host_time_ns <= outrigger::live::receive::now_ns()
+        );
     }
     let counters = receiver.monitor().sockets().remove(0).counters;
     assert_eq!((counters.stamped_late, counters.kernel_dropped, counters.socket_errors), (0, 0, 0));

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
+use outrigger::live::receive::{Listen, Options, Receiver};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
-use outrigger::receive::{Listen, Options, Receiver};
-use outrigger::record::{Manifest, Recording, SensorInfo, Session, SessionWriter, file};
+use outrigger::recording::{Manifest, Recording, SensorInfo, Session, SessionWriter, file};
 use outrigger::rig::{MountFile, SensorEntry};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::trajectory::Trajectory;
 
 use super::{any_port, payloads};
 

@@ -7,11 +7,11 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use outrigger::geometry::Pose;
+use outrigger::base::geometry::Pose;
+use outrigger::live::receive::now_ns;
 use outrigger::mock::sensor::{FaultCounts, FaultInjector, Faults, MockSensor, Surroundings};
-use outrigger::receive::now_ns;
-use outrigger::scene::{BoxScene, Scene};
-use outrigger::trajectory::Trajectory;
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
 
 /// While it is held for writing nothing is sent, and what was sent is counted.
 pub type Gate = Arc<RwLock<()>>;

@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
-use outrigger::rng::Rng;
+use outrigger::base::rng::Rng;
 
 use super::program::exchange_bytes;
 use super::sensors_lane::pause;

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use outrigger::record::{Session, free_bytes};
-use outrigger::rng::Rng;
+use outrigger::base::rng::Rng;
+use outrigger::recording::{Session, free_bytes};
 use serde_json::Value;
 
 use super::feed::{Feed, Gate};

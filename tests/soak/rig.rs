@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use firmware_protocol::simulated::AxisFault;
+use outrigger::base::rng::Rng;
 use outrigger::mock::rig::{MockConfig, MockFault, MockRig};
-use outrigger::rng::Rng;
 use serde_json::Value;
 
 use super::sensors_lane::pause;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use outrigger::base::rng::Rng;
 use outrigger::mock::sensor::{Faults, MockSensor};
-use outrigger::rng::Rng;
 use sensors::velodyne::{Product, ReturnMode};
 use serde_json::Value;
 

@@ -3,11 +3,11 @@
 use anyhow::ensure;
 use serde::Serialize;
 
-use crate::chart::signed;
-use crate::compare::{TiltHistory, TiltReading};
-use crate::record::Session;
+use crate::drive::ServoReport;
+use crate::recording::Session;
+use crate::report::chart::signed;
 use crate::rig::{MountedSensor, Rig};
-use crate::servo::ServoReport;
+use crate::verify::compare::{TiltHistory, TiltReading};
 
 /// A mount and an axis that differ by more do not say the same, rad: five times what a good servo errs.
 const CONTRADICTS_RAD: f64 = 0.3_f64.to_radians();

@@ -4,9 +4,9 @@ use sensors::router::{Family, Sensor};
 use sensors::velodyne::Product;
 use sensors::{SensorModel, catalogue};
 
-use crate::compare::Fault;
+use crate::live::watch::is_model;
 use crate::rig::MountedSensor;
-use crate::watch::is_model;
+use crate::verify::compare::Fault;
 
 /// What a mount file says of the sensor in one place.
 #[derive(Clone, Copy)]

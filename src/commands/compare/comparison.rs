@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::calibrate::{RelativeTilt, SensorCheck};
-use crate::compare::{
+use crate::verify::calibrate::{RelativeTilt, SensorCheck};
+use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, NullTest, PatchAgreement, RayClasses, SurfaceShare,
 };
 

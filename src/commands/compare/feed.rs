@@ -10,9 +10,9 @@ use super::hearing::Heard;
 use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
 use crate::commands::unread;
-use crate::compare::{Fault, TiltHistory};
-use crate::record::{SensorEntry, Session};
+use crate::recording::{SensorEntry, Session};
 use crate::rig::{MountedSensor, NoSeat, Rig};
+use crate::verify::compare::{Fault, TiltHistory};
 
 /// One sensor's packets.
 #[derive(Debug, Default, Serialize)]

@@ -1,8 +1,8 @@
 //! When each sensor was heard: one that falls silent on the way covers less than was promised, though all that it recorded
 //! agrees.
 
-use crate::compare::Fault;
 use crate::rig::Rig;
+use crate::verify::compare::Fault;
 
 /// Five revolutions at 10 Hz.
 const LEAST_SILENCE_NS: u64 = 500_000_000;

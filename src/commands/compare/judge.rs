@@ -2,15 +2,15 @@
 
 use super::comparison::{CheckReport, Comparison, Measured, RayReport, SurfaceReport, Verdict};
 use super::verdict::{verdict, words};
-use crate::calibrate::{self, MountCheck};
 use crate::commands::stage::Stage;
-use crate::compare::{
+use crate::verify::calibrate::{self, MountCheck};
+use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
     RayClasses, Replayed, misread, surface_cells,
 };
-use crate::coverage::Coverage;
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Rays of each healthy run.
 const NULL_RAYS: usize = 200_000;
@@ -62,7 +62,7 @@ pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     let relative_tilt =
         relative_tilt.filter(|_| !replayed.breakdown.iter().any(|rays| has_holes(&rays.total())));
     let found = given.patches.zip(replayed.surface.as_ref());
-    let between = |recorded: fn(&crate::compare::SurfaceCovered) -> &Vec<bool>| {
+    let between = |recorded: fn(&crate::verify::compare::SurfaceCovered) -> &Vec<bool>| {
         found.map(|(patches, surface)| {
             PatchAgreement::between(
                 patches,

@@ -20,15 +20,15 @@ use serde::Serialize;
 use super::ground::PoseErrorArgs;
 use super::stage::Stage;
 use super::{Context, Outcome, output};
-use crate::calibrate::SensorCheck;
-use crate::chart::signed;
-use crate::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::files::{check_folder, write_json};
+use crate::base::files::{check_folder, write_json};
+use crate::report::chart::signed;
 use crate::rig::{MountFile, Rig};
-use crate::scene::Scene;
 use crate::simulate::scan::{Scanner, Spin};
-use crate::trajectory::Trajectory;
+use crate::verify::calibrate::SensorCheck;
+use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 use axes::AxisSummary;
 use comparison::{Comparison, Verdict};
@@ -282,7 +282,7 @@ fn replayed(
 fn planned(args: &Args, scene: &Scene, rig: &Rig, grid: &VoxelGrid) -> anyhow::Result<Option<Coverage>> {
     let Some(path) = &args.planned else { return Ok(None) };
     let name = path.display().to_string();
-    let text = crate::files::read_text(path).with_context(|| name.clone())?;
+    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
     let way: Trajectory = Trajectory::from_tum(&text).context(name)?;
     let mut scanner = Scanner::new(scene, &way, rig, Spin::default());
     // a replay lets beams pass through the other sensors too

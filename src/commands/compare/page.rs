@@ -4,13 +4,13 @@ use std::fmt::Write as _;
 
 use super::Document;
 use super::comparison::{Comparison, Verdict};
-use crate::chart::{CellClass, CellMap, LineChart, Series, number, signed};
 use crate::commands::output;
-use crate::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
-use crate::coverage::Coverage;
+use crate::report::chart::{CellClass, CellMap, LineChart, Series, number, signed};
 use crate::report::{Report, unfold_box};
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// A top view is drawn with at most so many cells along an edge.
 const TOP_CELLS: usize = 240;
@@ -192,10 +192,11 @@ fn coverage_section(report: &mut Report, comparison: &Comparison) {
     let Some(agreement) = &comparison.agreement else { return };
     let patches = &agreement.patches;
     let placed = comparison.agreement_as_placed.as_ref();
-    let row = |name: &str, of: fn(&crate::compare::Agreement) -> Option<f64>, ends: Option<[f64; 2]>| {
-        let placed = figure(placed.and_then(|placed| of(&placed.agreement)));
-        vec![name.to_owned(), figure(of(&patches.agreement)), interval(ends).trim().to_owned(), placed]
-    };
+    let row =
+        |name: &str, of: fn(&crate::verify::compare::Agreement) -> Option<f64>, ends: Option<[f64; 2]>| {
+            let placed = figure(placed.and_then(|placed| of(&placed.agreement)));
+            vec![name.to_owned(), figure(of(&patches.agreement)), interval(ends).trim().to_owned(), placed]
+        };
     report.table(
         &["agreement of patches", "snapped to the ray", "95 % over blocks of 2 m", "as placed"],
         &[
@@ -295,7 +296,7 @@ fn strip_classes() -> [CellClass; 6] {
 }
 
 fn strip(name: &str, breakdown: &Breakdown) -> CellMap {
-    let class = |cell: &crate::compare::RayClasses| {
+    let class = |cell: &crate::verify::compare::RayClasses| {
         let all = cell.informative();
         if all == 0 {
             return Some(5);

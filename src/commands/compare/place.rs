@@ -7,14 +7,14 @@ use std::sync::Arc;
 use anyhow::{Context as _, ensure};
 
 use super::Recorded;
+use crate::base::geometry::Pose;
 use crate::commands::Context;
 use crate::commands::ground::{MeshArgs, Room, outside, suspicions};
 use crate::commands::odometry::{self, OdometryArgs};
 use crate::commands::scene_file::{self, Making, MapArgs};
-use crate::compare::{Field, TimeOffset, time_offset};
-use crate::geometry::Pose;
-use crate::scene::{Scene, VoxelMap};
-use crate::trajectory::Trajectory;
+use crate::verify::compare::{Field, TimeOffset, time_offset};
+use crate::world::scene::{Scene, VoxelMap};
+use crate::world::trajectory::Trajectory;
 
 /// Rays among which the time offset is looked for, and how far to each side.
 const SEARCH_RAYS: usize = 20_000;
@@ -215,7 +215,7 @@ fn trajectory(
         notices.extend(odometry::remarks(&way));
         return Ok(way.walked.trajectory);
     }
-    let text = crate::files::read_text(path).with_context(|| name.clone())?;
+    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
     let Some(rate_hz) = args.rate else { return Trajectory::from_tum(&text).context(name) };
     let poses = Trajectory::from_kitti(&text, rate_hz).context(name)?;
     let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];

@@ -9,18 +9,18 @@ use sensors::router::{GivenCalibration, Tie, Whose};
 
 use super::axes::{AxisSummary, AxisZeros, contradicted, reports_of, tilts};
 use super::feed::{self, Fed, Seated, Taken};
+use crate::base::files::is_same;
+use crate::base::geometry::Pose;
 use crate::commands::Context;
 use crate::commands::given::{SensorArgs, ensure_named};
 use crate::commands::output;
 use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::stage::Stage;
-use crate::compare::{RecordedRay, Thinning, TiltHistory};
-use crate::files::is_same;
-use crate::geometry::Pose;
-use crate::record::Session;
+use crate::drive::ServoReport;
+use crate::recording::Session;
 use crate::rig::{MountFile, MountedSensor, Rig};
-use crate::servo::ServoReport;
-use crate::trajectory::Trajectory;
+use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
+use crate::world::trajectory::Trajectory;
 
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
@@ -210,7 +210,7 @@ fn ensure_meant(calibrations: &[GivenCalibration], session: &Session) -> anyhow:
             entries.iter().any(|entry| entry.source == Some(address)),
             "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \
              in the mount file, or without an address where one holds for every Velodyne",
-            session.dir().join(crate::record::file::MANIFEST).display()
+            session.dir().join(crate::recording::file::MANIFEST).display()
         );
     }
     Ok(())

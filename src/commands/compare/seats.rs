@@ -1,7 +1,7 @@
 //! Where a recording shows that a sensor sits otherwise than said.
 
 use super::comparison::Comparison;
-use crate::calibrate::{Estimate, SensorCheck};
+use crate::verify::calibrate::{Estimate, SensorCheck};
 
 /// A tilt below this is not worth a word, degrees: coverage does not feel it and servos do not reach it.
 const TILT_MATTERS_DEG: f64 = 0.1;

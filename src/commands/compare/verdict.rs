@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::comparison::{Comparison, Verdict};
 use super::seats::{off, off_in_range, off_its_seat};
-use crate::chart::number;
-use crate::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
+use crate::report::chart::number;
+use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.

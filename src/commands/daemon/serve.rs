@@ -12,11 +12,11 @@ use super::{Args, LogFormat, service};
 use crate::commands::defaults::section;
 use crate::commands::signals::Wishes;
 use crate::commands::{Context, Outcome, Verb, output, record, rig};
-use crate::config::Config;
 use crate::daemon::{
     Daemon, Ending, RecorderSettings, RigSettings, SensorSettings, Settings, Token, Web, WebSettings,
 };
-use crate::receive;
+use crate::live::config::Config;
+use crate::live::receive;
 use crate::rig::MountFile;
 
 /// Runs the verb.
@@ -147,7 +147,7 @@ fn settings(args: &Args, config: &'static Config, context: Context) -> anyhow::R
     })?;
     let axes = rig::axes_of(config)?;
     let place = place(&args.place, &axes, context)?;
-    let config_text = crate::files::read_text(&config.path)
+    let config_text = crate::base::files::read_text(&config.path)
         .with_context(|| format!("cannot read {}", config.path.display()))?;
     Ok(Settings {
         sensors,
@@ -190,7 +190,8 @@ fn rig_settings(
 fn token(args: &Args) -> anyhow::Result<Option<Token>> {
     let text = match (&args.token_file, &args.token) {
         (Some(path), _) => {
-            let text = crate::files::read_text(path).with_context(|| format!("token {}", path.display()))?;
+            let text =
+                crate::base::files::read_text(path).with_context(|| format!("token {}", path.display()))?;
             Some((text, path.display().to_string()))
         }
         (None, Some(token)) => Some((token.clone(), "OUTRIGGER_DAEMON_TOKEN".into())),

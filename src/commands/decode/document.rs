@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::frames::FrameRange;
 use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
-use crate::export::Placer;
+use crate::recording::export::Placer;
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]

@@ -19,7 +19,7 @@ use super::given::SensorArgs;
 use super::output::{print_json, print_text, say_notice};
 use super::recording::Recording;
 use super::{Context, Outcome, signals};
-use crate::export::Format;
+use crate::recording::export::Format;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 when everything that the recording holds of the sensors was decoded; 3 when it was decoded but data is \

@@ -13,7 +13,7 @@ use super::Args;
 use super::document::WrittenFile;
 use crate::commands::recording::Recording;
 use crate::commands::sensor_ids;
-use crate::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
+use crate::recording::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
 
 /// Point files under way.
 pub struct Output {

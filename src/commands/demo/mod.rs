@@ -15,14 +15,14 @@ use anyhow::{Context as _, bail, ensure};
 use glam::DVec3;
 
 use super::{Context, Outcome, output, signals};
+use crate::base::files::write_json;
 use crate::commands::compare::comparison::Verdict;
 use crate::commands::compare::feed::SensorSummary;
-use crate::coverage::VoxelGrid;
-use crate::files::write_json;
-use crate::receive::now_ns;
-use crate::record::Session;
-use crate::scene::{BoxScene, Scene};
-use crate::trajectory::{Gait, Trajectory};
+use crate::live::receive::now_ns;
+use crate::recording::Session;
+use crate::world::coverage::VoxelGrid;
+use crate::world::scene::{BoxScene, Scene};
+use crate::world::trajectory::{Gait, Trajectory};
 
 use document::{Document, FORMAT};
 use progress::Progress;

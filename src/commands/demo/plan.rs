@@ -3,8 +3,8 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use crate::objective::{Objective, Weights};
-use crate::optimize::{KeepApart, Kind, MountProblem, Search, Settings};
+use crate::design::objective::{Objective, Weights};
+use crate::design::optimize::{KeepApart, Kind, MountProblem, Search, Settings};
 use crate::rig::{MountFile, Rig, SensorEntry};
 use crate::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
 

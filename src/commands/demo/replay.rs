@@ -9,11 +9,11 @@ use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::hearing::silences;
 use crate::commands::compare::judge::{self, Given};
 use crate::commands::stage::Stage;
-use crate::compare::{Gate, Healthy, Patches, Replay, Replayed};
-use crate::coverage::Coverage;
-use crate::record::Session;
+use crate::recording::Session;
 use crate::rig::Rig;
-use crate::scene::Scene;
+use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
 
 /// Points of the hall's walls.
 const SAMPLES: usize = 100_000;

@@ -2,16 +2,16 @@
 
 use anyhow::Context as _;
 
+use crate::drive;
 use crate::mock::rig::{MockConfig, MockRig};
 use crate::rig::Rig;
-use crate::servo;
 
 /// A rig that holds its pitches.
 pub struct Tilted {
     /// The device at the other end of the line.
     pub device: MockRig,
     /// This end of it.
-    pub servo: servo::Rig,
+    pub servo: drive::Rig,
     /// Where the axes really are, rad: what the mock sensors see by. The encoders have said something close to it.
     pub true_pitch_rad: [f64; 2],
 }
@@ -19,7 +19,7 @@ pub struct Tilted {
 /// Drives axis i to the pitch of sensor i.
 pub fn drive(rig: &Rig, seed: u64) -> anyhow::Result<Tilted> {
     let device = MockRig::start(MockConfig::default(), seed).context("cannot open a pty for the mock rig")?;
-    let servo = servo::Rig::connect(device.path())?;
+    let servo = drive::Rig::connect(device.path())?;
     servo.arm()?;
     servo.home()?;
     let pitches_rad: Vec<f64> = rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad).collect();

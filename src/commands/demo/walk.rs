@@ -10,19 +10,19 @@ use anyhow::Context as _;
 use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
 use sensors::velodyne::{Product, ReturnMode};
 
+use crate::base::geometry::Pose;
 use crate::commands::stage::Stage;
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::geometry::Pose;
+use crate::drive::ServoReport;
+use crate::live::receive::{self, Listen, Receiver, now_ns};
 use crate::mock::sensor::{MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
-use crate::receive::{self, Listen, Receiver, now_ns};
-use crate::record::{Manifest, Recording, SensorInfo, SessionWriter};
+use crate::recording::{Manifest, Recording, SensorInfo, SessionWriter};
 use crate::rig::{Mount, MountFile, Rig};
-use crate::scene::Scene;
-use crate::servo::ServoReport;
 use crate::simulate::frames::Spin;
 use crate::simulate::scan::{self, Scanner};
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 use super::Fault;
 use super::tilt::Tilted;
@@ -213,7 +213,7 @@ fn walk_along(
 fn look(
     walk: &Walk<'_>,
     recording: &Recording,
-    servo: &crate::servo::Rig,
+    servo: &crate::drive::Rig,
     reports: &std::sync::mpsc::Receiver<ServoReport>,
 ) -> anyhow::Result<()> {
     anyhow::ensure!(!walk.stop.load(Ordering::Relaxed), "interrupted");

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use super::{Args, Check, State};
 use crate::commands::record::first_look;
-use crate::config::{Config, SensorConfig, Stream};
-use crate::receive::{Listen, Options, ReceiveError, Receiver};
-use crate::record::is_aside;
-use crate::watch::FirstLook;
+use crate::live::config::{Config, SensorConfig, Stream};
+use crate::live::receive::is_aside;
+use crate::live::receive::{Listen, Options, ReceiveError, Receiver};
+use crate::live::watch::FirstLook;
 
 /// What was heard.
 pub struct Heard {

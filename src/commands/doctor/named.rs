@@ -9,10 +9,10 @@ use sensors::velodyne::wire::DATA_PACKET_BYTES;
 use super::{Check, State};
 use crate::commands::defaults::section;
 use crate::commands::{Context, Verb, daemon, record, rig};
-use crate::config::{Config, SensorConfig};
-use crate::record::is_aside;
-use crate::setup::{Sensor, SensorState, warnings};
-use crate::watch::is_model;
+use crate::live::config::{Config, SensorConfig};
+use crate::live::receive::is_aside;
+use crate::live::setup::{Sensor, SensorState, warnings};
+use crate::live::watch::is_model;
 
 /// What was found.
 #[derive(Default)]

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Args;
 use crate::commands::baselines::{Baselines, Single, best_pitch, level_mount};
-use crate::objective::Objective;
+use crate::design::objective::Objective;
 use crate::simulate::published::{ExperimentError, Placement, Preset};
 
 /// Pitches tried for the best single sensor, degrees: 0 to this in steps of 1, as hall and walk are symmetric.

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use super::found::{are_same_presets, prices};
 use super::prices::Prices;
 use crate::commands::wrong_usage;
-use crate::objective::{Objective, Weights};
+use crate::design::objective::{Objective, Weights};
 use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, ExperimentError, Path, Phase, Preset, Roll, Simulator};
 

@@ -6,9 +6,9 @@ use glam::DVec3;
 use serde::Serialize;
 
 use super::FidelityArg;
-use crate::chart;
-use crate::fidelity::{BoxLadder, Ladder as _, Settled, settle};
-use crate::objective::Objective;
+use crate::design::fidelity::{BoxLadder, Ladder as _, Settled, settle};
+use crate::design::objective::Objective;
+use crate::report::chart;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::published::{PUBLISHED_SPREAD_DEG, Placement};
 

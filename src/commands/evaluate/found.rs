@@ -1,7 +1,7 @@
 //! What a score rests on, and in what it differs from what another one rested on.
 
 use super::prices::Prices;
-use crate::objective::Objective;
+use crate::design::objective::Objective;
 use crate::rig::{FoundWith, MountFile};
 use crate::simulate::published::Preset;
 

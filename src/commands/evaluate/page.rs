@@ -2,10 +2,10 @@
 
 use super::Document;
 use super::fidelity::Fidelity;
-use crate::chart::number;
 use crate::commands::{figures, output};
-use crate::coverage::Coverage;
 use crate::report::Report;
+use crate::report::chart::number;
+use crate::world::coverage::Coverage;
 
 /// What was scored, term by term, and who saw what.
 pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {

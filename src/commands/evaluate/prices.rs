@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use crate::objective::Weights;
+use crate::design::objective::Weights;
 use crate::simulate::published::Experiment;
 
 /// Prices as typed.

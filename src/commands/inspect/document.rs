@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::flows::{FlowReport, Flows};
 use crate::commands::recording::{Ending, Recording};
 use crate::commands::{output::counted, sensor_ids, unread};
-use crate::watch::{SensorReport, Watch};
+use crate::live::watch::{SensorReport, Watch};
 
 /// The document.
 #[derive(Serialize)]

@@ -8,7 +8,7 @@ use sensors::ouster::wire::{Header, PacketFormat};
 use sensors::router::{Family, Guess, Routed, Router, Sensor};
 use serde::Serialize;
 
-use crate::watch::rate_hz;
+use crate::live::watch::rate_hz;
 
 /// Streams kept apart; the packets of more are counted together.
 const MOST_FLOWS: usize = 1000;

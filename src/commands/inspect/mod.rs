@@ -11,7 +11,7 @@ use super::given::SensorArgs;
 use super::output::{print_json, print_text};
 use super::recording::Recording;
 use super::{Context, Outcome};
-use crate::watch::Watch;
+use crate::live::watch::Watch;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \

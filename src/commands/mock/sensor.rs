@@ -13,16 +13,16 @@ use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic, TimestampMode};
 use sensors::velodyne::{Product, ReturnMode};
 
 use super::web::{Web, WebArgs};
+use crate::base::geometry::Pose;
 use crate::commands::ground::{MeshArgs, Numbers};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, Outcome, output, signals};
-use crate::geometry::Pose;
+use crate::live::receive::now_ns;
 use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
-use crate::receive::now_ns;
 use crate::rig::{Mount, MountFile};
-use crate::scene::{BoxScene, Scene};
-use crate::trajectory::Trajectory;
+use crate::world::scene::{BoxScene, Scene};
+use crate::world::trajectory::Trajectory;
 
 /// Time after Ctrl-C in which a packet may still be waited for.
 const TO_END_WITHIN: Duration = Duration::from_secs(1);
@@ -397,7 +397,8 @@ fn build_trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 }
 
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let text = crate::files::read_text(path).with_context(|| format!("trajectory {}", path.display()))?;
+    let text =
+        crate::base::files::read_text(path).with_context(|| format!("trajectory {}", path.display()))?;
     Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
 }
 

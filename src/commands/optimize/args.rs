@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::commands::evaluate::{ExperimentArgs, FidelityArg};
-use crate::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
-use crate::robustness::Criterion;
+use crate::design::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
+use crate::design::robustness::Criterion;
 
 /// Arguments of `optimize`.
 #[derive(clap::Args, Debug)]

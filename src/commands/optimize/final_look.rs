@@ -7,10 +7,10 @@ use serde::Serialize;
 
 use super::Args;
 use super::args::Switch;
-use crate::chart;
-use crate::objective::Objective;
-use crate::optimize::{FinalLook, Kind, MountProblem, Search};
-use crate::robustness::Tolerance;
+use crate::design::objective::Objective;
+use crate::design::optimize::{FinalLook, Kind, MountProblem, Search};
+use crate::design::robustness::Tolerance;
+use crate::report::chart;
 
 /// What came of it.
 #[derive(Serialize)]

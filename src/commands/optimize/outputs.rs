@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::Context as _;
 
 use super::{Document, summary};
-use crate::chart::{LineChart, Series, number};
+use crate::base::files;
 use crate::commands::evaluate::found_with;
 use crate::commands::figures;
-use crate::files;
-use crate::optimize::MountProblem;
+use crate::design::optimize::MountProblem;
 use crate::report::Report;
+use crate::report::chart::{LineChart, Series, number};
 use crate::rig::{MountFile, SensorEntry};
 use crate::simulate::published::Placement;
 

@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::{Context as _, bail};
 
 use super::Document;
-use crate::files;
-use crate::optimize::MountProblem;
+use crate::base::files;
+use crate::design::optimize::MountProblem;
 use crate::rig::{
     MountFile, Optimization, PublishedExport, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };

@@ -5,11 +5,11 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 
 use super::Args;
-use crate::chart;
 use crate::commands::evaluate::FidelityArg;
-use crate::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
-use crate::objective::Objective;
-use crate::optimize::{Measured, MountProblem};
+use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
+use crate::design::objective::Objective;
+use crate::design::optimize::{Measured, MountProblem};
+use crate::report::chart;
 
 /// Level of the ladder at which is searched: the published number of azimuths at four poses per metre whose phases
 /// differ, which orders mounts far better than the published pattern does.

@@ -6,10 +6,10 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use crate::base::files;
+use crate::base::questions::first_difference;
 use crate::commands::evaluate::found_with;
-use crate::files;
-use crate::optimize::{KeepApart, MountProblem, Search};
-use crate::questions::first_difference;
+use crate::design::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
 
 const FORMAT: &str = "outrigger-search/4";
@@ -52,7 +52,7 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
 
 /// The search of a state file; none if there is no such file yet.
 pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
-    let text = match crate::files::read_text(path) {
+    let text = match crate::base::files::read_text(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         text => text.with_context(|| format!("state file {} cannot be read", path.display()))?,
     };

@@ -1,7 +1,7 @@
 //! What `optimize` says of the mount that it gives, on the screen and in the report.
 
 use super::{Best, Document, Proved, StoppedBy, final_look, refine};
-use crate::chart::number;
+use crate::report::chart::number;
 
 /// The document for people.
 pub fn text(document: &Document) -> String {

@@ -11,12 +11,12 @@ use crate::commands::output;
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::scene_file::MapTaken;
 use crate::commands::surface::{Covered, Surface};
-use crate::coverage::Coverage;
-use crate::registration::RegistrationQuality;
+use crate::design::registration::RegistrationQuality;
 use crate::report::{BlindSpot, blind_spots};
 use crate::rig::{Clearance, MountedSensor, Rig, Touching};
-use crate::scene::{Scene, VoxelMap};
 use crate::simulate::scan::Scanner;
+use crate::world::coverage::Coverage;
+use crate::world::scene::{Scene, VoxelMap};
 
 /// Union bitmaps are hashed up to this many cells.
 const HASHED_CELLS: usize = 1 << 33;

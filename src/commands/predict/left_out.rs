@@ -2,12 +2,12 @@
 
 use serde::Serialize;
 
-use crate::chart::number;
 use crate::commands::baselines::search_step;
-use crate::coverage::{Coverage, VoxelGrid};
+use crate::report::chart::number;
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::{Flaws, Scanner};
+use crate::world::coverage::{Coverage, VoxelGrid};
 
 /// Columns that are cast together, and from how many.
 const COLUMNS: (u64, usize) = (4, 32);

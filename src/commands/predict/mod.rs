@@ -21,11 +21,11 @@ use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
 use super::stage::Stage;
 use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
-use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{MountFile, Rig, Unit, UnitChoice};
-use crate::scene::{Mesh, Scene};
 use crate::simulate::scan::Scanner;
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::{Mesh, Scene};
+use crate::world::trajectory::Trajectory;
 
 /// Arguments of `predict`.
 #[derive(clap::Args, Debug)]
@@ -149,7 +149,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.out {
         let bytes = document::ply(&scanned.coverage, &rig);
-        crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
+        crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
         let page = page::page(&document, &place, &scanned.coverage, &reachable);

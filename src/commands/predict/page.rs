@@ -2,11 +2,11 @@
 
 use super::Place;
 use super::document::Document;
-use crate::chart::number;
 use crate::commands::{figures, output};
-use crate::coverage::Coverage;
+use crate::report::chart::number;
 use crate::report::{FromAbove, Report, unfold_box};
-use crate::scene::Scene;
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
 
 /// What the rig will see, and what it will not.
 pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: &[usize]) -> Report {

@@ -8,13 +8,13 @@ use serde::Serialize;
 use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
 use crate::commands::stage::Stage;
 use crate::commands::surface::{Covered, MAIN_RANK, Surface};
-use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::scene::VoxelMap;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::rounds::{is_worth_settling, rounds};
 use crate::simulate::scan::Scanner;
-use crate::surface::{Completeness, THRESHOLDS_M};
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::VoxelMap;
+use crate::world::surface::{Completeness, THRESHOLDS_M};
 
 /// What a rig saw.
 pub struct Scanned {

@@ -4,11 +4,11 @@ use glam::DVec3;
 
 use crate::commands::ground::Numbers;
 use crate::rig::{Rig, Unit};
-use crate::scene::Scene;
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::{Flaws, Scanner, Spin};
-use crate::trajectory::Trajectory;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Options of the sensors.
 #[derive(clap::Args, Debug)]

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 use super::{Args, options};
 use crate::commands::{Context, output, signals};
-use crate::receive::now_ns;
-use crate::servo::{Rig, WatchedAxis};
+use crate::drive::{Rig, WatchedAxis};
+use crate::live::receive::now_ns;
 
 /// How often axes that send no readings are told of while watching.
 const LOOK: Duration = Duration::from_secs(1);

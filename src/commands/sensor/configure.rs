@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::info;
 use crate::commands::{Context, Outcome, output};
-use crate::setup::{Configured, Sensor, Wanted};
+use crate::live::setup::{Configured, Sensor, Wanted};
 
 /// Arguments of `sensor configure`.
 #[derive(clap::Args, Debug)]

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use crate::commands::{Context, Outcome, output};
-use crate::setup::discover::{Found, ousters, velodynes};
+use crate::live::setup::discover::{Found, ousters, velodynes};
 
 /// Arguments of `sensor discover`.
 #[derive(clap::Args, Debug)]

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::{Context as _, bail};
 use serde_json::json;
 
+use crate::base::files;
 use crate::commands::record::read_metadata;
 use crate::commands::{Context, Outcome, output};
-use crate::files;
-use crate::setup::{Sensor, SensorState, warnings};
+use crate::live::setup::{Sensor, SensorState, warnings};
 
 /// Arguments of `sensor info`.
 #[derive(clap::Args, Debug)]

@@ -9,7 +9,7 @@ use crate::commands::ground::MeshTaken;
 use crate::commands::output;
 use crate::commands::registration::Tied;
 use crate::commands::surface::Covered;
-use crate::registration::RegistrationQuality;
+use crate::design::registration::RegistrationQuality;
 use crate::rig::{Clearance, Touching};
 
 /// The document that `validate` prints.

@@ -12,11 +12,11 @@ use crate::commands::ground::{MeshTaken, stations};
 use crate::commands::registration::{Tied, along_way};
 use crate::commands::surface::{MAIN_RANK, Surface};
 use crate::rig::{Mount, MountFile, MountedSensor, Rig, Unit, UnitChoice};
-use crate::scene::{Mesh, Scene};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::scan::{Scanner, Spin};
-use crate::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
-use crate::trajectory::Trajectory;
+use crate::world::scene::{Mesh, Scene};
+use crate::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M};
+use crate::world::trajectory::Trajectory;
 
 /// A sensor on its mount.
 pub struct Placed {

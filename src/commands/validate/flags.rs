@@ -21,5 +21,5 @@ pub fn write_flags(path: &Path, flags: &[bool]) -> anyhow::Result<()> {
     bytes.extend((header.len() as u16).to_le_bytes());
     bytes.extend(header.as_bytes());
     bytes.extend(packed);
-    crate::files::write_whole(path, &bytes).with_context(|| path.display().to_string())
+    crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())
 }

@@ -2,11 +2,11 @@
 
 use super::document::Document;
 use super::field::{Field, Placed};
-use crate::chart::number;
 use crate::commands::surface::Surface;
 use crate::commands::{figures, output};
-use crate::coverage::VoxelGrid;
+use crate::report::chart::number;
 use crate::report::{FromAbove, Report, blind_spots};
+use crate::world::coverage::VoxelGrid;
 
 /// Edge of the cells in which uncovered samples are grouped, m.
 const SPOT_M: f64 = 0.25;

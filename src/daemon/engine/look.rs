@@ -11,8 +11,8 @@ use crate::daemon::status::{
     MemoryStatus, Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
 };
 use crate::daemon::steady::HostClock;
-use crate::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
-use crate::servo::AxisStatus;
+use crate::drive::AxisStatus;
+use crate::live::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
 
 /// Rates are taken over this time.
 const RATE_OVER: Duration = Duration::from_millis(1000);
@@ -162,7 +162,7 @@ impl Look {
         let sockets: Vec<&SocketReport> = tally.sockets.iter().filter(socket).collect();
         let report = numbers.report.as_ref();
         let decoder = report.map(|report| report.counters.clone()).unwrap_or_default();
-        let here = |count: fn(&crate::receive::ReceiveLoss) -> u64| -> u64 {
+        let here = |count: fn(&crate::live::receive::ReceiveLoss) -> u64| -> u64 {
             streams.iter().map(|stream| count(&tally.sensors[*stream])).sum()
         };
         let (kernel_dropped, queue_dropped) =
@@ -196,8 +196,9 @@ impl Look {
         let (second_ago, before) = self.sensors[sensor].add(moment);
         let over_s = now.duration_since(second_ago.at).as_secs_f64().max(1e-3);
         let rate = |count: fn(&Moment) -> u64| (count(&moment) - count(&second_ago)) as f64 / over_s;
-        let text =
-            |of: fn(&crate::watch::SensorReport) -> &String| report.map(of).cloned().unwrap_or_default();
+        let text = |of: fn(&crate::live::watch::SensorReport) -> &String| {
+            report.map(of).cloned().unwrap_or_default()
+        };
         let last_ns = streams.first().map_or(0, |stream| counters[*stream].last_time_ns);
         let strange = |moment: &Moment| moment.losses.not_its_own + moment.losses.malformed;
         let is_read =

@@ -9,8 +9,8 @@ use crate::daemon::live;
 use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::RigCommandError;
 use crate::daemon::status::Proposal;
-use crate::receive::now_ns;
-use crate::reconfigure::{self, Answer, Question, ReconfigureError};
+use crate::design::reconfigure::{self, Answer, Question, ReconfigureError};
+use crate::live::receive::now_ns;
 use crate::rig::Rig;
 
 /// Sets of pitches that are looked at.

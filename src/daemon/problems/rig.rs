@@ -2,7 +2,7 @@
 
 use super::List;
 use crate::daemon::status::RigState;
-use crate::servo::{AxisStatus, RigStatus};
+use crate::drive::{AxisStatus, RigStatus};
 
 /// An axis this far from its target while it holds is said to be off, degrees.
 const OFF_TARGET_DEG: f64 = 0.5;

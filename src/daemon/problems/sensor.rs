@@ -1,8 +1,8 @@
 //! What is wrong with a sensor.
 
 use super::List;
-use crate::clocks::ClockState;
 use crate::daemon::status::{SensorState, SensorStatus};
+use crate::live::clocks::ClockState;
 
 /// All that is wrong with a sensor.
 pub(super) fn problems(sensor: &SensorStatus, list: &mut List) {

@@ -2,7 +2,7 @@
 
 use firmware_protocol::AckCode;
 
-use crate::servo::RigError;
+use crate::drive::RigError;
 
 /// Why a command was not carried out.
 #[derive(Debug, thiserror::Error)]

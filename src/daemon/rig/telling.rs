@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use crate::daemon::journal::Journal;
-use crate::servo::{RigError, RigStatus};
+use crate::drive::{RigError, RigStatus};
 
 /// Writes down what is latched and was not.
 pub(super) fn faults(journal: &Journal, status: &RigStatus, latched: &mut BTreeSet<String>) {

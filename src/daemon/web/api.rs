@@ -18,7 +18,7 @@ use crate::daemon::{Daemon, Proposal};
 
 /// A daemon that has not looked at itself for so long hangs.
 const HANGS: std::time::Duration = std::time::Duration::from_secs(5);
-const OPENAPI: &str = include_str!("../../web/openapi.json");
+const OPENAPI: &str = include_str!("../../report/web/openapi.json");
 
 /// Longest label of a recording.
 const LABEL_LETTERS: usize = 80;

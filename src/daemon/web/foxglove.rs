@@ -24,8 +24,8 @@ use super::stream::{Streams, send};
 use crate::daemon::hub::Wanted;
 use crate::daemon::status::RigState;
 use crate::daemon::{Daemon, Status};
-use crate::export::{self, Cause, Kind, foxglove};
-use crate::receive::now_ns;
+use crate::live::receive::now_ns;
+use crate::recording::export::{self, Cause, Kind, foxglove};
 
 const PROTOCOLS: [&str; 2] = ["foxglove.websocket.v1", "foxglove.sdk.v1"];
 /// Longest message of a client: a list of subscriptions.
@@ -152,7 +152,7 @@ impl Channel {
             }),
             None => json!({
                 "id": id, "topic": self.topic, "encoding": "json", "schemaName": "outrigger.RigState",
-                "schema": include_str!("../../web/rig_state.schema.json"), "schemaEncoding": "jsonschema",
+                "schema": include_str!("../../report/web/rig_state.schema.json"), "schemaEncoding": "jsonschema",
             }),
         }
     }

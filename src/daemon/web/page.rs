@@ -8,10 +8,10 @@ use axum::routing::get;
 use super::App;
 
 const FILES: [(&str, &str, &str); 4] = [
-    ("/", "text/html; charset=utf-8", include_str!("../../web/page.html")),
-    ("/page.css", "text/css; charset=utf-8", include_str!("../../web/page.css")),
-    ("/page.js", "text/javascript; charset=utf-8", include_str!("../../web/page.js")),
-    ("/scene.js", "text/javascript; charset=utf-8", include_str!("../../web/scene.js")),
+    ("/", "text/html; charset=utf-8", include_str!("../../report/web/page.html")),
+    ("/page.css", "text/css; charset=utf-8", include_str!("../../report/web/page.css")),
+    ("/page.js", "text/javascript; charset=utf-8", include_str!("../../report/web/page.js")),
+    ("/scene.js", "text/javascript; charset=utf-8", include_str!("../../report/web/scene.js")),
 ];
 
 pub(super) fn routes() -> Router<App> {

@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Response};
 use crate::daemon::ProposalError;
 use crate::daemon::recorder::RecorderError;
 use crate::daemon::rig::RigCommandError;
-use crate::servo::RigError;
+use crate::drive::RigError;
 
 /// A refusal, as `{"error": "..."}`.
 #[derive(Debug)]

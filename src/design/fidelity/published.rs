@@ -1,7 +1,7 @@
 //! The published experiment at any fineness.
 
 use super::Ladder;
-use crate::objective::Objective;
+use crate::design::objective::Objective;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
 
 /// Factors on azimuths and on poses per metre, level by level.

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{FIRST_RATIO, GREATEST_RATIO, Judged, LEAST_BOUND, LEAST_RATIO, Ladder, tail};
-use crate::statistics::{mean_and_deviation, quantile, sorted};
+use crate::base::statistics::{mean_and_deviation, quantile, sorted};
 
 /// How sure a ranking must be, and what it may cost.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use sensors::SensorModel;
 
 use super::Ladder;
-use crate::coverage::{Coverage, VoxelGrid};
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::scene::Scene;
 use crate::simulate::fan::BeamFan;
 use crate::simulate::published::Phase;
 use crate::simulate::scan::{Flaws, Scanner, Spin};
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Sensors carried through a scene, scored by the voxels that they see. The finest level has 1800 columns and eight
 /// revolutions per metre; the others take an eighth of both, and ever more of what is left: nothing is cast twice.
@@ -189,7 +189,7 @@ impl Ladder for SceneLadder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::BoxScene;
+    use crate::world::scene::BoxScene;
     use glam::DVec3;
 
     #[test]

@@ -14,7 +14,7 @@ use self::hunt::{Known, View, role_names};
 use self::merits::merits;
 use super::gaussian_process::{Data, Hyper};
 use super::{Acquisition, Candidate, Optimizer, Settings, Space, Trial, Variable, generator};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 mod hunt;
 mod merits;

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{MountProblem, SpaceError};
-use crate::objective::Objective;
+use crate::design::objective::Objective;
 use crate::simulate::published::{Placement, Region};
 
 /// Regions cut at once: the same on any number of threads.
@@ -192,9 +192,9 @@ fn widest_deg(low_deg: f64, high_deg: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::objective::Weights;
-    use crate::optimize::KeepApart;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
+    use crate::design::objective::Weights;
+    use crate::design::optimize::KeepApart;
     use crate::simulate::published::{Experiment, PRESETS, Path, Simulator};
 
     fn problem(path: Path, mirror: bool) -> MountProblem {

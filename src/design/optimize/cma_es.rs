@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Optimizer, Settings, Space, Trial, generator, normal};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const FIRST_SIGMA: f64 = 0.25;
 const LAST_SIGMA: f64 = 1e-6;

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const MEMORY: usize = 6;
 const BEST_SHARE: f64 = 0.11;

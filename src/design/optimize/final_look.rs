@@ -8,9 +8,9 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use crate::fidelity::{BoxLadder, Ladder as _};
-use crate::objective::Objective;
-use crate::robustness::{Criterion, Robustness, RobustnessError, Spread, Tolerance};
+use crate::design::fidelity::{BoxLadder, Ladder as _};
+use crate::design::objective::Objective;
+use crate::design::robustness::{Criterion, Robustness, RobustnessError, Spread, Tolerance};
 use crate::simulate::published::Placement;
 
 /// Level of the ladder at which is judged: four poses per metre.

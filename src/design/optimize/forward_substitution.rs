@@ -5,7 +5,7 @@ use std::array::from_fn;
 
 use nalgebra::DMatrix;
 
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
 
 /// Right sides at once.
 pub const LANES: usize = 8;
@@ -88,7 +88,7 @@ fn take(values: &mut [f64; LANES], solved: &[f64; LANES], l: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
 
     /// Column by column, one lane at a time.
     fn reference(lower: &DMatrix<f64>, right: &mut [[f64; LANES]]) {

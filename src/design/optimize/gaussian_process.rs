@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ascent::minimise;
 use super::forward_substitution::{LANES, solve_lower};
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
 
 /// Length scales are shares of a variable's range.
 const LN_LENGTH: (f64, f64) = (-3.9, 3.0);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::polished::{Polished, Population, first_members, is_long, local_share, members};
 use super::{Candidate, Settings, Space, Trial, generator};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const POPULATION: usize = 80;
 const GENERATIONS: u64 = 100;

@@ -9,7 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Space, Trial};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// One search for so many evaluations, within bounds: with fewer each, the first rounds would judge starts, not searches.
 const EVALUATIONS_PER_LINE: usize = 150;

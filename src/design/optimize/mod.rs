@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 mod ascent;
 mod bayesian;

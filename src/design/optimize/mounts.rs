@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Measured, Mirror, Space, SpaceError, Variable};
-use crate::objective::Objective;
-use crate::robustness::{Criterion, Robustness, Spread};
+use crate::design::objective::Objective;
+use crate::design::robustness::{Criterion, Robustness, Spread};
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Roll};
 
 /// Greatest number of masters of the published space.

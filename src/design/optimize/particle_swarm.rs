@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::polished::{Polished, Population, first_members, local_share, members};
 use super::{Candidate, Settings, Space, Trial, generator};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const PARTICLES: usize = 60;
 const ITERATIONS: u64 = 80;

@@ -63,7 +63,7 @@ pub enum SearchError {
 /// A search under way: all of its state, as plain data.
 ///
 /// ```
-/// use outrigger::optimize::{Kind, Measured, Search, Settings, Space, Variable};
+/// use outrigger::design::optimize::{Kind, Measured, Search, Settings, Space, Variable};
 /// use std::sync::atomic::AtomicBool;
 ///
 /// let pitch = Variable {

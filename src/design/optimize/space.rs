@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// One decision variable.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

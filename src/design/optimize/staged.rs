@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lines::{Lines, TYPICAL_LENGTH, vary};
 use super::{Bayesian, Candidate, Optimizer, Settings, Space, Trial, generator};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const SEEDS_PER_COUNT: usize = 12;
 /// Bayesian evaluations at most: beyond, the model costs more than the objective and says less.

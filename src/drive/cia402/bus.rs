@@ -9,10 +9,10 @@ use socketcan::{
     CanDataFrame, CanFrame, CanSocket, EmbeddedFrame, Frame as _, Socket, SocketOptions, StandardId,
 };
 
-use crate::servo::LinkError;
-use crate::servo::bus_port::BusPort;
-use crate::servo::can_queue;
-use crate::servo::slcan::{self, Message, SlcanReceiver};
+use crate::drive::LinkError;
+use crate::drive::bus_port::BusPort;
+use crate::drive::can_queue;
+use crate::drive::slcan::{self, Message, SlcanReceiver};
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 /// Bits per second of a serial adapter that is none of USB.

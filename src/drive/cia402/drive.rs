@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use firmware_protocol::{Reading, Sense, ServoHoming};
 
 use super::object::{self, Answer, Object, error_name};
-use crate::servo::hosted::{Questions, Sample};
+use crate::drive::hosted::{Questions, Sample};
 
 /// How long switching on may take.
 const SWITCHING_WITHIN: Duration = Duration::from_secs(2);

@@ -5,8 +5,8 @@ use std::time::Duration;
 use firmware_protocol::{ALL_AXES, AckCode, Command, Fault, Frame, Order, State};
 
 use super::{Progress, RigController, rad};
-use crate::servo::view::{TargetView, View};
-use crate::servo::{Link, RigError};
+use crate::drive::view::{TargetView, View};
+use crate::drive::{Link, RigError};
 
 const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
@@ -127,7 +127,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Does what an interrupt asks for: hold, then e-stop.
-    pub(in crate::servo) fn obey_interrupt(&mut self) -> Result<(), RigError> {
+    pub(in crate::drive) fn obey_interrupt(&mut self) -> Result<(), RigError> {
         let level = self.interrupt.level();
         let before = std::mem::replace(&mut self.handled_interrupts, level);
         if level <= before {

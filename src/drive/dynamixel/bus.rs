@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use super::packet::{BROADCAST, Packet, PacketReceiver, instruction};
 use super::table::Register;
-use crate::servo::LinkError;
-use crate::servo::bus_port::BusPort;
+use crate::drive::LinkError;
+use crate::drive::bus_port::BusPort;
 
 /// How long a servo may take to answer: return delay, 60 bytes at 57600 baud, a slow USB adapter.
 const ANSWER_WITHIN: Duration = Duration::from_millis(40);

@@ -1,7 +1,7 @@
 //! Known clocks behind known networks: what is said must hold the truth.
 
 use super::*;
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 const HOST_NS: u64 = 1_700_000_000_000_000_000;
 

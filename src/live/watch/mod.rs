@@ -4,7 +4,7 @@ mod first_look;
 
 pub use first_look::{FirstLook, FirstLooks};
 
-use crate::clocks::{ClockReport, ClockWatch};
+use crate::live::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};
 use sensors::velodyne::{Fix, Position, Product, PulseState};

@@ -10,9 +10,9 @@ use firmware_protocol::{
 };
 
 use super::MockFault;
-use crate::rng::Rng;
-use crate::servo::framing::Framing;
-use crate::servo::slcan::SlcanReceiver;
+use crate::base::rng::Rng;
+use crate::drive::framing::Framing;
+use crate::drive::slcan::SlcanReceiver;
 
 /// Stream of the seed that places the axes at the start.
 const PLACING: u64 = 0x5259_4731;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use firmware_protocol::{Frame, LinkCounters, Receiver};
 
 use super::{Damage, MockConfig, MockDevice, MockFault, Proxy};
-use crate::servo::{Link, LinkError, Received};
+use crate::drive::{Link, LinkError, Received};
 
 const STEP_US: u64 = 1000;
 

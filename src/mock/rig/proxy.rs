@@ -1,6 +1,6 @@
 //! A line that damages what it carries: seeded, in given time.
 
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// How much goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,7 +5,7 @@ use sensors::ouster::{ImuProfile, ImuSample, Metadata, OusterEncoder};
 use sensors::velodyne::{Position, PulseState, rmc_sentence};
 
 use super::Surroundings;
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// LEGACY packets of a real sensor come at this rate; position packets are sent as often here.
 const PERIOD_NS: u64 = 10_000_000;
@@ -133,8 +133,8 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
-    use crate::scene::{BoxScene, Scene};
-    use crate::trajectory::Trajectory;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
 
     /// On a circle the sensor feels gravity, the pull to the centre and the turn.
     #[test]

@@ -8,10 +8,10 @@ use sensors::{Frame, SensorModel, catalogue};
 
 use super::Scan;
 use super::aside::Aside;
-use crate::geometry::Pose;
-use crate::scene::Scene;
+use crate::base::geometry::Pose;
 use crate::simulate::frames::Spin;
-use crate::trajectory::Trajectory;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// Revolutions measured ahead of the one being sent.
 const AHEAD: usize = 2;
@@ -211,7 +211,7 @@ mod tests {
     use sensors::{Decoded, Decoder, Packet};
 
     use super::*;
-    use crate::scene::BoxScene;
+    use crate::world::scene::BoxScene;
 
     const START_NS: u64 = 1_700_000_000_000_000_000;
 

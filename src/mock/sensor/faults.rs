@@ -1,6 +1,6 @@
 //! What a network does to packets, from a seed.
 
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// Faults to inject. Probabilities are per packet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Map, Value, json};
 
 use super::{Answer, Request, WebFault};
-use crate::setup::ouster::stages;
+use crate::live::setup::ouster::stages;
 
 /// Firmware that has no staging.
 const OLD: &str = "ousteros-image-prod-aries-v2.4.0+20221130230319";

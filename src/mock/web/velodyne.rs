@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use serde_json::{Value, json};
 
 use super::{Answer, Request, WebFault};
-use crate::setup::velodyne::factory_settings;
+use crate::live::setup::velodyne::factory_settings;
 
 /// What a Velodyne says and takes.
 #[derive(Debug)]

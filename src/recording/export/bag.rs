@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::{ExportError, Written};
-use crate::files;
+use crate::base::files;
 
 /// Writes `metadata.yaml` beside `mcap_name`, the finished file in `folder`.
 pub fn write_metadata(folder: &Path, mcap_name: &str, written: &Written) -> Result<(), ExportError> {

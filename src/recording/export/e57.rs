@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::gps::gps_ns;
 use super::{Cause, Cloud, CloudWriter};
-use crate::files::hexadecimal;
+use crate::base::files::hexadecimal;
 
 pub(super) struct E57Writer {
     writer: Writer<File>,

@@ -12,7 +12,7 @@ use ::foxglove::{Encode, messages};
 use glam::DVec3;
 
 use super::{Cause, Cloud, Kind};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// Points of one frame.
 pub const POINTS: Kind = kind("points", "foxglove.PointCloud", schema::<PointCloud>);

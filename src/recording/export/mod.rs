@@ -32,8 +32,8 @@ use std::path::{Path, PathBuf};
 use sensors::ouster::ImuSample;
 
 #[cfg(not(all(feature = "mcap", feature = "survey")))]
-use crate::features::left_out;
-use crate::files;
+use crate::base::features::left_out;
+use crate::base::files;
 
 use record::RecordWriter;
 

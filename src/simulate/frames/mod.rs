@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use sensors::{Frame, Layer, SensorModel};
 
 use super::column::ColumnCaster;
-use crate::geometry::Pose;
-use crate::rng::Rng;
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::base::geometry::Pose;
+use crate::base::rng::Rng;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// A sensor on its way through a scene.
 #[derive(Clone, Copy)]

@@ -3,8 +3,8 @@
 
 use super::shell::Shell;
 use super::{ExperimentError, Placement, Seen, Simulator, fast};
-use crate::coverage::Coverage;
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
+use crate::world::coverage::Coverage;
 
 impl Simulator {
     /// The simulator whose beams a placement has. The placement must have been checked.

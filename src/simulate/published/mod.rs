@@ -29,8 +29,8 @@ pub use region::{Reach, Region};
 
 use rayon::iter::{IntoParallelRefIterator as _, ParallelIterator as _};
 
-use crate::coverage::{Counts, Coverage, VoxelGrid};
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
+use crate::world::coverage::{Counts, Coverage, VoxelGrid};
 
 /// An experiment made ready: beams, poses and grid. Sensors are then seen in turn, each with the beams of its type.
 #[derive(Clone, Debug)]
@@ -407,7 +407,7 @@ mod tests {
     /// Poses that no walk has: any rotation, anywhere in the box, near its walls and in its corners, any turn.
     #[test]
     fn any_poses_see_what_the_definition_sees() {
-        let mut rng = crate::rng::Rng::new(5, 0);
+        let mut rng = crate::base::rng::Rng::new(5, 0);
         for (preset, phase) in [(&OS1_64, Phase::Locked), (&VLP_16, Phase::Free)] {
             let experiment = Experiment { phase, azimuths: 36, ..Experiment::published(preset) };
             let simulator = Simulator::new(&experiment).unwrap();
@@ -415,7 +415,7 @@ mod tests {
                 .map(|_| {
                     let axis = glam::DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();
                     let rotation = glam::DMat3::from_axis_angle(axis, rng.between(-4.0, 4.0));
-                    let place = |low: f64, high: f64, rng: &mut crate::rng::Rng| rng.between(low, high);
+                    let place = |low: f64, high: f64, rng: &mut crate::base::rng::Rng| rng.between(low, high);
                     BoxPose {
                         rows: rotation.transpose().to_cols_array_2d(),
                         origin_m: [

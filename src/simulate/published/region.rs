@@ -277,7 +277,7 @@ fn widened([low, high]: Interval, by: f64) -> Interval {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
     use crate::simulate::published::{Experiment, PRESETS, Path, Phase, Roll};
 
     fn is_within(inner: &[u64], outer: &[u64]) -> bool {

@@ -3,8 +3,8 @@
 
 #![allow(unsafe_code)] // a function compiled for one more instruction is called after the processor was asked for it
 
-use crate::coverage::Counts;
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
+use crate::world::coverage::Counts;
 
 /// Sizes of a shell; u runs along the walk, w across it, z up.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,8 +4,8 @@
 use rayon::prelude::*;
 
 use super::{ExperimentError, Placement, Seen, Simulator, brute};
-use crate::coverage::Coverage;
-use crate::rng::Rng;
+use crate::base::rng::Rng;
+use crate::world::coverage::Coverage;
 
 /// Divergence of the published re-score, degrees.
 pub const PUBLISHED_SPREAD_DEG: f64 = 0.09;

@@ -4,8 +4,8 @@ use super::super::rows::{chosen, number, numbers};
 use super::super::{Claim, Row, Spread, Verdict};
 use super::data::TABLE_3;
 use super::tables::{median_after, of_roll, pitches_deg, spread};
-use crate::chart;
-use crate::optimize::Kind;
+use crate::design::optimize::Kind;
+use crate::report::chart;
 
 const PRESETS: [&str; 2] = ["paper-os1-64", "paper-vlp-16"];
 

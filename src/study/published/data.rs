@@ -1,7 +1,7 @@
 //! The published numbers: "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR Mount Configurations
 //! for Mapping Systems", Tables 3, 4 and 8, section 4.4.
 
-use crate::optimize::Kind;
+use crate::design::optimize::Kind;
 
 /// One row of Table 3, with its two of Table 4.
 pub struct Table3 {

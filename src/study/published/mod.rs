@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::searches::{self, Found, SearchTask};
 use super::{Findings, Row, Size, Study, StudyError};
-use crate::optimize::Kind;
+use crate::design::optimize::Kind;
 use crate::simulate::published::PUBLISHED_SPREAD_DEG;
 
 /// Evaluations of the default method where an answer close to the best is wanted.

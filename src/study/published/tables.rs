@@ -4,7 +4,7 @@ use super::super::rows::{chosen, number, numbers};
 use super::super::searches::best_after;
 use super::super::{Figure, Row, Spread, Table};
 use super::data::{LAMBDAS, TABLE_3, TABLE_8};
-use crate::chart::{self, LineChart, Series};
+use crate::report::chart::{self, LineChart, Series};
 
 /// Evaluations at which convergence is read off.
 const CHECKPOINTS: [f64; 9] = [12.0, 25.0, 56.0, 80.0, 150.0, 300.0, 1000.0, 3500.0, 7500.0];

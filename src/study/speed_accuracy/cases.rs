@@ -6,15 +6,15 @@ use std::time::Instant;
 
 use super::Task;
 use super::models::{Model, box_scores, scene_scores};
-use crate::fidelity::SceneLadder;
-use crate::objective::{Objective, Weights};
+use crate::base::rng::Rng;
+use crate::base::statistics::greatest;
+use crate::design::fidelity::SceneLadder;
+use crate::design::objective::{Objective, Weights};
 use crate::rig::Mount;
-use crate::rng::Rng;
-use crate::scene::{Scene, load_mesh};
 use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
-use crate::statistics::greatest;
 use crate::study::{StudyError, walks};
-use crate::trajectory::Trajectory;
+use crate::world::scene::{Scene, load_mesh};
+use crate::world::trajectory::Trajectory;
 
 /// A scene, a sensor and a walk.
 #[derive(Debug)]
@@ -170,7 +170,7 @@ fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneL
     let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
     let way = match trajectory {
         Some(file) => {
-            let text = crate::files::read_text(file).map_err(|error| of(file, &error))?;
+            let text = crate::base::files::read_text(file).map_err(|error| of(file, &error))?;
             Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
         }
         None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,

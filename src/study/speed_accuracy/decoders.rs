@@ -7,9 +7,9 @@ use sensors::projection::{Projector, points_f64};
 use sensors::{Frame, SensorModel};
 use serde_json::{Value, json};
 
-use crate::chart::{self, NamedPoint, ScatterChart};
-use crate::rng::Rng;
-use crate::statistics::{quantile, sorted};
+use crate::base::rng::Rng;
+use crate::base::statistics::{quantile, sorted};
+use crate::report::chart::{self, NamedPoint, ScatterChart};
 use crate::study::rows::{Row, chosen, number, text};
 use crate::study::{Figure, Findings, StudyError, Table};
 

@@ -4,8 +4,8 @@ use super::cases::Case;
 use super::instructions;
 use super::models::{AUTO_BUDGET, AUTO_TOLERANCE, Model};
 use super::truth::Truth;
-use crate::chart::{self, NamedPoint, ScatterChart};
-use crate::statistics::{greatest, mean_and_deviation, rank_correlation, sorted};
+use crate::base::statistics::{greatest, mean_and_deviation, rank_correlation, sorted};
+use crate::report::chart::{self, NamedPoint, ScatterChart};
 use crate::study::rows::{Row, number, text};
 use crate::study::{Claim, Figure, Table, Verdict};
 

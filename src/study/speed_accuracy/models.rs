@@ -3,8 +3,8 @@
 use rayon::prelude::*;
 
 use super::cases::{Case, Place, Scored};
-use crate::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
-use crate::objective::Objective;
+use crate::design::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
+use crate::design::objective::Objective;
 use crate::rig::Mount;
 use crate::simulate::detection::Detection;
 use crate::simulate::published::{

@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 
-use crate::chart::{self, NamedPoint, ScatterChart};
-use crate::optimize::Kind;
+use crate::base::statistics::{quantile, sorted};
+use crate::design::optimize::Kind;
+use crate::report::chart::{self, NamedPoint, ScatterChart};
 use crate::simulate::published::{Experiment, Phase};
-use crate::statistics::{quantile, sorted};
 use crate::study::rows::{Row, chosen, number, numbers, text};
 use crate::study::searches::{self, SearchTask};
 use crate::study::{Figure, Findings, StudyError, Table};

@@ -2,8 +2,8 @@
 
 use super::measures::{list, runs};
 use super::models::AGAIN;
-use crate::chart;
-use crate::statistics::{greatest, mean_and_deviation, sorted};
+use crate::base::statistics::{greatest, mean_and_deviation, sorted};
+use crate::report::chart;
 use crate::study::rows::{Row, number, text};
 
 /// Scores of the converged model.

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::rows::{Row, row_of, text};
 use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
-use crate::chart::{self, LineChart};
+use crate::report::chart::{self, LineChart};
 
 /// See the module.
 #[derive(Debug)]

@@ -2,9 +2,9 @@
 
 use super::sampling::{objective, pair, score};
 use super::{Case, Measured};
-use crate::robustness::{Robustness, Tolerance};
+use crate::base::statistics::{greatest, mean_and_deviation};
+use crate::design::robustness::{Robustness, Tolerance};
 use crate::simulate::published::{Path, Placement};
-use crate::statistics::{greatest, mean_and_deviation};
 use crate::study::StudyError;
 
 pub(super) const CASES: &[Case] = &[

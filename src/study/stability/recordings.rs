@@ -4,16 +4,16 @@ use glam::DVec3;
 use sensors::Frame;
 
 use super::{Case, Measured};
-use crate::calibrate::{self, MountCheck};
-use crate::compare::{Gate, Replay, Replayed};
-use crate::coverage::VoxelGrid;
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
+use crate::base::rng::Rng;
 use crate::rig::{Mount, MountedSensor};
-use crate::rng::Rng;
-use crate::scene::{BoxScene, Scene};
 use crate::simulate::frames::{Scan, Spin};
 use crate::study::StudyError;
-use crate::trajectory::{PoseError, Trajectory};
+use crate::verify::calibrate::{self, MountCheck};
+use crate::verify::compare::{Gate, Replay, Replayed};
+use crate::world::coverage::VoxelGrid;
+use crate::world::scene::{BoxScene, Scene};
+use crate::world::trajectory::{PoseError, Trajectory};
 
 pub(super) const CASES: &[Case] = &[
     Case {

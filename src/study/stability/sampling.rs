@@ -1,14 +1,14 @@
 //! Rays in a pattern: what it misses, and what it makes of the best mount.
 
 use super::{Case, Measured};
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::fidelity::{BoxLadder, Rules, rank};
-use crate::objective::{Objective, Weights};
-use crate::robustness::{Robustness, Tolerance};
-use crate::scene::{BoxScene, Scene};
+use crate::base::statistics::greatest;
+use crate::design::fidelity::{BoxLadder, Rules, rank};
+use crate::design::objective::{Objective, Weights};
+use crate::design::robustness::{Robustness, Tolerance};
 use crate::simulate::published::{Experiment, Path, Phase, Placement, Preset, Simulator};
-use crate::statistics::greatest;
 use crate::study::StudyError;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::{BoxScene, Scene};
 use glam::DVec3;
 
 pub(super) const CASES: &[Case] = &[
@@ -152,7 +152,7 @@ fn faces(_quick: bool) -> Result<Measured, StudyError> {
     let grows = |grid: &VoxelGrid| {
         let count = |noise_m: f64| {
             let mut coverage = Coverage::new(grid.clone(), 1);
-            let mut rng = crate::rng::Rng::new(1, 0);
+            let mut rng = crate::base::rng::Rng::new(1, 0);
             let from_m = DVec3::new(0.1, 0.2, 1.4);
             for _ in 0..200_000 {
                 let direction = DVec3::new(rng.normal(), rng.normal(), rng.normal()).normalize();

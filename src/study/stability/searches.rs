@@ -1,9 +1,9 @@
 //! Searches from other random beginnings.
 
 use super::{Case, Measured};
-use crate::optimize::Kind;
-use crate::robustness::{Robustness, Tolerance};
-use crate::statistics::mean_and_deviation;
+use crate::base::statistics::mean_and_deviation;
+use crate::design::optimize::Kind;
+use crate::design::robustness::{Robustness, Tolerance};
 use crate::study::StudyError;
 use crate::study::searches::SearchTask;
 

@@ -4,12 +4,12 @@ use glam::DVec3;
 
 use super::recordings::{Recording, room, straight, walk};
 use super::{Case, Measured};
-use crate::registration::{Information, RegistrationQuality};
+use crate::design::registration::{Information, RegistrationQuality};
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::scene::{BoxScene, Scene};
 use crate::simulate::scan::{Scanner, Spin};
 use crate::study::StudyError;
-use crate::trajectory::Trajectory;
+use crate::world::scene::{BoxScene, Scene};
+use crate::world::trajectory::Trajectory;
 
 pub(super) const CASES: &[Case] = &[
     Case {
@@ -64,7 +64,7 @@ fn level_in_a_room(_quick: bool) -> Result<Measured, StudyError> {
     };
     let ((level, says), (tilted, _)) = (least(&[0.0])?, least(&[38.0, -38.0])?);
     Ok(Measured::judge(
-        (crate::registration::DEGENERATE - level).max(0.0),
+        (crate::design::registration::DEGENERATE - level).max(0.0),
         "short of the least eigenvalue that ties a scan down",
         0.0,
         "below 0.003 a registration drifts along the weakest direction",

@@ -2,10 +2,10 @@
 
 use super::sampling::{objective, score};
 use super::{Case, Measured};
-use crate::objective::{Objective, Weights};
-use crate::optimize::Kind;
+use crate::base::statistics::greatest;
+use crate::design::objective::{Objective, Weights};
+use crate::design::optimize::Kind;
 use crate::simulate::published::{Experiment, Path, Preset, Simulator};
-use crate::statistics::greatest;
 use crate::study::StudyError;
 use crate::study::searches::SearchTask;
 

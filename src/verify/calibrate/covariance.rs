@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::gather::Scan;
 use super::solve::{Solution, Sums, prior};
-use crate::trajectory::PoseError;
+use crate::world::trajectory::PoseError;
 
 /// Revolutions from which on their own scatter is believed.
 const LEAST_SCANS: usize = 12;

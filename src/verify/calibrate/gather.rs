@@ -4,9 +4,9 @@ use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::Field;
-use crate::compare::RecordedRay;
-use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
+use crate::base::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
 use crate::rig::{Mount, MountedSensor};
+use crate::verify::compare::RecordedRay;
 
 /// Rays that end farther from their prediction say nothing about the mount, m. Wider at first: 5 degrees of tilt move
 /// the end of a ray of 6 m by half a metre.

@@ -19,10 +19,10 @@ mod stand;
 
 use glam::DVec3;
 
-use crate::compare::RecordedRay;
 use crate::rig::{Mount, MountedSensor};
-use crate::scene::Scene;
-use crate::trajectory::{PoseError, Trajectory};
+use crate::verify::compare::RecordedRay;
+use crate::world::scene::Scene;
+use crate::world::trajectory::{PoseError, Trajectory};
 
 pub use observed::UNKNOWNS;
 pub use relative::{Pair, RelativeMount, relative_mount};

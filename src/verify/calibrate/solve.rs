@@ -5,8 +5,8 @@ use rayon::prelude::*;
 
 use super::gather::{Row, Scan};
 use super::observed::Observed;
-use crate::statistics::robust_deviation;
-use crate::trajectory::PoseError;
+use crate::base::statistics::robust_deviation;
+use crate::world::trajectory::PoseError;
 
 /// Residuals beyond so many standard deviations count less (Huber 1964, doi:10.1214/aoms/1177703732).
 const HUBER: f64 = 2.5;

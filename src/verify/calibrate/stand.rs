@@ -13,10 +13,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Estimate;
 use super::relative::{Pair, relative_mount, student};
-use crate::compare::RecordedRay;
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
-use crate::trajectory::{PoseError, Trajectory};
+use crate::verify::compare::RecordedRay;
+use crate::world::trajectory::{PoseError, Trajectory};
 
 /// The body stands, and this much is left for the ground to give.
 const STANDING: PoseError = PoseError { position_sd_m: 1e-4, rotation_sd_rad: 1e-5, correlation_s: 60.0 };
@@ -270,9 +270,9 @@ impl StandTest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::Thinning;
-    use crate::scene::{BoxScene, Scene};
     use crate::simulate::frames::{Scan, Spin};
+    use crate::verify::compare::Thinning;
+    use crate::world::scene::{BoxScene, Scene};
 
     const TURN_NS: u64 = 100_000_000;
 
@@ -297,7 +297,7 @@ mod tests {
             let axis = DVec3::new(0.0, askew_rad.cos(), askew_rad.sin());
             let turn = glam::DQuat::from_axis_angle(axis, scale * measured_rad + late_rad);
             // about the mount's axes, like any tilt
-            let axes = glam::DQuat::from_mat3(&crate::geometry::BODY_FROM_MOUNT_FRAME);
+            let axes = glam::DQuat::from_mat3(&crate::base::geometry::BODY_FROM_MOUNT_FRAME);
             let seat = Pose::new(axes * turn * axes.conjugate() * level.rotation, level.translation_m);
             let scan = Scan {
                 scene: &scene,

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::scene::Scene;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::Scene;
 
 /// The three coverages, in cells hit by any sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::Serialize;
 
-use crate::scene::Scene;
+use crate::world::scene::Scene;
 
 /// Azimuth sectors of a strip.
 pub const SECTORS: usize = 72;
@@ -185,7 +185,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::scene::VoxelMap;
+    use crate::world::scene::VoxelMap;
 
     #[test]
     fn what_ends_where_a_map_has_a_surface_agrees() {
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(class(&floor, floor_m), RayClass::Agree);
         assert_eq!(class(&floor, 1.5), RayClass::Short);
         assert_eq!(class(&floor, 11.0), RayClass::Long, "half a metre below the floor");
-        let exact = Scene::Box(crate::scene::BoxScene::closed(DVec3::ZERO, DVec3::splat(9.0)));
+        let exact = Scene::Box(crate::world::scene::BoxScene::closed(DVec3::ZERO, DVec3::splat(9.0)));
         assert_eq!(class(&exact, floor_m), RayClass::Long);
     }
 

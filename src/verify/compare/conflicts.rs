@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::Field;
-use crate::scene::{Cell, VoxelMap};
+use crate::world::scene::{Cell, VoxelMap};
 
 /// Edge of a cell, m: wider than ranges and poses are off by.
 const CELL_M: f64 = 0.2;
@@ -104,11 +104,11 @@ fn is_hit_around(map: &VoxelMap, at_m: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::Thinning;
     use crate::rig::{Mount, MountedSensor};
-    use crate::scene::{BoxScene, Scene};
     use crate::simulate::frames::{Scan, Spin};
-    use crate::trajectory::Trajectory;
+    use crate::verify::compare::Thinning;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
 
     fn room(far_m: f64) -> Scene {
         Scene::Box(BoxScene::closed(DVec3::new(-3.0, -2.5, 0.0), DVec3::new(far_m, 2.5, 2.6)))

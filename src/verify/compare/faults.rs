@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::{RayClass, RecordedRay, nulls::Field};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
 
 /// So many rays are tried under each reading.

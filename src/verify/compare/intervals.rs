@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{Agreement, Patches, Table};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// Edge of a block: coverage is alike over about the size of a piece of furniture, m.
 const BLOCK_M: f64 = 2.0;
@@ -84,7 +84,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{BoxScene, Scene};
+    use crate::world::scene::{BoxScene, Scene};
 
     #[test]
     fn the_interval_covers_the_truth_as_often_as_it_says() {

@@ -5,10 +5,10 @@
 use rayon::prelude::*;
 
 use super::{Patches, PlacedRay, RayClass, RecordedRay};
+use crate::base::rng::Rng;
 use crate::rig::MountedSensor;
-use crate::rng::Rng;
-use crate::scene::Scene;
-use crate::trajectory::{PoseError, Trajectory};
+use crate::world::scene::Scene;
+use crate::world::trajectory::{PoseError, Trajectory};
 
 /// Bins of the calibration curve.
 const BINS: usize = 10;

@@ -7,11 +7,11 @@ use sensors::projection::{sample_azimuth_rad, sample_time_ns};
 
 use super::surface::{Patches, SurfaceTally};
 use super::{Breakdown, RayClass, RayClasses, RecordedRay, Thinning};
-use crate::coverage::{Coverage, VoxelGrid};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 use crate::rig::MountedSensor;
-use crate::scene::{Hit, Scene};
-use crate::trajectory::Trajectory;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::scene::{Hit, Scene};
+use crate::world::trajectory::Trajectory;
 
 /// How rays are compared.
 #[derive(Clone, Copy, Debug, PartialEq)]

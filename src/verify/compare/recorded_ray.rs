@@ -4,10 +4,10 @@ use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
-use crate::scene::Scene;
-use crate::trajectory::Trajectory;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// One ray as it was recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]

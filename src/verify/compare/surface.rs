@@ -9,9 +9,9 @@ use std::collections::HashMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::rng::Rng;
-use crate::scene::{BoxScene, Scene};
-use crate::surface::{Adder, Completeness, SurfaceSamples, observable};
+use crate::base::rng::Rng;
+use crate::world::scene::{BoxScene, Scene};
+use crate::world::surface::{Adder, Completeness, SurfaceSamples, observable};
 
 /// Least edge of a patch, m. In a large place patches are larger, so that each has points enough.
 pub const PATCH_M: f64 = 0.25;

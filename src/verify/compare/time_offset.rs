@@ -86,8 +86,10 @@ pub fn time_offset(field: &Field<'_>, around_ns: i64, reach_ns: i64) -> Result<T
     let Some((place, (best_ns, least))) = best.filter(|_| rays.len() >= LEAST_RAYS) else {
         return Err(NoTimeOffset::TooFew { rays: if grid.is_empty() { 0 } else { rays.len() } });
     };
-    let usual =
-        crate::statistics::quantile(&crate::statistics::sorted(grid.iter().map(|at| at.1.mean())), 0.5);
+    let usual = crate::base::statistics::quantile(
+        &crate::base::statistics::sorted(grid.iter().map(|at| at.1.mean())),
+        0.5,
+    );
     if least.mean() > (1.0 - LEAST_DIP) * usual {
         return Err(NoTimeOffset::Flat);
     }
@@ -198,11 +200,11 @@ mod tests {
 
     use super::super::RecordedRay;
     use super::*;
-    use crate::geometry::Pose;
+    use crate::base::geometry::Pose;
+    use crate::base::rng::Rng;
     use crate::rig::{Mount, MountedSensor};
-    use crate::rng::Rng;
-    use crate::scene::{BoxScene, Scene};
-    use crate::trajectory::Trajectory;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
 
     /// What is found when the clock of the recording is `late_s` behind that of a walk with this speed and turning.
     fn found(speed_m_s: f64, swing_rad: f64, late_s: f64) -> Result<TimeOffset, NoTimeOffset> {

@@ -5,8 +5,8 @@ use nalgebra::{Cholesky, Matrix6, Vector6};
 use rayon::prelude::*;
 
 use super::map::{Nearest, PlaneFit, PointMap};
-use crate::geometry::Pose;
-use crate::registration::Information;
+use crate::base::geometry::Pose;
+use crate::design::registration::Information;
 
 /// Iterations at most; a step of less than this, m and rad, ends them.
 const ITERATIONS: usize = 60;
@@ -264,7 +264,7 @@ mod tests {
         let found = align(&map, &body_m, &mut Memory::of(body_m.len()), &guess, kernel).unwrap();
         assert!((found.pose.translation_m.y - 0.05).abs() < 2e-3, "{found:?}");
         let translation = found.information.conditioning().unwrap().translation;
-        assert!(translation.least() < crate::registration::DEGENERATE, "{translation:?}");
+        assert!(translation.least() < crate::design::registration::DEGENERATE, "{translation:?}");
         assert!(translation.weakest.x.abs() > 0.99, "{translation:?}");
     }
 

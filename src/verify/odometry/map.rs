@@ -7,7 +7,7 @@ use glam::DVec3;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use super::SweepPoint;
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// Points of a cell; later ones are not taken.
 const POINTS_PER_CELL: usize = 20;
@@ -319,7 +319,7 @@ impl Hasher for Mixed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
 
     /// A map of points anywhere in a cube of 4 m, and what gives more places in a cube of any half edge, m.
     fn scattered(seed: u64, count: usize) -> (PointMap, impl FnMut(f64) -> DVec3) {

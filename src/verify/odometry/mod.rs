@@ -7,7 +7,7 @@
 //! velocity within a sweep is that found by its own registration and not that of the sweep before, and the
 //! first two sweeps are taken together, as the first has no velocity yet.
 //!
-//! How well the surfaces tie each pose down is reported beside it ([`crate::registration`]): in a straight corridor the
+//! How well the surfaces tie each pose down is reported beside it ([`crate::design::registration`]): in a straight corridor the
 //! distance walked is a guess, and that is said.
 
 mod align;
@@ -16,10 +16,10 @@ mod sweeps;
 
 use glam::{DQuat, DVec3};
 
-use crate::geometry::Pose;
-use crate::registration::{DEGENERATE, Information, RegistrationQuality};
-use crate::statistics::median;
-use crate::trajectory::{Trajectory, TrajectoryError};
+use crate::base::geometry::Pose;
+use crate::base::statistics::median;
+use crate::design::registration::{DEGENERATE, Information, RegistrationQuality};
+use crate::world::trajectory::{Trajectory, TrajectoryError};
 
 use align::{Aligned, Kernel, Memory};
 pub use map::{Cells, Moments, PlaneFit, PointMap, thin};

@@ -6,7 +6,7 @@ use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// A revolution where the sensor does not say how fast it turns, ns.
 const USUAL_TURN_NS: u64 = 100_000_000;

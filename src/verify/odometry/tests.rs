@@ -1,7 +1,7 @@
 use super::*;
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::scene::{BoxScene, Scene};
 use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::world::scene::{BoxScene, Scene};
 
 /// A rig of sensors at these pitches walks; what its odometry makes of it.
 fn walked(model: &str, pitches_deg: &[f64], scene: BoxScene, walk: &Trajectory, noise_m: f64) -> Walked {

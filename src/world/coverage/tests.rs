@@ -1,5 +1,5 @@
 use super::*;
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 fn grid() -> VoxelGrid {
     VoxelGrid { origin_m: DVec3::new(-1.0, 2.0, 0.0), voxel_m: 0.1, cells: [37, 21, 13] }

@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::Hit;
 use super::tree::{OccluderMemory, PACKET, TriangleTree};
-use crate::instructions::Instructions;
-use crate::rng::Rng;
+use crate::base::instructions::Instructions;
+use crate::base::rng::Rng;
 
 /// A mesh ready for ray casting. Triangles may intersect, overlap and leave holes.
 #[derive(Clone, Debug)]

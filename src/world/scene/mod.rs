@@ -31,7 +31,7 @@ pub struct Hit {
 ///
 /// ```
 /// use glam::DVec3;
-/// use outrigger::scene::{BoxScene, Scene};
+/// use outrigger::world::scene::{BoxScene, Scene};
 ///
 /// let room = Scene::Box(BoxScene::closed(DVec3::ZERO, DVec3::new(6.0, 4.0, 2.5)));
 /// let hit = room.cast(DVec3::new(1.0, 2.0, 1.0), DVec3::X).unwrap();

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::SurfaceSamples;
 use super::level::{Done, DoneCells, Level, for_cubes_near};
-use crate::scene::bricks::{EDGE, LastRegion, cell_of};
+use crate::world::scene::bricks::{EDGE, LastRegion, cell_of};
 
 /// The usual thresholds, m.
 pub const THRESHOLDS_M: [f64; 3] = [0.02, 0.05, 0.10];
@@ -169,7 +169,7 @@ fn gate(points_m: &[DVec3], reach_m: f64, fine_m: f64) -> DoneCells {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
 
     fn cloud(count: usize, seed: u64) -> Vec<DVec3> {
         let mut rng = Rng::new(seed, 0);

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use crate::scene::bricks::{BrickIndex, CELLS, EDGE, LastRegion, cell_of, split};
+use crate::world::scene::bricks::{BrickIndex, CELLS, EDGE, LastRegion, cell_of, split};
 
 /// Which bricks, and which of their cells, need no more hits. Flags are only ever set.
 #[derive(Debug, Default)]

@@ -15,7 +15,7 @@ pub use observable::observable;
 
 use glam::DVec3;
 
-use crate::scene::Mesh;
+use crate::world::scene::Mesh;
 
 /// Points on a surface, spread evenly over its area.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::SurfaceSamples;
-use crate::scene::Mesh;
+use crate::world::scene::Mesh;
 
 /// Points handled by one thread at a time.
 const CHUNK: usize = 4096;

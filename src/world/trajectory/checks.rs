@@ -122,7 +122,7 @@ mod tests {
     use glam::DQuat;
 
     use super::*;
-    use crate::geometry::Pose;
+    use crate::base::geometry::Pose;
 
     #[test]
     fn stations_are_a_step_apart() {

@@ -3,8 +3,8 @@
 use glam::{DQuat, DVec3};
 
 use super::Trajectory;
-use crate::geometry::Pose;
-use crate::rng::Rng;
+use crate::base::geometry::Pose;
+use crate::base::rng::Rng;
 
 /// Time between the poses of a disturbed trajectory, ns.
 const STEP_NS: u64 = 50_000_000;

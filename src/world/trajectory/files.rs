@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use glam::{DMat3, DQuat, DVec3};
 
 use super::{Trajectory, TrajectoryError};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// How far the norm of a quaternion may be from 1 (a file with 4 digits is well inside).
 const NORM_SLACK: f64 = 1e-2;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use glam::{DQuat, DVec3};
 
 use super::Trajectory;
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// Poses per second: motion between them is straight, and a step takes about half a second.
 const POSES_PER_S: f64 = 100.0;

@@ -12,12 +12,12 @@ pub use gait::Gait;
 
 use glam::DVec3;
 
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 /// Where the body was: poses at strictly increasing times, interpolated in between (slerp and straight line).
 ///
 /// ```
-/// use outrigger::trajectory::Trajectory;
+/// use outrigger::world::trajectory::Trajectory;
 ///
 /// let walk = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0 1\n")?; // time, position, quaternion
 /// let half_way = walk.at(11_000_000_000).unwrap();
@@ -25,7 +25,7 @@ use crate::geometry::Pose;
 /// assert!(walk.at(13_000_000_000).is_none(), "nobody knows where it went then");
 /// let error = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0\n").unwrap_err();
 /// assert!(error.to_string().contains("line 2"), "{error}");
-/// # Ok::<(), outrigger::trajectory::TrajectoryError>(())
+/// # Ok::<(), outrigger::world::trajectory::TrajectoryError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {

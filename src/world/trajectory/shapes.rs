@@ -3,7 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::{Trajectory, TrajectoryError};
-use crate::geometry::Pose;
+use crate::base::geometry::Pose;
 
 impl Trajectory {
     /// Along corners at constant speed (m/s), body x along the way. The body turns on the spot at a corner, at

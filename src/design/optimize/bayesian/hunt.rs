@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::optimize::forward_substitution::LANES;
-use crate::optimize::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
-use crate::optimize::{Acquisition, Space, normal};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
+use crate::design::optimize::forward_substitution::LANES;
+use crate::design::optimize::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
+use crate::design::optimize::{Acquisition, Space, normal};
 
 /// Least deviation of the next point beside the noise's.
 const EXPLORATION_RATIO: f64 = 0.4;
@@ -192,7 +192,7 @@ fn worth(acquisition: Acquisition, belief: Prediction, noise_deviation: f64, gre
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimize::Variable;
+    use crate::design::optimize::Variable;
 
     #[test]
     fn the_guard_refuses_points_that_noise_hides() {

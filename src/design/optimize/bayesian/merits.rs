@@ -1,6 +1,6 @@
 //! Scores as the model gets them.
 
-use crate::optimize::Trial;
+use crate::design::optimize::Trial;
 
 /// Scores made fit for a stationary model: standardised by the better half, the worse half drawn in logarithmically, so
 /// that a cliff far below does not flatten the top; infeasible points lie below the worst feasible one, by their
@@ -30,7 +30,7 @@ pub(super) fn merits(trials: &[&Trial]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optimize::Candidate;
+    use crate::design::optimize::Candidate;
 
     fn trial(score: f64, violation: f64) -> Trial {
         Trial { candidate: Candidate { values: vec![] }, score, violation }

@@ -6,7 +6,7 @@
 
 use super::Faces;
 use super::view::View;
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
 use crate::simulate::published::lanes::{LANES, fused_f32};
 
 /// The columns of one pose.

@@ -12,7 +12,7 @@ mod view;
 
 use super::lanes::LANES;
 use super::{BoxPose, Simulator, brute};
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
 use view::View;
 
 /// What is prepared once per experiment.

@@ -8,7 +8,7 @@ use std::ops::Range;
 use super::ends::{Ends, Kind};
 use super::view::{FaceView, View};
 use super::{Faces, Left};
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
 use crate::simulate::published::lanes::{LANES, exact_directions, fused_f32};
 
 /// Bytes that a sweep marks: every voxel of the faces, and one for what hits none of them.

@@ -133,7 +133,7 @@ impl FaceView {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
     use crate::simulate::published::{Experiment, Preset};
 
     /// Infinite bounds for what is not decided.

@@ -13,7 +13,7 @@ use std::ops::Range;
 use super::lanes::LANES;
 use super::shell::{Shell, ShellSize};
 use super::{Path, Phase, Placement, Simulator, brute};
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
 use sweep::View;
 
 /// What the fast way prepares once per experiment.

@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use super::hits::Hits;
 use super::{Plan, axes};
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
 use crate::simulate::published::lanes::{
     Directions, LANES, TINY, TO_WHOLE, exact_directions, fused, greater, smaller,
 };

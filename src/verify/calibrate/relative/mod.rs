@@ -21,10 +21,10 @@ use super::gather::Offset;
 use super::observed::Observed;
 use super::solve::LEAST_SCALE_M;
 use super::{Estimate, RelativeTilt, tilt_axis};
-use crate::compare::RecordedRay;
+use crate::base::statistics::{median, robust_deviation, student_quantile, student_two_sided};
 use crate::rig::MountedSensor;
-use crate::statistics::{median, robust_deviation, student_quantile, student_two_sided};
-use crate::trajectory::{PoseError, Trajectory};
+use crate::verify::compare::RecordedRay;
+use crate::world::trajectory::{PoseError, Trajectory};
 use window::{Block77, Column7, Look, MOST_TURNS, Said, Window};
 
 /// Windows that are wished for, and without which nothing is said.

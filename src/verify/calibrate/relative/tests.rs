@@ -3,10 +3,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::*;
-use crate::compare::Thinning;
 use crate::rig::Mount;
-use crate::scene::{BoxScene, Mesh, Scene};
 use crate::simulate::frames::{Scan, Spin};
+use crate::verify::compare::Thinning;
+use crate::world::scene::{BoxScene, Mesh, Scene};
 
 const TURN_NS: u64 = 100_000_000;
 

@@ -5,11 +5,11 @@ use nalgebra::{Cholesky, DMatrix, DVector, SMatrix, SVector};
 
 use super::super::gather::{LEAST_COSINE, Offset};
 use super::Pair;
-use crate::compare::RecordedRay;
-use crate::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
-use crate::odometry::{Cells, Moments, PlaneFit};
+use crate::base::geometry::{BODY_FROM_MOUNT_FRAME, Pose};
 use crate::rig::MountedSensor;
-use crate::trajectory::PoseError;
+use crate::verify::compare::RecordedRay;
+use crate::verify::odometry::{Cells, Moments, PlaneFit};
+use crate::world::trajectory::PoseError;
 
 /// Revolutions that may share a window.
 pub const MOST_TURNS: usize = 8;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::mesh_file::Fault;
-use crate::files::ending;
+use crate::base::files::ending;
 
 /// One point of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -69,7 +69,7 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
 
 #[cfg(not(feature = "survey"))]
 fn read_las(_: File, _: &mut dyn FnMut(CloudPoint)) -> Result<(), String> {
-    Err(crate::features::left_out("LAS and LAZ", "survey"))
+    Err(crate::base::features::left_out("LAS and LAZ", "survey"))
 }
 
 #[cfg(feature = "survey")]

@@ -6,7 +6,7 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, Property, PropertyAccess, PropertyAccessResult};
 
 use super::{CloudPoint, Fault, point, slot};
-use crate::scene::mesh_file::{Passed, element_fault, header_fault, whole_number};
+use crate::world::scene::mesh_file::{Passed, element_fault, header_fault, whole_number};
 
 pub(super) fn read(bytes: &[u8], take: &mut dyn FnMut(CloudPoint)) -> Result<(), Fault> {
     let mut reader = Reader::new(Cursor::new(bytes));

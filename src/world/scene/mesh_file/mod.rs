@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::{Mesh, MeshError};
-use crate::files::ending;
+use crate::base::files::ending;
 
 /// Length unit of a mesh file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

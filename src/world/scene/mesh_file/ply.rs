@@ -75,7 +75,7 @@ fn check(header: &Header) -> Result<(), Fault> {
     }
 }
 
-pub(in crate::scene) fn element_fault(
+pub(in crate::world::scene) fn element_fault(
     header: &Header,
     name: &str,
     reader: &Reader<Cursor<&[u8]>>,
@@ -103,7 +103,7 @@ pub(in crate::scene) fn element_fault(
     }
 }
 
-pub(in crate::scene) fn header_fault(bytes: &[u8], error: &ParseError) -> Fault {
+pub(in crate::world::scene) fn header_fault(bytes: &[u8], error: &ParseError) -> Fault {
     match error.line() {
         Some(line) => {
             Fault::line(line, format!("{:?}, expected a line of a PLY header", text_of(bytes, line)))
@@ -180,7 +180,7 @@ impl PropertyAccess for Face {
 }
 
 /// An element of no interest.
-pub(in crate::scene) struct Passed;
+pub(in crate::world::scene) struct Passed;
 
 impl PropertyAccess for Passed {
     fn new() -> Self {
@@ -189,7 +189,7 @@ impl PropertyAccess for Passed {
 }
 
 /// A whole number of any size.
-pub(in crate::scene) fn whole_number(property: &Property) -> Option<i64> {
+pub(in crate::world::scene) fn whole_number(property: &Property) -> Option<i64> {
     match property {
         Property::Char(value) => Some(i64::from(*value)),
         Property::UChar(value) => Some(i64::from(*value)),

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{Fault, MeshFileError, MeshUnit, Soup, UpAxis, finish, gltf, load_mesh, obj, ply, stl};
-use crate::rng::Rng;
+use crate::base::rng::Rng;
 
 /// A box of 4 x 3 x 2.5 m (12 triangles).
 fn cuboid() -> (Vec<DVec3>, Vec<[u32; 3]>) {

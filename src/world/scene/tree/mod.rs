@@ -14,7 +14,7 @@ use glam::DVec3;
 use build::{Corner, Node};
 use packet::Packet;
 
-use crate::instructions::Instructions;
+use crate::base::instructions::Instructions;
 
 /// Rays that walk the tree together.
 pub(super) const PACKET: usize = 16;
@@ -146,7 +146,7 @@ mod tests {
     use obvhs::triangle::Triangle;
 
     use super::*;
-    use crate::rng::Rng;
+    use crate::base::rng::Rng;
 
     fn of(built: build::Built) -> TriangleTree {
         TriangleTree {

@@ -3,7 +3,7 @@
 
 use super::build::{Corner, DEEPEST, Node, WIDTH};
 use super::packet::Packet;
-use crate::instructions::{Instructions, Level};
+use crate::base::instructions::{Instructions, Level};
 
 /// A subtree or a leaf that is still to be seen.
 #[derive(Clone, Copy)]

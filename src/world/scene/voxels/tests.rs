@@ -1,6 +1,6 @@
 use super::*;
-use crate::rng::Rng;
-use crate::scene::BoxScene;
+use crate::base::rng::Rng;
+use crate::world::scene::BoxScene;
 
 /// A room whose walls run through cell centres, mapped from one point.
 fn mapped(voxel_m: f64) -> (BoxScene, VoxelMap) {

@@ -1,0 +1,9 @@
+//! Numerics and files that know nothing of LiDAR.
+
+pub mod features;
+pub mod files;
+pub mod questions;
+pub mod instructions;
+pub mod statistics;
+pub mod rng;
+pub mod geometry;

@@ -1,0 +1,5 @@
+//! What a recording proves: odometry, comparison with a prediction, calibration.
+
+pub mod odometry;
+pub mod compare;
+pub mod calibrate;

@@ -1,0 +1,6 @@
+//! What is around the rig, where it goes, and which of it was seen.
+
+pub mod scene;
+pub mod trajectory;
+pub mod coverage;
+pub mod surface;
