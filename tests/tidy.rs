@@ -1,11 +1,14 @@
-//! Habits that hold the house together: the order of modules, units in names, nothing of this machine in the text.
+//! Habits that hold the house together: the order of wings, no circles, units in names, nothing of this machine in the text.
 
 use std::path::{Path, PathBuf};
 
 use crate::support::{Case, case};
 
+mod circles;
+
 pub const CASES: &[Case] = &[
-    case("modules_use_only_modules_above_them", modules_use_only_modules_above_them),
+    case("wings_use_only_wings_above_them", wings_use_only_wings_above_them),
+    case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
     case("no_path_of_one_machine", no_path_of_one_machine),
     case("every_dependency_has_its_reason", every_dependency_has_its_reason),
@@ -34,16 +37,16 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-fn module_order() -> Vec<String> {
+fn wings() -> Vec<String> {
     let text = std::fs::read_to_string(root().join("src/lib.rs")).unwrap();
     text.lines()
         .filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned))
         .collect()
 }
 
-fn modules_use_only_modules_above_them() {
-    let order = module_order();
-    assert!(order.len() > 10, "src/lib.rs lists the modules");
+fn wings_use_only_wings_above_them() {
+    let order = wings();
+    assert_eq!(order.len(), 14, "src/lib.rs lists the wings: {order:?}");
     let mut offences = Vec::new();
     for file in rust_files(&root().join("src")) {
         let relative = file.strip_prefix(root().join("src")).unwrap();
@@ -65,7 +68,14 @@ fn modules_use_only_modules_above_them() {
             }
         }
     }
-    assert!(offences.is_empty(), "modules that use a module below them:\n{}", offences.join("\n"));
+    assert!(offences.is_empty(), "wings that use a wing below them:\n{}", offences.join("\n"));
+}
+
+fn no_files_import_each_other_in_a_circle() {
+    let folders = ["src", "sensors/src", "firmware-protocol/src"];
+    let circles: Vec<String> =
+        folders.iter().flat_map(|folder| circles::circles(&root().join(folder))).collect();
+    assert!(circles.is_empty(), "files that import each other in a circle:\n{}", circles.join("\n"));
 }
 
 /// Public fields of type f64 or u64 that measure something say in what: a bare `range: f64` is refused.

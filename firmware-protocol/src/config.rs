@@ -1,7 +1,7 @@
 //! What a rig may do, in numbers.
 
+use crate::coded::coded;
 use crate::keep_out::{HalfPlane, KeepOut};
-use crate::report::coded;
 
 coded! {
     /// A limit that the host may ask for, and set while the rig is disarmed.

@@ -42,6 +42,7 @@ extern crate std;
 
 pub mod can;
 pub mod cobs;
+mod coded;
 pub mod command;
 pub mod config;
 pub mod controller;

@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
+use crate::Frame;
 use crate::ouster::{ImuSample, ZoneReport};
 use crate::velodyne::Position;
-use crate::{Decoded, Frame};
 
 /// A queue that lends one thing at a time. Frames go round: in with their samples, out to be looked at, back to be
 /// filled again; once every buffer has its size nothing is allocated and no sample is copied.
@@ -63,4 +63,17 @@ impl Completed {
     pub(crate) fn spent_frame(&mut self) -> Option<Frame> {
         self.spent.pop()
     }
+}
+
+/// One complete thing. Borrowed: the decoder reuses its buffers, so memory does not grow with the recording.
+#[derive(Clone, Copy, Debug)]
+pub enum Decoded<'a> {
+    /// One revolution.
+    Frame(&'a Frame),
+    /// One inertial sample.
+    Imu(&'a crate::ouster::ImuSample),
+    /// One position packet of a Velodyne (GPS sentence and pulse state).
+    Position(&'a crate::velodyne::Position),
+    /// One zone-monitor packet of an Ouster.
+    Zones(&'a crate::ouster::ZoneReport),
 }

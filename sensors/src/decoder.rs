@@ -1,6 +1,6 @@
 //! What every decoder of a sensor's packets does, and what it counts.
 
-use crate::{Completed, Frame, Packet, SensorModel};
+use crate::{Completed, Decoded, Packet, SensorModel};
 
 /// Turns one sensor's packets into frames. Two families live behind it: `ouster::OusterDecoder` and
 /// `velodyne::VelodyneDecoder`.
@@ -49,19 +49,6 @@ pub trait Decoder {
             }
         }
     }
-}
-
-/// One complete thing. Borrowed: the decoder reuses its buffers, so memory does not grow with the recording.
-#[derive(Clone, Copy, Debug)]
-pub enum Decoded<'a> {
-    /// One revolution.
-    Frame(&'a Frame),
-    /// One inertial sample.
-    Imu(&'a crate::ouster::ImuSample),
-    /// One position packet of a Velodyne (GPS sentence and pulse state).
-    Position(&'a crate::velodyne::Position),
-    /// One zone-monitor packet of an Ouster.
-    Zones(&'a crate::ouster::ZoneReport),
 }
 
 /// Why a packet was not taken. Each is counted too.

@@ -54,8 +54,8 @@ pub mod projection;
 pub mod router;
 pub mod velodyne;
 
-pub use completed::Completed;
-pub use decoder::{DecodeStats, Decoded, Decoder, Rejected};
+pub use completed::{Completed, Decoded};
+pub use decoder::{DecodeStats, Decoder, Rejected};
 pub use frame::{Frame, Health, Layer};
 pub use model::{Beam, BeamCorrection, Ray, SensorModel};
 pub use packet::Packet;

@@ -7,13 +7,10 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::detection::Detection;
 use super::occluder::Occluder;
-use super::sweep::Sweep;
 use crate::rig::Rig;
-use crate::world::coverage::Coverage;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -152,50 +149,6 @@ impl<'a> Scanner<'a> {
         }
         columns
     }
-
-    /// A sensor made ready for many columns.
-    pub fn sweep(&self, sensor: usize) -> Sweep<'_> {
-        Sweep::new(self, sensor, false)
-    }
-
-    /// One column of a sensor; nothing past the trajectory's end.
-    pub fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
-        let mut made = None;
-        Sweep::new(self, sensor, true).columns(column..column + 1, |column| made = Some(column));
-        made
-    }
-
-    /// Marks every return of the rig in a coverage with one place per sensor of the rig.
-    pub fn cover(&self, coverage: &mut Coverage) {
-        self.for_each_column(|sensor, column| {
-            for simulated in &column.returns {
-                coverage.add(sensor, simulated.point_m);
-            }
-        });
-    }
-
-    /// Hands every column of every sensor over, in order; columns are made in parallel.
-    pub fn for_each_column(&self, mut take: impl FnMut(usize, &SimulatedColumn)) {
-        const AT_ONCE: u64 = 4096;
-        const A_THREAD: u64 = 64;
-        for sensor in 0..self.rig.sensors.len() {
-            let sweep = self.sweep(sensor);
-            let columns = self.columns(sensor);
-            for first in (0..columns).step_by(AT_ONCE as usize) {
-                let parts: Vec<u64> =
-                    (first..columns.min(first + AT_ONCE)).step_by(A_THREAD as usize).collect();
-                let make = |part: &u64| {
-                    let mut made = Vec::new();
-                    sweep.columns(*part..columns.min(part + A_THREAD), |column| made.push(column));
-                    made
-                };
-                let made: Vec<_> = parts.par_iter().flat_map_iter(make).collect();
-                for column in &made {
-                    take(sensor, column);
-                }
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -206,7 +159,7 @@ mod tests {
     use super::*;
     use crate::base::rng::Rng;
     use crate::rig::{Mount, MountedSensor};
-    use crate::world::coverage::VoxelGrid;
+    use crate::world::coverage::{Coverage, VoxelGrid};
     use crate::world::scene::{BoxScene, Mesh};
 
     fn room() -> Scene {

@@ -5,11 +5,13 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::column::{FiredBeam, beam_at, by_elevation, median, ring};
 use super::scan::{Scanner, SimulatedColumn, SimulatedReturn};
 use crate::base::geometry::Pose;
 use crate::base::rng::Rng;
+use crate::world::coverage::Coverage;
 use crate::world::scene::Hit;
 
 /// Columns, and beams of each, that are cast together: neighbours on the sphere.
@@ -44,6 +46,52 @@ struct Scratch {
     origins_m: Vec<DVec3>,
     directions: Vec<DVec3>,
     met: Vec<Option<Hit>>,
+}
+
+impl Scanner<'_> {
+    /// A sensor made ready for many columns.
+    pub fn sweep(&self, sensor: usize) -> Sweep<'_> {
+        Sweep::new(self, sensor, false)
+    }
+
+    /// One column of a sensor; nothing past the trajectory's end.
+    pub fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
+        let mut made = None;
+        Sweep::new(self, sensor, true).columns(column..column + 1, |column| made = Some(column));
+        made
+    }
+
+    /// Marks every return of the rig in a coverage with one place per sensor of the rig.
+    pub fn cover(&self, coverage: &mut Coverage) {
+        self.for_each_column(|sensor, column| {
+            for simulated in &column.returns {
+                coverage.add(sensor, simulated.point_m);
+            }
+        });
+    }
+
+    /// Hands every column of every sensor over, in order; columns are made in parallel.
+    pub fn for_each_column(&self, mut take: impl FnMut(usize, &SimulatedColumn)) {
+        const AT_ONCE: u64 = 4096;
+        const A_THREAD: u64 = 64;
+        for sensor in 0..self.rig.sensors.len() {
+            let sweep = self.sweep(sensor);
+            let columns = self.columns(sensor);
+            for first in (0..columns).step_by(AT_ONCE as usize) {
+                let parts: Vec<u64> =
+                    (first..columns.min(first + AT_ONCE)).step_by(A_THREAD as usize).collect();
+                let make = |part: &u64| {
+                    let mut made = Vec::new();
+                    sweep.columns(*part..columns.min(part + A_THREAD), |column| made.push(column));
+                    made
+                };
+                let made: Vec<_> = parts.par_iter().flat_map_iter(make).collect();
+                for column in &made {
+                    take(sensor, column);
+                }
+            }
+        }
+    }
 }
 
 impl<'a> Sweep<'a> {

@@ -36,3 +36,9 @@ pub(super) fn chosen<'a>(rows: &'a [Row], wanted: &[(&str, &str)]) -> Vec<&'a Ro
 pub(super) fn numbers(rows: &[&Row], name: &str) -> Vec<f64> {
     rows.iter().filter_map(|row| number(row, name)).collect()
 }
+
+/// The numbers of a field that is a list; none where it is missing.
+pub(super) fn list(row: &Row, name: &str) -> Vec<f64> {
+    let values = row.get(name).and_then(serde_json::Value::as_array);
+    values.into_iter().flatten().filter_map(serde_json::Value::as_f64).collect()
+}

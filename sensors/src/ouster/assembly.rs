@@ -3,9 +3,8 @@
 use super::kernels::Unpack;
 use super::metadata::Metadata;
 use super::profile::ReturnLayout;
-use super::stream::Line;
 use super::wire::PacketFormat;
-use crate::{Frame, Health, Layer};
+use crate::{Completed, DecodeStats, Frame, Health, Layer};
 
 /// A lidar packet that passed every check, and where it belongs.
 #[derive(Clone, Copy)]
@@ -64,7 +63,7 @@ impl Assembly {
 
     /// Begins a frame, in old buffers where there are any; samples of columns that do not come are cleared when it is
     /// closed.
-    pub(super) fn start(&mut self, line: &mut Line<'_>, place: &Place, joined: bool) {
+    pub(super) fn start(&mut self, output: &mut Output<'_>, place: &Place, joined: bool) {
         self.open = true;
         self.joined = joined;
         self.came.fill(0);
@@ -73,7 +72,7 @@ impl Assembly {
         self.rejected_since = 0;
         self.first_order = u64::MAX;
         self.last_order = 0;
-        self.frame = line.completed.spent_frame().unwrap_or_else(|| blank_frame(line.metadata));
+        self.frame = output.completed.spent_frame().unwrap_or_else(|| blank_frame(output.metadata));
         let frame = &mut self.frame;
         frame.frame_id = place.frame_id;
         frame.column_time_ns.fill(0);
@@ -231,4 +230,11 @@ fn clear(layer: &mut Layer, samples: std::ops::Range<usize>) {
     zero(&mut layer.zone_mask, samples.clone());
     zero(&mut layer.rgb, samples.clone());
     zero(&mut layer.raw_words, samples);
+}
+
+/// The sensor's metadata, and where a stream counts and puts its frames.
+pub(super) struct Output<'a> {
+    pub(super) metadata: &'a Metadata,
+    pub(super) stats: &'a mut DecodeStats,
+    pub(super) completed: &'a mut Completed,
 }

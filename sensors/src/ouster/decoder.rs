@@ -2,12 +2,12 @@
 
 use std::net::SocketAddr;
 
-use super::assembly::Place;
+use super::assembly::{Output, Place};
 use super::claim::Claim;
 use super::imu;
 use super::metadata::{ImuProfile, Metadata};
 use super::profile::Profile;
-use super::stream::{Line, Stream};
+use super::stream::Stream;
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
 use crate::{Completed, DecodeStats, Decoder, Packet, Rejected, SensorModel};
@@ -260,8 +260,8 @@ impl Decoder for OusterDecoder {
         match kind {
             Kind::Lidar(place) => {
                 self.source.get_or_insert(packet.source);
-                let (stream, mut line) = self.stream_and_line();
-                stream.take(&mut line, &place, packet.payload);
+                let (stream, mut output) = self.stream_and_output();
+                stream.take(&mut output, &place, packet.payload);
             }
             Kind::LegacyImu => {
                 if let Some(bytes) = packet.payload.first_chunk() {
@@ -293,8 +293,8 @@ impl Decoder for OusterDecoder {
     }
 
     fn end(&mut self) {
-        let (stream, mut line) = self.stream_and_line();
-        stream.finish(&mut line);
+        let (stream, mut output) = self.stream_and_output();
+        stream.finish(&mut output);
     }
 
     fn completed(&self) -> &Completed {
@@ -316,9 +316,9 @@ impl Decoder for OusterDecoder {
 }
 
 impl OusterDecoder {
-    fn stream_and_line(&mut self) -> (&mut Stream, Line<'_>) {
+    fn stream_and_output(&mut self) -> (&mut Stream, Output<'_>) {
         let Self { metadata, stats, completed, stream, .. } = self;
-        (stream, Line { metadata, stats, completed })
+        (stream, Output { metadata, stats, completed })
     }
 
     /// Without lidar packets the other packets tell which revolution it is.
@@ -335,7 +335,7 @@ impl OusterDecoder {
             health: header.health,
         };
         self.source.get_or_insert(packet.source);
-        let (stream, mut line) = self.stream_and_line();
-        stream.note_revolution(&mut line, &place);
+        let (stream, mut output) = self.stream_and_output();
+        stream.note_revolution(&mut output, &place);
     }
 }

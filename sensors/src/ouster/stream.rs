@@ -5,12 +5,12 @@
 //! packets in a row agree with it; then the stream goes on from there and the held packets are taken. A damaged
 //! counter can so neither split a frame nor merge two, and a restarted sensor loses nothing.
 
-use super::assembly::{Assembly, End, Place, has};
+use super::assembly::{Assembly, End, Output, Place, has};
 use super::kernels::{Kernels, kernels};
 use super::metadata::Metadata;
 use super::strays::{Stray, Strays};
 use super::wire::PacketFormat;
-use crate::{Completed, DecodeStats};
+use crate::DecodeStats;
 
 /// Frames a packet may be behind and still be called late: 1.6 s at 10 Hz.
 const LATE_FRAMES: i64 = 16;
@@ -49,13 +49,6 @@ struct Closed {
     lost: u64,
 }
 
-/// What a stream works with and for.
-pub(super) struct Line<'a> {
-    pub(super) metadata: &'a Metadata,
-    pub(super) stats: &'a mut DecodeStats,
-    pub(super) completed: &'a mut Completed,
-}
-
 impl Stream {
     pub(super) fn new(metadata: &Metadata) -> Self {
         let words = metadata.packet_slots().div_ceil(64);
@@ -75,17 +68,17 @@ impl Stream {
     }
 
     /// Takes one whole and well-formed lidar packet.
-    pub(super) fn take(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
-        let Some(why) = self.stray(line.metadata, place) else {
-            self.forget_strays(line.stats);
-            self.accept(line, place, packet);
+    pub(super) fn take(&mut self, output: &mut Output<'_>, place: &Place, packet: &[u8]) {
+        let Some(why) = self.stray(output.metadata, place) else {
+            self.forget_strays(output.stats);
+            self.accept(output, place, packet);
             return;
         };
         if !self.strays.agree(why, place, |from, to| self.distance(from, to)) {
-            self.forget_strays(line.stats);
+            self.forget_strays(output.stats);
         }
         if self.strays.hold(why, place, packet) {
-            self.believe_strays(line, why);
+            self.believe_strays(output, why);
         }
     }
 
@@ -101,22 +94,22 @@ impl Stream {
     }
 
     /// Hands out what is under construction.
-    pub(super) fn finish(&mut self, line: &mut Line<'_>) {
-        self.forget_strays(line.stats);
-        self.close_all(line, End::CutOff);
+    pub(super) fn finish(&mut self, output: &mut Output<'_>) {
+        self.forget_strays(output.stats);
+        self.close_all(output, End::CutOff);
         self.begin_anew();
     }
 
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
-    pub(super) fn note_revolution(&mut self, line: &mut Line<'_>, place: &Place) {
+    pub(super) fn note_revolution(&mut self, output: &mut Output<'_>, place: &Place) {
         if self.current.open && self.current.frame.frame_id != place.frame_id {
             if self.distance(self.current.frame.frame_id, place.frame_id) < 0 {
                 return; // a straggler of a revolution that is over
             }
-            self.close_current(line, End::Followed);
+            self.close_current(output, End::Followed);
         }
         if !self.current.open {
-            self.current.start(line, place, false);
+            self.current.start(output, place, false);
         }
         self.current.frame.host_time_ns[1] = place.host_time_ns;
         self.current.frame.health = place.health;
@@ -161,71 +154,71 @@ impl Stream {
     }
 
     /// Takes a packet that continues the stream.
-    fn accept(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
+    fn accept(&mut self, output: &mut Output<'_>, place: &Place, packet: &[u8]) {
         self.last = Some(*place);
         if !self.current.open {
-            self.open(line, place, false);
+            self.open(output, place, false);
         } else if self.current.frame.frame_id != place.frame_id {
-            self.accept_early(line, place, packet);
+            self.accept_early(output, place, packet);
             return;
         }
         if self.current.has(place.slot) {
-            line.stats.duplicated += 1;
+            output.stats.duplicated += 1;
             return;
         }
-        let behind = add(&mut self.current, &self.format, &self.kernels, line.metadata, place, packet);
-        line.stats.reordered += u64::from(behind || self.next.open);
+        let behind = add(&mut self.current, &self.format, &self.kernels, output.metadata, place, packet);
+        output.stats.reordered += u64::from(behind || self.next.open);
         if self.current.is_whole() {
-            self.close_current(line, End::Followed);
+            self.close_current(output, End::Followed);
             self.promote();
         }
     }
 
     /// Takes a packet of a frame after the current one.
-    fn accept_early(&mut self, line: &mut Line<'_>, place: &Place, packet: &[u8]) {
+    fn accept_early(&mut self, output: &mut Output<'_>, place: &Place, packet: &[u8]) {
         if self.next.open && self.next.frame.frame_id != place.frame_id {
             let between = self.distance(self.next.frame.frame_id, place.frame_id) < 0;
-            self.close_current(line, End::Followed);
+            self.close_current(output, End::Followed);
             if between {
                 // a frame that was counted as lost because a later one came first
-                self.current.start(line, place, false);
-                let expected = line.metadata.packets_per_frame() as u64;
-                line.stats.lost_packets = line.stats.lost_packets.saturating_sub(expected);
-                self.accept(line, place, packet);
+                self.current.start(output, place, false);
+                let expected = output.metadata.packets_per_frame() as u64;
+                output.stats.lost_packets = output.stats.lost_packets.saturating_sub(expected);
+                self.accept(output, place, packet);
                 return;
             }
             self.promote();
         }
         if !self.next.open {
-            self.open(line, place, true);
+            self.open(output, place, true);
         }
         if self.next.has(place.slot) {
-            line.stats.duplicated += 1;
+            output.stats.duplicated += 1;
             return;
         }
-        let behind = add(&mut self.next, &self.format, &self.kernels, line.metadata, place, packet);
-        line.stats.reordered += u64::from(behind);
-        let patience = (line.metadata.packets_per_frame() / 4).clamp(2, MOST_EARLY_PACKETS);
+        let behind = add(&mut self.next, &self.format, &self.kernels, output.metadata, place, packet);
+        output.stats.reordered += u64::from(behind);
+        let patience = (output.metadata.packets_per_frame() / 4).clamp(2, MOST_EARLY_PACKETS);
         if self.next.is_whole() || self.next.frame.packets as usize >= patience {
-            self.close_current(line, End::Followed);
+            self.close_current(output, End::Followed);
             self.promote();
             if self.current.is_whole() {
-                self.close_current(line, End::Followed);
+                self.close_current(output, End::Followed);
             }
         }
     }
 
     /// Opens the current or the next frame and counts frames that never came at all.
-    fn open(&mut self, line: &mut Line<'_>, place: &Place, as_next: bool) {
+    fn open(&mut self, output: &mut Output<'_>, place: &Place, as_next: bool) {
         if let Some(newest) = self.newest {
             let skipped = (self.distance(newest, place.frame_id) - 1).max(0) as u64;
-            line.stats.lost_packets += skipped * line.metadata.packets_per_frame() as u64;
+            output.stats.lost_packets += skipped * output.metadata.packets_per_frame() as u64;
         }
         let joined = self.newest.is_none();
         self.newest = Some(place.frame_id);
         let rejected = if as_next { 0 } else { std::mem::take(&mut self.rejected) };
         let assembly = if as_next { &mut self.next } else { &mut self.current };
-        assembly.start(line, place, joined);
+        assembly.start(output, place, joined);
         assembly.note_rejected(rejected);
     }
 
@@ -235,12 +228,12 @@ impl Stream {
         }
     }
 
-    fn close_current(&mut self, line: &mut Line<'_>, end: End) {
+    fn close_current(&mut self, output: &mut Output<'_>, end: End) {
         if !self.current.open {
             return;
         }
         let (lost, unexplained) =
-            self.current.close(line.metadata, end, |slot| slot_order(line.metadata, slot));
+            self.current.close(output.metadata, end, |slot| slot_order(output.metadata, slot));
         if self.next.open {
             self.next.note_rejected(unexplained);
         } else {
@@ -252,17 +245,17 @@ impl Stream {
         closed.init_id = self.last.map_or(0, |last| last.init_id);
         closed.came.copy_from_slice(&self.current.came);
         closed.lost = lost;
-        line.stats.lost_packets += lost;
-        line.stats.frames += 1;
-        line.stats.complete_frames += u64::from(self.current.frame.complete);
-        line.completed.add_frame(std::mem::take(&mut self.current.frame));
+        output.stats.lost_packets += lost;
+        output.stats.frames += 1;
+        output.stats.complete_frames += u64::from(self.current.frame.complete);
+        output.completed.add_frame(std::mem::take(&mut self.current.frame));
     }
 
     /// Ends both frames, the newer one in the given way.
-    fn close_all(&mut self, line: &mut Line<'_>, end: End) {
-        self.close_current(line, if self.next.open { End::Followed } else { end });
+    fn close_all(&mut self, output: &mut Output<'_>, end: End) {
+        self.close_current(output, if self.next.open { End::Followed } else { end });
         self.promote();
-        self.close_current(line, end);
+        self.close_current(output, end);
     }
 
     fn begin_anew(&mut self) {
@@ -275,8 +268,8 @@ impl Stream {
     }
 
     /// The held packets were no accident: the stream goes on with them.
-    fn believe_strays(&mut self, line: &mut Line<'_>, why: Stray) {
-        let has_init_id = line.metadata.profile.has_packet_header();
+    fn believe_strays(&mut self, output: &mut Output<'_>, why: Stray) {
+        let has_init_id = output.metadata.profile.has_packet_header();
         let ahead = self
             .strays
             .places()
@@ -286,20 +279,20 @@ impl Stream {
         if why == Stray::Clock {
             self.last = None; // the sensor's clock was set; its frames go on
         } else if why == Stray::Jump && has_init_id && ahead {
-            self.close_all(line, End::Followed); // the sensor ran on unheard
+            self.close_all(output, End::Followed); // the sensor ran on unheard
             self.last = None;
         } else {
-            self.close_all(line, End::CutOff);
+            self.close_all(output, End::CutOff);
             if why == Stray::Restart {
                 self.old_init_id = self.last.map(|last| last.init_id);
             }
             // where packets name no initialization, the counter that started over tells
-            line.stats.init_id_changes += u64::from(why == Stray::Restart || !has_init_id);
+            output.stats.init_id_changes += u64::from(why == Stray::Restart || !has_init_id);
             self.begin_anew();
         }
         let mut strays = std::mem::take(&mut self.strays);
         for (place, packet) in strays.packets() {
-            self.take(line, place, packet);
+            self.take(output, place, packet);
         }
         if self.strays.why().is_none() {
             strays.clear();

@@ -1,75 +1,14 @@
-//! Whether a packet is one of this sensor's, and whole.
+//! Whether a packet can be one of a model's, and is whole.
 
 use crate::decoder::Rejected;
-use crate::ouster::Claim;
-use crate::packet::Packet;
 
-use super::decoder::VelodyneDecoder;
 use super::detect;
 use super::product::{Family, Product};
 use super::stream::Stream;
-use super::wire::{
-    AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DATA_PORT, DataPacket, POSITION_PACKET_BYTES,
-    POSITION_PORT,
-};
+use super::wire::{AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
 
 /// Blocks that every packet uses; the rest may be filler.
 const LEAST_BLOCKS: usize = 8;
-
-impl VelodyneDecoder {
-    /// How surely a packet comes from this sensor: by its length, flags and model byte, and by where earlier ones came
-    /// from. Velodyne packets carry no serial number.
-    pub fn claim(&self, packet: &Packet<'_>) -> Claim {
-        let usual_port = match packet.payload.len() {
-            POSITION_PACKET_BYTES => POSITION_PORT,
-            DATA_PACKET_BYTES => DATA_PORT,
-            _ => return Claim::No,
-        };
-        if let Ok(payload) = <&[u8; DATA_PACKET_BYTES]>::try_from(packet.payload) {
-            let data = DataPacket::of(payload);
-            let refused = match &self.stream {
-                Some(stream) => check(data, stream, self.model_byte).is_err(),
-                None => check_unknown(data).is_err(),
-            };
-            if refused {
-                return Claim::No;
-            }
-        }
-        if self.check_source(packet).is_err() {
-            return Claim::No;
-        }
-        let port = packet.destination.port();
-        match (self.source, self.data_port) {
-            (Some(source), _) if !source.is_loopback() => Claim::Familiar,
-            (Some(_), Some(data_port)) if data_port == port => Claim::Familiar,
-            _ if port == usual_port => Claim::Likely,
-            _ => Claim::Possible,
-        }
-    }
-
-    /// Whether a packet may come from where this sensor's packets come from. Behind one loopback address there can be
-    /// several sensors: there the port of data packets counts as well.
-    pub(super) fn check_source(&self, packet: &Packet<'_>) -> Result<(), Rejected> {
-        let from = packet.source.ip();
-        let port = packet.destination.port();
-        match (self.source, self.data_port) {
-            (Some(known), _) if known != from => {
-                Err(foreign(format!("sent by {from}, this sensor's packets come from {known}")))
-            }
-            (Some(_), Some(known)) if from.is_loopback() && known != port && is_data(packet) => {
-                Err(foreign(format!("sent to port {port}, this sensor's data packets go to {known}")))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    pub(super) fn remember_source(&mut self, packet: &Packet<'_>) {
-        self.source = Some(packet.source.ip());
-        if is_data(packet) {
-            self.data_port = Some(packet.destination.port());
-        }
-    }
-}
 
 /// Why a payload of another length is not taken.
 pub(super) fn refuse_length(payload: &[u8]) -> Rejected {
@@ -83,10 +22,6 @@ pub(super) fn refuse_length(payload: &[u8]) -> Rejected {
             "{length} bytes; data packets have {DATA_PACKET_BYTES}, position packets {POSITION_PACKET_BYTES}"
         ))
     }
-}
-
-fn is_data(packet: &Packet<'_>) -> bool {
-    packet.payload.len() == DATA_PACKET_BYTES
 }
 
 /// Whether a packet can be one of any product.
@@ -163,7 +98,7 @@ fn check_azimuths(data: DataPacket<'_>, blocks: usize) -> Result<(), Rejected> {
     }
 }
 
-fn foreign(reason: String) -> Rejected {
+pub(super) fn foreign(reason: String) -> Rejected {
     Rejected::Foreign { reason }
 }
 

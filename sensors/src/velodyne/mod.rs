@@ -17,6 +17,7 @@ mod kernels;
 mod nmea;
 mod position;
 mod product;
+mod source;
 mod stream;
 #[cfg(test)]
 mod tests;

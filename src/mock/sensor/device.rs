@@ -6,12 +6,9 @@ use sensors::ouster::{Metadata, OusterEncoder};
 use sensors::velodyne::{Product, ReturnMode, VelodyneEncoder};
 use sensors::{Frame, SensorModel, catalogue};
 
-use super::Scan;
 use super::aside::Aside;
-use crate::base::geometry::Pose;
+use super::{Scan, Surroundings};
 use crate::simulate::frames::Spin;
-use crate::world::scene::Scene;
-use crate::world::trajectory::Trajectory;
 
 /// Revolutions measured ahead of the one being sent.
 const AHEAD: usize = 2;
@@ -37,21 +34,6 @@ pub enum Line {
 enum Speech {
     Ouster(Box<OusterEncoder>),
     Velodyne(Box<VelodyneEncoder>),
-}
-
-/// Where a mock sensor is and what it sees there.
-#[derive(Clone, Copy)]
-pub struct Surroundings<'a> {
-    /// What stands around it.
-    pub scene: &'a Scene,
-    /// Where the platform is. The sensor's clock shows this trajectory's times.
-    pub trajectory: &'a Trajectory,
-    /// Where the sensor sits on the platform, at a time in ns.
-    pub body_from_sensor: &'a (dyn Fn(u64) -> Pose + Sync),
-    /// Standard deviation of the range noise, m.
-    pub noise_m: f64,
-    /// Seed of the noise.
-    pub seed: u64,
 }
 
 impl MockSensor {
@@ -211,7 +193,9 @@ mod tests {
     use sensors::{Decoded, Decoder, Packet};
 
     use super::*;
-    use crate::world::scene::BoxScene;
+    use crate::base::geometry::Pose;
+    use crate::world::scene::{BoxScene, Scene};
+    use crate::world::trajectory::Trajectory;
 
     const START_NS: u64 = 1_700_000_000_000_000_000;
 

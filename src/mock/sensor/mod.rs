@@ -3,8 +3,10 @@
 mod aside;
 mod device;
 mod faults;
+mod surroundings;
 
-pub use device::{Line, MockSensor, Surroundings};
+pub use device::{Line, MockSensor};
 pub use faults::{FaultCounts, FaultInjector, Faults};
+pub use surroundings::Surroundings;
 
 use crate::simulate::frames::Scan;

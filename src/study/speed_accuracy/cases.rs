@@ -1,20 +1,8 @@
 //! Where models are compared, and the mounts that they score.
 
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Instant;
-
-use super::Task;
-use super::models::{Model, box_scores, scene_scores};
-use crate::base::rng::Rng;
 use crate::base::statistics::greatest;
-use crate::design::fidelity::SceneLadder;
-use crate::design::objective::{Objective, Weights};
-use crate::rig::Mount;
-use crate::simulate::published::{Experiment, Path as Walk, Placement, Preset, Simulator};
-use crate::study::{StudyError, walks};
-use crate::world::scene::{Scene, load_mesh};
-use crate::world::trajectory::Trajectory;
+use crate::simulate::published::Path as Walk;
+use crate::study::StudyError;
 
 /// A scene, a sensor and a walk.
 #[derive(Debug)]
@@ -100,21 +88,6 @@ impl Scored {
     }
 }
 
-const VOXEL_M: f64 = 0.2;
-
-/// Masters of mirrored pairs at random.
-fn random_masters(count: usize) -> Vec<Placement> {
-    let mut rng = Rng::new(6, 0);
-    let master = |_| Placement {
-        x_m: rng.between(0.05, 0.15),
-        y_m: rng.between(-0.25, 0.25),
-        z_m: rng.between(-0.15, 0.15),
-        pitch_deg: rng.between(-90.0, 90.0),
-        ..Placement::default()
-    };
-    (0..count).map(master).collect()
-}
-
 impl Case {
     pub fn named(name: &str) -> Result<&'static Self, StudyError> {
         CASES
@@ -126,54 +99,4 @@ impl Case {
     pub fn needs_scene(&self) -> bool {
         matches!(self.place, Place::Mesh { .. })
     }
-
-    /// Scores random mounts and a line of pitches with a model; the second converged one the line alone.
-    pub fn score(&self, model: &Model, task: &Task) -> Result<Scored, StudyError> {
-        let count = if matches!(model, Model::Again { .. }) { 0 } else { task.random() };
-        let masters = random_masters(count);
-        let line: Vec<Placement> = task
-            .pitches_deg()
-            .into_iter()
-            .map(|pitch_deg| Placement { x_m: 0.1, pitch_deg, ..Placement::default() })
-            .collect();
-        let start = Instant::now();
-        let mut scored = match self.place {
-            Place::Box { preset, walk } => {
-                let preset = Preset::named(preset).map_err(StudyError::of)?;
-                let experiment = Experiment { path: walk, ..Experiment::published(preset) };
-                let simulator = Simulator::new(&experiment).map_err(StudyError::of)?;
-                let objective = Objective::new(simulator, Weights::default(), 0.0).map_err(StudyError::of)?;
-                let pairs = |masters: &[Placement]| -> Vec<Vec<Placement>> {
-                    masters.iter().map(|master| experiment.sensors(&[*master])).collect()
-                };
-                box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
-            }
-            Place::Mesh { sensor } => {
-                let path = task.scene.as_deref();
-                let path = path.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
-                let ladder = ladder(path, task.trajectory.as_deref(), sensor)?;
-                let pairs = |masters: &[Placement]| -> Vec<Vec<Mount>> {
-                    masters.iter().map(|master| vec![master.mount(), master.mirrored().mount()]).collect()
-                };
-                scene_scores(&ladder, model, &pairs(&masters), &pairs(&line))?
-            }
-        };
-        scored.wall_ms_per_mount = start.elapsed().as_secs_f64() * 1e3 / (count + line.len()).max(1) as f64;
-        Ok(scored)
-    }
-}
-
-/// The mesh with a walk through it, a straight one where none is given.
-fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneLadder, StudyError> {
-    let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
-    let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
-    let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
-    let way = match trajectory {
-        Some(file) => {
-            let text = crate::base::files::read_text(file).map_err(|error| of(file, &error))?;
-            Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
-        }
-        None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,
-    };
-    Ok(SceneLadder::new(scene, way, &model, VOXEL_M))
 }

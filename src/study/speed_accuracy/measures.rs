@@ -3,10 +3,11 @@
 use super::cases::Case;
 use super::instructions;
 use super::models::{AUTO_BUDGET, AUTO_TOLERANCE, Model};
+use super::ranges::runs;
 use super::truth::Truth;
 use crate::base::statistics::{greatest, mean_and_deviation, rank_correlation, sorted};
 use crate::report::chart::{self, NamedPoint, ScatterChart};
-use crate::study::rows::{Row, number, text};
+use crate::study::rows::{Row, list, number, text};
 use crate::study::{Claim, Figure, Table, Verdict};
 
 /// A model beside the converged one.
@@ -42,11 +43,6 @@ pub(super) struct Measures {
 
 /// Share of the best score by which pitches may differ and be called as good.
 const ALIKE: f64 = 1e-3;
-
-pub(super) fn list(row: &Row, name: &str) -> Vec<f64> {
-    let values = row.get(name).and_then(serde_json::Value::as_array);
-    values.into_iter().flatten().filter_map(serde_json::Value::as_f64).collect()
-}
 
 impl Measures {
     /// Of every model of a case that scored all mounts.
@@ -99,16 +95,6 @@ impl Measures {
             is_reference,
         }
     }
-}
-
-/// Numbers in order, neighbours at most 1 apart as "first to last".
-pub(super) fn runs(values: &[f64]) -> String {
-    let run = |run: &[f64]| match run {
-        [one] => chart::number(*one, 0),
-        _ => format!("{} to {}", chart::number(run[0], 0), chart::number(run[run.len() - 1], 0)),
-    };
-    let words: Vec<String> = values.chunk_by(|a, b| b - a <= 1.0).map(run).collect();
-    if words.is_empty() { "-".into() } else { words.join(", ") }
 }
 
 fn percent(share: f64, decimals: usize) -> String {

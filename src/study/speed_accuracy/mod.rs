@@ -8,6 +8,8 @@ mod decoders;
 mod instructions;
 mod measures;
 mod models;
+mod ranges;
+mod score;
 mod optimizers;
 mod truth;
 

@@ -1,10 +1,10 @@
 //! What mounts are taken to be worth: the converged model's word, and how far that can be trusted.
 
-use super::measures::{list, runs};
 use super::models::AGAIN;
+use super::ranges::runs;
 use crate::base::statistics::{greatest, mean_and_deviation, sorted};
 use crate::report::chart;
-use crate::study::rows::{Row, number, text};
+use crate::study::rows::{Row, list, number, text};
 
 /// Scores of the converged model.
 #[derive(Clone, Debug)]

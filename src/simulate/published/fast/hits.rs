@@ -1,7 +1,6 @@
 //! What a sweep has hit: combs along the walk and bytes for the end walls, and how they become a shell.
 
 use super::Plan;
-use super::sweep::Undecided;
 use crate::simulate::published::shell::{Shell, joined};
 
 /// What a sweep has hit.
@@ -95,4 +94,14 @@ fn spread(words: &mut [u64], stride: usize, step: usize, times: usize) {
         }
         done += more;
     }
+}
+
+/// A ray, or one pose of it, that the definition must decide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Undecided {
+    pub class: usize,
+    pub azimuth: usize,
+    pub beam: usize,
+    /// Counted within the class; none for the whole walk.
+    pub pose: Option<usize>,
 }

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use super::hits::Hits;
+use super::hits::{Hits, Undecided};
 use super::{Plan, axes};
 use crate::base::instructions::{Instructions, Level};
 use crate::simulate::published::lanes::{
@@ -60,16 +60,6 @@ impl View {
             loses: simulator.loses() && !is_mirrored,
         }
     }
-}
-
-/// A ray, or one pose of it, that the definition must decide.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Undecided {
-    pub class: usize,
-    pub azimuth: usize,
-    pub beam: usize,
-    /// Counted within the class; none for the whole walk.
-    pub pose: Option<usize>,
 }
 
 /// Sweeps ranges of azimuths and marks what is decided. All
