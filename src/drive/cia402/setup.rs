@@ -115,7 +115,8 @@ impl Cia402 {
             (low, high) if low < high => Ok(Some((low, high))),
             (low, high) => {
                 let reason = format!(
-                    "object 0x{index:04x} ({what}) is {low} to {high}, expected the lower one first, or 0 and 0 for none:                      correct it"
+                    "object 0x{index:04x} ({what}) is {low} to {high}, expected the lower one first, or 0 and 0 for none: \
+                     correct it"
                 );
                 Err(self.wrong(axis, reason))
             }
@@ -193,7 +194,8 @@ impl Cia402 {
         }
         let range = wraps.map_or(String::new(), |(low, high)| format!(" and inside 0x607b, {low} to {high}"));
         let reason = format!(
-            "it stands at {counts} units (object 0x6064), {:.3} deg at {per_turn} units a turn; expected at most {reach:.0} units,              {what}{range}: turn the shaft back or set the drive's zero (home it with its own tool), then connect again",
+            "it stands at {counts} units (object 0x6064), {:.3} deg at {per_turn} units a turn; expected at most {reach:.0} units, \
+             {what}{range}: turn the shaft back or set the drive's zero (home it with its own tool), then connect again",
             f64::from(counts) * 360.0 / per_turn
         );
         Err(self.wrong(axis, reason))

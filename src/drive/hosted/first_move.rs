@@ -124,6 +124,11 @@ impl<A: Actuators> Worker<A> {
             std::thread::sleep(ROUND);
             self.listen(1)?;
         }
+        // the state machine's next look is to find them
+        let end = Instant::now() + REST_WITHIN;
+        while self.readings_urad().contains(&None) && Instant::now() < end {
+            self.listen(1)?;
+        }
         // a way shorter than this proves little
         self.is_tried = longest_urad >= FIRST_URAD / 2;
         Ok(())
