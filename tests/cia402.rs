@@ -1,13 +1,14 @@
 //! CiA 402 drives behind a CAN adapter: what a position unit is, where they may stand, what the adapter refuses, and where a
 //! shaft stands whose host is gone.
 
+use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use outrigger::drive::{LinkError, Options, Rig, RigError};
 
 use crate::rig::patient;
-use crate::support::{Case, case};
+use crate::support::{Case, case, shared, with_shared};
 
 mod drives;
 
@@ -15,6 +16,7 @@ use drives::{Drive, Drives};
 
 pub const CASES: &[Case] = &[
     case("twelve_degrees_are_twelve_in_any_unit", twelve_degrees_are_twelve_in_any_unit),
+    with_shared("drives_of_another_hand_go_to_1200", drives_of_another_hand_go_to_1200),
     case("a_unit_that_contradicts_itself_is_refused", a_unit_that_contradicts_itself_is_refused),
     case("a_shaft_that_goes_too_far_stops_early", a_shaft_that_goes_too_far_stops_early),
     case("a_drive_that_cannot_go_there_is_refused", a_drive_that_cannot_go_there_is_refused),
@@ -66,6 +68,35 @@ fn twelve_degrees_are_twelve_in_any_unit() {
         let targets = line.drives.each_ref().map(|drive| drive.target);
         assert!(targets.iter().zip(wanted).all(|(found, wanted)| (found - wanted).abs() <= 1), "{targets:?}");
         assert!((applied.axes[0].measured_rad - 12f64.to_radians()).abs() < 0.001, "{applied:?}");
+    }
+}
+
+/// The drives of another hand: a script on a pseudo terminal, whose path it prints, and which logs what comes.
+fn drives_of_another_hand_go_to_1200() {
+    let script = shared("field/scenes/cia402_drive.py");
+    let mut drives = Command::new("python3")
+        .arg(script)
+        .arg(r#"{"nodes":{"1":{"feed":36000,"step":200},"2":{"feed":36000,"step":200}}}"#)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let log = drives.stderr.take().unwrap();
+    let log = std::thread::spawn(move || std::io::read_to_string(log).unwrap());
+    let mut path = String::new();
+    BufReader::new(drives.stdout.take().unwrap()).read_line(&mut path).unwrap();
+    let result = Rig::connect_with(format!("cia402:slcan:{}@1,2", path.trim()), patient()).and_then(|rig| {
+        rig.arm()?;
+        rig.home()?;
+        rig.apply(&[12f64.to_radians(), -12f64.to_radians()])
+    });
+    drives.kill().unwrap();
+    drives.wait().unwrap();
+    let log = log.join().unwrap();
+    result.unwrap_or_else(|error| panic!("{error}\n{log}"));
+    for (node, target) in [(1, 1200), (2, -1200)] {
+        let last = log.lines().rfind(|line| line.contains(&format!("node {node} target"))).unwrap();
+        assert!(last.contains(&format!("target {target} ")), "{last}");
     }
 }
 
