@@ -6,6 +6,7 @@
 mod support;
 
 mod bought_servos;
+mod cia402;
 mod cli;
 mod closed_loop;
 mod compare;
@@ -37,6 +38,7 @@ mod velodyne;
 fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
         ("bought_servos", bought_servos::CASES),
+        ("cia402", cia402::CASES),
         ("cli", cli::CASES),
         ("closed_loop", closed_loop::CASES),
         ("compare", compare::CASES),

@@ -31,6 +31,11 @@ impl BusPort {
         &self.path
     }
 
+    /// The port itself.
+    pub fn tty(&mut self) -> &mut TTYPort {
+        &mut self.port
+    }
+
     /// Drops what came and was not read.
     pub fn forget(&mut self) -> Result<(), LinkError> {
         self.port.clear(serialport::ClearBuffer::Input).map_err(|error| self.hung_up(&error.to_string()))

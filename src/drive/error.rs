@@ -51,6 +51,37 @@ pub enum LinkError {
         /// How often the message was offered.
         offers: u32,
     },
+    /// A CAN adapter said no.
+    #[error(
+        "rig cable: the CAN adapter {path} refused {command} with BEL, expected a carriage return: {advice}"
+    )]
+    AdapterRefused {
+        /// The adapter.
+        path: String,
+        /// What it was asked.
+        command: String,
+        /// What to do.
+        advice: String,
+    },
+    /// The first move went otherwise than ordered.
+    #[error(
+        "rig: {path}, axis {axis}: stopped in the first move: ordered {ordered_deg:.3} deg, by {by} moved {moved_deg:.3} deg, \
+         expected as far as ordered; the unit is wrong{units}: correct it, then connect again"
+    )]
+    WrongScale {
+        /// The bus.
+        path: String,
+        /// The axis.
+        axis: usize,
+        /// How far it was told to go so far, degrees.
+        ordered_deg: f64,
+        /// What measured it.
+        by: &'static str,
+        /// How far it went, degrees.
+        moved_deg: f64,
+        /// What the device says of its units.
+        units: String,
+    },
 }
 
 impl LinkError {

@@ -3,22 +3,32 @@
 //! [`HostedLink`] speaks the rig's own messages, so everything above it stays the same.
 
 use std::collections::VecDeque;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TrySendError, channel, sync_channel};
+use std::sync::mpsc::{
+    Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, TrySendError, channel, sync_channel,
+};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use firmware_protocol::config::Home;
 use firmware_protocol::{
-    AxisConfig, Command, Config, Controller, Direction, Frame, LinkCounters, Order, Report, ResetCause,
-    Sense, Servo, Setpoint,
+    AxisConfig, Command, Config, Controller, Direction, Frame, LinkCounters, Order, Reading, Report,
+    ResetCause, Sense, Servo, Setpoint, State,
 };
 
 use super::link::Clock;
 use super::{Link, LinkError, Received};
 
+mod first_move;
+mod questions;
+
+pub(super) use first_move::Witness;
+pub(super) use questions::Questions;
+
 /// Shortest time between two rounds on the bus.
 const ROUND: Duration = Duration::from_millis(5);
+/// The state machine's set points go on by no more than this at once.
+const LONGEST_STEP: Duration = Duration::from_millis(20);
 const WAITING_FRAMES: usize = 4096;
 /// Rounds in which actuators that were reset get their torque back and are seen to have it.
 const RECOVERY_ROUNDS: u32 = 8;
@@ -31,34 +41,6 @@ pub(super) struct Sample {
     pub between: [Instant; 2],
 }
 
-/// Questions for one encoder that may still be answered: an answer that is late looks like that to a later question, and
-/// its sample may be as old as the first of them.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Questions(VecDeque<Instant>);
-
-/// After this time nobody answers any more.
-const FORGOTTEN: Duration = Duration::from_millis(500);
-
-impl Questions {
-    /// A question leaves.
-    pub fn ask(&mut self, now: Instant) {
-        while self.0.front().is_some_and(|asked| now.saturating_duration_since(*asked) > FORGOTTEN) {
-            self.0.pop_front();
-        }
-        self.0.push_back(now);
-    }
-
-    /// How many were not answered.
-    pub fn waiting(&self) -> u32 {
-        self.0.len() as u32
-    }
-
-    /// An answer is there; between which times its sample was taken.
-    pub fn answer(&mut self, now: Instant) -> [Instant; 2] {
-        [self.0.pop_front().unwrap_or(now), now]
-    }
-}
-
 /// A pair of actuators on a bus.
 pub(super) trait Actuators: Send + 'static {
     /// Reads what each measures; what did not answer is [`Reading::Missing`]. Rounds count up.
@@ -66,6 +48,16 @@ pub(super) trait Actuators: Send + 'static {
 
     /// Tells each that is to drive its shaft where to be, and switches its torque on if need be.
     fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError>;
+
+    /// Where each shaft stands by a source that the unit of the goals has no part in.
+    fn witnesses(&mut self) -> Result<[Option<Witness>; 2], LinkError> {
+        Ok([None; 2])
+    }
+
+    /// What a device says of its unit, in words; empty where that is fixed.
+    fn units(&self, _axis: usize) -> String {
+        String::new()
+    }
 
     /// Takes away what the devices latched by themselves: the operator clears a fault.
     fn recover(&mut self) -> Result<(), LinkError>;
@@ -127,6 +119,8 @@ impl Make {
 #[derive(Clone, Copy, Debug)]
 struct Actuator {
     sense: Sense,
+    /// Its last reading, µrad.
+    measured_urad: Option<i32>,
     setpoint: Option<Setpoint>,
     range_urad: (i32, i32),
 }
@@ -168,14 +162,25 @@ impl HostedLink {
         let clock = Clock::start();
         let mut config = Config::<2> { uid: make.uid, ..Config::default() };
         config.axes = [make.axis(0), make.axis(1)];
-        let servos =
-            make.ranges_urad.map(|range_urad| Actuator { sense: Sense::UNREAD, setpoint: None, range_urad });
+        let servos = make.ranges_urad.map(|range_urad| Actuator {
+            sense: Sense::UNREAD,
+            measured_urad: None,
+            setpoint: None,
+            range_urad,
+        });
         let controller = Controller::new(config, servos, ResetCause::PowerOn, 0);
         let (command_sender, commands) = channel();
         let (sender, frames) = sync_channel(WAITING_FRAMES);
         let shared: Arc<Mutex<Shared>> = Arc::default();
         let worker = Worker {
+            name: name.clone(),
             started: Instant::now(),
+            noise_urad: config.axes.map(|axis| axis.jump_urad),
+            lead_urad: config.axes.map(|axis| axis.following_urad),
+            waiting: VecDeque::new(),
+            sequence: 0,
+            stepped: [Instant::now(); 2],
+            is_tried: false,
             actuators,
             controller,
             commands,
@@ -199,6 +204,7 @@ impl HostedLink {
 }
 
 struct Worker<A> {
+    name: String,
     /// The state machine's time begins here: its stamps are short.
     started: Instant,
     actuators: A,
@@ -210,6 +216,17 @@ struct Worker<A> {
     reports: Vec<Report>,
     /// The last order that reset the devices.
     recovered: Option<u16>,
+    /// Motion of each axis that is none: noise and play.
+    noise_urad: [i32; 2],
+    /// How far a goal may lie ahead of its shaft. Farther would be a fault soon, and a shaft whose host dies goes no farther.
+    lead_urad: [i32; 2],
+    /// Commands that came during the first move.
+    waiting: VecDeque<Frame>,
+    sequence: u8,
+    /// When the state machine made its last two steps.
+    stepped: [Instant; 2],
+    /// The first move went as ordered.
+    is_tried: bool,
 }
 
 /// Why the conversation ends.
@@ -226,10 +243,9 @@ impl From<LinkError> for End {
 
 impl<A: Actuators> Worker<A> {
     fn run(mut self) {
-        let mut sequence = 0u8;
         for round in 0u32.. {
             let started_us = self.now_us();
-            match self.round(round, &mut sequence) {
+            match self.round(round) {
                 Ok(()) => {}
                 Err(End::NobodyListens) => return self.actuators.leave(),
                 Err(End::Link(error)) => {
@@ -238,31 +254,42 @@ impl<A: Actuators> Worker<A> {
                 }
             }
             let used = Duration::from_micros(self.now_us() - started_us);
-            std::thread::sleep(ROUND.saturating_sub(used));
+            let [before, stepped] = self.stepped;
+            // set points went on by all the time since the step before: a shaft that follows at once is to have a part of it,
+            // or its next reading would be taken for a leap
+            let catching_up = stepped.duration_since(before).min(LONGEST_STEP) / 3;
+            std::thread::sleep(ROUND.saturating_sub(used).max(catching_up.saturating_sub(stepped.elapsed())));
         }
     }
 
-    fn round(&mut self, round: u32, sequence: &mut u8) -> Result<(), End> {
+    fn round(&mut self, round: u32) -> Result<(), End> {
         self.listen(round)?;
-        loop {
-            match self.commands.try_recv() {
-                Ok(frame) => self.obey(&frame)?,
-                Err(std::sync::mpsc::TryRecvError::Empty) => break,
-                Err(std::sync::mpsc::TryRecvError::Disconnected) => return Err(End::NobodyListens),
-            }
+        while let Some(frame) = self.next_command()? {
+            self.obey(&frame)?;
         }
         self.step();
         // what was heard first: telling may take a while
-        self.send_reports(sequence)?;
+        self.send_reports()?;
         self.set_busy(false);
         Ok(self.tell()?)
     }
 
-    fn send_reports(&mut self, sequence: &mut u8) -> Result<(), End> {
+    fn next_command(&mut self) -> Result<Option<Frame>, End> {
+        if let Some(frame) = self.waiting.pop_front() {
+            return Ok(Some(frame));
+        }
+        match self.commands.try_recv() {
+            Ok(frame) => Ok(Some(frame)),
+            Err(TryRecvError::Empty) => Ok(None),
+            Err(TryRecvError::Disconnected) => Err(End::NobodyListens),
+        }
+    }
+
+    fn send_reports(&mut self) -> Result<(), End> {
         for report in std::mem::take(&mut self.reports) {
-            *sequence = sequence.wrapping_add(1);
+            self.sequence = self.sequence.wrapping_add(1);
             let received =
-                Received { time_ns: self.clock.now_ns(), frame: Frame::report(*sequence, 1, &report) };
+                Received { time_ns: self.clock.now_ns(), frame: Frame::report(self.sequence, 1, &report) };
             // a full queue drops: nobody listens, and positions come again
             if let Err(TrySendError::Disconnected(_)) = self.sender.try_send(Ok(received)) {
                 return Err(End::NobodyListens);
@@ -271,7 +298,7 @@ impl<A: Actuators> Worker<A> {
         Ok(())
     }
 
-    fn obey(&mut self, frame: &Frame) -> Result<(), LinkError> {
+    fn obey(&mut self, frame: &Frame) -> Result<(), End> {
         let Ok(command) = Command::decode(frame.id.message, frame.data()) else { return Ok(()) };
         if frame.id.direction != Direction::ToDevice {
             return Ok(());
@@ -289,8 +316,14 @@ impl<A: Actuators> Worker<A> {
                 self.tell()?;
             }
         }
+        let way = self.way(&command);
         let (now_us, reports) = (self.now_us(), &mut self.reports);
         self.controller.handle(now_us, &command, &mut |report| reports.push(report));
+        if let Some(way) = way.filter(|_| self.controller.state() == State::Moving && !self.is_tried) {
+            self.send_reports()?;
+            self.set_busy(true);
+            self.try_scale(way)?;
+        }
         Ok(())
     }
 
@@ -302,7 +335,11 @@ impl<A: Actuators> Worker<A> {
         let samples = self.actuators.listen(round)?;
         for (axis, Sample { mut sense, between }) in samples.into_iter().enumerate() {
             sense.sampled_us = between.map(|stamp| self.since_start_us(stamp));
-            self.controller.servo_mut(axis).into_iter().for_each(|servo| servo.sense = sense);
+            let Some(servo) = self.controller.servo_mut(axis) else { continue };
+            servo.sense = sense;
+            if let Reading::Measured(urad) = sense.reading {
+                servo.measured_urad = Some(urad);
+            }
         }
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         shared.counters = self.actuators.counters();
@@ -311,15 +348,22 @@ impl<A: Actuators> Worker<A> {
     }
 
     fn step(&mut self) {
+        self.stepped = [self.stepped[1], Instant::now()];
         let (now_us, reports) = (self.now_us(), &mut self.reports);
         self.controller.step(now_us, &mut |report| reports.push(report));
     }
 
     fn tell(&mut self) -> Result<(), LinkError> {
         let mut setpoints = [None; 2];
-        for (axis, setpoint) in setpoints.iter_mut().enumerate() {
-            let told = self.controller.servo_mut(axis).and_then(|servo| servo.setpoint);
-            *setpoint = told.filter(|setpoint| setpoint.torque);
+        for (axis, told) in setpoints.iter_mut().enumerate() {
+            let Some(servo) = self.controller.servo_mut(axis) else { continue };
+            let Some(mut setpoint) = servo.setpoint.filter(|setpoint| setpoint.torque) else { continue };
+            if let (false, Some(urad)) = (setpoint.home, servo.measured_urad) {
+                let lead_urad = self.lead_urad[axis];
+                let (low, high) = (urad.saturating_sub(lead_urad), urad.saturating_add(lead_urad));
+                setpoint.position_urad = setpoint.position_urad.clamp(low, high);
+            }
+            *told = Some(setpoint);
         }
         self.actuators.tell(setpoints)
     }

@@ -13,7 +13,7 @@ use serialport::{SerialPort, TTYPort};
 
 use super::framing::Framing;
 use super::link::Clock;
-use super::slcan::{self, SlcanReceiver};
+use super::slcan::{self, BitRate, SlcanReceiver};
 use super::{Link, LinkError, Received};
 
 /// Bits per second of the rig's own firmware; a USB device or a pty ignores it.
@@ -39,32 +39,37 @@ pub struct SerialLink {
 impl SerialLink {
     /// Opens a device file, for this program alone.
     pub fn open(path: &Path) -> Result<Self, LinkError> {
-        let mut link = Self::open_framed(path, Framing::Stuffed(FrameReceiver::default()))?;
+        let mut link = Self::open_framed(path, None)?;
         link.write(&[0])?; // ends what another program left half said
         Ok(link)
     }
 
     /// Opens a CAN adapter that speaks the LAWICEL text protocol, and its channel.
-    pub fn open_slcan(path: &Path) -> Result<Self, LinkError> {
-        let mut link = Self::open_framed(path, Framing::Slcan(SlcanReceiver::default()))?;
-        link.write(slcan::OPEN)?;
-        Ok(link)
+    pub(super) fn open_slcan(path: &Path, rate: BitRate) -> Result<Self, LinkError> {
+        Self::open_framed(path, Some(rate))
     }
 
-    fn open_framed(path: &Path, framing: Framing) -> Result<Self, LinkError> {
+    fn open_framed(path: &Path, slcan: Option<BitRate>) -> Result<Self, LinkError> {
         let path = path.display().to_string();
         let failed = |error| LinkError::refused(&path, &error);
         let mut port = serialport::new(&path, BAUD).timeout(READ_TIMEOUT).open_native().map_err(failed)?;
         let mut input = port.try_clone_native().map_err(failed)?;
         port.set_timeout(WRITE_TIMEOUT).map_err(failed)?;
         input.set_timeout(READ_TIMEOUT).map_err(failed)?;
+        if let Some(rate) = slcan {
+            slcan::open_channel(&mut port, &path, rate)?;
+        }
         // what the rig said to nobody is old
         port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
         let (sender, frames) = sync_channel(WAITING_FRAMES);
         let counters = Arc::new(Mutex::new(LinkCounters::default()));
         let quit = Arc::new(AtomicBool::new(false));
         let clock = Clock::start();
-        let slcan = matches!(framing, Framing::Slcan(_));
+        let framing = match slcan {
+            Some(_) => Framing::Slcan(SlcanReceiver::default()),
+            None => Framing::Stuffed(FrameReceiver::default()),
+        };
+        let slcan = slcan.is_some();
         let reader = Reader {
             path: path.clone(),
             input,
@@ -184,6 +189,12 @@ impl Reader {
                         }
                     }
                     *self.counters.lock().unwrap_or_else(PoisonError::into_inner) = self.framing.counters();
+                    if let Framing::Slcan(receiver) = &self.framing
+                        && let Err(refused) = receiver.refuse_refusals(&self.path)
+                    {
+                        let _ = self.sender.send(Err(refused)); // nobody may be left to tell
+                        return;
+                    }
                     continue;
                 }
                 Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {

@@ -1,16 +1,110 @@
 //! CAN over a serial adapter in the LAWICEL text protocol (CAN232 manual version 3): `T` + 8 hex digits of identifier +
 //! length + data, closed by a carriage return; `\r`, `z\r`, `Z\r` say yes, BEL says no.
 
-use firmware_protocol::{Frame, LinkCounters};
+use std::fmt;
+use std::io::{ErrorKind, Read as _, Write as _};
+use std::str::FromStr;
+use std::time::{Duration, Instant};
 
-/// What opens the adapter: end of any half line, close, 1 Mbit/s, open.
-pub const OPEN: &[u8] = b"\r\r\rC\rS8\rO\r";
+use firmware_protocol::{Frame, LinkCounters};
+use serialport::{SerialPort as _, TTYPort};
+
+use super::LinkError;
 
 /// What closes it again.
 pub const CLOSE: &[u8] = b"C\r";
 
 /// Longest line the protocol has: identifier, length, 8 bytes, time stamp.
 const LONGEST_LINE: usize = 1 + 8 + 1 + 16 + 4;
+
+/// What an adapter says no with.
+const BEL: u8 = 0x07;
+/// How long an adapter may take to answer a command; there are some that answer none.
+const ANSWER_WITHIN: Duration = Duration::from_millis(200);
+/// Messages that were refused, and none taken, for this long mean that none will be.
+const REFUSED_FOR: Duration = Duration::from_millis(100);
+
+/// Bit rates of the protocol; their place is the digit of the command `S`.
+const BIT_RATES: [u32; 9] = [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000];
+
+/// A bit rate that the protocol has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BitRate(usize);
+
+impl Default for BitRate {
+    /// 1 Mbit/s: the rig's own.
+    fn default() -> Self {
+        Self(BIT_RATES.len() - 1)
+    }
+}
+
+impl FromStr for BitRate {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let place = BIT_RATES.iter().position(|rate| text == rate.to_string());
+        place.map(Self).ok_or_else(|| {
+            let rates = BIT_RATES.map(|rate| rate.to_string()).join(", ");
+            format!("`{text}` is no bit rate of a LAWICEL adapter, expected one of {rates}")
+        })
+    }
+}
+
+impl fmt::Display for BitRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bit/s", BIT_RATES[self.0])
+    }
+}
+
+/// Ends any half line, closes the channel, sets the bit rate, opens the channel; the answer to each command is waited for.
+pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Result<(), LinkError> {
+    let refused = |command: &str, what: String, advice: &str| LinkError::AdapterRefused {
+        path: name.to_owned(),
+        command: format!("`{command}` ({what})"),
+        advice: advice.to_owned(),
+    };
+    // a half line is an error, and a channel that is closed cannot be closed: these may be refused
+    for command in ["\r\r", "C"] {
+        ask(port, name, command)?;
+    }
+    let set = format!("S{}", rate.0);
+    if ask(port, name, &set)? == Some(BEL) {
+        let advice = "it has no such bit rate, or its channel stays open: name another (PATH@BITRATE), or plug it in again";
+        return Err(refused(&set, format!("bit rate {rate}"), advice));
+    }
+    if ask(port, name, "O")? == Some(BEL) {
+        let advice =
+            "it takes no part in the bus: another program has it open, or it is at fault; plug it in again";
+        return Err(refused("O", format!("open the channel at {rate}"), advice));
+    }
+    Ok(())
+}
+
+/// Sends one command; what it was answered with, `None` for nothing in time.
+fn ask(port: &mut TTYPort, name: &str, command: &str) -> Result<Option<u8>, LinkError> {
+    let hung_up =
+        |error: std::io::Error| LinkError::HungUp { path: name.to_owned(), reason: error.to_string() };
+    let before = port.timeout();
+    let _ = port.clear(serialport::ClearBuffer::Input); // messages of a channel that was left open
+    port.write_all(format!("{command}\r").as_bytes()).map_err(hung_up)?;
+    let end = Instant::now() + ANSWER_WITHIN;
+    let mut answer = None;
+    while answer.is_none() && Instant::now() < end {
+        let _ = port.set_timeout(end.saturating_duration_since(Instant::now())); // kept in memory: cannot fail
+        let mut bytes = [0; 256];
+        match port.read(&mut bytes) {
+            Ok(0) => return Err(hung_up(ErrorKind::UnexpectedEof.into())),
+            // what follows the message of another is the answer
+            Ok(count) => {
+                answer = bytes[..count].iter().rev().copied().find(|byte| [b'\r', BEL].contains(byte))
+            }
+            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+            Err(error) => return Err(hung_up(error)),
+        }
+    }
+    let _ = port.set_timeout(before);
+    Ok(answer)
+}
 
 /// One message on the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,12 +142,30 @@ pub struct SlcanReceiver {
     line: Vec<u8>,
     overlong: bool,
     counters: LinkCounters,
+    /// Messages refused since one was taken: when the first and the last were, and how many.
+    refused: Option<(Instant, Instant, u32)>,
 }
 
 impl SlcanReceiver {
     /// What was seen so far. The bus has its own checksum; what fails here is text that is none.
     pub fn counters(&self) -> LinkCounters {
         self.counters
+    }
+
+    /// An error when the adapter takes no messages any more.
+    pub(super) fn refuse_refusals(&self, name: &str) -> Result<(), LinkError> {
+        let Some((first, last, count)) = self.refused else { return Ok(()) };
+        let lasted = last.duration_since(first);
+        if lasted < REFUSED_FOR {
+            return Ok(());
+        }
+        Err(LinkError::AdapterRefused {
+            path: name.to_owned(),
+            command: format!("{count} messages in a row (`t`, `T`: send) within {lasted:.1?}"),
+            advice: "its buffer is full and nobody on the bus acknowledges, or its channel was closed: check the bit rate \
+                     (PATH@BITRATE), cable and termination"
+                .into(),
+        })
     }
 
     /// The same for a rig's frames; messages of others are passed over.
@@ -75,9 +187,12 @@ impl SlcanReceiver {
                 }
                 self.line_to_message(&line)
             }
-            0x07 => {
-                // the adapter said no: a full buffer, a closed channel, nobody else on the bus; the order is repeated
+            BEL => {
+                // a full buffer for a moment is no harm: what matters is repeated
                 self.line.clear();
+                let now = Instant::now();
+                let (first, _, count) = self.refused.unwrap_or((now, now, 0));
+                self.refused = Some((first, now, count + 1));
                 None
             }
             _ if self.line.len() < LONGEST_LINE => {
@@ -93,6 +208,9 @@ impl SlcanReceiver {
 
     fn line_to_message(&mut self, line: &[u8]) -> Option<Message> {
         // answers, and requests without data, are others' business
+        if matches!(line.first(), Some(b'z' | b'Z')) {
+            self.refused = None;
+        }
         if !matches!(line.first(), Some(b'T' | b't')) {
             let known = matches!(line.first(), None | Some(b'z' | b'Z' | b'r' | b'R' | b'F' | b'V' | b'N'));
             self.counters.malformed += u32::from(!known);
@@ -159,6 +277,30 @@ mod tests {
         let mut receiver = SlcanReceiver::default();
         let heard: Vec<_> = line.iter().filter_map(|byte| receiver.push(*byte)).collect();
         assert_eq!(heard, [Message { identifier: 0x581, extended: false, data: vec![0x43, 0, 0x10] }]);
+    }
+
+    #[test]
+    fn an_adapter_that_takes_nothing_any_more_is_an_error() {
+        let mut receiver = SlcanReceiver::default();
+        hear(&mut receiver, b"\x07");
+        std::thread::sleep(REFUSED_FOR);
+        hear(&mut receiver, b"z\r\x07\x07");
+        receiver.refuse_refusals("slcan:a").unwrap();
+        std::thread::sleep(REFUSED_FOR);
+        hear(&mut receiver, b"\x07");
+        let said = receiver.refuse_refusals("slcan:a").unwrap_err().to_string();
+        assert!(
+            said.contains("slcan:a") && said.contains("3 messages") && said.contains("bit rate"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn bit_rates_are_those_of_the_protocol() {
+        let digits = ["10000", "125000", "500000", "1000000"].map(|text| text.parse::<BitRate>().unwrap().0);
+        assert_eq!(digits, [0, 4, 6, 8]);
+        let said = "300000".parse::<BitRate>().unwrap_err();
+        assert!(said.contains("`300000`") && said.contains("250000, 500000"), "{said}");
     }
 
     proptest! {

@@ -12,11 +12,20 @@ use socketcan::{
 use crate::drive::LinkError;
 use crate::drive::bus_port::BusPort;
 use crate::drive::can_queue;
-use crate::drive::slcan::{self, Message, SlcanReceiver};
+use crate::drive::slcan::{self, BitRate, Message, SlcanReceiver};
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 /// Bits per second of a serial adapter that is none of USB.
 const ADAPTER_BAUD: u32 = 1_000_000;
+
+/// Which bus.
+#[derive(Clone, Copy, Debug)]
+pub enum BusAddress<'a> {
+    /// A CAN interface; its bit rate is the system's business.
+    Interface(&'a str),
+    /// A serial adapter with the LAWICEL text protocol.
+    Adapter(&'a str, BitRate),
+}
 
 enum Port {
     Socket(CanSocket),
@@ -34,19 +43,22 @@ pub struct CanBus {
 }
 
 impl CanBus {
-    /// Opens `INTERFACE`, or `slcan:PATH`.
-    pub fn open(address: &str) -> Result<Self, LinkError> {
-        let name = format!("cia402:{address}");
+    /// Opens a bus.
+    pub fn open(address: BusAddress) -> Result<Self, LinkError> {
+        let name = match address {
+            BusAddress::Interface(interface) => format!("cia402:{interface}"),
+            BusAddress::Adapter(path, _) => format!("cia402:slcan:{path}"),
+        };
         let failed =
             |error: std::io::Error| LinkError::Open { path: name.clone(), reason: error.to_string() };
-        let port = match address.strip_prefix("slcan:") {
-            Some(path) => {
+        let port = match address {
+            BusAddress::Adapter(path, bit_rate) => {
                 let mut port = BusPort::open(Path::new(path), ADAPTER_BAUD)?;
-                port.send(slcan::OPEN)?;
+                slcan::open_channel(port.tty(), &name, bit_rate)?;
                 Port::Adapter(port, SlcanReceiver::default(), Vec::new())
             }
-            None => {
-                let socket = CanSocket::open(address).map_err(failed)?;
+            BusAddress::Interface(interface) => {
+                let socket = CanSocket::open(interface).map_err(failed)?;
                 socket.set_write_timeout(WRITE_TIMEOUT).map_err(failed)?;
                 socket.set_error_filter_accept_all().map_err(failed)?;
                 Port::Socket(socket)
@@ -82,6 +94,7 @@ impl CanBus {
                         let Some(bytes) = port.read(end)? else { return Ok(None) };
                         waiting.extend(bytes.into_iter().filter_map(|byte| receiver.push(byte)));
                         waiting.reverse(); // the oldest is taken from the end
+                        receiver.refuse_refusals(&self.name)?;
                     }
                     waiting.pop().filter(|message| !message.extended)
                 }

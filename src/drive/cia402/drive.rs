@@ -104,8 +104,12 @@ impl Zero {
 pub struct Drive {
     /// Its node number.
     pub node: u8,
-    /// Counts of a turn of the shaft.
+    /// Counts (position units) of a turn of the shaft.
     pub counts_per_turn: f64,
+    /// Increments of a turn of the shaft, where it says how many and where it stands in them.
+    pub increments_per_turn: Option<f64>,
+    /// What it says of its units.
+    pub units: String,
     /// State, as last heard.
     pub power: Power,
     /// Position, counts.
@@ -146,6 +150,8 @@ impl Drive {
         Self {
             node,
             counts_per_turn: 1.0,
+            increments_per_turn: None,
+            units: String::new(),
             power: Power::Unknown,
             position: None,
             fresh: false,

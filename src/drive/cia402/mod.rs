@@ -1,20 +1,23 @@
 //! CANopen drives (CiA 301, CiA 402) as a rig: set points in cyclic synchronous position mode, one with every SYNC.
 //!
 //! Each side watches the other's heartbeat. A drive that restarts has lost its configuration and perhaps its zero, which
-//! is an invalid encoder here; clearing the fault configures it again, and then it is to be homed.
+//! is an invalid encoder here; clearing the fault configures it again, and then it is to be homed. A drive that misses the
+//! host's brakes and holds; one that does not watch it goes on to its last set point, which is never far ahead.
 
 use std::time::{Duration, Instant};
 
-use firmware_protocol::config::Home;
 use firmware_protocol::{LinkCounters, Setpoint};
 
 use super::LinkError;
-use super::hosted::{Actuators, HostedLink, Make, Sample};
+use super::hosted::{Actuators, HostedLink, Make, Sample, Witness};
 
 mod bus;
 mod drive;
 mod object;
+mod setup;
+mod unit;
 
+pub(super) use bus::BusAddress;
 use bus::CanBus;
 use drive::{Drive, Power, Zero};
 use object::{Answer, Object};
@@ -27,8 +30,6 @@ const READINGS_WITHIN: Duration = Duration::from_millis(15);
 const LONGEST_ROUNDS: u32 = 8;
 /// How long is looked for messages that are there already.
 const LATE_WITHIN: Duration = Duration::from_micros(200);
-/// How long after a drive another of the same number may answer.
-const TWIN_WITHIN: Duration = Duration::from_millis(50);
 /// How long leaving a fault may take.
 const RESET_WITHIN: Duration = Duration::from_secs(2);
 /// Rounds between two questions for slow readings, and what is asked in turn. Their answers are not waited for: a drive
@@ -47,22 +48,21 @@ const HEARTBEAT_EVERY: Duration = Duration::from_millis(100);
 /// Play of a geared drive that says nothing of it, between an encoder on the motor and the load: 0.2 degrees.
 const LOST_MOTION_URAD: i32 = 3491;
 
-/// Opens a bus (`INTERFACE` or `slcan:PATH`) and finds its two drives; the first is axis 0.
-pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkError> {
-    let bus = CanBus::open(address)?;
+/// Opens a bus and finds its two drives; the first is axis 0.
+pub(super) fn open(bus: BusAddress, nodes: [u8; 2]) -> Result<HostedLink, LinkError> {
+    let bus = CanBus::open(bus)?;
     let name = bus.name().to_owned();
     let drives = nodes.map(Drive::new);
     let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), questions: 0, watched: [true; 2] };
-    let ranges_urad = [rig.start(0)?, rig.start(1)?];
-    let homes = [rig.home_of(0)?, rig.home_of(1)?];
+    let started = [rig.start(0)?, rig.start(1)?];
     let make = Make {
         uid: u64::from(nodes[0]) << 8 | u64::from(nodes[1]),
-        ranges_urad,
+        ranges_urad: started.map(|(range, _)| range),
         accuracy_urad: 0, // an encoder on the motor errs by its error over the gear
         resolutions_urad: rig.drives.each_ref().map(Drive::resolution_urad),
         play_urad: 0,
         lost_motion_urad: LOST_MOTION_URAD,
-        homes,
+        homes: started.map(|(_, home)| home),
     };
     HostedLink::start(name, rig, &make)
 }
@@ -138,82 +138,6 @@ impl Cia402 {
         Err(self.wrong(axis, format!("no answer to a new value for object 0x{:04x}", object.0)))
     }
 
-    /// Looks at a drive, configures and starts it; its range, µrad.
-    fn start(&mut self, axis: usize) -> Result<(i32, i32), LinkError> {
-        let node = self.drives[axis].node;
-        (self.questions, self.drives[axis].kinds) = (0, 0);
-        self.bus.send(0, &[0x80, node])?; // configuration is for the pre-operational
-        let Some(kind) = self.read(axis, object::DEVICE_TYPE)? else {
-            return Err(self.wrong(axis, "it has no device type".into()));
-        };
-        // its twin's answer comes right after
-        let end = Instant::now() + TWIN_WITHIN;
-        while self.hear(end)?.is_some() {}
-        self.refuse_a_second(axis)?;
-        if kind & 0xFFFF != 402 {
-            return Err(self.wrong(axis, format!("device type {}, expected 402 (a drive)", kind & 0xFFFF)));
-        }
-        let modes = self.read(axis, object::SUPPORTED_MODES)?;
-        if modes.is_some_and(|modes| modes >> (object::CYCLIC_POSITION - 1) & 1 == 0) {
-            return Err(self.wrong(axis, "it has no cyclic synchronous position mode".into()));
-        }
-        self.drives[axis].counts_per_turn = self.counts_per_turn(axis)?;
-        let low = self.read(axis, object::LOWEST)?.map_or(i32::MIN, |value| value as i32);
-        let high = self.read(axis, object::HIGHEST)?.map_or(i32::MAX, |value| value as i32);
-        for (object, value) in object::process_data(node) {
-            self.write(axis, object, value)?;
-        }
-        self.write(axis, object::MODE, object::CYCLIC_POSITION)?;
-        self.write(axis, object::HEARTBEAT_PERIOD, HEARTBEAT_EVERY.as_millis() as u32)?;
-        let (host, within_ms) = HOST;
-        let watched = u32::from(host) << 16 | within_ms;
-        self.watched[axis] = match self.ask(
-            axis,
-            object::WATCHED_HEARTBEAT,
-            object::download(object::WATCHED_HEARTBEAT, watched),
-        )? {
-            Some(Answer::Taken) => true,
-            _ => {
-                self.drives[axis].refused = Some("it does not watch this program's heartbeat".into());
-                false
-            }
-        };
-        self.look_slowly(axis)?;
-        self.refuse_a_second(axis)?; // or after a while
-        self.drives[axis].restarted = false;
-        self.drives[axis].zero = Zero::Idle;
-        self.drives[axis].position = None;
-        self.bus.send(0, &[0x01, node])?;
-        let half_turn = 3_141_592;
-        let drive = &self.drives[axis];
-        let clamp = |counts: i32| match counts {
-            i32::MIN => -half_turn,
-            i32::MAX => half_turn,
-            counts => drive.urad(counts),
-        };
-        Ok((clamp(low), clamp(high)))
-    }
-
-    /// Two nodes of one number both answer.
-    fn refuse_a_second(&self, axis: usize) -> Result<(), LinkError> {
-        if self.drives[axis].kinds > self.questions {
-            return Err(self.wrong(axis, "two devices answer with this node number".into()));
-        }
-        Ok(())
-    }
-
-    fn counts_per_turn(&mut self, axis: usize) -> Result<f64, LinkError> {
-        let mut factor = |object| -> Result<f64, LinkError> {
-            Ok(self.read(axis, object)?.filter(|value| *value > 0).map_or(f64::NAN, f64::from))
-        };
-        let encoder = factor(object::ENCODER_COUNTS)? / factor(object::ENCODER_TURNS)?;
-        let gear = factor(object::GEAR_MOTOR)? / factor(object::GEAR_SHAFT)?;
-        if encoder.is_nan() {
-            return Err(self.wrong(axis, "it does not say how many counts a turn has (object 0x608f)".into()));
-        }
-        Ok(if gear.is_nan() { encoder } else { encoder * gear })
-    }
-
     /// A SYNC, and what every drive measures by it.
     fn exchange(&mut self) -> Result<(), LinkError> {
         if self.heartbeat.elapsed() >= HEARTBEAT_EVERY {
@@ -261,16 +185,6 @@ impl Cia402 {
         Ok(false)
     }
 
-    /// Slow readings at the start: waited for.
-    fn look_slowly(&mut self, axis: usize) -> Result<(), LinkError> {
-        for object in [object::RATED_CURRENT, object::CURRENT, object::SUPPLY] {
-            if let Some(answer) = self.ask(axis, object, object::upload(object))? {
-                self.drives[axis].take_slow(object, answer);
-            }
-        }
-        Ok(())
-    }
-
     /// Asks for the next slow reading; its answer comes when it comes.
     fn ask_slowly(&mut self, round: u32) -> Result<(), LinkError> {
         let turn = (round / SLOW_ROUNDS) as usize;
@@ -289,16 +203,6 @@ impl Cia402 {
             }
         }
         Ok(())
-    }
-
-    /// How this drive's position comes to be trusted: by its own homing where its owner set a method that looks for
-    /// something, else by an absolute encoder.
-    fn home_of(&mut self, axis: usize) -> Result<Home, LinkError> {
-        let modes = self.read(axis, object::SUPPORTED_MODES)?.unwrap_or(0);
-        let method = self.read(axis, object::HOMING_METHOD)?.unwrap_or(0) as u8;
-        let seeks =
-            modes >> (object::HOMING - 1) & 1 == 1 && !object::METHODS_WITHOUT_MOTION.contains(&method);
-        Ok(if seeks { Home::ByServo { longest_us: HOMING_US } } else { Home::Absolute })
     }
 
     /// Leads a drive that follows through its homing; it is sent set points again when this is over.
@@ -377,6 +281,24 @@ impl Actuators for Cia402 {
             }
         }
         Ok(())
+    }
+
+    fn witnesses(&mut self) -> Result<[Option<Witness>; 2], LinkError> {
+        let mut witnesses = [None; 2];
+        for (axis, witness) in witnesses.iter_mut().enumerate() {
+            let Some(increments_per_turn) = self.drives[axis].increments_per_turn else { continue };
+            let counts = self.read(axis, object::INCREMENTS)?;
+            *witness = counts.map(|counts| Witness {
+                what: "its encoder (object 0x6063)",
+                counts: counts as i32,
+                urad_per_count: std::f64::consts::TAU * 1e6 / increments_per_turn,
+            });
+        }
+        Ok(witnesses)
+    }
+
+    fn units(&self, axis: usize) -> String {
+        self.drives[axis].units.clone()
     }
 
     fn recover(&mut self) -> Result<(), LinkError> {

@@ -23,18 +23,32 @@ pub const RATED_CURRENT: Object = (0x6075, 0, 4);
 pub const CURRENT: Object = (0x6078, 0, 2);
 /// Supply, mV.
 pub const SUPPLY: Object = (0x6079, 0, 4);
-/// Lowest position, counts.
-pub const LOWEST: Object = (0x607D, 1, 4);
-/// Highest position, counts.
-pub const HIGHEST: Object = (0x607D, 2, 4);
-/// Counts of this many ...
-pub const ENCODER_COUNTS: Object = (0x608F, 1, 4);
-/// ... turns of the motor.
-pub const ENCODER_TURNS: Object = (0x608F, 2, 4);
-/// Turns of the motor ...
-pub const GEAR_MOTOR: Object = (0x6091, 1, 4);
-/// ... for this many of the shaft.
-pub const GEAR_SHAFT: Object = (0x6091, 2, 4);
+/// Position, increments of the encoder.
+pub const INCREMENTS: Object = (0x6063, 0, 4);
+/// Lowest and highest position, position units; both 0 is none.
+pub const SOFTWARE_LIMITS: u16 = 0x607D;
+/// Lowest and highest position before it begins anew at the other end, position units; both 0 is none.
+pub const RANGE_LIMITS: u16 = 0x607B;
+/// Increments of the encoder, turns of the motor.
+pub const ENCODER: u16 = 0x608F;
+/// Turns of the motor, turns of the shaft.
+pub const GEAR: u16 = 0x6091;
+/// Position units, turns of the shaft.
+pub const FEED: u16 = 0x6092;
+/// Increments of the encoder, position units.
+pub const POSITION_FACTOR: u16 = 0x6093;
+/// What a position unit is: prefix << 24 | code << 16.
+pub const POSITION_UNIT: Object = (0x60A8, 0, 4);
+/// Added to each target, position units.
+pub const POSITION_OFFSET: Object = (0x60B0, 0, 4);
+/// What it does when the host's heartbeat stays away.
+pub const ON_LOST_HOST: Object = (0x6007, 0, 2);
+/// ... a quick stop.
+pub const QUICK_STOP: u32 = 3;
+/// What a quick stop is.
+pub const ON_QUICK_STOP: Object = (0x605A, 0, 2);
+/// ... brake, then hold with torque.
+pub const BRAKE_AND_HOLD: u32 = 6;
 /// Bits of modes it has.
 pub const SUPPORTED_MODES: Object = (0x6502, 0, 4);
 /// Cyclic synchronous position: a set point with every SYNC.
@@ -155,7 +169,7 @@ mod tests {
         assert_eq!(upload(DEVICE_TYPE), [0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
         assert_eq!(download(MODE, 8), [0x2F, 0x60, 0x60, 0, 8, 0, 0, 0]);
         assert_eq!(download(HEARTBEAT_PERIOD, 100), [0x2B, 0x17, 0x10, 0, 100, 0, 0, 0]);
-        assert_eq!(download(LOWEST, 0xFFFF_FFFF), [0x23, 0x7D, 0x60, 1, 255, 255, 255, 255]);
+        assert_eq!(download((SOFTWARE_LIMITS, 1, 4), 0xFFFF_FFFF), [0x23, 0x7D, 0x60, 1, 255, 255, 255, 255]);
         let value = |data| answer(DEVICE_TYPE, data);
         assert_eq!(value(&[0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]), Some(Answer::Value(0x0002_0192)));
         assert_eq!(value(&[0x4B, 0x00, 0x10, 0, 0x92, 0x01, 0xFF, 0xFF]), Some(Answer::Value(0x0192)));
