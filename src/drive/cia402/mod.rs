@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use firmware_protocol::config::Home;
-use firmware_protocol::{LinkCounters, Setpoint};
+use firmware_protocol::{AxisConfig, LinkCounters, Setpoint};
 
 use super::LinkError;
 use super::hosted::{Actuators, HostedLink, Make, Sample};
@@ -62,6 +62,7 @@ pub(super) fn open(address: &str, nodes: [u8; 2]) -> Result<HostedLink, LinkErro
         resolutions_urad: rig.drives.each_ref().map(Drive::resolution_urad),
         play_urad: 0,
         lost_motion_urad: LOST_MOTION_URAD,
+        supply_minimum_mv: [AxisConfig::default().supply_minimum_mv; 2],
         homes,
     };
     HostedLink::start(name, rig, &make)
