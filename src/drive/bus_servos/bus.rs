@@ -35,7 +35,7 @@ pub mod instruction {
 }
 
 /// How long an answer may take while a bus is opened, and nothing moves: network adapters and busy hosts are slow.
-const ANSWER_WHILE_OPENING: Duration = Duration::from_millis(250);
+const ANSWER_WHILE_OPENING: Duration = Duration::from_millis(400);
 /// How long an answer may take later: return delay, 60 bytes at 57600 baud, a slow USB adapter.
 const ANSWER: Duration = Duration::from_millis(40);
 /// How often a question is repeated while a bus is opened.
