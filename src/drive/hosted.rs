@@ -85,6 +85,8 @@ pub(super) struct Make {
     pub play_urad: i32,
     /// Play between encoder and load, µrad.
     pub lost_motion_urad: i32,
+    /// Supply below which each is at fault, mV.
+    pub supply_minimum_mv: [u16; 2],
     /// How each comes to be trusted.
     pub homes: [Home; 2],
 }
@@ -103,6 +105,7 @@ impl Make {
             accuracy_urad: self.accuracy_urad,
             resolution_urad: self.resolutions_urad[axis],
             lost_motion_urad: self.lost_motion_urad,
+            supply_minimum_mv: self.supply_minimum_mv[axis],
             jump_urad: NOISE_COUNTS * self.resolutions_urad[axis] + self.play_urad,
             home: self.homes[axis],
             // nothing moves after three questions without an answer, so a device (or what simulates it) may be away for this

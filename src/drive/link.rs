@@ -7,8 +7,10 @@ use firmware_protocol::{Frame, LinkCounters};
 
 use super::can_bus::CanLink;
 use super::cia402::BusAddress;
+use super::dynamixel::Dynamixel;
+use super::feetech::Feetech;
 use super::slcan::BitRate;
-use super::{LinkError, SerialLink, cia402, dynamixel, feetech, usb};
+use super::{LinkError, SerialLink, bus_servos, cia402, usb};
 
 /// A frame and when it came.
 #[derive(Clone, Copy, Debug)]
@@ -120,11 +122,11 @@ pub fn open(address: &str) -> Result<Box<dyn Link>, LinkError> {
         }
         Some(("dynamixel", text)) => {
             let (path, baud, ids) = bus(text, 57_600)?;
-            Box::new(dynamixel::open(Path::new(path), baud, ids)?)
+            Box::new(bus_servos::open::<Dynamixel>(Path::new(path), baud, ids)?)
         }
         Some(("feetech", text)) => {
             let (path, baud, ids) = bus(text, 1_000_000)?;
-            Box::new(feetech::open(Path::new(path), baud, ids)?)
+            Box::new(bus_servos::open::<Feetech>(Path::new(path), baud, ids)?)
         }
         Some(("cia402", text)) => {
             let (bus, nodes) = drives_address(address, text)?;

@@ -5,13 +5,14 @@
 //! same conversation without a thread or a clock: a [`Link`] says what time it is.
 
 mod bus_port;
+pub(crate) mod bus_servos;
 mod can_bus;
 mod can_queue;
 mod cia402;
 mod controller;
 pub(crate) mod dynamixel;
 mod error;
-mod feetech;
+pub(crate) mod feetech;
 pub(crate) mod framing;
 mod held;
 mod hosted;

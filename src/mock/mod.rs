@@ -1,6 +1,8 @@
 //! Devices to test against: sensors on loopback with their web servers, a rig behind a pty.
 
-pub mod dynamixel;
+pub mod bus_servos;
+mod dynamixel;
+mod feetech;
 mod pty;
 pub mod rig;
 pub mod sensor;

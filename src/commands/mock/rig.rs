@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 
 use crate::commands::{Context, Outcome, output, signals};
-use crate::mock::dynamixel::MockDynamixel;
+use crate::mock::bus_servos::{Make, MockServos};
 use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, run_on_can};
 
 /// Arguments of `mock rig`.
@@ -59,7 +59,7 @@ fn parse_switch(text: &str) -> Result<i32, String> {
 /// What runs behind the pty.
 enum Device {
     Rig(MockRig),
-    Servos(MockDynamixel),
+    Servos(MockServos),
 }
 
 impl Device {
@@ -129,7 +129,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         return on_can(interface, config, args, context, &interrupts);
     }
     let started = if args.dynamixel {
-        MockDynamixel::start(args.seed).map(Device::Servos)
+        MockServos::start(Make::Dynamixel, args.seed).map(Device::Servos)
     } else {
         MockRig::start(config, args.seed).map(Device::Rig)
     };

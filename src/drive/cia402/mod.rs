@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use firmware_protocol::{LinkCounters, Setpoint};
+use firmware_protocol::{AxisConfig, LinkCounters, Setpoint};
 
 use super::LinkError;
 use super::hosted::{Actuators, HostedLink, Make, Sample, Witness};
@@ -62,6 +62,7 @@ pub(super) fn open(bus: BusAddress, nodes: [u8; 2]) -> Result<HostedLink, LinkEr
         resolutions_urad: rig.drives.each_ref().map(Drive::resolution_urad),
         play_urad: 0,
         lost_motion_urad: LOST_MOTION_URAD,
+        supply_minimum_mv: [AxisConfig::default().supply_minimum_mv; 2],
         homes: started.map(|(_, home)| home),
     };
     HostedLink::start(name, rig, &make)

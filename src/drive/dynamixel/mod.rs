@@ -1,244 +1,253 @@
-//! Dynamixel X servos as a rig. The servos' own bus watchdog stops them when this program is gone; torque is switched on by
-//! arming and never off.
+//! Dynamixel X servos, and MX servos with Protocol 2.0. Their bus watchdog stops them when this program is gone.
 
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use firmware_protocol::config::Home;
-use firmware_protocol::{LinkCounters, Reading, Sense, Setpoint};
+use firmware_protocol::{Reading, Sense};
 
 use super::LinkError;
-use super::hosted::{Actuators, HostedLink, Make, Questions, Sample};
+use super::bus_servos::{Answer, Bus, Register, TURN_COUNTS, Table, Wire, refuse};
 
-mod bus;
+pub(crate) mod models;
 pub(crate) mod packet;
 pub(crate) mod table;
 
-use bus::Bus;
+use models::Model;
+use packet::{Packet, PacketReceiver};
 use table::hardware_error;
 
-/// Rounds between two looks at torque switch and hardware error.
-const SLOW_ROUNDS: u32 = 10;
-/// Silence after which a servo stops by itself, in its unit of 20 ms.
-const BUS_WATCHDOG_20_MS: u8 = 25;
 /// How long a servo takes to start.
 const START: Duration = Duration::from_millis(300);
-/// 0.25 degrees of play (e-Manual, "Backlash"). The encoder sits on the output and sees it.
+/// 0.25 degrees (e-Manual, "Backlash").
 const PLAY_URAD: i32 = 4363;
-/// The encoder's integral non-linearity: 0.5 degrees at room temperature (ams AS5045 data sheet, "INLopt").
-const ACCURACY_URAD: i32 = 8727;
+/// Every register that is read.
+#[cfg(test)]
+pub(super) const READ: [Register; 8] = [
+    table::PING,
+    table::MODES,
+    table::VOLTAGE_LIMITS,
+    table::POSITION_LIMITS,
+    table::TORQUE_TO_ERROR,
+    table::STATUS_RETURN_LEVEL,
+    table::MEASURED,
+    table::FENCE,
+];
 
-/// Opens a bus and finds its two servos; the first is axis 0.
-pub(super) fn open(path: &Path, baud: u32, ids: [u8; 2]) -> Result<HostedLink, LinkError> {
-    let mut bus = Bus::open(path, baud)?;
-    let ranges_urad = [find(&mut bus, ids[0])?, find(&mut bus, ids[1])?];
-    let uid = u64::from(ids[0]) << 8 | u64::from(ids[1]);
-    let make = Make {
-        uid,
-        ranges_urad,
-        accuracy_urad: ACCURACY_URAD,
-        resolutions_urad: [table::COUNT_URAD; 2],
-        play_urad: PLAY_URAD,
-        lost_motion_urad: 0,
-        homes: [Home::Absolute; 2],
-    };
-    let name = format!("dynamixel:{}", bus.path());
-    let servos = ids.map(BusServo::new);
-    HostedLink::start(name, Dynamixel { bus, servos }, &make)
-}
-
-/// Looks at one servo before anything is told to it; its lowest and highest angle, µrad.
-fn find(bus: &mut Bus, id: u8) -> Result<(i32, i32), LinkError> {
-    let path = format!("{}, servo {id}", bus.path());
-    let wrong = |reason: String| LinkError::Open { path: path.clone(), reason };
-    let mut model = None;
-    for _ in 0..3 {
-        model = model.or(bus.ping(id)?);
-    }
-    let model = model.ok_or_else(|| wrong("no answer; are id and baud rate right, is it powered?".into()))?;
-    if !table::MODELS.contains(&model) {
-        return Err(wrong(format!("model {model} is none of the known {:?}", table::MODELS)));
-    }
-    let mut register = |register: table::Register| -> Result<Vec<u8>, LinkError> {
-        for _ in 0..3 {
-            if let Some(values) = bus.read(id, register)? {
-                return Ok(values);
-            }
-        }
-        Err(wrong(format!("register {} cannot be read", register.0)))
-    };
-    let mode = register(table::OPERATING_MODE)?[0];
-    if ![3, 5].contains(&mode) {
-        return Err(wrong(format!(
-            "operating mode {mode}, expected 3 (position) or 5 (position with current limit)"
-        )));
-    }
-    let low = int(&register(table::MIN_POSITION)?);
-    let high = int(&register(table::MAX_POSITION)?);
-    // a watchdog that bit before keeps goals read-only until it is cleared
-    bus.write(id, table::BUS_WATCHDOG, &[0])?;
-    Ok((table::urad(low), table::urad(high)))
+/// One servo, as found and as last heard.
+pub(super) struct Dynamixel {
+    model: &'static Model,
+    limits: (i32, i32),
+    supply_limits: (u16, u16),
+    /// What its hardware error register said last.
+    error: u8,
+    /// What its status return level was last; it is kept in RAM, and others may change it.
+    status_return_level: u8,
 }
 
 fn int(bytes: &[u8]) -> i32 {
     bytes.try_into().map_or(0, i32::from_le_bytes)
 }
 
-/// One servo, as last heard.
-#[derive(Clone, Debug)]
-struct BusServo {
-    id: u8,
-    sense: Sense,
-    between: [Instant; 2],
-    questions: Questions,
-    /// What its hardware error register said last.
-    error: u8,
-    /// What it last answered to a write that it refused.
-    refused: Option<u8>,
-    /// Torque was switched on since it was last to be off: should it vanish, it was the servo that dropped it.
-    switched_on: bool,
+fn word(bytes: &[u8], at: usize) -> u16 {
+    u16::from_le_bytes([bytes[at], bytes[at + 1]])
 }
 
-struct Dynamixel {
-    bus: Bus,
-    servos: [BusServo; 2],
-}
+impl Table for Dynamixel {
+    type Wire = PacketWire;
+    const NAME: &'static str = "dynamixel";
+    const PLAY_URAD: i32 = PLAY_URAD;
+    const FENCE: Register = table::FENCE;
+    const MEASURED: Register = table::MEASURED;
+    const POSITION: Register = (132, 4);
+    const TORQUE: Register = table::TORQUE_TO_ERROR;
+    const GOAL: Register = table::GOAL_POSITION;
+    // a watchdog that bit keeps goals read-only until it is cleared
+    const PREPARE: &'static [(Register, &'static [u8])] =
+        &[(table::BUS_WATCHDOG, &[0]), (table::PROFILE, &[0; 8])];
+    const WATCHDOG: Option<(Register, u8)> = Some((table::BUS_WATCHDOG, 25)); // half a second
+    const LIMITS: &'static str = "registers 52 and 48";
+    const OUTSIDE: &'static str =
+        "register 20 (homing offset), which shifts the position, and at these limits (DYNAMIXEL Wizard)";
 
-impl Dynamixel {
-    fn ids(&self) -> [u8; 2] {
-        self.servos.each_ref().map(|servo| servo.id)
-    }
-
-    /// Whether the servo took the value; a refusal is kept for those who ask.
-    fn write(&mut self, axis: usize, register: table::Register, values: &[u8]) -> Result<bool, LinkError> {
-        let answer = self.bus.write(self.servos[axis].id, register, values)?;
-        self.servos[axis].refused = answer.filter(|error| *error != 0);
-        Ok(answer == Some(0))
-    }
-
-    /// The goal first: with torque on, the shaft goes where the goal register happens to say.
-    fn switch_on(&mut self, axis: usize, goal: &[u8]) -> Result<(), LinkError> {
-        if self.write(axis, table::GOAL_POSITION, goal)?
-            && self.write(axis, table::TORQUE_ENABLE, &[1])?
-            && self.write(axis, table::BUS_WATCHDOG, &[BUS_WATCHDOG_20_MS])?
-        {
-            let servo = &mut self.servos[axis];
-            (servo.sense.torque, servo.switched_on) = (true, true);
+    fn find(bus: &mut Bus<PacketWire>, id: u8) -> Result<Self, LinkError> {
+        let path = bus.path().to_owned();
+        let open = |reason: String| LinkError::Open { path: format!("{path}, servo {id}"), reason };
+        let wrong = |register: &str, found: i64, expected: &str, advice: &str| {
+            refuse(&path, id, register, found, expected, advice)
+        };
+        let pong = bus.ping(id, table::PING.1)?.ok_or_else(|| {
+            open("no answer to a ping; are id, baud rate and protocol (2.0) right, is it powered?".into())
+        })?;
+        let number = word(&pong, 0);
+        let model = models::find(number).map_err(|expected| {
+            let advice = "use one whose registers this program knows";
+            wrong("register 0 (model number)", number.into(), &expected, advice)
+        })?;
+        let level = find_level(bus, id, model)?;
+        let mut read = |register: Register, name: &str| {
+            bus.read_patiently(id, register)?
+                .ok_or_else(|| open(format!("no answer to a question for register {} ({name})", register.0)))
+        };
+        let modes = read(table::MODES, "drive mode")?;
+        check_modes([modes[0], modes[1]], wrong)?;
+        let limits = read(table::POSITION_LIMITS, "position limits")?;
+        let (high, low) = (int(&limits[..4]), int(&limits[4..]));
+        if low >= high || !TURN_COUNTS.contains(&low) || !TURN_COUNTS.contains(&high) {
+            return Err(open(format!(
+                "registers 52 and 48 (lowest and highest position) are {low} and {high}, expected two rising counts from 0 to \
+                 4095; set them (DYNAMIXEL Wizard, torque off)"
+            )));
         }
-        Ok(())
+        let supply = read(table::VOLTAGE_LIMITS, "voltage limits")?;
+        Ok(Self {
+            model,
+            limits: (low, high),
+            supply_limits: (word(&supply, 2), word(&supply, 0)),
+            error: 0,
+            status_return_level: level,
+        })
     }
-}
 
-impl BusServo {
-    fn new(id: u8) -> Self {
-        let (sense, questions) = (Sense::UNREAD, Questions::default());
-        let between = [Instant::now(); 2];
-        Self { id, sense, between, questions, error: 0, refused: None, switched_on: false }
+    fn limits(&self) -> (i32, i32) {
+        self.limits
     }
 
-    fn take(&mut self, measured: Option<&[u8]>, slow: Option<&[u8]>) {
-        self.sense.reading = Reading::Missing;
-        if let Some(bytes) = measured {
-            let word = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
-            let position = int(&bytes[table::POSITION_AT..table::POSITION_AT + 4]);
-            let current = i32::from(word(table::CURRENT_AT) as i16).abs() * 269 / 100;
-            self.sense.reading = Reading::Measured(table::urad(position));
-            self.sense.current_ma = current.min(i16::MAX.into()) as i16;
-            self.sense.supply_mv = word(table::VOLTAGE_AT).saturating_mul(100);
-            self.sense.temperature_c = bytes[table::TEMPERATURE_AT].min(i8::MAX as u8) as i8;
+    fn supply_limits(&self) -> (u16, u16) {
+        self.supply_limits
+    }
+
+    fn answers_writes(&self) -> bool {
+        true
+    }
+
+    fn position(measured: &[u8]) -> i32 {
+        int(&measured[table::POSITION_AT..table::POSITION_AT + 4])
+    }
+
+    fn goal(counts: i32) -> Vec<u8> {
+        counts.to_le_bytes().to_vec()
+    }
+
+    fn take(&mut self, measured: Option<&Answer>, slow: Option<&[u8]>, sense: &mut Sense) {
+        if let Some(Answer { data, .. }) = measured {
+            let current = i32::from(word(data, table::CURRENT_AT) as i16).abs();
+            sense.current_ma = (current * self.model.current_ua / 1000).min(i16::MAX.into()) as i16;
+            sense.supply_mv = word(data, table::VOLTAGE_AT).saturating_mul(100);
+            sense.temperature_c = data[table::TEMPERATURE_AT].min(i8::MAX as u8) as i8;
         }
         if let Some(bytes) = slow {
-            self.sense.torque = bytes[0] == 1;
-            self.error = bytes[usize::from(table::HARDWARE_ERROR.0 - table::TORQUE_TO_ERROR.0)];
+            let at = |register: Register| bytes[usize::from(register.0 - table::TORQUE_TO_ERROR.0)];
+            self.error = at(table::HARDWARE_ERROR);
+            self.status_return_level = at(table::STATUS_RETURN_LEVEL);
         }
         if self.error & hardware_error::ENCODER != 0 {
-            self.sense.reading = Reading::Invalid;
+            sense.reading = Reading::Invalid;
         }
         if self.error & hardware_error::OVERHEAT != 0 {
-            self.sense.temperature_c = i8::MAX;
+            sense.temperature_c = i8::MAX;
         }
         if self.error & hardware_error::VOLTAGE != 0 {
-            self.sense.supply_mv = 0;
+            sense.supply_mv = 0;
         }
+    }
+
+    fn refusal(&self, error: u8) -> Option<String> {
+        // bit 7 is an alert about the hardware, not about this write
+        let code = usize::from(error & 0x7F);
+        let name = table::ANSWER_ERRORS.get(code.wrapping_sub(1)).copied().unwrap_or("an unknown reason");
+        (code != 0).then(|| format!("refused a write: {name}"))
+    }
+
+    fn reset(&mut self, bus: &mut Bus<PacketWire>, id: u8) -> Result<Option<Duration>, LinkError> {
+        if std::mem::take(&mut self.error) == 0 {
+            return Ok(None);
+        }
+        bus.reboot(id)?;
+        Ok(Some(START))
     }
 
     fn errors(&self) -> Vec<String> {
         let hardware = hardware_error::NAMES.iter().filter(|(bit, _)| self.error & bit != 0);
-        let refused = self.refused.map(|code| {
-            let name = table::ANSWER_ERRORS.get(usize::from(code).wrapping_sub(1));
-            format!("refused a write: {}", name.copied().unwrap_or("an unknown reason"))
+        let level = (self.status_return_level != 2).then(|| {
+            format!("register 68 (status return level) was set to {}, expected 2", self.status_return_level)
         });
-        hardware.map(|(_, name)| format!("shutdown: {name}")).chain(refused).collect()
+        hardware.map(|(_, name)| format!("shutdown: {name}")).chain(level).collect()
     }
 }
 
-impl Actuators for Dynamixel {
-    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError> {
-        let ids = self.ids();
-        let asked = Instant::now();
-        self.servos.iter_mut().for_each(|servo| servo.questions.ask(asked));
-        let measured = self.bus.sync_read(&ids, table::MEASURED)?;
-        let heard = Instant::now();
-        let slow = if round.is_multiple_of(SLOW_ROUNDS) {
-            self.bus.sync_read(&ids, table::TORQUE_TO_ERROR)?
+/// The status return level, which must be 2. At 0 a servo answers a ping and no question for a register.
+fn find_level(bus: &mut Bus<PacketWire>, id: u8, model: &Model) -> Result<u8, LinkError> {
+    let level = bus.read_patiently(id, table::STATUS_RETURN_LEVEL)?.map(|values| values[0]);
+    let name = format!("register 68 (status return level) of this {}", model.name);
+    let (register, found, heard) = match level {
+        Some(2) => return Ok(2),
+        Some(level) => (name, level, ""),
+        None if bus.ping(id, table::PING.1)?.is_some() => {
+            (name, 0, "it answers pings and no question for a register; ")
+        }
+        None => {
+            let path = format!("{}, servo {id}", bus.path());
+            return Err(LinkError::Open {
+                path,
+                reason: "it answered a ping, and then nothing any more".into(),
+            });
+        }
+    };
+    let advice =
+        format!("{heard}set it to 2 (DYNAMIXEL Wizard), or switch the servo off and on, which sets it to 2");
+    Err(refuse(bus.path(), id, &register, found.into(), "2 (answers pings, reads and writes)", &advice))
+}
+
+/// Position control, on its own motor. A reversed direction is the wiring of the rig, and goals and positions agree on it.
+fn check_modes(
+    [drive, operating]: [u8; 2],
+    wrong: impl Fn(&str, i64, &str, &str) -> LinkError,
+) -> Result<(), LinkError> {
+    if drive & table::DRIVE_MODE_SLAVE != 0 {
+        let expected = "bit 1 (slave of another servo) off";
+        let advice = "set it (DYNAMIXEL Wizard, torque off): a slave takes no goal of its own";
+        return Err(wrong("register 10 (drive mode)", drive.into(), expected, advice));
+    }
+    if ![3, 5].contains(&operating) {
+        let expected = "3 (position) or 5 (position with current limit)";
+        let advice = if operating == 4 {
+            "4 (extended position) counts turns, and a shaft may stand where no angle of one turn leads: set it to 3 (DYNAMIXEL \
+             Wizard, torque off)"
         } else {
-            vec![None; ids.len()]
+            "set it to 3 (DYNAMIXEL Wizard, torque off)"
         };
-        for ((servo, measured), slow) in self.servos.iter_mut().zip(&measured).zip(&slow) {
-            servo.take(measured.as_deref(), slow.as_deref());
-            if measured.is_some() {
-                servo.between = servo.questions.answer(heard);
-            }
-        }
-        Ok(self.servos.each_ref().map(|servo| Sample { sense: servo.sense, between: servo.between }))
+        return Err(wrong("register 11 (operating mode)", operating.into(), expected, advice));
+    }
+    Ok(())
+}
+
+/// Packets with their status.
+#[derive(Default)]
+pub(super) struct PacketWire(PacketReceiver);
+
+impl Wire for PacketWire {
+    fn number(value: u16) -> Vec<u8> {
+        value.to_le_bytes().to_vec()
     }
 
-    fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {
-        let mut goals = Vec::new();
-        for (axis, setpoint) in setpoints.into_iter().enumerate() {
-            let servo = &mut self.servos[axis];
-            let Some(setpoint) = setpoint else {
-                servo.switched_on = false;
-                continue;
-            };
-            let goal = table::counts(setpoint.position_urad).to_le_bytes();
-            if servo.sense.torque {
-                servo.switched_on = true;
-                goals.push((servo.id, goal.to_vec()));
-            } else if !servo.switched_on {
-                self.switch_on(axis, &goal)?;
-            }
-        }
-        if goals.is_empty() { Ok(()) } else { self.bus.sync_write(table::GOAL_POSITION, &goals) }
+    fn question(&mut self, id: u8, instruction: u8, parameters: Vec<u8>) -> Vec<u8> {
+        Packet { id, instruction, parameters }.encode()
     }
 
-    fn recover(&mut self) -> Result<(), LinkError> {
-        let shut_down = self.servos.each_ref().map(|servo| servo.error != 0);
-        for (servo, _) in self.servos.iter_mut().zip(shut_down).filter(|(_, shut_down)| *shut_down) {
-            self.bus.reboot(servo.id)?;
-            (servo.switched_on, servo.error, servo.refused) = (false, 0, None);
-        }
-        if shut_down.contains(&true) {
-            std::thread::sleep(START);
-        }
-        Ok(())
+    fn push(&mut self, bytes: &[u8]) -> Vec<Answer> {
+        let answers = self.0.push(bytes).into_iter().filter_map(|packet| {
+            let (error, data) = packet.answer()?;
+            // a question that was refused has no data
+            let data = if error & 0x7F == 0 { data.to_vec() } else { Vec::new() };
+            Some(Answer { id: packet.id, error, data })
+        });
+        answers.collect()
     }
 
-    fn leave(&mut self) {
-        for id in self.ids() {
-            let _ = self.bus.write(id, table::BUS_WATCHDOG, &[0]); // a bus that is gone needs no farewell
-        }
+    fn clear(&mut self) {
+        self.0.clear();
     }
 
-    fn errors(&self) -> [Vec<String>; 2] {
-        [self.servos[0].errors(), self.servos[1].errors()]
-    }
-
-    fn counters(&self) -> LinkCounters {
-        LinkCounters {
-            frames: self.bus.answers,
-            checksum_errors: self.bus.damaged(),
-            ..LinkCounters::default()
-        }
+    fn damaged(&self) -> u32 {
+        self.0.damaged
     }
 }

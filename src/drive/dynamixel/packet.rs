@@ -1,27 +1,8 @@
 //! Dynamixel Protocol 2.0 packets (ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0"):
 //! `FF FF FD 00 | id | length u16 | instruction | parameters, FD stuffed after FF FF FD | CRC-16`.
 
-/// The id that every servo listens to.
-pub const BROADCAST: u8 = 0xFE;
-
-/// Instructions and the one answer.
-pub mod instruction {
-    /// Who is there?
-    pub const PING: u8 = 0x01;
-    /// Read registers.
-    pub const READ: u8 = 0x02;
-    /// Write registers.
-    pub const WRITE: u8 = 0x03;
-    /// Start anew: the only way out of a shutdown.
-    pub const REBOOT: u8 = 0x08;
-    /// An answer.
-    pub const STATUS: u8 = 0x55;
-    /// Read the same registers of many servos; they answer in turn.
-    pub const SYNC_READ: u8 = 0x82;
-    /// Write the same registers of many servos; nobody answers.
-    pub const SYNC_WRITE: u8 = 0x83;
-}
-
+/// The instruction of an answer.
+pub const STATUS: u8 = 0x55;
 const HEADER: [u8; 4] = [0xFF, 0xFF, 0xFD, 0x00];
 /// No packet of the servos used here is longer.
 const LONGEST: usize = 256;
@@ -31,7 +12,7 @@ const LONGEST: usize = 256;
 pub struct Packet {
     /// Whom it is for, or whose answer it is.
     pub id: u8,
-    /// What it asks; [`instruction::STATUS`] for answers.
+    /// What it asks; [`STATUS`] for answers.
     pub instruction: u8,
     /// Parameters; an answer begins with its error byte.
     pub parameters: Vec<u8>,
@@ -50,19 +31,9 @@ fn crc16(bytes: &[u8]) -> u16 {
 }
 
 impl Packet {
-    /// A question.
+    /// A packet.
     pub fn new(id: u8, instruction: u8, parameters: &[u8]) -> Self {
         Self { id, instruction, parameters: parameters.to_vec() }
-    }
-
-    /// A question for registers.
-    pub fn read(id: u8, address: u16, length: u16) -> Self {
-        Self::new(id, instruction::READ, &[address.to_le_bytes(), length.to_le_bytes()].concat())
-    }
-
-    /// New values for registers.
-    pub fn write(id: u8, address: u16, values: &[u8]) -> Self {
-        Self::new(id, instruction::WRITE, &[&address.to_le_bytes(), values].concat())
     }
 
     /// The bytes on the line.
@@ -85,7 +56,7 @@ impl Packet {
     /// Error byte and data of an answer; `None` when it is none.
     pub fn answer(&self) -> Option<(u8, &[u8])> {
         let (error, data) = self.parameters.split_first()?;
-        (self.instruction == instruction::STATUS).then_some((*error, data))
+        (self.instruction == STATUS).then_some((*error, data))
     }
 }
 
@@ -98,6 +69,11 @@ pub struct PacketReceiver {
 }
 
 impl PacketReceiver {
+    /// Forgets half a packet: a new question was asked.
+    pub fn clear(&mut self) {
+        self.buffer.clear();
+    }
+
     /// Takes bytes; the packets that they complete.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Packet> {
         self.buffer.extend_from_slice(bytes);
@@ -147,6 +123,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::drive::bus_servos::instruction;
 
     fn hex(text: &str) -> Vec<u8> {
         let text = text.replace(' ', "");
@@ -156,17 +133,23 @@ mod tests {
     /// Bytes exchanged with the vendor's own servo library.
     #[test]
     fn speaks_as_the_vendors_servo() {
-        let status = |parameters: &[u8]| Packet::new(1, instruction::STATUS, parameters);
+        let status = |parameters: &[u8]| Packet::new(1, STATUS, parameters);
+        let read = |address: u16, length: u16| {
+            Packet::new(1, instruction::READ, &[address.to_le_bytes(), length.to_le_bytes()].concat())
+        };
+        let write = |address: u16, values: &[u8]| {
+            Packet::new(1, instruction::WRITE, &[&address.to_le_bytes(), values].concat())
+        };
         let vectors = [
             (Packet::new(1, instruction::PING, &[]), "FFFFFD00 01 0300 01 194E"),
             (status(&[0, 0xFC, 0x03, 0x01]), "FFFFFD00 01 0700 55 00 FC0301 FCC3"),
-            (Packet::read(1, 132, 4), "FFFFFD00 01 0700 02 8400 0400 1D15"),
+            (read(132, 4), "FFFFFD00 01 0700 02 8400 0400 1D15"),
             (status(&[0, 0, 8, 0, 0]), "FFFFFD00 01 0800 55 00 00080000 1C38"),
-            (Packet::write(1, 116, &1000u32.to_le_bytes()), "FFFFFD00 01 0900 03 7400 E8030000 F0A9"),
+            (write(116, &1000u32.to_le_bytes()), "FFFFFD00 01 0900 03 7400 E8030000 F0A9"),
             (status(&[7]), "FFFFFD00 01 0400 55 07 B08C"),
-            (Packet::write(1, 64, &[1]), "FFFFFD00 01 0600 03 4000 01 DB66"),
+            (write(64, &[1]), "FFFFFD00 01 0600 03 4000 01 DB66"),
             (status(&[0]), "FFFFFD00 01 0400 55 00 A10C"),
-            (Packet::write(1, 116, &2332u32.to_le_bytes()), "FFFFFD00 01 0900 03 7400 1C090000 53B9"),
+            (write(116, &2332u32.to_le_bytes()), "FFFFFD00 01 0900 03 7400 1C090000 53B9"),
             (status(&[0, 0x1C, 9, 0, 0]), "FFFFFD00 01 0800 55 00 1C090000 0D08"),
         ];
         for (packet, bytes) in vectors {

@@ -1,25 +1,35 @@
-//! Registers of the X series (ROBOTIS e-Manual, XM430-W350 control table), as address and length.
+//! Registers and models (ROBOTIS e-Manual, control tables of the X series and of MX with Protocol 2.0), as address and
+//! length.
 
-/// Address and length of a register.
-pub type Register = (u16, u16);
+use crate::drive::bus_servos::Register;
 
-/// 3 is position control, 5 position control with a current limit.
-pub const OPERATING_MODE: Register = (11, 1);
-/// Highest position, counts.
-pub const MAX_POSITION: Register = (48, 4);
-/// Lowest position, counts.
-pub const MIN_POSITION: Register = (52, 4);
+/// Not a register: what a ping answers, model number and firmware version.
+pub const PING: Register = (0, 3);
+/// Model number and model information: read for its length.
+pub const FENCE: Register = (0, 6);
+/// Drive mode and operating mode.
+pub const MODES: Register = (10, 2);
+/// Bit of the drive mode: it follows the goal of another servo.
+pub const DRIVE_MODE_SLAVE: u8 = 1 << 1;
+/// Highest and lowest supply, 0.1 V.
+pub const VOLTAGE_LIMITS: Register = (32, 4);
+/// Highest and lowest position, counts.
+pub const POSITION_LIMITS: Register = (48, 8);
 /// 1 drives the shaft.
 pub const TORQUE_ENABLE: Register = (64, 1);
+/// Which questions it answers: 0 pings, 1 pings and reads, 2 all.
+pub const STATUS_RETURN_LEVEL: Register = (68, 1);
 /// What shut it down, see [`hardware_error`].
 pub const HARDWARE_ERROR: Register = (70, 1);
 /// Silence on the bus after which it stops, 20 ms; 0 switches that off and clears it.
 pub const BUS_WATCHDOG: Register = (98, 1);
+/// Acceleration and velocity (or times, by bit 2 of the drive mode) of its own profile; 0 is none.
+pub const PROFILE: Register = (108, 8);
 /// Where to be, counts.
 pub const GOAL_POSITION: Register = (116, 4);
 /// Current, velocity, position, two trajectory values, voltage, temperature: all that is measured in one read.
 pub const MEASURED: Register = (126, 21);
-/// Within [`MEASURED`]: current, 2.69 mA.
+/// Within [`MEASURED`]: current, in the unit of the [`Model`].
 pub const CURRENT_AT: usize = 0;
 /// Within [`MEASURED`]: position, counts.
 pub const POSITION_AT: usize = 6;
@@ -58,41 +68,3 @@ pub const ANSWER_ERRORS: [&str; 7] = [
     "data outside its limits",
     "register cannot be accessed now",
 ];
-
-/// Models with this control table and a current sensor: XM430-W350, XM430-W210, XM540-W270, XM540-W150.
-pub const MODELS: [u16; 4] = [1020, 1030, 1120, 1130];
-
-/// Position at the middle of the horn's turn, counts.
-pub const CENTRE: i32 = 2048;
-/// Counts of a turn.
-const COUNTS: i64 = 4096;
-/// A turn, µrad.
-const TURN_URAD: i64 = 6_283_185;
-/// One count, µrad, rounded up.
-pub const COUNT_URAD: i32 = (TURN_URAD / COUNTS) as i32 + 1;
-
-/// Counts to an angle from the centre, µrad.
-pub fn urad(counts: i32) -> i32 {
-    ((i64::from(counts) - i64::from(CENTRE)) * TURN_URAD / COUNTS).clamp(i32::MIN.into(), i32::MAX.into())
-        as i32
-}
-
-/// An angle from the centre to the nearest count.
-pub fn counts(urad: i32) -> i32 {
-    let scaled = i64::from(urad) * COUNTS;
-    let half = if scaled < 0 { -TURN_URAD / 2 } else { TURN_URAD / 2 };
-    CENTRE + ((scaled + half) / TURN_URAD) as i32
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counts_and_angles_agree() {
-        assert_eq!((urad(2048), urad(3072), urad(0)), (0, 1_570_796, -3_141_592));
-        for count in 0..4096 {
-            assert_eq!(counts(urad(count)), count);
-        }
-    }
-}

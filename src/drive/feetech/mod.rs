@@ -1,299 +1,227 @@
-//! Feetech STS servos as a rig. They have play and no watchdog: when this program is gone they hold where they are.
+//! Feetech STS servos. They have play and no watchdog: when this program is gone they go to their last goal and hold.
 
 use std::collections::VecDeque;
-use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use firmware_protocol::config::Home;
-use firmware_protocol::{LinkCounters, Reading, Sense, Setpoint};
+use firmware_protocol::{Reading, Sense};
 
 use super::LinkError;
-use super::bus_port::BusPort;
-use super::hosted::{Actuators, HostedLink, Make, Questions, Sample};
+use super::bus_servos::{Answer, Bus, Register, TURN_COUNTS, Table, Wire, refuse};
 
 pub(crate) mod packet;
+pub(crate) mod table;
 
-use packet::{Packet, PacketReceiver, Register};
+use packet::{Packet, PacketReceiver};
 
-/// How long a servo may take to answer at a megabaud behind a slow USB adapter.
-const ANSWER_WITHIN: Duration = Duration::from_millis(30);
-/// Rounds between two looks at the torque switch.
-const SLOW_ROUNDS: u32 = 10;
-/// The degree of play that others measured; the encoder sits on the output and sees it.
+/// The degree of play that others measured.
 const PLAY_URAD: i32 = 17_453;
-/// Error of the magnetic encoder's scale: the maker gives none; 0.5 degrees is usual for a 12-bit one off its axis a little
-/// (ams AS5045 data sheet, "INLopt").
-const ACCURACY_URAD: i32 = 8727;
 /// Questions whose echo may still come.
 const ECHOES: usize = 8;
-/// STS3215 and STS3250.
-const MODELS: [u16; 2] = [777, 2825];
+/// Where settings are changed.
+const TOOL: &str = "with Feetech's FD program, torque off";
+/// Every register that is read.
+#[cfg(test)]
+pub(super) const READ: [Register; 4] = [table::FENCE, table::SETUP, table::TORQUE_ENABLE, table::MEASURED];
 
-/// Opens a bus and finds its two servos; the first is axis 0.
-pub(super) fn open(path: &Path, baud: u32, ids: [u8; 2]) -> Result<HostedLink, LinkError> {
-    let port = BusPort::open(path, baud)?;
-    let mut bus = Bus {
-        port,
-        receiver: PacketReceiver::default(),
-        waiting: VecDeque::new(),
-        echoes: VecDeque::new(),
-        answers: 0,
-    };
-    let found = [bus.find(ids[0])?, bus.find(ids[1])?];
-    let uid = u64::from(ids[0]) << 8 | u64::from(ids[1]);
-    let make = Make {
-        uid,
-        ranges_urad: found.map(|(range, _)| range),
-        accuracy_urad: ACCURACY_URAD,
-        resolutions_urad: [packet::COUNT_URAD; 2],
-        play_urad: PLAY_URAD,
-        lost_motion_urad: 0,
-        homes: [Home::Absolute; 2],
-    };
-    let name = format!("feetech:{}", bus.port.path());
-    let servo = |axis: usize| BusServo {
-        id: ids[axis],
-        sense: Sense::UNREAD,
-        between: [Instant::now(); 2],
-        questions: Questions::default(),
-        error: 0,
-        answers_writes: found[axis].1,
-        switched_on: false,
-    };
-    HostedLink::start(name, Feetech { bus, servos: [servo(0), servo(1)] }, &make)
+/// One servo, as found and as last heard.
+pub(super) struct Feetech {
+    limits: (i32, i32),
+    supply_limits: (u16, u16),
+    answers_writes: bool,
+    /// Error bits of its last answer.
+    error: u8,
 }
 
-/// Questions and answers, each with a time limit.
-struct Bus {
-    port: BusPort,
+impl Table for Feetech {
+    type Wire = PacketWire;
+    const NAME: &'static str = "feetech";
+    const PLAY_URAD: i32 = PLAY_URAD;
+    const FENCE: Register = table::FENCE;
+    const MEASURED: Register = table::MEASURED;
+    const POSITION: Register = (56, 2);
+    const TORQUE: Register = table::TORQUE_ENABLE;
+    const GOAL: Register = table::GOAL_POSITION;
+    const PREPARE: &'static [(Register, &'static [u8])] = &[];
+    const WATCHDOG: Option<(Register, u8)> = None;
+    const LIMITS: &'static str = "registers 9 and 11";
+    const OUTSIDE: &'static str = "register 31 (position offset), which shifts the position, and at these limits (Feetech's FD program)";
+
+    fn find(bus: &mut Bus<PacketWire>, id: u8) -> Result<Self, LinkError> {
+        let path = bus.path().to_owned();
+        let setup = bus.read_patiently(id, table::SETUP)?.ok_or_else(|| LinkError::Open {
+            path: format!("{path}, servo {id}"),
+            reason: "no answer to a question for its model and settings (registers 3 to 33); are id and baud rate right, is \
+                     it powered?"
+                .into(),
+        })?;
+        let byte = |address: u16| setup[usize::from(address - table::SETUP.0)];
+        let word = |address: u16| table::signed(byte(address), byte(address + 1));
+        let wrong = |register: &str, found: i64, expected: &str, advice: &str| {
+            refuse(&path, id, register, found, expected, advice)
+        };
+        check_model(u16::from_le_bytes([byte(3), byte(4)]), wrong)?;
+        let mode = byte(table::MODE);
+        if mode != 0 {
+            let expected = "0 (position)";
+            return Err(wrong(
+                "register 33 (operating mode)",
+                mode.into(),
+                expected,
+                &format!("set it to 0 {TOOL}"),
+            ));
+        }
+        let phase = byte(table::PHASE);
+        if phase & table::COUNTS_TURNS != 0 {
+            let single = phase & !table::COUNTS_TURNS;
+            let expected = format!("{single} (bit 4 off: positions within one turn)");
+            let advice =
+                format!("a servo that counts turns may stand where no goal leads: set it to {single} {TOOL}");
+            return Err(wrong("register 18 (phase)", phase.into(), &expected, &advice));
+        }
+        let resolution = byte(table::RESOLUTION);
+        if resolution > 1 {
+            let expected = "1 (4096 counts to the turn)";
+            let advice = format!("set it to 1 {TOOL}");
+            return Err(wrong("register 30 (angular resolution)", resolution.into(), expected, &advice));
+        }
+        let limits = (word(table::LOWEST), word(table::HIGHEST));
+        if limits.0 >= limits.1 || !TURN_COUNTS.contains(&limits.0) || !TURN_COUNTS.contains(&limits.1) {
+            let reason = format!(
+                "registers 9 and 11 (lowest and highest position) are {} and {}, expected two rising counts from 0 to 4095; \
+                 0 and 0 let it count turns; set them {TOOL}",
+                limits.0, limits.1
+            );
+            return Err(LinkError::Open { path: format!("{path}, servo {id}"), reason });
+        }
+        let supply_limits = (byte(table::LOWEST_SUPPLY).into(), byte(table::HIGHEST_SUPPLY).into());
+        Ok(Self { limits, supply_limits, answers_writes: byte(table::ANSWER_LEVEL) != 0, error: 0 })
+    }
+
+    fn limits(&self) -> (i32, i32) {
+        self.limits
+    }
+
+    fn supply_limits(&self) -> (u16, u16) {
+        self.supply_limits
+    }
+
+    fn answers_writes(&self) -> bool {
+        self.answers_writes
+    }
+
+    fn position(measured: &[u8]) -> i32 {
+        table::signed(measured[0], measured[1])
+    }
+
+    /// Goals lie within the turn, so none has a sign.
+    fn goal(counts: i32) -> Vec<u8> {
+        (counts.clamp(*TURN_COUNTS.start(), *TURN_COUNTS.end()) as u16).to_le_bytes().to_vec()
+    }
+
+    fn take(&mut self, measured: Option<&Answer>, _slow: Option<&[u8]>, sense: &mut Sense) {
+        let Some(Answer { error, data, .. }) = measured else { return };
+        let current = table::signed(data[table::CURRENT_AT], data[table::CURRENT_AT + 1]).abs();
+        self.error = error | data[table::STATUS_AT];
+        sense.supply_mv = u16::from(data[table::VOLTAGE_AT]) * 100;
+        sense.temperature_c = data[table::TEMPERATURE_AT].min(i8::MAX as u8) as i8;
+        sense.current_ma = (current * 13 / 2).min(i16::MAX.into()) as i16;
+        if self.error & table::ENCODER != 0 {
+            sense.reading = Reading::Invalid;
+        }
+        if self.error & table::VOLTAGE != 0 {
+            sense.supply_mv = 0;
+        }
+        if self.error & table::OVERHEAT != 0 {
+            sense.temperature_c = i8::MAX;
+        }
+        if self.error & table::OVERCURRENT != 0 {
+            sense.current_ma = i16::MAX;
+        }
+        if self.error & table::OVERLOAD != 0 {
+            sense.torque = false;
+        }
+    }
+
+    /// Its error bits tell of the servo, not of the write.
+    fn refusal(&self, _error: u8) -> Option<String> {
+        None
+    }
+
+    /// Its protection ends with the next switching on.
+    fn reset(&mut self, bus: &mut Bus<PacketWire>, id: u8) -> Result<Option<Duration>, LinkError> {
+        if self.error == 0 {
+            return Ok(None);
+        }
+        if self.answers_writes {
+            bus.write(id, table::TORQUE_ENABLE, &[0])?;
+        } else {
+            bus.write_unanswered(id, table::TORQUE_ENABLE, &[0])?;
+        }
+        Ok(Some(Duration::ZERO))
+    }
+
+    fn errors(&self) -> Vec<String> {
+        let known = table::ERRORS.iter().filter(|(bit, _)| self.error & bit != 0);
+        let known = known.map(|(_, name)| (*name).to_owned());
+        let named = table::ERRORS.iter().fold(0, |bits, (bit, _)| bits | bit);
+        let others = (0..8).filter(|bit| self.error & !named & 1 << bit != 0);
+        known.chain(others.map(|bit| format!("error bit {bit}"))).collect()
+    }
+}
+
+fn check_model(found: u16, wrong: impl Fn(&str, i64, &str, &str) -> LinkError) -> Result<(), LinkError> {
+    if table::MODELS.iter().any(|(number, _)| *number == found) {
+        return Ok(());
+    }
+    let known: Vec<_> = table::MODELS.iter().map(|(number, name)| format!("{number} {name}")).collect();
+    // a make that sends the high byte first sends its model so, too
+    let other = table::OTHERS.iter().find(|(number, _)| *number == found || number.swap_bytes() == found);
+    let advice = other.map_or("registers of other models mean something else", |(_, what)| *what);
+    Err(wrong("register 3 (model)", found.into(), &format!("one of {}", known.join(", ")), advice))
+}
+
+/// Packets, whose questions look like answers.
+#[derive(Default)]
+pub(super) struct PacketWire {
     receiver: PacketReceiver,
-    waiting: VecDeque<Packet>,
     /// Questions asked lately: half-duplex adapters say them back, some right away and some after a while. No answer looks
     /// like the question of a register.
     echoes: VecDeque<Packet>,
-    answers: u32,
 }
 
-impl Bus {
-    fn ask(&mut self, id: u8, instruction: u8, parameters: Vec<u8>) -> Result<(), LinkError> {
-        self.waiting.clear();
-        self.receiver.clear();
-        self.port.forget()?; // a late answer would be taken for that to this question
+impl Wire for PacketWire {
+    /// Registers and lengths are one byte.
+    fn number(value: u16) -> Vec<u8> {
+        vec![value as u8]
+    }
+
+    fn question(&mut self, id: u8, instruction: u8, parameters: Vec<u8>) -> Vec<u8> {
         let question = Packet { id, code: instruction, parameters };
-        self.port.send(&question.encode())?;
+        let bytes = question.encode();
         if self.echoes.len() == ECHOES {
             self.echoes.pop_front();
         }
         self.echoes.push_back(question);
-        Ok(())
+        bytes
     }
 
-    /// The next answer of this servo; late ones of others, and echoes, are skipped.
-    fn hear(&mut self, id: u8) -> Result<Option<Packet>, LinkError> {
-        let end = Instant::now() + ANSWER_WITHIN;
-        loop {
-            while let Some(packet) = self.waiting.pop_front() {
-                if let Some(at) = self.echoes.iter().position(|question| *question == packet) {
-                    self.echoes.remove(at);
-                } else if packet.id == id {
-                    self.answers = self.answers.wrapping_add(1);
-                    return Ok(Some(packet));
-                }
-            }
-            match self.port.read(end)? {
-                Some(bytes) => self.waiting.extend(self.receiver.push(&bytes)),
-                None => return Ok(None),
-            }
-        }
-    }
-
-    fn read(&mut self, id: u8, (address, length): Register) -> Result<Option<(u8, Vec<u8>)>, LinkError> {
-        self.ask(id, packet::READ, vec![address, length])?;
-        let answer = self.hear(id)?.filter(|answer| answer.parameters.len() == usize::from(length));
-        Ok(answer.map(|answer| (answer.code, answer.parameters)))
-    }
-
-    fn write(
-        &mut self,
-        id: u8,
-        (address, _): Register,
-        values: &[u8],
-        answered: bool,
-    ) -> Result<Option<u8>, LinkError> {
-        self.ask(id, packet::WRITE, [&[address], values].concat())?;
-        if !answered {
-            return Ok(Some(0));
-        }
-        Ok(self.hear(id)?.map(|answer| answer.code))
-    }
-
-    /// Looks at one servo before anything is told to it; its range, µrad, and whether it answers writes.
-    fn find(&mut self, id: u8) -> Result<((i32, i32), bool), LinkError> {
-        let path = format!("{}, servo {id}", self.port.path());
-        let wrong = |reason: String| LinkError::Open { path: path.clone(), reason };
-        let mut register = |register: Register, what: &str| -> Result<Vec<u8>, LinkError> {
-            for _ in 0..3 {
-                if let Some((_, values)) = self.read(id, register)? {
-                    return Ok(values);
-                }
-            }
-            Err(wrong(format!(
-                "no answer to a question for its {what}; are id and baud rate right, is it powered?"
-            )))
-        };
-        let model = register(packet::MODEL, "model")?;
-        let model = u16::from_le_bytes([model[0], model[1]]);
-        if !MODELS.contains(&model) {
-            return Err(wrong(format!("model {model} is none of the known {MODELS:?}")));
-        }
-        let mode = register(packet::MODE, "mode")?[0];
-        if mode != 0 {
-            return Err(wrong(format!("operating mode {mode}, expected 0 (position)")));
-        }
-        let limits = register(packet::POSITION_LIMITS, "position limits")?;
-        let [low, high] = [0, 2].map(|at| packet::signed(u16::from_le_bytes([limits[at], limits[at + 1]])));
-        // both zero is the maker's way to say: none
-        let (low, high) = if (low, high) == (0, 0) { (0, 4095) } else { (low, high) };
-        let answers_writes = register(packet::ANSWERS_WRITES, "answer level")?[0] != 0;
-        Ok(((packet::urad(low), packet::urad(high)), answers_writes))
-    }
-}
-
-/// One servo, as last heard.
-#[derive(Clone, Debug)]
-struct BusServo {
-    id: u8,
-    sense: Sense,
-    between: [Instant; 2],
-    questions: Questions,
-    /// Error bits of its last answer.
-    error: u8,
-    answers_writes: bool,
-    /// Torque was switched on since it was last to be off: should it vanish, it was the servo that dropped it.
-    switched_on: bool,
-}
-
-impl BusServo {
-    fn take(&mut self, answer: Option<&Packet>) {
-        self.sense.reading = Reading::Missing;
-        let Some(answer) = answer else { return };
-        let bytes = &answer.parameters;
-        let word = |at: usize| packet::signed(u16::from_le_bytes([bytes[at], bytes[at + 1]]));
-        self.error = answer.code | bytes[packet::STATUS_AT];
-        self.sense.reading = Reading::Measured(packet::urad(word(0)));
-        self.sense.supply_mv = u16::from(bytes[packet::VOLTAGE_AT]) * 100;
-        self.sense.temperature_c = bytes[packet::TEMPERATURE_AT].min(i8::MAX as u8) as i8;
-        self.sense.current_ma = (word(packet::CURRENT_AT).abs() * 13 / 2).min(i16::MAX.into()) as i16;
-        if self.error & packet::ENCODER != 0 {
-            self.sense.reading = Reading::Invalid;
-        }
-        if self.error & packet::VOLTAGE != 0 {
-            self.sense.supply_mv = 0;
-        }
-        if self.error & packet::OVERHEAT != 0 {
-            self.sense.temperature_c = i8::MAX;
-        }
-        if self.error & packet::OVERCURRENT != 0 {
-            self.sense.current_ma = i16::MAX;
-        }
-        if self.error & packet::OVERLOAD != 0 {
-            self.sense.torque = false;
-        }
-    }
-}
-
-struct Feetech {
-    bus: Bus,
-    servos: [BusServo; 2],
-}
-
-impl Feetech {
-    /// A goal switches torque on by itself, so the first one is where the shaft stands.
-    fn switch_on(&mut self, axis: usize, goal: &[u8]) -> Result<(), LinkError> {
-        let BusServo { id, answers_writes, .. } = self.servos[axis];
-        let took = self.bus.write(id, packet::GOAL_POSITION, goal, answers_writes)?;
-        if took.is_some() && self.bus.write(id, packet::TORQUE_ENABLE, &[1], answers_writes)?.is_some() {
-            let servo = &mut self.servos[axis];
-            (servo.sense.torque, servo.switched_on) = (true, true);
-        }
-        Ok(())
-    }
-}
-
-impl Actuators for Feetech {
-    fn listen(&mut self, round: u32) -> Result<[Sample; 2], LinkError> {
-        let ids = self.servos.each_ref().map(|servo| servo.id);
-        let (address, length) = packet::MEASURED;
-        let asked = Instant::now();
-        self.servos.iter_mut().for_each(|servo| servo.questions.ask(asked));
-        self.bus.ask(packet::BROADCAST, packet::SYNC_READ, [&[address, length], &ids[..]].concat())?;
+    fn push(&mut self, bytes: &[u8]) -> Vec<Answer> {
         let mut answers = Vec::new();
-        for id in ids {
-            answers.push(self.bus.hear(id)?.filter(|answer| answer.parameters.len() == usize::from(length)));
-        }
-        let heard = Instant::now();
-        for (servo, answer) in self.servos.iter_mut().zip(&answers) {
-            if answer.is_some() {
-                servo.between = servo.questions.answer(heard);
-            }
-            if round.is_multiple_of(SLOW_ROUNDS)
-                && let Some((_, values)) = self.bus.read(servo.id, packet::TORQUE_ENABLE)?
-            {
-                servo.sense.torque = values[0] == 1;
-            }
-            servo.take(answer.as_ref());
-        }
-        Ok(self.servos.each_ref().map(|servo| Sample { sense: servo.sense, between: servo.between }))
-    }
-
-    fn tell(&mut self, setpoints: [Option<Setpoint>; 2]) -> Result<(), LinkError> {
-        let mut goals = vec![packet::GOAL_POSITION.0, packet::GOAL_POSITION.1];
-        for (axis, setpoint) in setpoints.into_iter().enumerate() {
-            let servo = &mut self.servos[axis];
-            let Some(setpoint) = setpoint else {
-                servo.switched_on = false;
-                continue;
-            };
-            let goal = packet::counts(setpoint.position_urad).to_le_bytes();
-            if servo.sense.torque {
-                servo.switched_on = true;
-                goals.push(servo.id);
-                goals.extend(goal);
-            } else if !servo.switched_on {
-                self.switch_on(axis, &goal)?;
+        for packet in self.receiver.push(bytes) {
+            if let Some(at) = self.echoes.iter().position(|question| *question == packet) {
+                self.echoes.remove(at);
+            } else {
+                answers.push(Answer { id: packet.id, error: packet.code, data: packet.parameters });
             }
         }
-        if goals.len() == 2 { Ok(()) } else { self.bus.ask(packet::BROADCAST, packet::SYNC_WRITE, goals) }
+        answers
     }
 
-    fn recover(&mut self) -> Result<(), LinkError> {
-        for servo in self.servos.iter_mut().filter(|servo| servo.error != 0) {
-            // its protection ends with the next switching on
-            self.bus.write(servo.id, packet::TORQUE_ENABLE, &[0], servo.answers_writes)?;
-            (servo.switched_on, servo.sense.torque) = (false, false);
-        }
-        Ok(())
+    fn clear(&mut self) {
+        self.receiver.clear();
     }
 
-    fn leave(&mut self) {}
-
-    fn errors(&self) -> [Vec<String>; 2] {
-        [0, 1].map(|axis: usize| {
-            let error = self.servos[axis].error;
-            let known = packet::ERRORS.iter().filter(|(bit, _)| error & bit != 0);
-            let known = known.map(|(_, name)| (*name).to_owned());
-            let named = packet::ERRORS.iter().fold(0, |bits, (bit, _)| bits | bit);
-            let others =
-                (0..8).filter(|bit| error & !named & 1 << bit != 0).map(|bit| format!("error bit {bit}"));
-            known.chain(others).collect()
-        })
-    }
-
-    fn counters(&self) -> LinkCounters {
-        LinkCounters {
-            frames: self.bus.answers,
-            checksum_errors: self.bus.receiver.damaged,
-            ..LinkCounters::default()
-        }
+    fn damaged(&self) -> u32 {
+        self.receiver.damaged
     }
 }
