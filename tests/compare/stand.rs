@@ -73,6 +73,7 @@ impl Servo {
                 uncertainty_urad: Some(200),
                 target_urad,
                 source: "measured".into(),
+                homed: Some(true),
                 state: if is_new { "moving" } else { "holding" }.into(),
                 faults: Vec::new(),
             };
