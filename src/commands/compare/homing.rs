@@ -113,9 +113,9 @@ pub fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
     let lasted_ns: u64 =
         spans_ns.iter().map(|[a, b]| (*b).min(to_ns).saturating_sub((*a).max(from_ns))).sum();
     let when = if own.iter().any(|report| report.source == "measured") {
-        format!("{:.1} s of {:.1} s", lasted_ns as f64 * 1e-9, (to_ns - from_ns) as f64 * 1e-9)
+        format!("not homed for {:.1} s of {:.1} s", lasted_ns as f64 * 1e-9, (to_ns - from_ns) as f64 * 1e-9)
     } else {
-        "all the time".into()
+        "never homed".into()
     };
     let told = match counted.iter().any(|report| report.homed.is_none()) {
         true => {
@@ -125,8 +125,8 @@ pub fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
     };
     let degrees = |rad: f64| signed(rad.to_degrees(), 2);
     Some(format!(
-        "{}: its axis was not homed for {when}{told}: the {} to {} degrees that it counted have no zero and measure nothing; \
-         meanwhile the pitch of the mount file counts, {} degrees. Home the rig before it records, or give --mount with the \
+        "{}: its axis was {when}{told}: the {} to {} degrees that it counted have no zero and measure nothing; \
+         in their place counts the pitch of the mount file, {} degrees. Home the rig before it records, or give --mount with the \
          pitch at which the sensor stood",
         sensor.name,
         degrees(least_rad),
@@ -224,11 +224,14 @@ mod tests {
         reports[3].source = "stale".into();
         assert_eq!(spans(&reports), [[0, 300], [301, 600]]);
         let words = notice(&sensor(30.0), &reports.iter().collect::<Vec<_>>()).unwrap();
-        assert!(words.contains("for 0.0 s of 0.0 s") && words.contains("+30.00 degrees"), "{words}");
+        assert!(
+            words.contains("not homed for 0.0 s of 0.0 s") && words.contains("+30.00 degrees"),
+            "{words}"
+        );
         reports.iter_mut().for_each(|report| report.source = NOT_HOMED.into());
         assert_eq!(spans(&reports), [[0, u64::MAX]]);
         let words = notice(&sensor(30.0), &reports.iter().collect::<Vec<_>>()).unwrap();
-        assert!(words.contains("not homed for all the time") && !words.contains("does not say"), "{words}");
+        assert!(words.contains("was never homed") && !words.contains("does not say"), "{words}");
         assert_eq!(notice(&sensor(30.0), &[]), None);
     }
 }
