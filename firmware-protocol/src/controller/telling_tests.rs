@@ -118,11 +118,11 @@ fn an_encoder_without_a_zero_is_not_homed() {
     let last = |rig: &mut Rig<2>, axis: u8| {
         rig.reports.clear();
         rig.run(25);
-        let positions = rig.reports.iter().filter_map(|report| match report {
+        let mut positions = rig.reports.iter().filter_map(|report| match report {
             Report::Position { axis: of, source, .. } if *of == axis => Some(*source),
             _ => None,
         });
-        positions.last().unwrap()
+        positions.next_back().unwrap()
     };
     let mut counts = config();
     counts.axes[1].home = Home::switch_below(0);
