@@ -38,6 +38,7 @@ pub const CASES: &[Case] = &[
     case("a_walk_is_found_by_odometry", rig_faults::a_walk_is_found_by_odometry),
     case("sensors_are_held_against_each_other", rig_faults::sensors_are_held_against_each_other),
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
+    case("an_axis_that_is_not_homed_measures_nothing", stand::an_axis_that_is_not_homed_measures_nothing),
     case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),
     case(
         "the_zero_that_is_offered_is_the_one_that_fits",

@@ -64,6 +64,7 @@ pub const CASES: &[Case] = &[
     case("points_without_a_pose_are_named", reconfiguration::points_without_a_pose_are_named),
     case("axes_turn_the_sensors_that_are_named_for_them", rig::axes_turn_the_sensors_that_are_named_for_them),
     case("a_sensor_that_the_mounts_do_not_name_is_told", rig::a_sensor_that_the_mounts_do_not_name_is_told),
+    case("a_rig_that_is_not_homed_is_recorded_as_such", rig::a_rig_that_is_not_homed_is_recorded_as_such),
     case("the_rig_is_unplugged_and_comes_back", rig::the_rig_is_unplugged_and_comes_back),
     case("foxglove_sees_points_cells_frames_and_axes", foxglove::foxglove_sees_points_cells_frames_and_axes),
     case("foxglove_asks_wrongly_and_is_told", foxglove::foxglove_asks_wrongly_and_is_told),

@@ -24,6 +24,7 @@ mod optimize;
 mod ouster;
 mod rig;
 mod rig_damage;
+mod rig_stops;
 mod rig_verbs;
 mod scene_reports;
 mod scenes;
@@ -56,6 +57,7 @@ fn main() -> std::process::ExitCode {
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),
         ("rig_damage", rig_damage::CASES),
+        ("rig_stops", rig_stops::CASES),
         ("rig_verbs", rig_verbs::CASES),
         ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),

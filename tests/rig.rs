@@ -28,6 +28,8 @@ pub const CASES: &[Case] = &[
     case("a_servo_that_measures_nothing_says_so", a_servo_that_measures_nothing_says_so),
     case("the_rig_speaks_through_a_can_adapter", the_rig_speaks_through_a_can_adapter),
     case("stamps_are_on_the_hosts_clock", stamps_are_on_the_hosts_clock),
+    case("a_late_answer_is_as_old_as_its_question", a_late_answer_is_as_old_as_its_question),
+    case("what_is_not_homed_is_not_measured", what_is_not_homed_is_not_measured),
     case("axes_home_on_switches_and_lose_their_place", axes_home_on_switches_and_lose_their_place),
     case("the_true_angle_lies_within_the_uncertainty", the_true_angle_lies_within_the_uncertainty),
 ];
@@ -355,6 +357,60 @@ fn stamps_are_on_the_hosts_clock() {
 }
 
 /// Watches where the axes of a simulated rig really are, µrad.
+/// Every answer comes 0.7 s late, that to the question for the clock as well: later than the next question.
+fn a_late_answer_is_as_old_as_its_question() {
+    let mut link = clean(12);
+    link.inject_at(1_000, MockFault::Late(700));
+    let mut rig = RigController::connect(link, Options::default()).unwrap();
+    rig.idle(Duration::from_secs(2)).unwrap();
+    let status = rig.status().unwrap();
+    for axis in &status.axes {
+        assert!((700.0..1500.0).contains(&axis.age_ms), "{axis:?}");
+        assert_eq!((axis.source.as_str(), axis.uncertainty_deg), ("stale", None), "{axis:?}");
+    }
+}
+
+/// Encoders that count from where they were switched on, homed after a second; an absolute one is measured all along.
+fn what_is_not_homed_is_not_measured() {
+    let heard: Arc<Mutex<Vec<ServoReport>>> = Arc::default();
+    let sink = heard.clone();
+    let mut config = MockConfig { start_urad: Some([200_000, -100_000]), ..MockConfig::default() };
+    config = config.with_home_switches(-300_000);
+    let mut rig =
+        RigController::connect(SimulatedLink::new(config, 16, NO_DAMAGE), Options::default()).unwrap();
+    rig.reports_to(Box::new(move |report| sink.lock().unwrap().push(report)));
+    rig.idle(Duration::from_secs(1)).unwrap();
+    for axis in rig.status().unwrap().axes {
+        let known = (axis.source.as_str(), axis.uncertainty_deg, axis.homed);
+        assert_eq!(known, ("not_homed", None, false), "{axis:?}");
+    }
+    rig.arm().unwrap();
+    rig.home().unwrap();
+    rig.idle(Duration::from_secs(1)).unwrap();
+    for axis in rig.status().unwrap().axes {
+        assert!(axis.source == "measured" && axis.uncertainty_deg.is_some() && axis.homed, "{axis:?}");
+    }
+    let heard = heard.lock().unwrap();
+    for axis in 0..2 {
+        let own: Vec<&ServoReport> = heard.iter().filter(|report| report.axis == axis).collect();
+        let homed = own.iter().position(|report| report.source == "measured").unwrap();
+        let (before, after) = own.split_at(homed);
+        assert!(before.len() > 20 && after.len() > 10, "{} {}", before.len(), after.len());
+        let is_bare = |report: &&ServoReport| {
+            report.source == "not_homed" && report.homed == Some(false) && report.uncertainty_urad.is_none()
+        };
+        assert!(before.iter().all(is_bare), "axis {axis}");
+        assert!(
+            after.iter().all(|report| report.source == "measured" && report.homed == Some(true)),
+            "axis {axis}"
+        );
+        assert!((after[0].position_urad + 300_000).abs() < 12_000, "{:?}", after[0]);
+    }
+    let mut rig = RigController::connect(clean(17), Options::default()).unwrap();
+    let axis = &rig.status().unwrap().axes[0];
+    assert!(axis.source == "measured" && axis.uncertainty_deg.is_some() && !axis.homed, "{axis:?}");
+}
+
 fn truth_of(link: &mut SimulatedLink) -> Arc<Mutex<[i32; 2]>> {
     let truth: Arc<Mutex<[i32; 2]>> = Arc::default();
     let seen = truth.clone();

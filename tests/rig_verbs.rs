@@ -80,23 +80,22 @@ fn a_mount_file_is_applied_and_read_back() {
     let (_mock, port) = mock(21);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("mount.json");
-    MountFile::new(vec![sensor("left", -11.0), sensor("right", 12.0)]).write(&file).unwrap();
+    let rolled = SensorEntry { roll_deg: -4.5, ..sensor("left", -11.0) };
+    MountFile::new(vec![rolled, sensor("right", 12.0)]).write(&file).unwrap();
     let file = file.to_str().unwrap();
     // not homed: the message says what to do
     let said = refusal(&outrigger(&["rig", "apply", file, "--port", &port, "--arm"]));
     assert!(said.contains("rig home --arm"), "{said}");
     document(&outrigger(&["rig", "home", "--port", &port, "--arm", "--json"]));
-    let applied = document(&outrigger(&[
-        "rig",
-        "apply",
-        file,
-        "--sensors",
-        "right,left",
-        "--port",
-        &port,
-        "--arm",
-        "--json",
-    ]));
+    let command = ["rig", "apply", file, "--sensors", "right,left", "--port", &port, "--arm", "--json"];
+    let ended = outrigger(&command);
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(
+        said.contains("left: the rig sets its pitch alone; no servo sets roll -4.50 degrees, x +0.100 m"),
+        "{said}"
+    );
+    assert!(said.contains("no servo sets x +0.100 m: see that it is screwed on so"), "{said}");
+    let applied = document(&ended);
     for (axis, pitch_deg) in [12.0, -11.0].into_iter().enumerate() {
         let axis = &applied["axes"][axis];
         assert!((axis["position_deg"].as_f64().unwrap() - pitch_deg).abs() < 0.3, "{applied:#}");

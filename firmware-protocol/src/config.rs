@@ -104,6 +104,14 @@ pub struct AxisConfig {
     pub home: Home,
 }
 
+impl AxisConfig {
+    /// How hard it brakes when somebody says hold, or nobody says anything any more, µrad/s²: twice as hard as a move may
+    /// gain speed, whatever profile that move has, and never harder than an emergency stop.
+    pub fn brake_urad_s2(&self) -> i32 {
+        self.top_acceleration_urad_s2.saturating_mul(2).min(self.e_stop_urad_s2)
+    }
+}
+
 impl Default for AxisConfig {
     /// A tilt axis for a small LiDAR: ± 60 degrees, 30 degrees per second.
     fn default() -> Self {

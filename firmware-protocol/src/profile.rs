@@ -20,6 +20,8 @@ pub struct Path<const N: usize> {
     top_speed: i64,
     acceleration: i64,
     braking: Option<i64>,
+    /// Deceleration with which it stops for now.
+    pausing: Option<i64>,
 }
 
 impl<const N: usize> Path<N> {
@@ -52,13 +54,19 @@ impl<const N: usize> Path<N> {
             top_speed: slowest(speeds),
             acceleration: slowest(accelerations),
             braking: None,
+            pausing: None,
         }
     }
 
-    /// Slow down and stop on the segment; a stronger braking wins. `acceleration` in µrad/s², `None` for the profile's.
-    pub fn brake(&mut self, acceleration: Option<i32>) {
-        let wanted = acceleration.map_or(self.acceleration, |value| i64::from(value).max(1));
+    /// Slow down and stop on the segment, µrad/s²; a stronger braking wins.
+    pub fn brake(&mut self, acceleration: i32) {
+        let wanted = i64::from(acceleration).max(1);
         self.braking = Some(self.braking.map_or(wanted, |before| before.max(wanted)));
+    }
+
+    /// Slow down for now, µrad/s²; `None` goes on to the end.
+    pub fn pause(&mut self, acceleration: Option<i32>) {
+        self.pausing = acceleration.map(|value| i64::from(value).max(1));
     }
 
     /// Whether the end, or the stop asked for, is reached.
@@ -79,7 +87,7 @@ impl<const N: usize> Path<N> {
             return;
         }
         let length_nrad = self.length_urad * NANO;
-        if let Some(deceleration) = self.braking {
+        if let Some(deceleration) = self.braking.max(self.pausing) {
             self.speed = (self.speed - (deceleration * elapsed / 1_000_000).max(1)).max(0);
         } else {
             let gain = (self.acceleration * elapsed / 1_000_000).max(1);
@@ -133,8 +141,25 @@ mod tests {
         let mut path = Path::new([0], [400_000], [500_000], [2_000_000]);
         path.advance(10_000);
         assert!(!path.is_braking());
-        path.brake(None);
+        path.brake(2_000_000);
         assert!(path.is_braking());
+    }
+
+    #[test]
+    fn a_pause_ends_where_it_began_to_stand() {
+        let mut path = Path::new([0], [400_000], [500_000], [2_000_000]);
+        let mut run = |pause, ms: u64| {
+            (0..ms).for_each(|_| {
+                path.pause(pause);
+                path.advance(1000);
+            });
+            (path.position_urad(0), path.velocity_urad_s(0), path.finished())
+        };
+        let (before, speed, _) = run(None, 300);
+        assert_eq!(speed, 500_000);
+        let (at, speed, finished) = run(Some(4_000_000), 500);
+        assert!((at - before - 31_250).abs() < 600 && speed == 0 && !finished, "{before} {at} {speed}");
+        assert_eq!(run(None, 2000), (400_000, 0, true));
     }
 
     proptest! {
@@ -151,7 +176,7 @@ mod tests {
             let mut before = start;
             for (index, step) in steps.iter().enumerate() {
                 if index == brake_at {
-                    path.brake(None);
+                    path.brake(2_000_000);
                 }
                 path.advance(*step);
                 for axis in 0..2 {

@@ -48,6 +48,8 @@ coded! {
         Commanded = 1 "commanded",
         /// Measured, but not of late.
         Stale = 2 "stale",
+        /// Read from an encoder whose zero is not known: it counts from where it was switched on, or was caught lying.
+        NotHomed = 3 "not_homed",
     }
 }
 

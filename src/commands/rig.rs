@@ -197,9 +197,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         });
         refuse!("which rig? give its serial device with --port PATH or OUTRIGGER_RIG_PORT{of_file}");
     };
+    let mut unset = Vec::new();
     let pitches_rad = match &args.action {
         Action::Set { pitches_deg } => pitches_deg.iter().map(|pitch| pitch.to_radians()).collect(),
-        Action::Apply { mount, sensors } => pitches_of(mount, sensors)?,
+        Action::Apply { mount, sensors } => {
+            let file = by_axis(MountFile::read(mount)?, mount, sensors)?;
+            unset.extend(set_by_no_servo(&file));
+            file.axis_pitches_deg(sensors).into_iter().map(f64::to_radians).collect()
+        }
         _ => Vec::new(),
     };
     let moves = matches!(args.action, Action::Set { .. } | Action::Apply { .. } | Action::Home);
@@ -215,6 +220,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let explain = |error| explain(error, port);
     if let Action::Apply { mount, sensors } = &args.action {
         fits(&rig, mount, sensors, pitches_rad.len())?;
+        unset.iter().take(pitches_rad.len()).flatten().for_each(|unset| output::say_notice(unset));
     }
     match &args.action {
         Action::Status => {
@@ -294,10 +300,23 @@ pub(super) fn by_axis(file: MountFile, path: &Path, names: &[String]) -> anyhow:
         .map_err(|reason| anyhow::anyhow!("{}: --sensors {}: {reason}", path.display(), names.join(",")))
 }
 
-/// The pitches of a mount file, in the order of axes.
-fn pitches_of(mount: &Path, names: &[String]) -> anyhow::Result<Vec<f64>> {
-    let file = by_axis(MountFile::read(mount)?, mount, names)?;
-    Ok(file.axis_pitches_deg(names).into_iter().map(f64::to_radians).collect())
+/// What a mount says of each sensor beside its pitch, in words: nobody but a hand with a screwdriver sets that.
+fn set_by_no_servo(file: &MountFile) -> impl Iterator<Item = Option<String>> {
+    file.sensors.iter().map(|sensor| {
+        let degrees = [("roll", sensor.roll_deg)];
+        let metres = [("x", sensor.x_m), ("y", sensor.y_m), ("z", sensor.z_m)];
+        let degrees =
+            degrees.map(|(name, value)| (value != 0.0).then(|| format!("{name} {value:+.2} degrees")));
+        let metres = metres.map(|(name, value)| (value != 0.0).then(|| format!("{name} {value:+.3} m")));
+        let parts: Vec<String> = degrees.into_iter().chain(metres).flatten().collect();
+        (!parts.is_empty()).then(|| {
+            format!(
+                "{}: the rig sets its pitch alone; no servo sets {}: see that it is screwed on so",
+                sensor.name,
+                parts.join(", ")
+            )
+        })
+    })
 }
 
 /// Whether a mount file, or what was named of it, has a pitch for every axis.

@@ -197,12 +197,17 @@ impl Making {
         let trajectory =
             own_or_given.with_context(|| format!("{}: give it with --map-path", lacks("trajectory")))?;
         let rig = file.rig()?;
-        let (tilts, _) = tilts(&session, &rig, &AxisZeros::default())?;
+        let measured = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
-        let seated = Seated { session: &session, rig: &rig, tilts: &tilts, calibrations: &[] };
+        let seated = Seated { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");
         let fed = feed::session(&seated, &stage, &mut take)?;
-        Ok(fed.losses.iter().map(|loss| format!("{}: {loss}", path.display())).collect())
+        Ok(fed
+            .losses
+            .iter()
+            .chain(&measured.notices)
+            .map(|loss| format!("{}: {loss}", path.display()))
+            .collect())
     }
 
     /// Every point of a cloud, seen from where it says or from where the way was at its time.

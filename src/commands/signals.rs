@@ -1,4 +1,4 @@
-//! Ctrl-C and SIGTERM, counted: the first asks to stop in good order, later ones insist.
+//! Ctrl-C, SIGTERM and SIGHUP, counted: the first asks to stop in good order, later ones insist.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,24 +18,45 @@ const SAME_WISH: Duration = Duration::from_millis(80);
 pub struct Wishes {
     interrupt: Signal,
     terminate: Signal,
+    /// The terminal or the connection is gone; none under `nohup`, which has this signal ignored.
+    hangup: Option<Signal>,
     last: Option<Instant>,
+}
+
+/// Whether whoever started this program has SIGHUP ignored.
+fn is_hangup_ignored() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let bits = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    bits.is_some_and(|bits| bits & 1 << (SignalKind::hangup().as_raw_value() - 1) != 0)
 }
 
 impl Wishes {
     /// From now on signals end the program no more. In a runtime.
     pub fn new() -> std::io::Result<Self> {
         let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
-        Ok(Self { interrupt, terminate, last: None })
+        let hangup = if is_hangup_ignored() { None } else { Some(signal(SignalKind::hangup())?) };
+        Ok(Self { interrupt, terminate, hangup, last: None })
     }
 
     /// Waits for the next one; may be dropped while it waits.
     pub async fn next(&mut self) {
         loop {
-            tokio::select! {
-                _ = self.interrupt.recv() => {}
-                _ = self.terminate.recv() => {}
-            }
+            let hangup = async {
+                match &mut self.hangup {
+                    Some(hangup) => hangup.recv().await,
+                    None => std::future::pending().await,
+                }
+            };
+            let is_hangup = tokio::select! {
+                _ = self.interrupt.recv() => false,
+                _ = self.terminate.recv() => false,
+                _ = hangup => true,
+            };
             let now = Instant::now();
+            if is_hangup && self.last.is_some() {
+                continue; // a shell and the kernel both say that the terminal is gone: neither insists
+            }
             if self.last.is_none_or(|last| now.duration_since(last) > SAME_WISH) {
                 self.last = Some(now);
                 return;
@@ -78,7 +99,7 @@ pub fn interrupts() -> anyhow::Result<Receiver<()>> {
     Ok(receiver)
 }
 
-/// A flag that the first Ctrl-C (or SIGTERM) sets, and what follows it, which is given those that come after.
+/// A flag that the first Ctrl-C (or SIGTERM, or SIGHUP) sets, and what follows it, which is given those that come after.
 fn flag_then(follows: impl FnOnce(&Receiver<()>) + Send + 'static) -> anyhow::Result<Arc<AtomicBool>> {
     let interrupts = interrupts()?;
     let flag = Arc::new(AtomicBool::new(false));

@@ -81,7 +81,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),
-        "{name}: the session holds no angle that an axis measured, and this test is about those"
+        "{name}: the session holds no angle that an axis measured, and this test is about those{}",
+        recorded.notices.iter().map(|notice| format!("; {notice}")).collect::<String>()
     );
     let mut sensors = recorded.rig.sensors.clone();
     let mut holds: Vec<Vec<Hold>> = (0..sensors.len()).map(|axis| holds(&reports, axis)).collect();
@@ -115,7 +116,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         verdict: verdict(&tests),
         words: tests.iter().map(words).collect(),
         sensors: tests,
-        problems: fed.losses,
+        problems: recorded.notices.iter().cloned().chain(fed.losses).collect(),
         wall_s: start.elapsed().as_secs_f64(),
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;

@@ -1,6 +1,6 @@
 //! What happened: to the session, to the log, and the newest to the page.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 
@@ -15,7 +15,8 @@ const WAITING: usize = 4096;
 /// Events that end a recording early.
 const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 12] = [
+const TROUBLES: [&str; 13] = [
+    "axis_not_homed",
     "sensor_silent",
     "sensor_restarted",
     "clock_jump",
@@ -80,6 +81,27 @@ impl Journal {
     pub fn servo(&self, report: ServoReport) {
         // a recorder that is that far behind is stalled by its disk, and says so
         let _ = self.lines.try_send(Line::Servo(report));
+    }
+
+    /// Writes down that an axis has no zero, and that it has one again; `known` has what a session was told of each so far.
+    pub fn tell_homing(&self, report: &ServoReport, known: &mut BTreeMap<usize, bool>) {
+        let (axis, has_zero) = match report.source.as_str() {
+            "measured" => (report.axis, true),
+            "not_homed" => (report.axis, false),
+            _ => return,
+        };
+        // an axis that is as it should be from the start on is no news
+        if known.insert(axis, has_zero).unwrap_or(true) == has_zero {
+            return;
+        }
+        if has_zero {
+            self.tell("axis_homed", format!("axis {axis} is homed: its angles are measured from now on"));
+        } else {
+            let words = format!(
+                "axis {axis} is not homed: its angles have no zero, and count for nothing until it is"
+            );
+            self.tell("axis_not_homed", words);
+        }
     }
 
     /// The newest events, oldest first.

@@ -1,5 +1,6 @@
 //! The recorder: opens, exchanges and closes sessions, watches the disk, writes what the journal hands it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -189,6 +190,8 @@ struct Open {
     before: Tally,
     /// Parts of this recording, this one included.
     part: u32,
+    /// Whether each axis has a zero, as this session's events say.
+    has_zero: BTreeMap<usize, bool>,
 }
 
 /// What was already said about the present state.
@@ -281,7 +284,8 @@ impl Worker {
             "follows": self.open.as_ref().map(|open| &open.name),
         });
         session.write_event(&event)?;
-        Ok(Open { session, name, label, begun: Instant::now(), begun_ns, before, part })
+        let has_zero = BTreeMap::new();
+        Ok(Open { session, name, label, begun: Instant::now(), begun_ns, before, part, has_zero })
     }
 
     /// Goes on in a new session: every packet is in one of the two.
@@ -355,11 +359,14 @@ impl Worker {
 
     fn write_lines(&mut self) {
         while let Ok(line) = self.lines.try_recv() {
-            let Some(open) = &self.open else { continue };
+            let Some(open) = &mut self.open else { continue };
             // a refusal is the session's failure, which it keeps
             let _ = match line {
                 Line::Event(event) => open.session.write_event(&event),
-                Line::Servo(report) => open.session.write_servo(&report),
+                Line::Servo(report) => {
+                    self.journal.tell_homing(&report, &mut open.has_zero);
+                    open.session.write_servo(&report)
+                }
             };
         }
     }

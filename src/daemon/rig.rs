@@ -20,6 +20,7 @@ use super::journal::Journal;
 use super::place::Motion;
 use super::status::RigState;
 use crate::drive::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
+use crate::live::receive::now_ns;
 
 /// Time between two tries to find a rig.
 const RETRY: Duration = Duration::from_secs(1);
@@ -210,8 +211,8 @@ impl Shared {
         *lock(&self.interrupt) = Some(rig.interrupt());
         let status = rig.status()?;
         *lock(&self.rig) = Some(Arc::new(rig));
-        for axis in status.axes.iter().filter(|axis| axis.source == "measured") {
-            self.motion.set_pitch_rad(axis.axis, axis.position_deg.to_radians());
+        for axis in &status.axes {
+            self.turn(axis.axis, &axis.source, axis.position_deg.to_radians());
         }
         let mut state = lock(&self.state);
         let (pitches, axes) = (state.mount_pitches_deg.len(), status.axes.len());
@@ -302,10 +303,17 @@ impl Shared {
         Ok(())
     }
 
-    fn take(&self, report: ServoReport) {
-        if report.source == "measured" {
-            self.motion.set_pitch_rad(report.axis, f64::from(report.position_urad) * 1e-6);
+    /// The sensor on an axis turned with it; one whose zero is not known stands where the mount says, for all that is known.
+    fn turn(&self, axis: usize, source: &str, pitch_rad: f64) {
+        match source {
+            "measured" => self.motion.set_pitch_rad(axis, pitch_rad),
+            "not_homed" => self.motion.set_pitch_rad(axis, f64::NAN),
+            _ => {}
         }
+    }
+
+    fn take(&self, report: ServoReport) {
+        self.turn(report.axis, &report.source, f64::from(report.position_urad) * 1e-6);
         let deg = |urad: i32| (f64::from(urad) * 1e-6).to_degrees();
         let mut state = lock(&self.state);
         if let Some(axis) = state.status.as_mut().and_then(|status| status.axes.get_mut(report.axis)) {
@@ -314,7 +322,8 @@ impl Shared {
             axis.state.clone_from(&report.state);
             axis.source.clone_from(&report.source);
             axis.faults.clone_from(&report.faults);
-            axis.age_ms = 0.0;
+            axis.uncertainty_deg = report.uncertainty_urad.map(deg);
+            axis.age_ms = now_ns().saturating_sub(report.time_ns) as f64 * 1e-6;
         }
         drop(state);
         self.journal.servo(report);

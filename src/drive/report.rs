@@ -17,8 +17,11 @@ pub struct ServoReport {
     pub uncertainty_urad: Option<i32>,
     /// Where the axis is told to be, µrad.
     pub target_urad: i32,
-    /// How the angle is known: `measured`, `commanded` or `stale`.
+    /// How the angle is known: `measured`, `commanded`, `stale` or `not_homed`.
     pub source: String,
+    /// Whether the axis was homed since the rig started; absent in sessions from before it was recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub homed: Option<bool>,
     /// What the rig is doing: `boot`, `idle`, `homing`, `moving`, `holding`, `fault`, `e_stop`.
     pub state: String,
     /// Names of latched faults of this axis.
@@ -38,9 +41,9 @@ pub struct WatchedAxis {
     pub position_deg: f64,
     /// Where it is told to be, degrees.
     pub target_deg: f64,
-    /// How the angle is known: `measured`, `commanded` or `stale`.
+    /// How the angle is known: `measured`, `commanded`, `stale` or `not_homed`.
     pub source: String,
-    /// Half the width in which the true angle lies around the reading, degrees; null where nothing measures it.
+    /// Half the width in which the true angle lies around the reading, degrees; null where it is not measured.
     pub uncertainty_deg: Option<f64>,
     /// Names of latched faults.
     pub faults: Vec<String>,
@@ -89,13 +92,13 @@ pub struct AxisStatus {
     pub position_deg: f64,
     /// Where it is told to be, degrees.
     pub target_deg: f64,
-    /// How the angle is known: `measured`, `commanded` or `stale`.
+    /// How the angle is known: `measured`, `commanded`, `stale`, or `not_homed` where the encoder's zero is not known.
     pub source: String,
-    /// How old the reading is, ms.
+    /// How old the reading is at most, ms: since it was asked for.
     pub age_ms: f64,
-    /// Half the width in which the true angle lies around the reading, degrees; none where nothing measures it.
+    /// Half the width in which the true angle lies around the reading, degrees; none where it is not measured now.
     pub uncertainty_deg: Option<f64>,
-    /// Whether the angle is trusted since the last start.
+    /// Whether the axis was homed since the rig started.
     pub homed: bool,
     /// The firmware's limits, degrees.
     pub limits_deg: [f64; 2],

@@ -13,11 +13,13 @@ use super::{Received, ServoReport};
 const STALE_NS: u64 = 250_000_000;
 /// Clock comparisons that are remembered; the quickest of them counts.
 const CLOCK_SAMPLES: usize = 8;
+/// Questions for the clock whose answers may still come: seconds of them.
+const ASKED_CLOCKS: usize = 16;
 
 /// One axis, as last heard.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AxisView {
-    /// Angle, how it is known, when it was read.
+    /// Angle, how it is known, the earliest moment at which it may have been read.
     pub position: Option<(i32, Source, u64)>,
     /// Target, last order, what the rig does, whether homed.
     pub target: Option<TargetView>,
@@ -74,8 +76,8 @@ pub(super) struct View {
     pub ack: Option<(u16, u8, AckCode, i32)>,
     /// Axis of each latched fault, as told.
     pub fault_axis: [Option<u8>; Fault::ALL.len()],
-    pub asked_clock: Option<(u16, u64)>,
-    /// Round trip and device minus host, ns.
+    asked_clocks: VecDeque<(u16, u64)>,
+    /// Round trip, and device minus host at its middle, ns.
     clocks: VecDeque<(u64, i64)>,
     /// Messages that are none of this version's.
     pub not_understood: u32,
@@ -164,13 +166,15 @@ impl View {
         now_ns: u64,
         every_ns: u64,
     ) -> Option<ServoReport> {
-        let read_ns = self.host_time_ns(time_ms, now_ns);
+        // before the first comparison nobody can say how long it was on its way
+        let (read_ns, earliest_ns) = self.host_times_ns(time_ms, now_ns)?;
         let number = usize::from(axis);
+        let source = self.source_of(source, number);
         let view = self.axes.get_mut(number)?;
-        if view.position.is_some_and(|(_, _, before_ns)| read_ns < before_ns) {
+        if view.position.is_some_and(|(_, _, before_ns)| earliest_ns < before_ns) {
             return None; // overtaken on the way
         }
-        view.position = Some((position_urad, source, read_ns));
+        view.position = Some((position_urad, source, earliest_ns));
         let target = view.target?;
         let holds = matches!(target.state, State::Holding | State::Idle);
         view.held.hear(holds, target.target_urad, position_urad);
@@ -184,20 +188,42 @@ impl View {
             time_ns: read_ns,
             axis: number,
             position_urad,
-            uncertainty_urad: self.uncertainty_urad(number),
+            uncertainty_urad: self.uncertainty_urad(number, source),
             target_urad: target.target_urad,
+            homed: Some(target.homed),
             source: source.name().to_owned(),
             state: target.state.name().to_owned(),
             faults: self.faults_of(number),
         })
     }
 
-    fn compare_clocks(&mut self, sequence: u16, device_us: u64, now_ns: u64) {
-        let Some((asked, asked_ns)) = self.asked_clock else { return };
-        if asked != sequence {
-            return;
+    /// How an angle is known. A rig with a switch to seek may have firmware that calls what it counts before that measured.
+    fn source_of(&self, told: Source, axis: usize) -> Source {
+        let target = self.axes.get(axis).and_then(|view| view.target);
+        let seeks = self.info.is_some_and(|info| info.homing_moves);
+        match told {
+            Source::Measured if seeks && target.is_none_or(|target| !target.homed) => Source::NotHomed,
+            told => told,
         }
-        self.asked_clock = None;
+    }
+
+    /// A question for the rig's clock leaves.
+    pub fn ask_clock(&mut self, sequence: u16, now_ns: u64) {
+        if self.asked_clocks.len() == ASKED_CLOCKS {
+            self.asked_clocks.pop_front();
+        }
+        self.asked_clocks.push_back((sequence, now_ns));
+    }
+
+    /// Whether the rig's clock was compared with the host's.
+    pub fn has_clock(&self) -> bool {
+        !self.clocks.is_empty()
+    }
+
+    fn compare_clocks(&mut self, sequence: u16, device_us: u64, now_ns: u64) {
+        // an answer that is later than the next question is an answer
+        let Some(place) = self.asked_clocks.iter().position(|(asked, _)| *asked == sequence) else { return };
+        let Some((_, asked_ns)) = self.asked_clocks.remove(place) else { return };
         let round_trip_ns = now_ns.saturating_sub(asked_ns);
         let middle_ns = asked_ns + round_trip_ns / 2;
         if self.clocks.len() == CLOCK_SAMPLES {
@@ -206,14 +232,16 @@ impl View {
         self.clocks.push_back((round_trip_ns, (device_us as i64 * 1000).wrapping_sub(middle_ns as i64)));
     }
 
-    /// The host's time of a device stamp, by the quickest clock comparison; the time of arrival before the first one.
-    fn host_time_ns(&self, time_ms: u16, now_ns: u64) -> u64 {
-        let Some((_, offset_ns)) = self.clocks.iter().min() else { return now_ns };
+    /// The host's time of a device stamp by the quickest clock comparison, and the earliest that it allows: half a round trip
+    /// before. None before the first one.
+    fn host_times_ns(&self, time_ms: u16, now_ns: u64) -> Option<(u64, u64)> {
+        let (round_trip_ns, offset_ns) = self.clocks.iter().min()?;
         let device_ns = (now_ns as i64).wrapping_add(*offset_ns);
         let device_ms = device_ns.div_euclid(1_000_000);
         let ago_ms = i64::from((device_ms as u16).wrapping_sub(time_ms) as i16);
         let read_device_ns = (device_ms - ago_ms) * 1_000_000;
-        (read_device_ns.wrapping_sub(*offset_ns) as u64).min(now_ns)
+        let read_ns = (read_device_ns.wrapping_sub(*offset_ns) as u64).min(now_ns);
+        Some((read_ns, read_ns.saturating_sub(round_trip_ns / 2)))
     }
 
     /// Names of latched faults of an axis; a fault whose axis was not heard belongs to all.
@@ -238,12 +266,9 @@ impl View {
         }
     }
 
-    /// Half the width in which the true angle lies around the readings, µrad; none where nothing measures it.
-    pub fn uncertainty_urad(&self, axis: usize) -> Option<i32> {
-        let view = self.axes.get(axis)?;
-        if view.position.is_some_and(|(_, source, _)| source == Source::Commanded) {
-            return None;
-        }
+    /// Half the width in which the true angle lies around the readings, µrad; none where it is not measured.
+    pub fn uncertainty_urad(&self, axis: usize, source: Source) -> Option<i32> {
+        let view = self.axes.get(axis).filter(|_| source == Source::Measured)?;
         let told = |limit| self.limit(axis, limit).unwrap_or(0);
         let encoder = Encoder {
             accuracy_urad: told(Limit::Accuracy),

@@ -26,9 +26,11 @@ struct Servo {
     scale: f64,
     play_deg: f64,
     zero_deg: f64,
+    /// In so many settings it counts from elsewhere: it is not homed yet.
+    not_homed: usize,
 }
 
-const HONEST: Servo = Servo { scale: 1.0, play_deg: 0.0, zero_deg: 0.0 };
+const HONEST: Servo = Servo { scale: 1.0, play_deg: 0.0, zero_deg: 0.0, not_homed: 0 };
 
 impl Servo {
     fn true_deg(&self, setting: usize) -> f64 {
@@ -65,14 +67,16 @@ impl Servo {
         for time_ns in (START_NS..end_ns).step_by(20_000_000) {
             let urad = |deg: f64| (deg.to_radians() * 1e6).round() as i32;
             let target_urad = urad(SETTINGS_DEG[at(time_ns)]);
+            let homed = at(time_ns) >= self.not_homed;
             let is_new = (time_ns - START_NS) % HELD_NS < 100_000_000;
             let report = ServoReport {
                 time_ns,
                 axis: 0,
-                position_urad: target_urad + 40,
-                uncertainty_urad: Some(200),
+                position_urad: if homed { target_urad + 40 } else { 500_000 },
+                uncertainty_urad: homed.then_some(200),
                 target_urad,
-                source: "measured".into(),
+                source: if homed { "measured" } else { "not_homed" }.into(),
+                homed: Some(homed),
                 state: if is_new { "moving" } else { "holding" }.into(),
                 faults: Vec::new(),
             };
@@ -135,19 +139,54 @@ pub fn an_honest_servo_does_as_it_measures() {
     assert!(exit == Some(1) && said.contains("is no session"), "{said}");
 }
 
+/// Exit code, the document or nothing, and what was said.
+fn compare(session: &Path, more: &[&str]) -> (Option<i32>, Value, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
+    command.arg("compare").arg(session).args(["--json", "--nulls", "0", "--trajectory", "still"]);
+    let output = command.arg("--room=-4,-3,-1.4,5,3.5,1.6").args(more).output().unwrap();
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn share(document: &Value) -> f64 {
+    document["rays"]["left"]["agree_share"].as_f64().unwrap()
+}
+
+/// The sensor sits at the mount file's 0 degrees, whatever the axis counts; from the second setting on it is homed.
+pub fn an_axis_that_is_not_homed_measures_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let never = folder.path().join("never");
+    Servo { zero_deg: 20.0, not_homed: 1, ..HONEST }.record(&never, 1);
+    let (exit, document, said) = compare(&never, &[]);
+    assert_eq!(exit, Some(0), "{document:#} {said}");
+    assert!(share(&document) > 0.99, "{document:#}");
+    assert!(document["servo_zero"].as_array().is_none_or(Vec::is_empty), "{document:#}");
+    assert!(
+        said.contains("left: its axis was never homed") && said.contains("mount file, +0.00 degrees"),
+        "{said}"
+    );
+    let (exit, _, said) = compare(&never, &["--axis-zero", "left=1"]);
+    assert!(exit == Some(1) && said.contains("holds no angle that an axis"), "{said}");
+    let (exit, _, said) = stand(&never);
+    assert!(
+        exit == Some(1) && said.contains("no angle that an axis measured") && said.contains("never homed"),
+        "{said}"
+    );
+
+    let later = folder.path().join("later");
+    Servo { zero_deg: 20.0, not_homed: 1, ..HONEST }.record(&later, 2);
+    let (exit, document, said) = compare(&later, &["--axis-zero", "left=20"]);
+    assert_eq!(exit, Some(0), "{document:#} {said}");
+    assert!(share(&document) > 0.97, "{document:#}");
+    assert!(said.contains("left: its axis was not homed for 1.5 s of 3.0 s"), "{said}");
+}
+
 /// What `compare` offers as the zero of an axis is what makes the recording agree once it is typed.
 pub fn the_zero_that_is_offered_is_the_one_that_fits() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("session");
     Servo { zero_deg: 2.0, ..HONEST }.record(&session, 2);
-    let compare = |more: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
-        command.arg("compare").arg(&session).args(["--json", "--nulls", "0", "--trajectory", "still"]);
-        let output = command.arg("--room=-4,-3,-1.4,5,3.5,1.6").args(more).output().unwrap();
-        let document: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-        (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
-    };
-    let share = |document: &Value| document["rays"]["left"]["agree_share"].as_f64().unwrap();
+    let compare = |more: &[&str]| compare(&session, more);
     let (exit, document, said) = compare(&[]);
     assert_eq!(exit, Some(3), "{said}");
     assert!(share(&document) < 0.9, "{document:#}");

@@ -15,7 +15,7 @@ fn sends(status: &Value) -> bool {
     status["sensors"][0]["state"] == "ok" && status["sensors"][0]["frames"].as_u64() > Some(2)
 }
 
-fn events_of(bench: &Bench) -> Vec<String> {
+pub fn events_of(bench: &Bench) -> Vec<String> {
     let sessions = bench.sessions();
     let events: Vec<Value> = sessions.iter().flat_map(|session| session.events::<Value>().unwrap()).collect();
     events.iter().map(|event| event["event"].as_str().unwrap().to_owned()).collect()

@@ -2,10 +2,12 @@
 
 use std::os::unix::fs::symlink;
 
+use outrigger::drive::ServoReport;
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::rig::MountFile;
 use serde_json::Value;
 
+use super::faults::events_of;
 use super::program::{Bench, Running};
 use super::sensor::entry;
 
@@ -136,6 +138,48 @@ pub fn a_sensor_that_the_mounts_do_not_name_is_told() {
     let told: Vec<&Value> = status["events"].as_array().unwrap().iter().filter(unseated).collect();
     assert!(told.len() == 1 && told[0]["sensor"] == "right", "{told:?}");
     assert_eq!(daemon.end().0, Some(0));
+}
+
+/// Encoders that count from where they were switched on: homed while it records.
+pub fn a_rig_that_is_not_homed_is_recorded_as_such() {
+    let rig = MockRig::start(MockConfig::default().with_home_switches(-300_000), 6).unwrap();
+    let bench = bench([-20.0, 20.0]);
+    plug(&bench, &rig);
+    let daemon = bench.start(&["--record"]);
+    let are = |source: &str, status: &Value| {
+        let axes = status["rig"]["status"]["axes"].as_array();
+        axes.is_some_and(|axes| axes.len() == 2 && axes.iter().all(|axis| axis["source"] == source))
+    };
+    let status = daemon.wait("no axis has a zero", |status| are("not_homed", status));
+    let axis = &status["rig"]["status"]["axes"][0];
+    assert!(axis["uncertainty_deg"].is_null() && axis["homed"] == false, "{axis:#}");
+    assert!(daemon.wait_for_problem("not_homed").contains("no zero"));
+    daemon.order("/api/v1/rig/arm", "");
+    daemon.order("/api/v1/rig/home", "");
+    daemon.wait("both axes are homed", |status| are("measured", status));
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    let (code, said) = daemon.end();
+    assert_eq!(code, Some(0), "{said}");
+    let session = &bench.sessions()[0];
+    let reports: Vec<ServoReport> = session.servo().unwrap();
+    for axis in 0..2 {
+        let own: Vec<&ServoReport> = reports.iter().filter(|report| report.axis == axis).collect();
+        let homed = own.iter().position(|report| report.source == "measured").unwrap();
+        let (before, after) = own.split_at(homed);
+        assert!(
+            !before.is_empty() && before.iter().all(|report| report.source == "not_homed"),
+            "axis {axis}"
+        );
+        assert!(before.iter().all(|report| report.uncertainty_urad.is_none()), "axis {axis}");
+        assert!(
+            after.iter().all(|report| report.source == "measured" && report.homed == Some(true)),
+            "axis {axis}"
+        );
+    }
+    let events = events_of(&bench);
+    for event in ["axis_not_homed", "axis_homed"] {
+        assert_eq!(events.iter().filter(|line| line.as_str() == event).count(), 2, "{event}: {events:?}");
+    }
 }
 
 pub fn the_rig_is_unplugged_and_comes_back() {

@@ -105,6 +105,8 @@ fn an_hour() {
         silence: Duration::from_secs(60),
         answer_within: Duration::from_secs(60),
         retry: Duration::from_secs(2),
+        // the board runs ahead of this program: its moves pause whenever it hears nothing for 150 ms of its time
+        settle_within: Duration::from_secs(300),
         ..Options::new_session()
     };
     let mut rig = RigController::connect(link, options).unwrap();

@@ -67,6 +67,7 @@ REPORTS = [
     (0x33, struct.pack("<HBxi", 4, 255, 235), "Done { id: 4, axis: 255, error_urad: 235 }"),
     (0x34, struct.pack("<BBHi", 0, 0x83, 4, 436332),
      "Target { axis: 0, state: Moving, homed: true, id: 4, target_urad: 436332 }"),
+    (0x30, struct.pack("<BBHi", 0, 3, 1, 383), "Position { axis: 0, source: NotHomed, time_ms: 1, position_urad: 383 }"),
 ]
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let axis = &mut self.axes[number];
         let quiet_since = axis.quiet_us.max(self.homing_since_us);
         if self.now_us.saturating_sub(quiet_since) >= QUIET_US {
-            axis.homed = true;
+            axis.set_homed(true);
             self.homing[number] = false;
         } else if self.now_us.saturating_sub(self.homing_since_us) > QUIET_LONGEST_US {
             return Err(0);
@@ -89,7 +89,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             Some(Seeking::Found) => {
                 // at rest where it was found, not where it was on its way to
                 let axis = &mut self.axes[number];
-                (axis.homed, axis.seeking) = (true, None);
+                axis.set_homed(true);
+                axis.seeking = None;
                 axis.target_urad = axis.setpoint_urad;
                 self.homing[number] = false;
                 self.homing_since_us = self.now_us;
@@ -105,10 +106,14 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let took_us = self.now_us.saturating_sub(self.homing_since_us);
         let axis = &mut self.axes[number];
         match (axis.seeking, axis.sense.homing) {
-            (None, _) => (axis.homed, axis.seeking) = (false, Some(Seeking::ByServo)),
+            (None, _) => {
+                axis.set_homed(false);
+                axis.seeking = Some(Seeking::ByServo);
+            }
             (_, ServoHoming::Done) => {
                 axis.target_urad = axis.setpoint_urad;
-                (axis.homed, axis.seeking) = (true, None);
+                axis.set_homed(true);
+                axis.seeking = None;
                 self.homing[number] = false;
                 self.homing_since_us = self.now_us;
             }

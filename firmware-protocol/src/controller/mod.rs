@@ -5,7 +5,7 @@
 
 use crate::ALL_AXES;
 use crate::command::Command;
-use crate::config::Config;
+use crate::config::{Config, Home};
 use crate::fault::{Fault, Faults};
 use crate::profile::Path;
 use crate::report::{AckCode, Report, ResetCause, Source, State};
@@ -18,6 +18,9 @@ mod watch;
 
 /// Time a move may take to settle after its path ended, µs.
 const SETTLE_US: u64 = 1_000_000;
+/// A host whose heartbeat stays away for so long may be dead: what moves brakes, and goes on when it comes again. A pair that
+/// coasted until the agreed timeout would be 30 degrees further.
+const SILENCE_US: u64 = 150_000;
 /// Readings that stay together for so long after a stop are those of a shaft that stands, µs.
 const REST_US: u64 = 300_000;
 
@@ -40,6 +43,8 @@ struct Axis {
     speed_urad_s: i32,
     acceleration_urad_s2: i32,
     homed: bool,
+    /// Whether readings count from a known zero: those of an absolute encoder do, until it was caught lying.
+    has_zero: bool,
     seeking: Option<homing::Seeking>,
     /// What is added to readings: where an encoder that counts from its start was found to stand.
     offset_urad: i32,
@@ -56,6 +61,11 @@ struct Axis {
 }
 
 impl Axis {
+    /// Its zero is known from now on, or not any more.
+    fn set_homed(&mut self, homed: bool) {
+        (self.homed, self.has_zero) = (homed, homed);
+    }
+
     /// Gives every angle another zero; nothing moves by it.
     fn shift(&mut self, by_urad: i32) {
         self.offset_urad = self.offset_urad.saturating_add(by_urad);
@@ -136,6 +146,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             speed_urad_s: config.axes[axis].top_speed_urad_s,
             acceleration_urad_s2: config.axes[axis].top_acceleration_urad_s2,
             homed: false,
+            has_zero: config.axes[axis].home == Home::Absolute,
             seeking: None,
             offset_urad: 0,
             quiet_us: now_us,
@@ -240,7 +251,9 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             }
         }
         let blind = self.is_blind();
+        let pause = (self.armed && self.silence_us() > SILENCE_US).then(|| self.brake_urad_s2());
         if let Some(path) = self.path.as_mut().filter(|_| !blind) {
+            path.pause(pause);
             path.advance(elapsed_us);
             let path = *path;
             for (number, axis) in self.axes.iter_mut().enumerate() {
@@ -383,11 +396,12 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 
     fn source(&self, number: usize) -> Source {
         let axis = &self.axes[number];
+        let read = if axis.has_zero { Source::Measured } else { Source::NotHomed };
         match axis.sense.reading {
-            Reading::Measured(_) => Source::Measured,
+            Reading::Measured(_) => read,
             Reading::Unmeasured => Source::Commanded,
             // one answer that is late is no lie: the position says when it was read
-            Reading::Missing if !self.is_missing(number) => Source::Measured,
+            Reading::Missing if !self.is_missing(number) => read,
             Reading::Missing | Reading::Invalid => Source::Stale,
         }
     }

@@ -121,30 +121,47 @@ fn a_stop_decelerates_as_it_was_told_but_never_harder_than_an_emergency_stop() {
         let way = stops_within(order);
         assert!((way - expected).abs() < 600, "{order:?}: {way} urad");
     };
-    near(Order::Hold, 62_500);
-    near(Order::Stop { deceleration_mrad_s2: 0 }, 62_500);
+    // twice as hard as a move gains speed
+    near(Order::Hold, 31_250);
+    near(Order::Stop { deceleration_mrad_s2: 0 }, 31_250);
     near(Order::Stop { deceleration_mrad_s2: 5000 }, 25_000);
     near(Order::Stop { deceleration_mrad_s2: 60_000 }, 12_500);
     near(Order::EStop, 12_500);
 }
 
 #[test]
-fn a_silent_host_stops_the_rig_as_gently_as_its_profile() {
+fn another_host_or_a_fault_brakes_as_hold_does() {
     let mut rig = Rig::ready(config());
     assert_eq!(rig.order(to(900_000)), AckCode::Accepted);
     rig.follow(600);
     rig.tell(hello(HOST + 1)); // a new session disarms, and brakes
     let before = rig.setpoint(0).position_urad;
     rig.follow(600);
-    assert!((rig.setpoint(0).position_urad - before - 62_500).abs() < 600);
+    assert!((rig.setpoint(0).position_urad - before - 31_250).abs() < 600);
     let mut rig = Rig::ready(config());
     assert_eq!(rig.order(to(900_000)), AckCode::Accepted);
     rig.follow(600);
     let before = rig.setpoint(0).position_urad;
     rig.sense(1).temperature_c = 90;
     rig.follow(600);
-    assert!((rig.setpoint(0).position_urad - before - 62_500).abs() < 600);
+    assert!((rig.setpoint(0).position_urad - before - 31_250).abs() < 600);
     assert_eq!(rig.controller.state(), State::Fault);
+}
+
+/// A profile that gains speed slowly may be in a hurry to stop.
+#[test]
+fn a_hold_brakes_within_four_degrees_whatever_the_profile() {
+    let mut rig = Rig::ready(Config::<2>::default());
+    let gentle = Order::Profile { axis: 0, speed_mrad_s: 523, acceleration_mrad_s2: 300 };
+    assert_eq!(rig.order(gentle), AckCode::Accepted);
+    assert_eq!(rig.order(to(1_000_000)), AckCode::Accepted);
+    rig.follow(1650);
+    let before = rig.setpoint(0);
+    assert!(before.velocity_urad_s > 450_000, "{before:?}");
+    assert_eq!(rig.order(Order::Hold), AckCode::Accepted);
+    rig.follow(600);
+    let way_urad = rig.setpoint(0).position_urad - before.position_urad;
+    assert!((20_000..69_813).contains(&way_urad), "{way_urad} urad");
 }
 
 #[test]

@@ -127,8 +127,9 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     /// Brakes on the path and holds; a rig that homes stops homing.
     fn halt(&mut self, deceleration_urad_s2: Option<i32>) {
         self.end_homing();
+        let usual = self.brake_urad_s2();
         match &mut self.path {
-            Some(path) => path.brake(deceleration_urad_s2),
+            Some(path) => path.brake(deceleration_urad_s2.unwrap_or(usual)),
             None => self.rest_where_told(),
         }
         if self.state == State::Homing {

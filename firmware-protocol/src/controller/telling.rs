@@ -97,7 +97,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         tell(Report::Position {
             axis: number as u8,
             source: self.source(number),
-            time_ms: (axis.measured_us / 1000) as u16,
+            // an answer may be long on its way: the angle is as old as its question
+            time_ms: (axis.asked_us / 1000) as u16,
             position_urad: axis.measured_urad,
         });
     }

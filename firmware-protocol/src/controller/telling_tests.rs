@@ -114,6 +114,57 @@ fn reports_carry_what_was_read() {
 }
 
 #[test]
+fn an_encoder_without_a_zero_is_not_homed() {
+    let last = |rig: &mut Rig<2>, axis: u8| {
+        rig.reports.clear();
+        rig.run(25);
+        let mut positions = rig.reports.iter().filter_map(|report| match report {
+            Report::Position { axis: of, source, .. } if *of == axis => Some(*source),
+            _ => None,
+        });
+        positions.next_back().unwrap()
+    };
+    let mut counts = config();
+    counts.axes[1].home = Home::switch_below(0);
+    let mut rig = Rig::new(counts, Reading::Measured(0));
+    rig.run(2);
+    assert_eq!([last(&mut rig, 0), last(&mut rig, 1)], [Source::Measured, Source::NotHomed], "one of two");
+    rig.sense(1).reading = Reading::Missing;
+    rig.run(200);
+    assert_eq!(last(&mut rig, 1), Source::Stale);
+    // an absolute encoder that was caught lying has a zero when it is homed again
+    let mut rig = Rig::ready(Config { axes: [AxisConfig::default(); 2], ..config() });
+    assert_eq!(last(&mut rig, 0), Source::Measured);
+    rig.sense(0).reading = Reading::Measured(900_000);
+    assert_eq!([last(&mut rig, 0), last(&mut rig, 1)], [Source::NotHomed, Source::Measured]);
+    rig.run(600);
+    let clear = Order::ClearFault { fault: Fault::EncoderJump, key: 0 };
+    assert_eq!(rig.order(clear), crate::AckCode::Accepted);
+    assert_eq!(last(&mut rig, 0), Source::NotHomed);
+    assert_eq!(rig.order(Order::Arm { armed: true }), crate::AckCode::Accepted);
+    assert_eq!(rig.order(Order::Home { axis: 0 }), crate::AckCode::Accepted);
+    rig.run(400);
+    assert_eq!(last(&mut rig, 0), Source::Measured);
+}
+
+/// A bus may take long: the angle is as old as the question, not as the answer.
+#[test]
+fn a_position_is_as_old_as_its_question() {
+    let mut rig = Rig::new(config(), Reading::Measured(0));
+    rig.run(900);
+    let now_us = rig.now_us + 1000;
+    rig.sense(0).sampled_us = [now_us - 700_000, now_us];
+    rig.reports.clear();
+    let Rig { controller, reports, .. } = &mut rig;
+    (0..25).for_each(|ms| controller.step(now_us + 1000 * ms, &mut |report| reports.push(report)));
+    let told = rig.reports.iter().find_map(|report| match report {
+        Report::Position { axis: 0, time_ms, .. } => Some(*time_ms),
+        _ => None,
+    });
+    assert_eq!(told, Some(((now_us - 700_000) / 1000) as u16));
+}
+
+#[test]
 fn a_position_is_measured_commanded_or_stale() {
     let source = |reading, ms| {
         let mut rig = Rig::new(config(), Reading::Measured(0));

@@ -263,6 +263,35 @@ fn a_silent_host_is_a_watchdog_fault_that_stops_on_the_way() {
     assert_eq!(bench.order(clear), AckCode::Accepted);
 }
 
+/// 150 ms at 30 degrees a second and the way that braking takes: 6.5 degrees, and what the shaft lags behind.
+#[test]
+fn a_pair_whose_host_is_silent_stands_within_ten_degrees_and_goes_on_when_it_is_back() {
+    let mut bench = Bench::ready(6);
+    assert_eq!(bench.pair(1_000_000, -150_000), AckCode::Accepted);
+    bench.run(800);
+    let before = bench.at()[0];
+    bench.feeds = false;
+    bench.run(290);
+    let later = bench.at()[0];
+    assert!(bench.controller.faults().is_empty(), "the agreed 300 ms are not over");
+    assert!((f64::from(later - before) * 1e-6).to_degrees() < 8.0, "{before} {later}");
+    assert_eq!(bench.controller.state(), State::Moving);
+    bench.feeds = true;
+    bench.run(3000);
+    let [a, b] = bench.at();
+    assert!(near(a, 1_000_000) && near(b, -150_000), "{a} {b}");
+    assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Holding, true));
+    // one that stays away is a fault where the pair stands
+    assert_eq!(bench.pair(0, 0), AckCode::Accepted);
+    bench.run(800);
+    let before = bench.at()[0];
+    bench.feeds = false;
+    bench.run(2000);
+    let way_deg = (f64::from(before - bench.at()[0]) * 1e-6).to_degrees();
+    assert!((3.0..9.0).contains(&way_deg), "{way_deg} degrees");
+    assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Fault, false));
+}
+
 #[test]
 fn an_emergency_stop_needs_key_and_switch() {
     let mut bench = Bench::ready(7);

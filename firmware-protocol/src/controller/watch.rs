@@ -71,7 +71,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         if !self.local_switch_closed {
             self.raise(Fault::EStop, ALL_AXES, 0, tell);
         }
-        let silence_us = self.now_us.saturating_sub(self.heartbeat_us);
+        let silence_us = self.silence_us();
         if self.armed && silence_us > self.heartbeat_timeout_us {
             self.raise(Fault::Watchdog, ALL_AXES, (silence_us / 1000) as i32, tell);
         }
@@ -136,6 +136,16 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         new.map(|(_, fault, detail)| (fault, detail))
     }
 
+    /// How long the host has said nothing, µs.
+    pub(super) fn silence_us(&self) -> u64 {
+        self.now_us.saturating_sub(self.heartbeat_us)
+    }
+
+    /// How hard a path brakes: no axis harder than its own rule.
+    pub(super) fn brake_urad_s2(&self) -> i32 {
+        self.config.axes.iter().map(AxisConfig::brake_urad_s2).min().unwrap_or(i32::MAX)
+    }
+
     /// Whether an encoder stayed away too often, or tells of too long ago, to move on: the set points wait for it, so what is
     /// moved unseen is little however long the rest of the patience is.
     pub(super) fn is_blind(&self) -> bool {
@@ -179,16 +189,17 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             | Fault::OverCurrent
             | Fault::TorqueLost => self.hold_where_measured(),
             _ => {
+                let usual = self.brake_urad_s2();
                 let hardest = self.config.axes.iter().map(|axis| axis.e_stop_urad_s2).min();
                 if let Some(path) = &mut self.path {
-                    path.brake(if fault == Fault::EStop { hardest } else { None });
+                    path.brake(hardest.filter(|_| fault == Fault::EStop).unwrap_or(usual));
                 }
             }
         }
         if matches!(fault, Fault::EncoderInvalid | Fault::EncoderJump)
             && let Some(axis) = self.axes.get_mut(usize::from(axis))
         {
-            axis.homed = false;
+            axis.set_homed(false);
         }
         self.tell_fault(fault, tell);
     }
@@ -209,7 +220,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let now = self.now_us;
         match fault {
             Fault::EStop => !self.local_switch_closed,
-            Fault::Watchdog => now.saturating_sub(self.heartbeat_us) > self.heartbeat_timeout_us,
+            Fault::Watchdog => self.silence_us() > self.heartbeat_timeout_us,
             Fault::FollowingError | Fault::Stall => any(&|n| {
                 let error = self.axes[n].setpoint_urad.saturating_sub(self.axes[n].measured_urad);
                 error.saturating_abs() > self.config.axes[n].stall_urad

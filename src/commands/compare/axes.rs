@@ -9,8 +9,7 @@ use crate::report::chart::signed;
 use crate::rig::{MountedSensor, Rig};
 use crate::verify::compare::{TiltHistory, TiltReading};
 
-/// A mount and an axis that differ by more do not say the same, rad: five times what a good servo errs.
-const CONTRADICTS_RAD: f64 = 0.3_f64.to_radians();
+use super::homing::{self, CONTRADICTS_RAD};
 
 /// Zeros of servo axes, as typed.
 #[derive(clap::Args, Debug, Default)]
@@ -63,7 +62,7 @@ pub struct AxisSummary {
     pub reports: usize,
 }
 
-/// What a session's axes reported, each `axis` as the place of its sensor in `rig`. Axis 0 turns the first sensor of the
+/// What a session's axes reported, with readings that have no zero named so, each `axis` as the place of its sensor in `rig`. Axis 0 turns the first sensor of the
 /// session's own mount file, wherever another file of the same sensors may list it.
 pub fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
     let mut reports: Vec<ServoReport> = session.servo()?;
@@ -72,27 +71,35 @@ pub fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoRepor
     let seats: Option<Vec<usize>> =
         own.and_then(|own| own.sensors.iter().map(|sensor| rig.seat(&sensor.name).ok()).collect());
     // with other names the order is all that is known
-    let Some(seats) = seats else { return Ok(reports) };
     for report in &mut reports {
-        report.axis = seats.get(report.axis).copied().unwrap_or(report.axis);
+        let seat = seats.as_ref().and_then(|seats| seats.get(report.axis));
+        report.axis = seat.copied().unwrap_or(report.axis);
     }
+    homing::doubt_old(&mut reports, rig);
     Ok(reports)
 }
 
-/// Pitches of a session's sensors as their axes measured them, their zeros added; nothing where it holds no reports.
-pub fn tilts(
-    session: &Session,
-    rig: &Rig,
-    zeros: &AxisZeros,
-) -> anyhow::Result<(Vec<TiltHistory>, Vec<AxisSummary>)> {
+/// What a session's axes measured.
+#[derive(Default)]
+pub struct Tilts {
+    /// Pitches of each sensor of the rig, zeros added; of one whose axis measured nothing, none.
+    pub histories: Vec<TiltHistory>,
+    pub axes: Vec<AxisSummary>,
+    /// Axes that were not homed, in words.
+    pub notices: Vec<String>,
+}
+
+/// Pitches of a session's sensors as their axes measured them; nothing where it holds no reports.
+pub fn tilts(session: &Session, rig: &Rig, zeros: &AxisZeros) -> anyhow::Result<Tilts> {
     let reports = reports_of(session, rig)?;
-    let (mut tilts, mut axes) = (Vec::new(), Vec::new());
+    let mut tilts = Tilts::default();
     for (axis, sensor) in rig.sensors.iter().enumerate() {
         let rad = |urad: i32| f64::from(urad) * 1e-6;
         let zero_rad = zeros.rad(&sensor.name);
-        let measured: Vec<TiltReading> = reports
+        let own: Vec<&ServoReport> = reports.iter().filter(|report| report.axis == axis).collect();
+        let measured: Vec<TiltReading> = own
             .iter()
-            .filter(|report| report.axis == axis && report.source == "measured")
+            .filter(|report| report.source == "measured")
             .map(|report| TiltReading {
                 time_ns: report.time_ns,
                 pitch_rad: rad(report.position_urad) + zero_rad,
@@ -102,9 +109,11 @@ pub fn tilts(
             .collect();
         let count = measured.len();
         let sum: f64 = measured.iter().map(|reading| reading.pitch_rad).sum();
-        let tilt = TiltHistory::new(measured);
+        let mut tilt = TiltHistory::new(measured);
+        tilt.set_nominal(sensor.mount.pitch_rad, homing::without_zero_ns(&own));
+        tilts.notices.extend(homing::notice(sensor, &own));
         if let Some([least, greatest]) = tilt.span_rad() {
-            axes.push(AxisSummary {
+            tilts.axes.push(AxisSummary {
                 sensor: sensor.name.clone(),
                 target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
                 measured_pitch_deg: (sum / count as f64 - zero_rad).to_degrees(),
@@ -113,9 +122,9 @@ pub fn tilts(
                 reports: count,
             });
         }
-        tilts.push(tilt);
+        tilts.histories.push(tilt);
     }
-    Ok((tilts, axes))
+    Ok(tilts)
 }
 
 /// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero

@@ -5,6 +5,7 @@ mod beams;
 pub mod comparison;
 pub mod feed;
 pub mod hearing;
+mod homing;
 pub mod judge;
 pub mod page;
 pub mod place;

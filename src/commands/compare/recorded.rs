@@ -120,9 +120,11 @@ impl Recorded {
             Some(session) if sensors.meta.is_empty() => {
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
-                let (tilts, axes) = tilts(&session, &rig, zeros)?;
-                notices = contradicted(&rig, &tilts, zeros);
-                (Source::Session { session: Box::new(session), tilts, calibrations }, axes)
+                let measured = tilts(&session, &rig, zeros)?;
+                notices = contradicted(&rig, &measured.histories, zeros);
+                notices.extend(measured.notices);
+                let tilts = measured.histories;
+                (Source::Session { session: Box::new(session), tilts, calibrations }, measured.axes)
             }
             _ => (Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?)), Vec::new()),
         };

@@ -3,7 +3,7 @@
 
 use anyhow::Context as _;
 
-use crate::commands::compare::axes::{AxisSummary, AxisZeros, tilts};
+use crate::commands::compare::axes::{AxisSummary, AxisZeros, Tilts, tilts};
 use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::hearing::silences;
@@ -39,7 +39,7 @@ pub fn compare(
     stage: &Stage,
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
-    let (tilts, axes) = tilts(session, rig, &AxisZeros::default())?;
+    let Tilts { histories: tilts, axes, .. } = tilts(session, rig, &AxisZeros::default())?;
     // what the axis measured, never what it was told; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
         tilt.span_rad()

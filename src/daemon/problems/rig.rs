@@ -23,12 +23,12 @@ pub(super) fn problems(rig: &RigState, recording: bool, list: &mut List) {
     }
     let Some(status) = &rig.status else { return };
     if status.axes.iter().any(|axis| !axis.homed) {
-        list.warn(
-            "rig",
-            "not_homed",
-            "The rig is not homed: its angles are not to be trusted.".into(),
-            "Arm the rig and home it.",
-        );
+        let what = if status.axes.iter().any(|axis| axis.source == "not_homed") {
+            "The rig is not homed: its angles have no zero. Sessions say so, and the mount file's pitches count for them."
+        } else {
+            "The rig is not homed: it does not move."
+        };
+        list.warn("rig", "not_homed", what.into(), "Arm the rig and home it.");
     }
     status.axes.iter().for_each(|axis| of_axis(axis, list));
     reach(rig, status, list);

@@ -329,7 +329,7 @@ impl<L: Link> RigController<L> {
                 source: source.name(),
                 approach,
                 age_s: now_ns.saturating_sub(read_ns) as f64 * 1e-9,
-                uncertainty_rad: self.view.uncertainty_urad(axis).map(rad),
+                uncertainty_rad: self.view.uncertainty_urad(axis, source).map(rad),
                 scatter_rad: rad(view.held.scatter_urad()),
                 readings: view.held.count(),
             });
@@ -356,14 +356,15 @@ impl<L: Link> RigController<L> {
                 continue;
             };
             let limit = |limit| deg(self.view.limit(axis, limit).unwrap_or(0));
+            let source = View::source_now(source, read_ns, now_ns);
             axes.push(AxisStatus {
                 axis,
                 state: target.state.name().to_owned(),
                 position_deg: deg(urad),
                 target_deg: deg(target.target_urad),
-                source: View::source_now(source, read_ns, now_ns).name().to_owned(),
+                source: source.name().to_owned(),
                 age_ms: now_ns.saturating_sub(read_ns) as f64 * 1e-6,
-                uncertainty_deg: self.view.uncertainty_urad(axis).map(deg),
+                uncertainty_deg: self.view.uncertainty_urad(axis, source).map(deg),
                 homed: target.homed,
                 limits_deg: [limit(Limit::Minimum), limit(Limit::Maximum)],
                 current_ma: view.effort.map(|(current, ..)| current),

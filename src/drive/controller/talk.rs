@@ -8,7 +8,8 @@ use super::{Progress, RigController, rad};
 use crate::drive::view::{TargetView, View};
 use crate::drive::{Link, RigError};
 
-const HEARTBEAT_EVERY: Duration = Duration::from_millis(80);
+/// A rig brakes what moves when it hears none for 150 ms: six may be late or lost.
+const HEARTBEAT_EVERY: Duration = Duration::from_millis(25);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
 const STRANGERS: u32 = 5;
@@ -209,9 +210,10 @@ impl<L: Link> RigController<L> {
             self.send(&Command::Heartbeat { session, time_ms: (now_ns / 1_000_000) as u32 })?;
         }
         if self.connected && now_ns >= self.next_clock_ns {
-            self.next_clock_ns = now_ns + CLOCK_EVERY.as_nanos() as u64;
+            let again = if self.view.has_clock() { CLOCK_EVERY } else { self.options.retry };
+            self.next_clock_ns = now_ns + again.as_nanos() as u64;
             self.clock_sequence = self.clock_sequence.wrapping_add(1);
-            self.view.asked_clock = Some((self.clock_sequence, now_ns));
+            self.view.ask_clock(self.clock_sequence, now_ns);
             self.send(&Command::TimeSync { sequence: self.clock_sequence })?;
         }
         let next_ns = if self.connected { until_ns.min(self.next_heartbeat_ns) } else { until_ns };

@@ -25,8 +25,8 @@ impl Questions {
         self.0.len() as u32
     }
 
-    /// An answer is there; between which times its sample was taken.
+    /// An answer is there; between which times its sample was taken. One that nobody waits for any more is old.
     pub fn answer(&mut self, now: Instant) -> [Instant; 2] {
-        [self.0.pop_front().unwrap_or(now), now]
+        [self.0.pop_front().or_else(|| now.checked_sub(FORGOTTEN)).unwrap_or(now), now]
     }
 }

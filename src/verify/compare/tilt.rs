@@ -22,6 +22,8 @@ pub struct TiltHistory {
     /// In order of time; those of one hold bear their mean.
     readings: Vec<TiltReading>,
     span_rad: Option<[f64; 2]>,
+    /// The pitch that counts where the axis has no zero, rad, and these times, ns: from the first to before the second.
+    nominal: Option<(f64, Vec<[u64; 2]>)>,
 }
 
 impl TiltHistory {
@@ -39,12 +41,22 @@ impl TiltHistory {
             hold.iter_mut().for_each(|reading| reading.pitch_rad = mean_rad);
             rest = after;
         }
-        Self { readings, span_rad }
+        Self { readings, span_rad, nominal: None }
+    }
+
+    /// Another pitch counts in these times: the axis was not homed.
+    pub fn set_nominal(&mut self, pitch_rad: f64, times_ns: Vec<[u64; 2]>) {
+        self.nominal = Some((pitch_rad, times_ns));
     }
 
     /// Pitch at a host time: the mean of the hold it lies in, a straight line between readings of an axis that moves,
     /// and the nearest one outside all of them; none without a reading.
     pub fn pitch_rad_at(&self, host_time_ns: u64) -> Option<f64> {
+        if let Some((pitch_rad, times_ns)) = &self.nominal
+            && times_ns.iter().any(|[from_ns, to_ns]| (*from_ns..*to_ns).contains(&host_time_ns))
+        {
+            return Some(*pitch_rad);
+        }
         let after = self.readings.partition_point(|reading| reading.time_ns <= host_time_ns);
         let before = after.checked_sub(1).map(|place| self.readings[place]);
         match (before, self.readings.get(after)) {
@@ -96,6 +108,15 @@ mod tests {
         assert_eq!(history.pitch_rad_at(900), Some(0.2));
         assert_eq!(history.span_rad(), Some([0.1, 0.2]));
         assert_eq!(TiltHistory::default().pitch_rad_at(5), None);
+    }
+
+    #[test]
+    fn while_an_axis_has_no_zero_the_nominal_pitch_counts() {
+        let mut history = TiltHistory::new(vec![reading(300, 0.2, None), reading(400, 0.2, None)]);
+        history.set_nominal(0.5, vec![[0, 300], [401, u64::MAX]]);
+        let at = [0, 299, 300, 400, 401, 9000].map(|time_ns| history.pitch_rad_at(time_ns).unwrap());
+        assert_eq!(at, [0.5, 0.5, 0.2, 0.2, 0.5, 0.5]);
+        assert_eq!(history.span_rad(), Some([0.2; 2]), "of what was measured");
     }
 
     #[test]
