@@ -7,7 +7,8 @@ use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureReader};
 
 use super::manifest::Manifest;
-use super::{SessionError, disk, file};
+use super::{SessionError, clock, disk, file};
+use crate::live::clocks::host::HostStep;
 use crate::rig::MountFile;
 use crate::world::trajectory::Trajectory;
 
@@ -84,6 +85,15 @@ impl Session {
     /// Events in order. A last line that was cut is left out.
     pub fn events<T: serde::de::DeserializeOwned>(&self) -> Result<Vec<T>, SessionError> {
         self.lines(file::EVENTS)
+    }
+
+    /// Every time that the host's clock was set while it was recorded; packets, servo reports and events are on one clock all
+    /// the same. None for a session from before that was so.
+    pub fn clock_steps(&self) -> Result<Option<Vec<HostStep>>, SessionError> {
+        if self.manifest.clock.is_none() {
+            return Ok(None);
+        }
+        Ok(Some(clock::steps_of(&self.events()?)))
     }
 
     /// Where the platform was, if the session knows.

@@ -9,6 +9,7 @@ use sensors::ouster::TimestampMode;
 use serde::Serialize;
 
 pub mod envelope;
+pub mod host;
 
 use envelope::Line;
 
