@@ -168,14 +168,13 @@ impl Making {
 
     /// Adds the returns of a recorded frame that fall into the trajectory's time.
     pub fn add_frame(&mut self, rig: &Rig, trajectory: &Trajectory, time_offset_ns: i64, taken: &Taken<'_>) {
-        let mut mount = rig.sensors[taken.sensor].mount;
-        mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
-        let body_from_sensor = mount.body_from_sensor();
+        let seat = taken.seat(&rig.sensors[taken.sensor].mount);
         let (model, frame) = (taken.model, taken.frame);
         for (column, channel, range_mm) in returns(model, frame) {
-            let time_ns = sample_time_ns(model, frame, column, channel).saturating_add_signed(time_offset_ns);
+            let device_ns = sample_time_ns(model, frame, column, channel);
+            let time_ns = device_ns.saturating_add_signed(time_offset_ns);
             let Some(world_from_body) = trajectory.at(time_ns) else { continue };
-            let world_from_sensor = world_from_body * body_from_sensor;
+            let world_from_sensor = world_from_body * seat(frame.column_time_ns[column]);
             let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
             let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
             let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
@@ -197,7 +196,7 @@ impl Making {
         let trajectory =
             own_or_given.with_context(|| format!("{}: give it with --map-path", lacks("trajectory")))?;
         let rig = file.rig()?;
-        let (tilts, _) = tilts(&session, &rig, &AxisZeros::default())?;
+        let tilts = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
         let seated = Seated { session: &session, rig: &rig, tilts: &tilts, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");

@@ -50,8 +50,8 @@ impl Document {
         // a session knows what its files held
         let damage = recording.problems_of_session().into_iter();
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
-        for sensor in &sensors {
-            losses.extend(unread::sensor_losses(&sensor.id, &sensor.counters));
+        for (id, sensor) in ids.iter().zip(router.sensors()) {
+            losses.extend(unread::sensor_losses(id, sensor));
         }
         let span_ns = flows.span_ns();
         Self {
