@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::compare::axes::{AxisZeros, tilts};
 use super::compare::feed::{self, Seated, Taken};
+use super::compare::host_clock;
 use super::ground::{MeshArgs, MeshTaken};
 use super::stage::Stage;
 use super::{Context, wrong_usage};
@@ -185,7 +186,7 @@ impl Making {
 
     /// Every frame of a session, by its own mount and the way given, or its own; what the session lost.
     fn of_session(&mut self, path: &Path, way: Option<Trajectory>) -> anyhow::Result<Vec<String>> {
-        let session = Session::open(path)?;
+        let mut session = Session::open(path)?;
         let lacks =
             |what: &str| format!("{}: the session holds no {what}, and a map needs one", path.display());
         let file = session.mount()?.with_context(|| lacks("mount file"))?;
@@ -196,12 +197,13 @@ impl Making {
         let trajectory =
             own_or_given.with_context(|| format!("{}: give it with --map-path", lacks("trajectory")))?;
         let rig = file.rig()?;
+        let notices = host_clock::settle(&mut session, &rig)?;
         let tilts = tilts(&session, &rig, &AxisZeros::default())?;
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
         let seated = Seated { session: &session, rig: &rig, tilts: &tilts, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");
         let fed = feed::session(&seated, &stage, &mut take)?;
-        Ok(fed.losses.iter().map(|loss| format!("{}: {loss}", path.display())).collect())
+        Ok(notices.iter().chain(&fed.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 
     /// Every point of a cloud, seen from where it says or from where the way was at its time.

@@ -110,12 +110,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .collect();
     drop(bar);
     let whole = fed.losses.is_empty();
+    let problems = recorded.notices.iter().cloned().chain(fed.losses).collect();
     let document = Document {
         format: "outrigger-stand/1",
         verdict: verdict(&tests),
         words: tests.iter().map(words).collect(),
         sensors: tests,
-        problems: fed.losses,
+        problems,
         wall_s: start.elapsed().as_secs_f64(),
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;

@@ -5,6 +5,7 @@ mod beams;
 pub mod comparison;
 pub mod feed;
 pub mod hearing;
+pub mod host_clock;
 pub mod judge;
 pub mod page;
 pub mod place;

@@ -9,6 +9,7 @@ use sensors::router::{GivenCalibration, Tie, Whose};
 
 use super::axes::{AxisSummary, AxisZeros, contradicted, reports_of, summaries, tilts};
 use super::feed::{self, Fed, Seated, Taken};
+use super::host_clock;
 use crate::base::files::is_same;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
@@ -114,9 +115,10 @@ impl Recorded {
             return Ok(None);
         };
         let rig = mount.rig()?;
-        let notices = Vec::new();
+        let mut notices = Vec::new();
         let source = match session {
-            Some(session) if sensors.meta.is_empty() => {
+            Some(mut session) if sensors.meta.is_empty() => {
+                notices = host_clock::settle(&mut session, &rig)?;
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
                 let tilts = tilts(&session, &rig, zeros)?;

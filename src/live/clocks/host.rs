@@ -4,6 +4,7 @@
 //! step parts it from `CLOCK_BOOTTIME`: slewing drives both alike, and both count through a suspend, through which
 //! `CLOCK_MONOTONIC` stands. A time line is what the clock showed when it began, going on steadily.
 
+use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use nix::time::{ClockId, clock_gettime};
@@ -192,6 +193,41 @@ impl Timeline {
     }
 }
 
+/// Streams of stamps out of which known steps of their clock are taken, one after the other, where each stream makes them:
+/// the time from stamp to stamp tells.
+#[derive(Clone, Debug, Default)]
+pub struct StepsUndone {
+    steps_ns: Vec<i64>,
+    streams: BTreeMap<usize, StreamPlace>,
+    last_ns: Option<u64>,
+}
+
+impl StepsUndone {
+    /// For these steps, in the order in which they were made.
+    pub fn new(steps_ns: Vec<i64>) -> Self {
+        Self { steps_ns, ..Self::default() }
+    }
+
+    /// A stamp of a stream as if the clock had not been set.
+    pub fn place(&mut self, stream: usize, unix_ns: u64) -> u64 {
+        if self.steps_ns.is_empty() {
+            return unix_ns;
+        }
+        let known = self.streams.entry(stream).or_default();
+        let last_ns = known.last_ns.or(self.last_ns).map_or(i128::from(unix_ns), i128::from);
+        let stepped_ns =
+            |passed: usize| self.steps_ns[..passed].iter().map(|step| i128::from(*step)).sum::<i128>();
+        let times_ns = (known.passed..=self.steps_ns.len())
+            .map(|passed| (passed, i128::from(unix_ns) - stepped_ns(passed)));
+        let nearest = times_ns.min_by_key(|(_, time_ns)| (time_ns - last_ns).unsigned_abs());
+        let (passed, time_ns) = nearest.unwrap_or((known.passed, i128::from(unix_ns)));
+        let time_ns = clamped(time_ns);
+        *known = StreamPlace { passed, last_ns: Some(time_ns) };
+        self.last_ns = Some(time_ns);
+        time_ns
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -245,6 +281,26 @@ mod tests {
         // a step below the distance of two packets cannot be told to the packet
         let (worst_ns, steps) = worst_ns(&[(10, -1_300_000)], 3, 7, 0..0);
         assert!(worst_ns <= 1_300_000 && steps == 1, "{worst_ns} {steps}");
+    }
+
+    #[test]
+    fn known_steps_are_taken_out_of_every_stream() {
+        for steps_ns in [[8_640_000_000_000_000, -8_640_000_000_000_000], [-3_000_000_000, 20_000_000]] {
+            let mut undone = StepsUndone::new(steps_ns.to_vec());
+            for at_ms in 0..6_000 {
+                let passed = usize::from(at_ms >= 2_000) + usize::from(at_ms >= 4_000);
+                let set_ns: i64 = steps_ns[..passed].iter().sum();
+                let true_ns = UNIX_NS + at_ms * MS;
+                // the third begins late
+                for stream in (0..3).filter(|stream| *stream != 2 || at_ms > 3_000) {
+                    assert_eq!(
+                        undone.place(stream, true_ns.saturating_add_signed(set_ns)),
+                        true_ns,
+                        "{stream} {at_ms}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]
