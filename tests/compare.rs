@@ -1,5 +1,6 @@
 //! `outrigger compare` on simulated recordings through real packets, as a process, and on real captures.
 
+mod clock;
 mod recordings;
 mod rig_faults;
 mod stand;
@@ -48,6 +49,13 @@ pub const CASES: &[Case] = &[
     case("a_second_unit_under_one_name_is_told_of", units::a_second_unit_under_one_name_is_told_of),
     case("one_way_needs_one_clock", units::one_way_needs_one_clock),
     case("another_sensor_than_the_mount_says_is_named", units::another_sensor_than_the_mount_says_is_named),
+    case("an_axis_counts_as_it_was_at_each_packet", clock::an_axis_counts_as_it_was_at_each_packet),
+    case(
+        "a_step_of_the_host_s_clock_is_undone_and_named",
+        clock::a_step_of_the_host_s_clock_is_undone_and_named,
+    ),
+    case("a_step_in_an_old_session_is_inferred", clock::a_step_in_an_old_session_is_inferred),
+    case("months_between_two_packets_take_no_memory", clock::months_between_two_packets_take_no_memory),
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
     case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),

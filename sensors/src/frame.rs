@@ -29,6 +29,8 @@ pub struct Frame {
     pub packets: u32,
     /// Packets a whole frame has, where the format says so.
     pub expected_packets: Option<u32>,
+    /// Times that the sensor had been initialised again before this frame, as far as its packets tell (Ouster).
+    pub restarts: u64,
     /// Every expected packet came and every expected azimuth was covered.
     pub complete: bool,
     /// Host arrival time of the first and the last packet, ns.

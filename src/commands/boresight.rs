@@ -69,6 +69,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;
     let Kept { rays, sensors, fed } = recorded.rays(RAYS)?;
+    problems.extend(recorded.contradicted(&fed));
     let mut relative = Vec::new();
     for first in 0..sensors.len() {
         for second in first + 1..sensors.len() {

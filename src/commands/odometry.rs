@@ -171,9 +171,8 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
     let rig = &recorded.rig;
     let mut walk = Walk::new(rig.sensors.len(), args);
     let fed = recorded.feed(&mut |taken| {
-        let mut mount = rig.sensors[taken.sensor].mount;
-        mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
-        walk.add(taken.sensor, taken.model, &mount.body_from_sensor(), taken.frame);
+        let seat = taken.seat(&rig.sensors[taken.sensor].mount);
+        walk.add(taken.sensor, taken.model, &seat, taken.frame);
     })?;
     if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
         bail!(
@@ -181,8 +180,10 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
              at once, on one clock (PTP, or GPS)"
         );
     }
+    let contradicted = recorded.contradicted(&fed);
     let way = walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)?;
-    Ok(Way { notices: fed.faults.into_iter().map(|fault| fault.words).collect(), ..way })
+    let faults = fed.faults.into_iter().map(|fault| fault.words);
+    Ok(Way { notices: contradicted.into_iter().chain(faults).collect(), ..way })
 }
 
 /// Where the only sensor of a recording went.
@@ -194,7 +195,7 @@ fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
         let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
         sensors = sensors.max(at + 1);
         if at == 0 {
-            walk.add(0, model, &Pose::IDENTITY, frame);
+            walk.add(0, model, &|_| Pose::IDENTITY, frame);
         }
     };
     let ending = recording.each_packet(&mut |packet| {
@@ -208,7 +209,7 @@ fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
     let mut losses = ending.losses();
     let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
     for (sensor, name) in router.sensors().iter().zip(&names) {
-        losses.extend(unread::sensor_losses(name, sensor.stats()));
+        losses.extend(unread::sensor_losses(name, sensor));
     }
     let way = walk.finish(names, losses)?;
     let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
@@ -233,7 +234,14 @@ impl Walk {
         }
     }
 
-    fn add(&mut self, sensor: usize, model: &sensors::SensorModel, seat: &Pose, frame: &sensors::Frame) {
+    /// `seat`: where the sensor sat on the body at a time of its clock.
+    fn add(
+        &mut self,
+        sensor: usize,
+        model: &sensors::SensorModel,
+        seat: &dyn Fn(u64) -> Pose,
+        frame: &sensors::Frame,
+    ) {
         if let Some([first_ns, _]) = frame.time_span_ns().filter(|_| sensor == 0) {
             self.revolutions_ns.push(first_ns);
         }

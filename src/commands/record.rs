@@ -178,6 +178,7 @@ async fn watch(
     }
     let mut silence = Silence::new(listens.len(), begun);
     let mut said_low_disk = false;
+    let mut clock_steps = 0;
     let mut unread = Vec::new();
     while duration.is_none_or(|duration| begun.elapsed() < duration) && !recording.has_ended() {
         tokio::select! {
@@ -198,6 +199,10 @@ async fn watch(
             let event = serde_json::json!({"time_ns": now_ns(), "event": "not_decoded", "sensor": name, "text": text});
             recording.session().write_event(&event)?;
             unread.push(words);
+        }
+        for words in recording.session().clock_steps().into_iter().skip(clock_steps) {
+            clock_steps += 1;
+            bar.suspend(|| say(&format!("note: {words}; the session goes on as if it had not been")));
         }
         if let (Some(low), false) = (recording.session().low_disk(), said_low_disk) {
             said_low_disk = true;

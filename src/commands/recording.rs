@@ -139,10 +139,9 @@ impl Recording {
         Ok(recording)
     }
 
-    /// What of a session's files is not as its manifest says. Reads all of them.
-    pub fn problems_of_session(&self) -> Vec<String> {
-        let session = self.session.clone();
-        session.map_or_else(Vec::new, |(dir, manifest)| Session::of(&dir, manifest).problems().to_vec())
+    /// The session that is read, each of its files held against the manifest: reads all of them.
+    pub fn checked_session(&self) -> Option<Session> {
+        self.session.clone().map(|(dir, manifest)| Session::of(&dir, manifest))
     }
 
     /// The file that is read.

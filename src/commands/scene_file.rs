@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::compare::axes::{AxisZeros, tilts};
 use super::compare::feed::{self, Seated, Taken};
+use super::compare::host_clock;
 use super::ground::{MeshArgs, MeshTaken};
 use super::stage::Stage;
 use super::{Context, wrong_usage};
@@ -168,14 +169,13 @@ impl Making {
 
     /// Adds the returns of a recorded frame that fall into the trajectory's time.
     pub fn add_frame(&mut self, rig: &Rig, trajectory: &Trajectory, time_offset_ns: i64, taken: &Taken<'_>) {
-        let mut mount = rig.sensors[taken.sensor].mount;
-        mount.pitch_rad = taken.pitch_rad.unwrap_or(mount.pitch_rad);
-        let body_from_sensor = mount.body_from_sensor();
+        let seat = taken.seat(&rig.sensors[taken.sensor].mount);
         let (model, frame) = (taken.model, taken.frame);
         for (column, channel, range_mm) in returns(model, frame) {
-            let time_ns = sample_time_ns(model, frame, column, channel).saturating_add_signed(time_offset_ns);
+            let device_ns = sample_time_ns(model, frame, column, channel);
+            let time_ns = device_ns.saturating_add_signed(time_offset_ns);
             let Some(world_from_body) = trajectory.at(time_ns) else { continue };
-            let world_from_sensor = world_from_body * body_from_sensor;
+            let world_from_sensor = world_from_body * seat(frame.column_time_ns[column]);
             let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
             let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
             let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
@@ -186,7 +186,7 @@ impl Making {
 
     /// Every frame of a session, by its own mount and the way given, or its own; what the session lost.
     fn of_session(&mut self, path: &Path, way: Option<Trajectory>) -> anyhow::Result<Vec<String>> {
-        let session = Session::open(path)?;
+        let mut session = Session::open(path)?;
         let lacks =
             |what: &str| format!("{}: the session holds no {what}, and a map needs one", path.display());
         let file = session.mount()?.with_context(|| lacks("mount file"))?;
@@ -197,17 +197,14 @@ impl Making {
         let trajectory =
             own_or_given.with_context(|| format!("{}: give it with --map-path", lacks("trajectory")))?;
         let rig = file.rig()?;
+        let mut notices = host_clock::settle(&mut session, &rig)?;
         let measured = tilts(&session, &rig, &AxisZeros::default())?;
+        notices.extend(measured.notices);
         let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
         let seated = Seated { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");
         let fed = feed::session(&seated, &stage, &mut take)?;
-        Ok(fed
-            .losses
-            .iter()
-            .chain(&measured.notices)
-            .map(|loss| format!("{}: {loss}", path.display()))
-            .collect())
+        Ok(notices.iter().chain(&fed.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 
     /// Every point of a cloud, seen from where it says or from where the way was at its time.

@@ -13,7 +13,7 @@ use super::{Context, Outcome, output};
 use crate::drive::ServoReport;
 use crate::recording::Session;
 use crate::verify::calibrate::{Estimate, FoundSetting, Reached, Setting, StandTest, stand_test};
-use crate::verify::compare::Thinning;
+use crate::verify::compare::{FramePitch, Thinning};
 
 /// Returns that are kept of each setting.
 const RAYS: usize = 400_000;
@@ -92,7 +92,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let [first_ns, last_ns] = frame.host_time_ns;
         let hold = holds[sensor].iter_mut().find(|hold| hold.from_ns <= first_ns && last_ns <= hold.to_ns);
         if let Some(hold) = hold {
-            hold.rays.add_frame(sensor, model, hold.measured_rad, 0, frame);
+            hold.rays.add_frame(sensor, model, &FramePitch::constant(hold.measured_rad), 0, frame);
         }
     })?;
     let revolution_ns = if fed.revolution_ns > 0 { fed.revolution_ns } else { 100_000_000 };
@@ -111,12 +111,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .collect();
     drop(bar);
     let whole = fed.losses.is_empty();
+    let problems = recorded.notices.iter().cloned().chain(fed.losses).collect();
     let document = Document {
         format: "outrigger-stand/1",
         verdict: verdict(&tests),
         words: tests.iter().map(words).collect(),
         sensors: tests,
-        problems: recorded.notices.iter().cloned().chain(fed.losses).collect(),
+        problems,
         wall_s: start.elapsed().as_secs_f64(),
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use sensors::DecodeStats;
 use sensors::capture::CaptureCounters;
 use sensors::router::{Family, Router, Sensor, Unclaimed};
 
@@ -115,15 +114,18 @@ pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'stat
 }
 
 /// Packets of a sensor that its decoder could not use.
-pub fn sensor_losses(id: &str, counters: &DecodeStats) -> Vec<String> {
-    [
+pub fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
+    let counters = sensor.stats();
+    let rival = sensor.rival().zip(sensor.two_sources());
+    let rival = rival.map(|(rival, words)| format!("{id}: {} packets: {words}", rival.packets));
+    let counted = [
         (counters.lost_packets, "packets never came"),
         (counters.late, "packets came too late"),
         (counters.malformed, "packets are malformed"),
         (counters.crc_errors, "packets fail their checksum"),
     ]
-    .iter()
+    .into_iter()
     .filter(|(count, _)| *count > 0)
-    .map(|(count, what)| format!("{id}: {count} {what}"))
-    .collect()
+    .map(|(count, what)| format!("{id}: {count} {what}"));
+    counted.chain(rival).collect()
 }

@@ -12,8 +12,8 @@ use socketcan::{
     SocketOptions,
 };
 
-use super::link::Clock;
 use super::{Link, LinkError, Received, can_queue};
+use crate::live::clocks::host::steady_now_ns;
 
 const WRITE_TIMEOUT: Duration = Duration::from_millis(200);
 
@@ -22,7 +22,6 @@ pub struct CanLink {
     name: String,
     socket: CanSocket,
     counters: LinkCounters,
-    clock: Clock,
     /// What the CAN controller last said of itself.
     trouble: Option<String>,
 }
@@ -41,7 +40,7 @@ impl CanLink {
         let extended = 1 << 31;
         socket.set_filters(&[CanFilter::new(reports & mask | extended, mask | extended)]).map_err(failed)?;
         socket.set_error_filter_accept_all().map_err(failed)?;
-        Ok(Self { name, socket, counters: LinkCounters::default(), clock: Clock::start(), trouble: None })
+        Ok(Self { name, socket, counters: LinkCounters::default(), trouble: None })
     }
 }
 
@@ -58,14 +57,14 @@ impl Link for CanLink {
     }
 
     fn receive(&mut self, wait: Duration) -> Result<Option<Received>, LinkError> {
-        let until_ns = self.clock.now_ns() + wait.as_nanos() as u64;
+        let until_ns = steady_now_ns() + wait.as_nanos() as u64;
         loop {
-            let left = Duration::from_nanos(until_ns.saturating_sub(self.clock.now_ns()));
+            let left = Duration::from_nanos(until_ns.saturating_sub(steady_now_ns()));
             match self.socket.read_frame_timeout(left) {
                 Ok(CanFrame::Data(wire)) if wire.is_extended() => {
                     if let Some(frame) = Frame::from_can(wire.raw_id(), wire.data()) {
                         self.counters.frames = self.counters.frames.wrapping_add(1);
-                        return Ok(Some(Received { time_ns: self.clock.now_ns(), frame }));
+                        return Ok(Some(Received { time_ns: steady_now_ns(), frame }));
                     }
                     self.counters.other_version = self.counters.other_version.wrapping_add(1);
                 }
@@ -88,14 +87,14 @@ impl Link for CanLink {
                     return Err(LinkError::HungUp { path: self.name.clone(), reason: error.to_string() });
                 }
             }
-            if self.clock.now_ns() >= until_ns {
+            if steady_now_ns() >= until_ns {
                 return Ok(None);
             }
         }
     }
 
     fn now_ns(&self) -> u64 {
-        self.clock.now_ns()
+        steady_now_ns()
     }
 
     fn counters(&self) -> LinkCounters {

@@ -16,8 +16,8 @@ use firmware_protocol::{
     ResetCause, Sense, Servo, Setpoint, State,
 };
 
-use super::link::Clock;
 use super::{Link, LinkError, Received};
+use crate::live::clocks::host::steady_now_ns;
 
 mod first_move;
 mod questions;
@@ -148,7 +148,6 @@ pub struct HostedLink {
     commands: Option<Sender<Frame>>,
     frames: Receiver<Result<Received, LinkError>>,
     shared: Arc<Mutex<Shared>>,
-    clock: Clock,
     thread: Option<JoinHandle<()>>,
     dead: Option<LinkError>,
 }
@@ -162,7 +161,6 @@ struct Shared {
 
 impl HostedLink {
     pub(super) fn start(name: String, actuators: impl Actuators, make: &Make) -> Result<Self, LinkError> {
-        let clock = Clock::start();
         let mut config = Config::<2> { uid: make.uid, ..Config::default() };
         config.axes = [make.axis(0), make.axis(1)];
         let servos = make.ranges_urad.map(|range_urad| Actuator {
@@ -189,7 +187,6 @@ impl HostedLink {
             commands,
             sender,
             shared: shared.clone(),
-            clock,
             reports: Vec::new(),
             recovered: None,
         };
@@ -198,7 +195,7 @@ impl HostedLink {
             .spawn(move || worker.run())
             .map_err(|error| LinkError::Open { path: name.clone(), reason: error.to_string() })?;
         let commands = Some(command_sender);
-        Ok(Self { name, commands, frames, shared, clock, thread: Some(thread), dead: None })
+        Ok(Self { name, commands, frames, shared, thread: Some(thread), dead: None })
     }
 
     fn shared(&self) -> std::sync::MutexGuard<'_, Shared> {
@@ -215,7 +212,6 @@ struct Worker<A> {
     commands: Receiver<Frame>,
     sender: SyncSender<Result<Received, LinkError>>,
     shared: Arc<Mutex<Shared>>,
-    clock: Clock,
     reports: Vec<Report>,
     /// The last order that reset the devices.
     recovered: Option<u16>,
@@ -292,7 +288,7 @@ impl<A: Actuators> Worker<A> {
         for report in std::mem::take(&mut self.reports) {
             self.sequence = self.sequence.wrapping_add(1);
             let received =
-                Received { time_ns: self.clock.now_ns(), frame: Frame::report(self.sequence, 1, &report) };
+                Received { time_ns: steady_now_ns(), frame: Frame::report(self.sequence, 1, &report) };
             // a full queue drops: nobody listens, and positions come again
             if let Err(TrySendError::Disconnected(_)) = self.sender.try_send(Ok(received)) {
                 return Err(End::NobodyListens);
@@ -408,7 +404,7 @@ impl Link for HostedLink {
     }
 
     fn now_ns(&self) -> u64 {
-        self.clock.now_ns()
+        steady_now_ns()
     }
 
     fn counters(&self) -> LinkCounters {

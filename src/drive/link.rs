@@ -1,7 +1,7 @@
 //! What carries frames between host and rig.
 
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use firmware_protocol::{Frame, LinkCounters};
 
@@ -19,24 +19,6 @@ pub struct Received {
     pub time_ns: u64,
     /// The frame.
     pub frame: Frame,
-}
-
-/// The Unix clock, read once: it never jumps while a line is open.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Clock {
-    started: Instant,
-    started_unix_ns: u64,
-}
-
-impl Clock {
-    pub(super) fn start() -> Self {
-        let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Self { started: Instant::now(), started_unix_ns: unix.as_nanos() as u64 }
-    }
-
-    pub(super) fn now_ns(&self) -> u64 {
-        self.started_unix_ns + self.started.elapsed().as_nanos() as u64
-    }
 }
 
 /// A line to a rig. It also says what time it is, so that a simulated line brings simulated time.

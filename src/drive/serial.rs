@@ -12,9 +12,9 @@ use firmware_protocol::{Frame, LinkCounters, Receiver as FrameReceiver};
 use serialport::{SerialPort, TTYPort};
 
 use super::framing::Framing;
-use super::link::Clock;
 use super::slcan::{self, BitRate, SlcanReceiver};
 use super::{Link, LinkError, Received};
+use crate::live::clocks::host::steady_now_ns;
 
 /// Bits per second of the rig's own firmware; a USB device or a pty ignores it.
 pub const BAUD: u32 = 1_000_000;
@@ -30,7 +30,6 @@ pub struct SerialLink {
     frames: Receiver<Result<Received, LinkError>>,
     slcan: bool,
     counters: Arc<Mutex<LinkCounters>>,
-    clock: Clock,
     quit: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
     dead: Option<LinkError>,
@@ -64,7 +63,6 @@ impl SerialLink {
         let (sender, frames) = sync_channel(WAITING_FRAMES);
         let counters = Arc::new(Mutex::new(LinkCounters::default()));
         let quit = Arc::new(AtomicBool::new(false));
-        let clock = Clock::start();
         let framing = match slcan {
             Some(_) => Framing::Slcan(SlcanReceiver::default()),
             None => Framing::Stuffed(FrameReceiver::default()),
@@ -76,14 +74,13 @@ impl SerialLink {
             framing,
             sender,
             counters: counters.clone(),
-            clock,
             quit: quit.clone(),
         };
         let reader = std::thread::Builder::new()
             .name("rig serial".into())
             .spawn(move || reader.run())
             .map_err(|error| LinkError::Open { path: path.clone(), reason: error.to_string() })?;
-        Ok(Self { path, port, frames, slcan, counters, clock, quit, reader: Some(reader), dead: None })
+        Ok(Self { path, port, frames, slcan, counters, quit, reader: Some(reader), dead: None })
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
@@ -129,7 +126,7 @@ impl Link for SerialLink {
     }
 
     fn now_ns(&self) -> u64 {
-        self.clock.now_ns()
+        steady_now_ns()
     }
 
     fn counters(&self) -> LinkCounters {
@@ -167,7 +164,6 @@ struct Reader {
     framing: Framing,
     sender: SyncSender<Result<Received, LinkError>>,
     counters: Arc<Mutex<LinkCounters>>,
-    clock: Clock,
     quit: Arc<AtomicBool>,
 }
 
@@ -179,7 +175,7 @@ impl Reader {
                 // some drivers say end of file for ever instead of an error
                 Ok(0) => "end of file".to_owned(),
                 Ok(count) => {
-                    let time_ns = self.clock.now_ns();
+                    let time_ns = steady_now_ns();
                     for frame in bytes[..count].iter().filter_map(|byte| self.framing.push(*byte)) {
                         // a full queue drops: nobody listens, and positions come again
                         if let Err(TrySendError::Disconnected(_)) =

@@ -4,6 +4,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 
 use super::{SessionError, file};
+use crate::live::clocks::host::HostTime;
 use crate::live::receive::SocketReport;
 
 /// What `format` says.
@@ -20,6 +21,10 @@ pub struct Manifest {
     pub created_ns: u64,
     /// The same for people, RFC 3339.
     pub created: String,
+    /// Both clocks of the host when it was begun. Everything in the session is on one clock: what the first of them showed then,
+    /// going on steadily, whatever became of it. Absent in sessions from before that was so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<HostTime>,
     /// Whether the session was closed and everything received is in it or counted below.
     pub complete: bool,
     /// Why it ended early, where it did.
@@ -128,12 +133,13 @@ pub struct FileEntry {
 }
 
 impl Manifest {
-    pub(super) fn new(created_ns: u64) -> Self {
+    pub(super) fn new(clock: HostTime) -> Self {
         Self {
             format: FORMAT.into(),
             program: concat!("outrigger ", env!("CARGO_PKG_VERSION")).into(),
-            created_ns,
-            created: rfc3339(created_ns),
+            created_ns: clock.unix_ns,
+            created: rfc3339(clock.unix_ns),
+            clock: Some(clock),
             complete: false,
             failure: None,
             sensors: Vec::new(),

@@ -31,9 +31,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! All times are on one clock: UTC as the host had it when the session began, going on steadily. Each step that the host's
+//! clock made meanwhile is an event `host_clock_step`.
+//!
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
+mod clock;
 mod disk;
 pub mod export;
 mod manifest;
@@ -43,6 +47,7 @@ mod ticker;
 mod whole_file;
 mod writer;
 
+pub use clock::{ClockSource, HOST_CLOCK_STEP};
 pub use disk::free_bytes;
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;

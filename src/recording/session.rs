@@ -7,7 +7,8 @@ use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureReader};
 
 use super::manifest::Manifest;
-use super::{SessionError, disk, file};
+use super::{SessionError, clock, disk, file};
+use crate::live::clocks::host::{HostStep, StepsUndone};
 use crate::rig::MountFile;
 use crate::world::trajectory::Trajectory;
 
@@ -17,6 +18,7 @@ pub struct Session {
     dir: PathBuf,
     manifest: Manifest,
     problems: Vec<String>,
+    steps_ns: Vec<i64>,
 }
 
 impl Session {
@@ -40,7 +42,7 @@ impl Session {
                 Err(error) => problems.push(error.to_string()),
             }
         }
-        Self { dir: dir.to_owned(), manifest, problems }
+        Self { dir: dir.to_owned(), manifest, problems, steps_ns: Vec::new() }
     }
 
     /// Whether a path is a folder with a manifest.
@@ -73,7 +75,13 @@ impl Session {
         let path = self.packets_path();
         let reader = CaptureReader::open(&path)
             .map_err(|error| SessionError::Content { path: path.clone(), reason: error.to_string() })?;
-        Ok(SessionPackets { path, sensors: self.manifest.sensors.len(), reader })
+        let undone = StepsUndone::new(self.steps_ns.clone());
+        Ok(SessionPackets { path, sensors: self.manifest.sensors.len(), reader, undone })
+    }
+
+    /// Takes steps that the host's clock made, ns, out of the stamps of packets: for sessions in which they are.
+    pub fn undo_clock_steps(&mut self, steps_ns: Vec<i64>) {
+        self.steps_ns = steps_ns;
     }
 
     /// Servo reports in order. A last line that was cut is left out.
@@ -84,6 +92,15 @@ impl Session {
     /// Events in order. A last line that was cut is left out.
     pub fn events<T: serde::de::DeserializeOwned>(&self) -> Result<Vec<T>, SessionError> {
         self.lines(file::EVENTS)
+    }
+
+    /// Every time that the host's clock was set while it was recorded; packets, servo reports and events are on one clock all
+    /// the same. None for a session from before that was so.
+    pub fn clock_steps(&self) -> Result<Option<Vec<HostStep>>, SessionError> {
+        if self.manifest.clock.is_none() {
+            return Ok(None);
+        }
+        Ok(Some(clock::steps_of(&self.events()?)))
     }
 
     /// Where the platform was, if the session knows.
@@ -145,6 +162,7 @@ pub struct SessionPackets {
     path: PathBuf,
     sensors: usize,
     reader: CaptureReader,
+    undone: StepsUndone,
 }
 
 impl SessionPackets {
@@ -163,7 +181,8 @@ impl SessionPackets {
                 self.sensors
             )));
         }
-        Ok(Some((interface, packet)))
+        let host_time_ns = self.undone.place(interface, packet.host_time_ns);
+        Ok(Some((interface, Packet { host_time_ns, ..packet })))
     }
 
     /// What the reader met, truncation included.

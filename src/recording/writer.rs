@@ -10,6 +10,7 @@ use std::time::Instant;
 use sensors::Packet;
 use sensors::capture::PcapngWriter;
 
+use super::clock::{ClockSource, SessionClock};
 use super::manifest::{Manifest, SensorEntry};
 use super::ticker::Ticker;
 use super::whole_file::WholeFile;
@@ -64,6 +65,15 @@ pub struct LowDisk {
 impl SessionWriter {
     /// Begins a session in an empty or absent folder. The manifest is there at once, with `complete: false`.
     pub fn create(dir: &Path, sensors: &[SensorInfo]) -> Result<Self, SessionError> {
+        Self::create_with_clock(dir, sensors, ClockSource::default())
+    }
+
+    /// The same with the time from elsewhere.
+    pub fn create_with_clock(
+        dir: &Path,
+        sensors: &[SensorInfo],
+        clock: ClockSource,
+    ) -> Result<Self, SessionError> {
         check_names(sensors)?;
         fs::create_dir_all(dir).map_err(|error| SessionError::io(dir, "cannot be made", error))?;
         let mut entries =
@@ -73,7 +83,8 @@ impl SessionWriter {
         }
         let full = |error| disk_full(dir, 0, 0, error);
         disk::write_whole(&dir.join(file::RESERVE), &vec![0xff; RESERVE_BYTES]).map_err(full)?;
-        let mut manifest = Manifest::new(now_ns());
+        let clock = SessionClock::start(clock, sensors.len());
+        let mut manifest = Manifest::new(clock.begin());
         for (interface, sensor) in (0..).zip(sensors) {
             let metadata =
                 sensor.metadata.as_ref().map(|_| format!("{}/{}.json", file::METADATA, sensor.name));
@@ -112,7 +123,8 @@ impl SessionWriter {
         let packets = begin()
             .map_err(|error| SessionError::io(&dir.join(file::PACKETS), "cannot be written", error))?;
         manifest.write(dir)?;
-        let mut open = Open { manifest, packets, servo, events, failure: None, low_disk: None, rate: None };
+        let mut open =
+            Open { manifest, clock, packets, servo, events, failure: None, low_disk: None, rate: None };
         open.watch_space(dir);
         let shared = Arc::new(Shared { dir: dir.to_owned(), open: Mutex::new(Some(open)) });
         let ticker = Ticker::start(Arc::clone(&shared), to_sync)
@@ -127,12 +139,16 @@ impl SessionWriter {
 
     /// Writes a packet of a sensor, given by its place in the list the session was created with.
     pub fn write_packet(&self, sensor: usize, packet: &Packet<'_>) -> Result<(), SessionError> {
-        self.with(|open, dir| open.write_packet(dir, sensor, packet))
+        self.with(|open, dir| {
+            open.look_at_clock(dir);
+            open.write_packet(dir, sensor, packet)
+        })
     }
 
     /// Writes received datagrams. After an error the remaining ones are counted as not written.
     pub fn write_datagrams(&self, datagrams: &[Datagram]) -> Result<(), SessionError> {
         self.with(|open, dir| {
+            open.look_at_clock(dir);
             let mut outcome = Ok(());
             for datagram in datagrams {
                 let written = open.write_packet(dir, datagram.sensor, &datagram.packet());
@@ -144,12 +160,30 @@ impl SessionWriter {
 
     /// Appends a servo report, one line of JSON.
     pub fn write_servo(&self, report: &impl serde::Serialize) -> Result<(), SessionError> {
-        self.with(|open, dir| write_line(&mut open.servo, &dir.join(file::SERVO), report))
+        self.with(|open, dir| {
+            let path = dir.join(file::SERVO);
+            match open.clock.servo(report) {
+                Some(restamped) => write_line(&mut open.servo, &path, &restamped),
+                None => write_line(&mut open.servo, &path, report),
+            }
+        })
     }
 
     /// Appends an event, one line of JSON.
     pub fn write_event(&self, event: &impl serde::Serialize) -> Result<(), SessionError> {
-        self.with(|open, dir| write_line(&mut open.events, &dir.join(file::EVENTS), event))
+        self.with(|open, dir| {
+            open.look_at_clock(dir);
+            open.write_event(dir, event)
+        })
+    }
+
+    /// Every time that the host's clock was set meanwhile, in words.
+    pub fn clock_steps(&self) -> Vec<String> {
+        let words = |open: &Open| {
+            let begin_ns = open.clock.begin().unix_ns;
+            open.clock.steps().iter().map(|step| step.words(begin_ns)).collect()
+        };
+        self.shared.lock().as_ref().map_or_else(Vec::new, words)
     }
 
     /// Keeps a copy of the mounts, and one of each calibration that they name: a session is read wherever it is taken.
@@ -252,6 +286,7 @@ impl Shared {
     pub(super) fn tick(&self) -> bool {
         let mut guard = self.lock();
         let Some(open) = guard.as_mut() else { return false };
+        open.look_at_clock(&self.dir);
         open.flush();
         open.watch_space(&self.dir);
         true
@@ -267,6 +302,7 @@ impl Shared {
 
 struct Open {
     manifest: Manifest,
+    clock: SessionClock,
     packets: PcapngWriter<WholeFile<File>>,
     servo: WholeFile<File>,
     events: WholeFile<File>,
@@ -283,6 +319,21 @@ impl std::fmt::Debug for Open {
 }
 
 impl Open {
+    fn look_at_clock(&mut self, dir: &Path) {
+        if let Some(step) = self.clock.look() {
+            // a failure shows in the next flush
+            let _ = write_line(&mut self.events, &dir.join(file::EVENTS), &step);
+        }
+    }
+
+    fn write_event(&mut self, dir: &Path, event: &impl serde::Serialize) -> Result<(), SessionError> {
+        let path = dir.join(file::EVENTS);
+        match self.clock.event(event) {
+            Some(restamped) => write_line(&mut self.events, &path, &restamped),
+            None => write_line(&mut self.events, &path, event),
+        }
+    }
+
     fn write_packet(&mut self, dir: &Path, sensor: usize, packet: &Packet<'_>) -> Result<(), SessionError> {
         let Some(entry) = self.manifest.sensors.get(sensor) else {
             let reason = format!("sensor {sensor} of a session with {} sensors", self.manifest.sensors.len());
@@ -290,7 +341,10 @@ impl Open {
         };
         let outcome = match &self.failure {
             Some(failure) => Err(failure.kind().into()),
-            None => self.packets.write(entry.interface, packet),
+            None => {
+                let host_time_ns = self.clock.packet_ns(sensor, packet.host_time_ns);
+                self.packets.write(entry.interface, &Packet { host_time_ns, ..*packet })
+            }
         };
         match outcome {
             Ok(()) => {
@@ -362,7 +416,7 @@ impl Open {
             let event = serde_json::json!({
                 "time_ns": now_ns(), "event": "low_disk", "free_bytes": free_bytes, "seconds_left": state.seconds_left
             });
-            let _ = write_line(&mut self.events, &dir.join(file::EVENTS), &event); // a failure shows in the next flush
+            let _ = self.write_event(dir, &event); // a failure shows in the next flush
         }
         self.low_disk = now;
     }

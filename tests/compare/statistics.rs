@@ -9,7 +9,7 @@ use outrigger::base::rng::Rng;
 use outrigger::rig::{Mount, MountedSensor};
 use outrigger::simulate::frames::{Scan, Spin};
 use outrigger::verify::calibrate::{self, MountCheck, Settings};
-use outrigger::verify::compare::{Gate, Patches, RecordedRay, Replay, Thinning};
+use outrigger::verify::compare::{FramePitch, Gate, Patches, RecordedRay, Replay, Thinning};
 use outrigger::world::coverage::VoxelGrid;
 use outrigger::world::scene::{Scene, load_mesh};
 use outrigger::world::trajectory::{PoseError, Trajectory};
@@ -230,7 +230,7 @@ fn without_scene(house: &House, off: Off, seed: u64, tilt_deg: f64) -> calibrate
         };
         for turn in 0..((end_ns - start_ns) / REVOLUTION_NS) as u32 {
             let frame = scan.frame(turn, &spin.columns(start_ns, turn), spin.azimuth_rate_rad_per_ns());
-            rays.add_frame(number, &sensor.model, sensor.mount.pitch_rad, 0, &frame);
+            rays.add_frame(number, &sensor.model, &FramePitch::constant(sensor.mount.pitch_rad), 0, &frame);
         }
     }
     let rays = Thinning::joined([rays]);

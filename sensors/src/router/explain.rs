@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 
 use super::guess::Guess;
+use super::senders::Rival;
 use super::sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
 use super::streams::{Stream, listed};
 use crate::Packet;
@@ -22,6 +23,18 @@ pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
         "{count} sensors send packets like this one without a serial number, and its sender is none that is known; \
          give only the metadata of sensors that are in the recording, or say who sends where: --meta ADDRESS=FILE.json, or \
          --meta :PORT=FILE.json"
+    )
+}
+
+/// Why packets that claim to be a sensor's are not taken: they come from two places at once.
+pub(super) fn two_sources(sensor: &Sensor, Rival { taken, other, .. }: &Rival) -> String {
+    let whose = match (sensor.serial(), sensor.metadata_name.as_deref()) {
+        ("", name) => format!("of packets that fit {}", name.unwrap_or("one sensor")),
+        (serial, _) => format!("with serial {serial}"),
+    };
+    format!(
+        "two sources {whose}: {taken} and {other}; the packets of the second were left out (one of them sends with another's \
+         serial number, or is replayed; record each on a port of its own, or --source NAME=ADDRESS)"
     )
 }
 

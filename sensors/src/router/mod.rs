@@ -7,6 +7,7 @@
 mod ahead;
 mod explain;
 mod guess;
+mod senders;
 mod sensor;
 mod streams;
 #[cfg(test)]
@@ -21,6 +22,7 @@ use crate::velodyne::{Options, VelodyneDecoder};
 use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
+pub use senders::Rival;
 pub use sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
 use streams::{Stream, stream_of};
 pub use tie::{Named, Tie};
@@ -161,6 +163,10 @@ impl Router {
                 return Routed::Unclaimed;
             }
         };
+        if claim.is_some() && !self.sensors[at].senders.admit(packet) {
+            self.count_unclaimed(packet, self.sensors[at].two_sources());
+            return Routed::Unclaimed;
+        }
         let outcome = self.sensors[at].family.decoder_mut().take(packet);
         self.sensors[at].take_name(&self.names);
         self.sensors[at].calibrate(&self.calibrations);

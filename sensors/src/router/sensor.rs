@@ -3,6 +3,7 @@
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
+use super::senders::{Rival, Senders};
 use super::streams::{Stream, Streams};
 use super::tie::{Named, Tie};
 use super::{explain, is_evidence};
@@ -23,6 +24,7 @@ pub struct Sensor {
     pub(super) first_source: Option<SocketAddr>,
     pub(super) data_port: Option<u16>,
     pub(super) streams: Streams,
+    pub(super) senders: Senders,
     /// Where what it sends beside its lidar packets goes, where somebody says.
     aside_port: Option<u16>,
     first_damage: Option<String>,
@@ -128,6 +130,7 @@ impl Sensor {
             first_source: None,
             data_port: None,
             streams: Streams::default(),
+            senders: Senders::default(),
             aside_port: None,
             first_damage: None,
             misread_bytes: None,
@@ -245,6 +248,16 @@ impl Sensor {
         let of_several = self.streams.of_several().is_some()
             || (self.stats().packets == 0 && self.imu_streams().len() > 1);
         of_several.then(|| explain::of_one_of_several(self))
+    }
+
+    /// Another source whose packets claim to be its own.
+    pub fn rival(&self) -> Option<&Rival> {
+        self.senders.rival()
+    }
+
+    /// That there is one, in words.
+    pub fn two_sources(&self) -> Option<String> {
+        self.rival().map(|rival| explain::two_sources(self, rival))
     }
 
     /// What its packets are said to have in common.

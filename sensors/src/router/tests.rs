@@ -323,3 +323,57 @@ fn frames_are_lent_not_copied() {
     let settled = &velodyne[2..];
     assert!(settled.iter().all(|(_, ranges, times)| (*ranges, *times) == (settled[0].1, settled[0].2)));
 }
+
+/// What each of two sources sends, one turn of a sensor after the other.
+fn from_two(turns: &[(u16, u64)]) -> (Router, usize) {
+    let one = metadata("os1-64", 11, Profile::Rng15Rfl8Nir8);
+    let mut router = Router::new();
+    router.add_ouster(one.clone(), "one.json");
+    let mut per_turn = 0;
+    for (turn, (port, begun_ns)) in turns.iter().enumerate() {
+        let payloads = ouster_revolution(&one, turn as u32, begun_ns % 1_000_000_000_000);
+        per_turn = payloads.len();
+        for (at, payload) in (0..).zip(&payloads) {
+            let source = std::net::SocketAddr::from(([10, 0, 0, 1], *port));
+            let host_time_ns = begun_ns + at * 3_000_000;
+            router.push(&Packet { source, host_time_ns, ..packet(1, 7502, payload) }, &mut ignore);
+        }
+    }
+    router.finish(&mut ignore);
+    (router, per_turn)
+}
+
+#[test]
+fn two_units_of_one_serial_number_are_named_and_not_taken_as_one() {
+    let one = metadata("os1-64", 11, Profile::Rng15Rfl8Nir8);
+    let mut router = Router::new();
+    router.add_ouster(one.clone(), "one.json");
+    for turn in 0..4 {
+        let payloads = [0, 4000].map(|ahead| {
+            ouster_revolution(&one, turn + ahead, 5_000_000_000 + u64::from(turn) * 100_000_000)
+        });
+        for (first, second) in payloads[0].iter().zip(&payloads[1]) {
+            router.push(&packet(1, 7502, first), &mut ignore);
+            router.push(&packet(2, 7502, second), &mut ignore);
+        }
+    }
+    router.finish(&mut ignore);
+    let [sensor] = router.sensors() else { panic!("one sensor") };
+    let (stats, rival) = (sensor.stats(), sensor.rival().unwrap());
+    assert_eq!((stats.packets, stats.lost_packets, stats.complete_frames), (128, 0, 4), "{stats:?}");
+    assert_eq!((rival.packets, router.unclaimed().map(|entry| entry.packets).sum()), (128, 128));
+    let words = sensor.two_sources().unwrap();
+    assert!(words.starts_with("two sources with serial 11: 10.0.0.1:50000 and 10.0.0.2:50000"), "{words}");
+}
+
+#[test]
+fn a_unit_that_comes_back_from_another_port_is_the_same() {
+    let ms = 1_000_000;
+    let (router, per_turn) = from_two(&[(50_000, 0), (50_000, 100 * ms), (50_001, 900 * ms)]);
+    assert_eq!(router.sensors()[0].stats().packets, 3 * per_turn as u64);
+    assert_eq!(router.sensors()[0].rival(), None);
+    // without a pause it is after so many packets in a row
+    let (router, per_turn) = from_two(&[(50_000, 0), (50_001, 100 * ms), (50_001, 200 * ms)]);
+    assert_eq!(router.sensors()[0].stats().packets, 3 * per_turn as u64 - 32);
+    assert_eq!(router.sensors()[0].rival().unwrap().packets, 32);
+}

@@ -1,18 +1,20 @@
 //! What the axes of a session measured.
 
 use anyhow::ensure;
+use sensors::Frame;
 use serde::Serialize;
 
+use super::feed::Fed;
 use crate::drive::ServoReport;
 use crate::recording::Session;
 use crate::report::chart::signed;
 use crate::rig::{MountedSensor, Rig};
-use crate::verify::compare::{TiltHistory, TiltReading};
+use crate::verify::compare::{FramePitch, TiltHistory, TiltReading};
 
 use super::homing::{self, CONTRADICTS_RAD};
 
 /// Zeros of servo axes, as typed.
-#[derive(clap::Args, Debug, Default)]
+#[derive(clap::Args, Clone, Debug, Default)]
 pub struct AxisZeros {
     /// What the angles that an axis measured lack, degrees, as `compare` found it for the axis of this sensor; once per
     /// sensor. Of the recording alone: the servo itself is not changed.
@@ -37,10 +39,11 @@ impl AxisZeros {
     }
 
     /// Each belongs to an axis that measured something.
-    pub fn ensure_measured(&self, axes: &[AxisSummary]) -> anyhow::Result<()> {
+    pub fn ensure_measured(&self, rig: &Rig, tilts: &[TiltHistory]) -> anyhow::Result<()> {
+        let measured = || rig.sensors.iter().zip(tilts).filter(|(_, tilt)| tilt.is_measured());
         for (name, _) in &self.zeros_deg {
             ensure!(
-                axes.iter().any(|axis| axis.sensor == *name),
+                measured().any(|(sensor, _)| sensor.name == *name),
                 "--axis-zero {name}=...: the recording holds no angle that an axis of a sensor of this name measured"
             );
         }
@@ -53,12 +56,13 @@ impl AxisZeros {
 pub struct AxisSummary {
     pub sensor: String,
     pub target_pitch_deg: f64,
-    /// Mean of what the axis measured while recording.
+    /// Mean of what the axis measured at the times of its sensor's frames.
     pub measured_pitch_deg: f64,
     /// What was typed to be added to it.
     pub zero_deg: f64,
-    /// Greatest minus least of it.
+    /// Greatest minus least of that.
     pub measured_span_deg: f64,
+    /// Readings at those times.
     pub reports: usize,
 }
 
@@ -84,7 +88,6 @@ pub fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoRepor
 pub struct Tilts {
     /// Pitches of each sensor of the rig, zeros added; of one whose axis measured nothing, none.
     pub histories: Vec<TiltHistory>,
-    pub axes: Vec<AxisSummary>,
     /// Axes that were not homed, in words.
     pub notices: Vec<String>,
 }
@@ -97,41 +100,98 @@ pub fn tilts(session: &Session, rig: &Rig, zeros: &AxisZeros) -> anyhow::Result<
         let rad = |urad: i32| f64::from(urad) * 1e-6;
         let zero_rad = zeros.rad(&sensor.name);
         let own: Vec<&ServoReport> = reports.iter().filter(|report| report.axis == axis).collect();
-        let measured: Vec<TiltReading> = own
-            .iter()
-            .filter(|report| report.source == "measured")
-            .map(|report| TiltReading {
-                time_ns: report.time_ns,
-                pitch_rad: rad(report.position_urad) + zero_rad,
-                uncertainty_rad: report.uncertainty_urad.map(rad),
-                held_rad: (report.state == "holding").then(|| rad(report.target_urad) + zero_rad),
-            })
-            .collect();
-        let count = measured.len();
-        let sum: f64 = measured.iter().map(|reading| reading.pitch_rad).sum();
-        let mut tilt = TiltHistory::new(measured);
-        tilt.set_nominal(sensor.mount.pitch_rad, homing::without_zero_ns(&own));
+        let measured = own.iter().filter(|report| report.source == "measured");
+        let readings = measured.map(|report| TiltReading {
+            time_ns: report.time_ns,
+            pitch_rad: rad(report.position_urad) + zero_rad,
+            uncertainty_rad: report.uncertainty_urad.map(rad),
+            held_rad: (report.state == "holding").then(|| rad(report.target_urad) + zero_rad),
+        });
+        let tilt = TiltHistory::new(readings.collect());
+        tilts.histories.push(tilt.with_times_without_zero(homing::without_zero_ns(&own)));
         tilts.notices.extend(homing::notice(sensor, &own));
-        if let Some([least, greatest]) = tilt.span_rad() {
-            tilts.axes.push(AxisSummary {
-                sensor: sensor.name.clone(),
-                target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
-                measured_pitch_deg: (sum / count as f64 - zero_rad).to_degrees(),
-                zero_deg: zero_rad.to_degrees(),
-                measured_span_deg: (greatest - least).to_degrees(),
-                reports: count,
-            });
-        }
-        tilts.histories.push(tilt);
     }
     Ok(tilts)
 }
 
+/// Angles of an axis at the times of its sensor's frames, their zero added: what it measured before and after counts nothing.
+#[derive(Clone, Debug, Default)]
+pub struct Pitches {
+    frames: u64,
+    sum_rad: f64,
+    span_rad: Option<[f64; 2]>,
+    /// Arrival of the first and the last frame, ns.
+    host_ns: Option<[u64; 2]>,
+    readings: usize,
+    /// Frames near which nothing was read, and how far the nearest reading was from the first of them, ns.
+    unknown: u64,
+    nearest_ns: u64,
+}
+
+impl Pitches {
+    /// Takes that of a frame.
+    pub fn add(&mut self, tilt: &TiltHistory, frame: &Frame) -> Option<FramePitch> {
+        let device_ns = frame.time_span_ns().unwrap_or_default();
+        let Some(pitch) = tilt.pitch_over(frame.host_time_ns, device_ns) else {
+            if frame.host_time_ns.iter().any(|time_ns| tilt.lacks_zero(*time_ns)) {
+                return None; // said once for the axis
+            }
+            if self.unknown == 0 {
+                self.nearest_ns = tilt.nearest_ns(frame.host_time_ns[0]).unwrap_or(0);
+            }
+            self.unknown += 1;
+            return None;
+        };
+        self.frames += 1;
+        self.sum_rad += pitch.mean_rad();
+        let [least_rad, greatest_rad] = pitch.span_rad();
+        let span_rad = self.span_rad.get_or_insert([least_rad, greatest_rad]);
+        *span_rad = [span_rad[0].min(least_rad), span_rad[1].max(greatest_rad)];
+        let [first_ns, last_ns] = frame.host_time_ns;
+        // a reading within two frames' times counts once
+        let from_ns = self.host_ns.map_or(first_ns, |host_ns| first_ns.max(host_ns[1] + 1));
+        self.readings += tilt.readings_within([from_ns, last_ns]);
+        let host_ns = self.host_ns.get_or_insert(frame.host_time_ns);
+        *host_ns = [host_ns[0].min(first_ns), host_ns[1].max(last_ns)];
+        Some(pitch)
+    }
+
+    /// Frames whose angle nobody knows, in words; none where all are known.
+    pub fn unknown(&self, sensor: &str) -> Option<String> {
+        (self.unknown > 0).then(|| {
+            format!(
+                "{sensor}: its axis measured nothing near {} of {} revolutions (the nearest reading is {:.1} s from the first of \
+                 these): the angle of the mount file was used for them",
+                self.unknown,
+                self.unknown + self.frames,
+                self.nearest_ns as f64 * 1e-9
+            )
+        })
+    }
+}
+
+/// What the axes measured while their sensors recorded.
+pub fn summaries(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<AxisSummary> {
+    let summary = |(sensor, pitches): (&MountedSensor, &Pitches)| {
+        let [least_rad, greatest_rad] = pitches.span_rad?;
+        let zero_rad = zeros.rad(&sensor.name);
+        Some(AxisSummary {
+            sensor: sensor.name.clone(),
+            target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
+            measured_pitch_deg: (pitches.sum_rad / pitches.frames as f64 - zero_rad).to_degrees(),
+            zero_deg: zero_rad.to_degrees(),
+            measured_span_deg: (greatest_rad - least_rad).to_degrees(),
+            reports: pitches.readings,
+        })
+    };
+    rig.sensors.iter().zip(&fed.pitches).filter_map(summary).collect()
+}
+
 /// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
 /// knows.
-pub fn contradicted(rig: &Rig, tilts: &[TiltHistory], zeros: &AxisZeros) -> Vec<String> {
-    let words = |(sensor, tilt): (&MountedSensor, &TiltHistory)| {
-        let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, tilt.span_rad()?);
+pub fn contradicted(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<String> {
+    let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {
+        let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, pitches.span_rad?);
         let is_typed = zeros.rad(&sensor.name) != 0.0;
         let differs = said_rad < least_rad - CONTRADICTS_RAD || said_rad > greatest_rad + CONTRADICTS_RAD;
         let degrees = |rad: f64| signed(rad.to_degrees(), 2);
@@ -145,5 +205,5 @@ pub fn contradicted(rig: &Rig, tilts: &[TiltHistory], zeros: &AxisZeros) -> Vec<
             )
         })
     };
-    rig.sensors.iter().zip(tilts).filter_map(words).collect()
+    rig.sensors.iter().zip(&fed.pitches).filter_map(words).collect()
 }

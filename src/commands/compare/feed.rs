@@ -5,14 +5,16 @@ use sensors::router::{GivenCalibration, Router, Sensor, Unclaimed, Whose};
 use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
+use super::axes::Pitches;
 use super::beams::Seat;
 use super::hearing::Heard;
+use crate::base::geometry::Pose;
 use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
 use crate::commands::unread;
 use crate::recording::{SensorEntry, Session};
-use crate::rig::{MountedSensor, NoSeat, Rig};
-use crate::verify::compare::{Fault, TiltHistory};
+use crate::rig::{Mount, MountedSensor, NoSeat, Rig};
+use crate::verify::compare::{Fault, FramePitch, TiltHistory};
 
 /// One sensor's packets.
 #[derive(Debug, Default, Serialize)]
@@ -41,12 +43,28 @@ pub struct Taken<'a> {
     /// Number of the frame among those of its sensor.
     pub number: u64,
     pub model: &'a SensorModel,
-    /// What its axis measured, where it has one.
-    pub pitch_rad: Option<f64>,
+    /// What its axis measured meanwhile, where it has one.
+    pub pitch: Option<FramePitch>,
     pub frame: &'a Frame,
 }
 
 impl Taken<'_> {
+    /// Its pitch: as measured, otherwise as the mount file says.
+    pub fn pitch_or(&self, nominal: &Mount) -> FramePitch {
+        self.pitch.unwrap_or(FramePitch::constant(nominal.pitch_rad))
+    }
+
+    /// Where it sat on the body at each time of its sensor's clock, the mount as said but for the pitch.
+    pub fn seat(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
+        let (pitch, nominal) = (self.pitch_or(nominal), *nominal);
+        // most axes stand
+        let standing = Mount { pitch_rad: pitch.mean_rad(), ..nominal }.body_from_sensor();
+        move |device_ns| match pitch.is_constant() {
+            true => standing,
+            false => Mount { pitch_rad: pitch.at(device_ns), ..nominal }.body_from_sensor(),
+        }
+    }
+
     /// Gives the rig's sensor the beams of its packets.
     pub fn tell_model(&self, sensors: &mut [MountedSensor]) {
         let known = &mut sensors[self.sensor].model;
@@ -67,6 +85,8 @@ pub struct Fed {
     pub revolution_ns: u64,
     /// When each of the rig's sensors was.
     pub heard: Vec<Heard>,
+    /// Angles of each of the rig's axes at the times of its sensor's frames.
+    pub pitches: Vec<Pitches>,
 }
 
 impl Fed {
@@ -76,7 +96,8 @@ impl Fed {
             ..SensorSummary::default()
         };
         let heard = vec![Heard::default(); rig.sensors.len()];
-        Self { sensors: rig.sensors.iter().map(named).collect(), heard, ..Self::default() }
+        let pitches = vec![Pitches::default(); rig.sensors.len()];
+        Self { sensors: rig.sensors.iter().map(named).collect(), heard, pitches, ..Self::default() }
     }
 
     fn count(&mut self, sensor: usize, frame: &Frame) -> u64 {
@@ -100,7 +121,7 @@ impl Fed {
         }
         summary.lost += stats.lost_packets + stats.malformed + stats.crc_errors + stats.late;
         summary.complete_frames = stats.complete_frames;
-        self.losses.extend(unread::sensor_losses(&summary.sensor, stats));
+        self.losses.extend(unread::sensor_losses(&summary.sensor, sensor));
         let model = sensor.model().filter(|_| stats.packets > 0);
         self.faults.extend(model.and_then(|model| seat.wrong_model(&sensor.product(), model)));
         Ok(())
@@ -115,7 +136,11 @@ impl Fed {
             let from = source.map_or(String::new(), |source| format!(", from {source}"));
             self.losses.push(format!("{}: {packets} packets of a second sensor{from}", mounted.name));
         }
-        let left: Vec<&Unclaimed> = router.unclaimed().filter(|entry| entry.is_sensor_data).collect();
+        // two units of one serial number were told of by its decoder's losses
+        let two_sources = sensors.first().and_then(Sensor::two_sources);
+        let is_left =
+            |entry: &&Unclaimed| entry.is_sensor_data && Some(&entry.reason) != two_sources.as_ref();
+        let left: Vec<&Unclaimed> = router.unclaimed().filter(is_left).collect();
         let is_silent = sensors.first().is_some_and(|sensor| sensor.stats().packets == 0);
         match left.first() {
             Some(first) if is_silent => self.faults.push(foreign(mounted, &first.reason)),
@@ -156,10 +181,9 @@ pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_
             return; // a second Velodyne under this name: its packets are told of below
         }
         let number = fed.count(place, frame);
-        let [first_ns, last_ns] = frame.host_time_ns;
-        let middle_ns = first_ns + last_ns.saturating_sub(first_ns) / 2;
-        let pitch_rad = tilts.get(place).and_then(|tilt| tilt.pitch_rad_at(middle_ns));
-        take(Taken { sensor: place, number, model: seats[place].beams(sensor), pitch_rad, frame });
+        let tilt = tilts.get(place).filter(|tilt| tilt.is_measured());
+        let pitch = tilt.and_then(|tilt| fed.pitches[place].add(tilt, frame));
+        take(Taken { sensor: place, number, model: seats[place].beams(sensor), pitch, frame });
     };
     let mut packets = session.packets()?;
     // what a packet has about it in the file is little
@@ -176,6 +200,7 @@ pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_
             fed.close(place, sensor, seat)?;
         }
         fed.tell_strangers(&rig.sensors[place], router);
+        fed.losses.extend(fed.pitches[place].unknown(&rig.sensors[place].name));
     }
     fed.losses.extend(session.problems().iter().cloned());
     let is_undecoded = fed.sensors.iter().all(|sensor| sensor.frames == 0)
@@ -255,7 +280,7 @@ pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)
             return;
         }
         let number = fed.count(at, frame);
-        take(Taken { sensor: at, number, model: seats[at].beams(sensor), pitch_rad: None, frame });
+        take(Taken { sensor: at, number, model: seats[at].beams(sensor), pitch: None, frame });
     };
     let ending = recording.each_packet(&mut |packet| {
         router.push(packet, &mut hand);

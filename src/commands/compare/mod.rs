@@ -6,6 +6,7 @@ pub mod comparison;
 pub mod feed;
 pub mod hearing;
 mod homing;
+pub mod host_clock;
 pub mod judge;
 pub mod page;
 pub mod place;
@@ -195,20 +196,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             healthy: Healthy { pose: error, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() },
             revolution_ns: fed.revolution_ns,
             agree_within_m: args.gate,
-            faults: fed.faults,
+            faults: std::mem::take(&mut fed.faults),
             stage: &stage,
         },
         &replayed,
     );
     drop(stage);
+    let axes = recorded.axes(&fed);
     let mut problems = recorded.notices.clone();
+    problems.extend(recorded.contradicted(&fed));
     problems.extend(place.notices);
     problems.extend(fed.losses.iter().cloned());
     let document = Document {
         format: "outrigger-compare/1",
         recording: fed.sensors,
-        servo_zero: ZeroOffer::of(&recorded.axes, &comparison.mount),
-        rig: recorded.axes,
+        servo_zero: ZeroOffer::of(&axes, &comparison.mount),
+        rig: axes,
         problems,
         time_offset_s: place.time_offset_ns as f64 * 1e-9,
         time_offset: place.time_offset,
@@ -258,10 +261,8 @@ fn replayed(
             return;
         }
         replay.set_model(taken.sensor, taken.model);
-        if let Some(pitch_rad) = taken.pitch_rad {
-            replay.set_pitch(taken.sensor, pitch_rad);
-        }
-        replay.add_frame(taken.sensor, taken.frame);
+        let pitch = taken.pitch_or(&recorded.rig.sensors[taken.sensor].mount);
+        replay.add_pitched_frame(taken.sensor, &pitch, taken.frame);
         frames += 1;
         // often at first, when most is found
         if frames.is_power_of_two() || frames.is_multiple_of(SETTLE_EVERY * 8) {

@@ -7,8 +7,9 @@ use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
 use sensors::router::{GivenCalibration, Tie, Whose};
 
-use super::axes::{AxisSummary, AxisZeros, contradicted, reports_of, tilts};
+use super::axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
 use super::feed::{self, Fed, Seated, Taken};
+use super::host_clock;
 use crate::base::files::is_same;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
@@ -64,8 +65,7 @@ pub struct Recorded {
     source: Source,
     pub mount: MountFile,
     pub rig: Rig,
-    /// What the axes measured, where the session holds it.
-    pub axes: Vec<AxisSummary>,
+    zeros: AxisZeros,
     /// What may not be as the user thinks.
     pub notices: Vec<String>,
     span_ns: OnceCell<Option<[u64; 2]>>,
@@ -111,25 +111,28 @@ impl Recorded {
             if path.is_file() {
                 CaptureReader::open(path)?;
             }
-            zeros.ensure_measured(&[])?;
+            zeros.ensure_measured(&Rig { sensors: Vec::new() }, &[])?;
             return Ok(None);
         };
         let rig = mount.rig()?;
         let mut notices = Vec::new();
-        let (source, axes) = match session {
-            Some(session) if sensors.meta.is_empty() => {
+        let source = match session {
+            Some(mut session) if sensors.meta.is_empty() => {
+                notices = host_clock::settle(&mut session, &rig)?;
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
-                let measured = tilts(&session, &rig, zeros)?;
-                notices = contradicted(&rig, &measured.histories, zeros);
-                notices.extend(measured.notices);
-                let tilts = measured.histories;
-                (Source::Session { session: Box::new(session), tilts, calibrations }, measured.axes)
+                let Tilts { histories: tilts, notices: not_homed } = tilts(&session, &rig, zeros)?;
+                notices.extend(not_homed);
+                zeros.ensure_measured(&rig, &tilts)?;
+                Source::Session { session: Box::new(session), tilts, calibrations }
             }
-            _ => (Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?)), Vec::new()),
+            _ => {
+                zeros.ensure_measured(&rig, &[])?;
+                Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?))
+            }
         };
-        zeros.ensure_measured(&axes)?;
-        Ok(Some(Self { source, mount, rig, axes, notices, span_ns: OnceCell::new() }))
+        let zeros = zeros.clone();
+        Ok(Some(Self { source, mount, rig, zeros, notices, span_ns: OnceCell::new() }))
     }
 
     /// What its axes reported, by the places of their sensors in the rig; nothing for a capture.
@@ -138,6 +141,16 @@ impl Recorded {
             Source::Session { session, .. } => reports_of(session, &self.rig),
             Source::Capture(_) => Ok(Vec::new()),
         }
+    }
+
+    /// What its axes measured while its sensors recorded, which a pass over it has found.
+    pub fn axes(&self, fed: &Fed) -> Vec<AxisSummary> {
+        summaries(&self.rig, &self.zeros, fed)
+    }
+
+    /// Mounts that are not as their axes measured, in words.
+    pub fn contradicted(&self, fed: &Fed) -> Vec<String> {
+        contradicted(&self.rig, &self.zeros, fed)
     }
 
     /// What it is, in words.
@@ -174,8 +187,7 @@ impl Recorded {
         let fed = self.feed(&mut |taken| {
             let Taken { sensor, model, frame, .. } = taken;
             taken.tell_model(&mut sensors);
-            let pitch_rad = taken.pitch_rad.unwrap_or(sensors[sensor].mount.pitch_rad);
-            kept.add_frame(sensor, model, pitch_rad, 0, frame);
+            kept.add_frame(sensor, model, &taken.pitch_or(&sensors[sensor].mount), 0, frame);
         })?;
         Ok(Kept { rays: Thinning::joined([kept]), sensors, fed })
     }

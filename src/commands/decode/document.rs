@@ -164,7 +164,7 @@ impl Document {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
-            self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], &counters));
+            self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], sensor));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
                 vendor: sensor.vendor(),

@@ -1,9 +1,9 @@
 //! Fourth stage: the session is opened again, its packets are decoded, and what they cover is compared with what the
 //! simulator says for the same rays, by the code of `compare`.
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 
-use crate::commands::compare::axes::{AxisSummary, AxisZeros, Tilts, tilts};
+use crate::commands::compare::axes::{AxisSummary, AxisZeros, summaries, tilts};
 use crate::commands::compare::comparison::Comparison;
 use crate::commands::compare::feed::{self, Seated, SensorSummary};
 use crate::commands::compare::hearing::silences;
@@ -39,11 +39,10 @@ pub fn compare(
     stage: &Stage,
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
-    let Tilts { histories: tilts, axes, .. } = tilts(session, rig, &AxisZeros::default())?;
+    let tilts = tilts(session, rig, &AxisZeros::default())?.histories;
     // what the axis measured, never what it was told; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
-        tilt.span_rad()
-            .with_context(|| format!("no measured angle of axis {axis} ({}) was recorded", sensor.name))?;
+        ensure!(tilt.is_measured(), "no measured angle of axis {axis} ({}) was recorded", sensor.name);
     }
     let patches = Patches::of_scene(scene, SAMPLES, 1, &trajectory.stations_m(STATION_STEP_M));
     let gate = Gate { keep_rays: KEEP_RAYS, ..Gate::default() };
@@ -54,10 +53,8 @@ pub fn compare(
     let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
     let mut fed = feed::session(&seated, stage, &mut |taken| {
         replay.set_model(taken.sensor, taken.model);
-        if let Some(pitch_rad) = taken.pitch_rad {
-            replay.set_pitch(taken.sensor, pitch_rad);
-        }
-        replay.add_frame(taken.sensor, taken.frame);
+        let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
+        replay.add_pitched_frame(taken.sensor, &pitch, taken.frame);
     })?;
     fed.faults.extend(silences(rig, &fed.heard, trajectory.time_span_ns()));
     let replayed = replay.finish();
@@ -70,10 +67,11 @@ pub fn compare(
             healthy: Healthy::default(),
             revolution_ns: fed.revolution_ns,
             agree_within_m: gate.agree_within_m,
-            faults: fed.faults,
+            faults: std::mem::take(&mut fed.faults),
             stage,
         },
         &replayed,
     );
+    let axes = summaries(rig, &AxisZeros::default(), &fed);
     Ok(Compared { replayed, rig: axes, sensors: fed.sensors, compare })
 }

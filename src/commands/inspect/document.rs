@@ -7,9 +7,11 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
+use crate::commands::compare::host_clock::inferred;
 use crate::commands::recording::{Ending, Recording};
 use crate::commands::{output::counted, sensor_ids, unread};
 use crate::live::watch::{SensorReport, Watch};
+use crate::recording::{Session, SessionError};
 
 /// The document.
 #[derive(Serialize)]
@@ -18,6 +20,8 @@ pub struct Document {
     first_host_time_ns: Option<u64>,
     last_host_time_ns: Option<u64>,
     duration_s: Option<f64>,
+    /// Every time that the host's clock was set meanwhile.
+    host_clock: Vec<HostClockStep>,
     interfaces: Vec<Interface>,
     sensors: Vec<SensorReport>,
     flows: Vec<FlowReport>,
@@ -27,6 +31,18 @@ pub struct Document {
     capture_counters: CaptureCounters,
     losses: Vec<String>,
     advice: Vec<String>,
+}
+
+/// One step of the host's clock.
+#[derive(Serialize)]
+struct HostClockStep {
+    /// When, by the stamps of the recording, ns.
+    host_ns: u64,
+    /// How far forward, s.
+    step_s: f64,
+    /// The stamps of the recording go on steadily all the same.
+    is_undone: bool,
+    words: String,
 }
 
 impl Document {
@@ -48,17 +64,23 @@ impl Document {
             .collect();
         let mut losses = ending.losses();
         // a session knows what its files held
-        let damage = recording.problems_of_session().into_iter();
+        let session = recording.checked_session();
+        let damage = session.iter().flat_map(Session::problems).cloned();
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
-        for sensor in &sensors {
-            losses.extend(unread::sensor_losses(&sensor.id, &sensor.counters));
+        for (id, sensor) in ids.iter().zip(router.sensors()) {
+            losses.extend(unread::sensor_losses(id, sensor));
         }
         let span_ns = flows.span_ns();
+        let host_clock = host_clock(session.as_ref(), &sensors, span_ns).unwrap_or_else(|error| {
+            losses.push(error.to_string());
+            Vec::new()
+        });
         Self {
             capture: recording.name(),
             first_host_time_ns: span_ns.map(|[first, _]| first),
             last_host_time_ns: span_ns.map(|[_, last]| last),
             duration_s: span_ns.map(|[first, last]| (last - first) as f64 * 1e-9),
+            host_clock,
             interfaces: ending.interfaces.clone(),
             flows: flows.reports(router, &ids),
             packets_of_other_flows: flows.others(),
@@ -84,6 +106,9 @@ impl Document {
             Some(duration_s) => writeln!(text, "{} datagrams in {duration_s:.3} s", counters.datagrams),
             None => writeln!(text, "no UDP datagrams in {} frames", counters.frames),
         };
+        for step in &self.host_clock {
+            let _ = writeln!(text, "{}", step.words);
+        }
         for sensor in &self.sensors {
             sensor.append_to(&mut text);
         }
@@ -195,6 +220,31 @@ impl SensorReport {
             let _ = writeln!(text, "    {remark}");
         }
     }
+}
+
+/// What the recorder tells of the host's clock, otherwise what the clocks of the sensors show of it.
+fn host_clock(
+    session: Option<&Session>,
+    sensors: &[SensorReport],
+    span_ns: Option<[u64; 2]>,
+) -> Result<Vec<HostClockStep>, SessionError> {
+    let step = |host_ns, step_s, is_undone, words| HostClockStep { host_ns, step_s, is_undone, words };
+    if let Some((session, steps)) =
+        session.map(|session| Ok((session, session.clock_steps()?))).transpose()?
+        && let Some(steps) = steps
+    {
+        let begin_ns = session.manifest().created_ns;
+        let recorded = steps.iter().map(|made| {
+            let words = format!("{}: everything is stamped as if it had not been", made.words(begin_ns));
+            step(made.between_ns[1], made.step_ns as f64 * 1e-9, true, words)
+        });
+        return Ok(recorded.collect());
+    }
+    let clocks = sensors.iter().filter_map(|sensor| Some((sensor.id.as_str(), sensor.clock.as_ref()?)));
+    let jumps = clocks.flat_map(|(id, clock)| clock.host_jumps().map(move |jump| (id, jump)));
+    let begin_ns = span_ns.map_or(0, |[first_ns, _]| first_ns);
+    let inferred = inferred(jumps);
+    Ok(inferred.iter().map(|made| step(made.host_ns, made.step_s, false, made.words(begin_ns))).collect())
 }
 
 /// Why something does not decode, and what would help.

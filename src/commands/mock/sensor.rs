@@ -344,6 +344,10 @@ fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
     wanted.imu_profile = if args.aside_to.is_some() { args.imu_profile } else { ImuProfile::Off };
     wanted.imu_port = args.aside_to.map_or(0, |to| to.port());
     wanted.timestamp_mode = TimestampMode::SyncPulseIn;
+    if args.trajectory.is_none() {
+        // a real one has another after each start
+        wanted.init_id = (now_ns() / 1_000_000_000 % 0xFF_FFFF + 1) as u32;
+    }
     Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_aside())
 }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::{Args, options};
 use crate::commands::{Context, output, signals};
 use crate::drive::{Rig, WatchedAxis};
-use crate::live::receive::now_ns;
+use crate::live::clocks::host::steady_now_ns;
 
 /// How often axes that send no readings are told of while watching.
 const LOOK: Duration = Duration::from_secs(1);
@@ -43,7 +43,7 @@ pub(super) fn watch(args: &Args, first: Rig, time: Option<Duration>, context: Co
                 let Ok(status) = connected.status() else { break };
                 let silent = status.axes.iter().filter(|axis| axis.source == "stale");
                 for axis in silent {
-                    print_reading(&WatchedAxis::last_of(axis, now_ns()), context)?;
+                    print_reading(&WatchedAxis::last_of(axis, steady_now_ns()), context)?;
                 }
             }
         }

@@ -9,6 +9,7 @@ use sensors::ouster::TimestampMode;
 use serde::Serialize;
 
 pub mod envelope;
+pub mod host;
 
 use envelope::Line;
 
@@ -33,6 +34,8 @@ const KEPT_JUMPS: usize = 64;
 const JUMP_NS: f64 = 10e6;
 /// A change that no network makes: one such pair is enough, ns.
 const SUDDEN_NS: f64 = 1e9;
+/// Packets that pause for so long may be those of a sensor that was started again, whose clock stands a little elsewhere, ns.
+const PAUSE_NS: u64 = 1_000_000_000;
 /// Clocks drift by less than this, ns per ns (100 ppm each).
 const MOST_DRIFT: f64 = 200e-6;
 
@@ -68,6 +71,27 @@ pub struct ClockWatch {
     late: Vec<[f64; 2]>,
     jumps: Vec<Jump>,
     jump_count: u64,
+    restarts: u64,
+    /// The next pair is the first since a restart.
+    is_restarted: bool,
+    /// The open window is the first since a pause.
+    is_after_pause: bool,
+    /// Device time from one pair to the next, as it was last.
+    period_ns: Option<i128>,
+    /// The last pair at which the clocks moved apart, and which of them it was.
+    parted: Option<(u64, Moved)>,
+}
+
+/// Which of two clocks was set, as far as the time between two pairs tells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Moved {
+    /// The sensor's.
+    Device,
+    /// This host's: the sensor's went on.
+    Host,
+    /// Either.
+    Unknown,
 }
 
 /// A change of the offset that no delay explains: either clock was set, or the sensor started anew.
@@ -77,6 +101,8 @@ pub struct Jump {
     pub host_ns: u64,
     /// Host minus device after it, less before, s.
     pub change_s: f64,
+    /// Whose clock it was.
+    pub moved: Moved,
 }
 
 /// What is said about a clock.
@@ -95,7 +121,9 @@ pub struct ClockReport {
     pub drift_ppm: Option<f64>,
     /// Half the width in which that lies.
     pub drift_uncertainty_ppm: Option<f64>,
-    /// Times that device time ran backwards.
+    /// Times that the sensor was started again; the drift is that of the time since.
+    pub restarts: u64,
+    /// Times that device time ran backwards, restarts not counted.
     pub steps_back: u64,
     /// Changes that no delay explains.
     pub jump_count: u64,
@@ -107,6 +135,12 @@ impl ClockWatch {
     /// Takes the arrival and the device time of one packet (or of one frame's first).
     pub fn add(&mut self, host_ns: u64, device_ns: u64) {
         let offset_ns = i128::from(host_ns) - i128::from(device_ns);
+        if std::mem::take(&mut self.is_restarted) {
+            self.last = Some([host_ns, device_ns]);
+            return self.begin_segment(host_ns, offset_ns);
+        }
+        let paused = self.last.is_some_and(|[last_ns, _]| host_ns.saturating_sub(last_ns) >= PAUSE_NS);
+        self.note_parting(host_ns, device_ns);
         let stepped_back = self.last.is_some_and(|[_, last_ns]| device_ns < last_ns);
         self.steps_back += u64::from(stepped_back);
         self.first.get_or_insert([host_ns, device_ns]);
@@ -122,6 +156,7 @@ impl ClockWatch {
         if host_ns.abs_diff(self.opened_ns) >= WINDOW_NS || self.open.is_none() {
             self.close_window(host_ns, offset_ns);
             self.opened_ns = host_ns;
+            self.is_after_pause |= paused;
         }
         let origin = self.origin.unwrap_or((host_ns, offset_ns));
         let point = [host_ns as f64 - origin.0 as f64, (offset_ns - origin.1) as f64];
@@ -138,11 +173,44 @@ impl ClockWatch {
             }
             return;
         }
+        // who paused may have been started again: its clock may stand elsewhere by less than a jump, which is no drift
+        if std::mem::take(&mut self.is_after_pause) {
+            self.windows.clear();
+            self.late.clear();
+        }
         for point in self.late.drain(..).chain([point]) {
             if self.windows.len() == KEPT_WINDOWS {
                 self.windows.pop_front();
             }
             self.windows.push_back(point);
+        }
+    }
+
+    /// The sensor was started again: what is fitted begins anew with the next pair.
+    pub fn restart(&mut self) {
+        self.restarts += 1;
+        self.is_restarted = true;
+    }
+
+    /// Notes which clock was set where the times since the last pair are not alike: the other's is as usual.
+    fn note_parting(&mut self, host_ns: u64, device_ns: u64) {
+        let Some([last_host_ns, last_device_ns]) = self.last else { return };
+        let since_ns = i128::from(host_ns) - i128::from(last_host_ns);
+        let device_since_ns = i128::from(device_ns) - i128::from(last_device_ns);
+        if ((since_ns - device_since_ns) as f64).abs() > JUMP_NS {
+            let is_usual = |time_ns: i128| {
+                let period_ns = self.period_ns?;
+                Some(((time_ns - period_ns) as f64).abs() <= JUMP_NS)
+            };
+            let moved = match (is_usual(since_ns), is_usual(device_since_ns)) {
+                (Some(false), Some(true)) => Moved::Host,
+                (Some(true), Some(false)) => Moved::Device,
+                _ if device_since_ns < 0 && since_ns >= 0 => Moved::Device,
+                _ => Moved::Unknown,
+            };
+            self.parted = Some((host_ns, moved));
+        } else if device_since_ns > 0 {
+            self.period_ns = Some(device_since_ns);
         }
     }
 
@@ -152,7 +220,16 @@ impl ClockWatch {
         if self.jumps.len() == KEPT_JUMPS {
             self.jumps.remove(0);
         }
-        self.jumps.push(Jump { host_ns, change_s: change_ns * 1e-9 });
+        // what is seen to be no delay after some seconds was when the clocks last parted
+        let late_ns = WINDOW_NS * (LATE_WINDOWS as u64 + 2);
+        let parted = self.parted.filter(|(at_ns, _)| host_ns.abs_diff(*at_ns) <= late_ns);
+        let (host_ns_then, moved) = parted.unwrap_or((host_ns, Moved::Unknown));
+        self.jumps.push(Jump { host_ns: host_ns_then, change_s: change_ns * 1e-9, moved });
+        self.begin_segment(host_ns, offset_ns);
+    }
+
+    fn begin_segment(&mut self, host_ns: u64, offset_ns: i128) {
+        self.is_after_pause = false;
         self.windows.clear();
         self.late.clear();
         self.origin = Some((host_ns, offset_ns));
@@ -230,6 +307,7 @@ impl ClockWatch {
             variation_s: (self.greatest_offset_ns? - self.least_offset_ns?) as f64 * 1e-9,
             drift_ppm: drift.map(|line| line.slope * 1e6),
             drift_uncertainty_ppm: drift.map(|line| line.slope_uncertainty * 1e6),
+            restarts: self.restarts,
             steps_back: self.steps_back,
             jump_count: self.jump_count,
             jumps: self.jumps.clone(),
@@ -271,6 +349,11 @@ pub fn not_as_told(told: TimestampMode, state: ClockState) -> Option<&'static st
 }
 
 impl ClockReport {
+    /// Jumps of this host's clock, not the sensor's.
+    pub fn host_jumps(&self) -> impl Iterator<Item = &Jump> {
+        self.jumps.iter().filter(|jump| jump.moved == Moved::Host)
+    }
+
     /// In words.
     pub fn text(&self) -> String {
         let offset_s = self.host_minus_device_s;
@@ -288,11 +371,16 @@ impl ClockReport {
             let uncertainty_ppm = self.drift_uncertainty_ppm.unwrap_or(0.0);
             text.push_str(&format!("; drifts by {drift_ppm:.1} ±{uncertainty_ppm:.1} ppm"));
         }
-        if let Some(last) = self.jumps.last() {
-            let count = self.jump_count;
+        let of_host = self.host_jumps().count() as u64;
+        let last = self.jumps.iter().rfind(|jump| jump.moved != Moved::Host);
+        if let (Some(last), count @ 1..) = (last, self.jump_count - of_host) {
             let times = if count == 1 { "once" } else { &format!("{count} times") };
             let way = if last.change_s > 0.0 { "back" } else { "ahead" }; // host less device
             text.push_str(&format!("; jumped {times}, last {way} by {:.3} s", last.change_s.abs()));
+        }
+        if self.restarts > 0 {
+            let times = if self.restarts == 1 { "once" } else { &format!("{} times", self.restarts) };
+            text.push_str(&format!("; started again {times}, this is since"));
         }
         if self.steps_back > 0 {
             text.push_str(&format!("; ran backwards {} times", self.steps_back));

@@ -105,6 +105,9 @@ fn jumps_are_found_whichever_clock_is_set() {
         let change_s = (host_ns - device_ns) as f64 * 1e-9;
         assert_eq!(report.jumps.len(), 1, "{host_ns} {device_ns}: {report:?}");
         assert!((report.jumps[0].change_s - change_s).abs() < 0.005, "{host_ns} {device_ns}: {report:?}");
+        // a burst of delay beside it leaves open whose it was, and never blames the wrong one
+        let blameless = if device_ns == 0 { Moved::Device } else { Moved::Host };
+        assert_ne!(report.jumps[0].moved, blameless, "{host_ns} {device_ns}: {report:?}");
         // and what is said afterwards is of the time after it
         assert!((report.drift_ppm.unwrap() - 20.0).abs() < 3.0, "{report:?}");
     }
@@ -122,6 +125,57 @@ fn a_sensor_that_starts_anew_is_a_jump() {
     let report = network.watch.report().unwrap();
     assert_eq!((report.jumps.len(), report.steps_back), (1, 1), "{report:?}");
     assert!(report.drift_ppm.unwrap().abs() < 0.1, "{report:?}");
+}
+
+/// After each start the clock stands some milliseconds elsewhere: less than a jump, and more than 200 ppm of a line over all.
+#[test]
+fn restarts_are_no_drift() {
+    for is_told in [true, false] {
+        let mut network = Network::new(6, 20.0);
+        network.run(15, 0, 0, 0.0);
+        for start in 1..=3 {
+            network.sent += 300; // three seconds of silence
+            if is_told {
+                network.watch.restart();
+            }
+            network.run(15, 0, start * -3_000_000, 0.0);
+        }
+        let report = network.watch.report().unwrap();
+        assert_eq!((report.restarts, report.jump_count), (if is_told { 3 } else { 0 }, 0), "{report:?}");
+        let (drift_ppm, sure_ppm) = (report.drift_ppm.unwrap(), report.drift_uncertainty_ppm.unwrap());
+        assert!((drift_ppm - 20.0).abs() < sure_ppm.max(5.0), "{drift_ppm} +- {sure_ppm}");
+        assert_eq!(report.text().contains("started again 3 times"), is_told, "{}", report.text());
+    }
+}
+
+/// Frames every 100 ms, stamped quickly: whose clock it was is plain.
+#[test]
+fn it_is_told_which_clock_was_set() {
+    let day_ns = 86_400_000_000_000;
+    for (host_ns, device_ns, moved) in [
+        (100 * day_ns, 0, Moved::Host),
+        (-3_000_000_000, 0, Moved::Host),
+        (150_000_000, 0, Moved::Host),
+        (0, 100 * day_ns, Moved::Device),
+        (0, -150_000_000, Moved::Device),
+    ] {
+        let mut watch = ClockWatch::default();
+        for frame in 0..200_u64 {
+            let [host_set_ns, device_set_ns] = if frame < 100 { [0, 0] } else { [host_ns, device_ns] };
+            let late_ns = frame * 7919 % 300_000;
+            watch.add(
+                (HOST_NS + frame * 100_000_000 + late_ns).saturating_add_signed(host_set_ns),
+                (DEVICE_NS + frame * 100_000_000).saturating_add_signed(device_set_ns),
+            );
+        }
+        let report = watch.report().unwrap();
+        let [jump] = report.jumps[..] else { panic!("{host_ns} {device_ns}: {report:?}") };
+        assert_eq!(jump.moved, moved, "{host_ns} {device_ns}: {report:?}");
+        let change_s = (host_ns - device_ns) as f64 * 1e-9;
+        assert!((jump.change_s - change_s).abs() < 1e-3, "{report:?}");
+        let set_at_ns = (HOST_NS + 10_000_000_000).saturating_add_signed(host_ns);
+        assert!(jump.host_ns.abs_diff(set_at_ns) < 1_000_000, "when it happened: {report:?}");
+    }
 }
 
 /// A clock that is set in its first second: too early for a line, too far for any delay.

@@ -22,6 +22,7 @@ pub struct Watch {
     begun: u64,
     begun_span_ns: Option<[u64; 2]>,
     clock: ClockWatch,
+    restarts: u64,
     imu_samples: u64,
     position_packets: u64,
     position: Option<Position>,
@@ -110,6 +111,9 @@ impl Watch {
                     if self.frames > 1 || frame.complete {
                         self.begun += 1;
                         self.begun_span_ns.get_or_insert([first_ns; 2])[1] = first_ns;
+                    }
+                    if std::mem::replace(&mut self.restarts, frame.restarts) != frame.restarts {
+                        self.clock.restart();
                     }
                     self.clock.add(frame.host_time_ns[0], first_ns);
                 }

@@ -271,7 +271,7 @@ impl StandTest {
 mod tests {
     use super::*;
     use crate::simulate::frames::{Scan, Spin};
-    use crate::verify::compare::Thinning;
+    use crate::verify::compare::{FramePitch, Thinning};
     use crate::world::scene::{BoxScene, Scene};
 
     const TURN_NS: u64 = 100_000_000;
@@ -312,7 +312,7 @@ mod tests {
             for turn in 0..10 {
                 let columns = spin.columns(start_ns, turn);
                 let frame = scan.frame(turn, &columns, spin.azimuth_rate_rad_per_ns());
-                rays.add_frame(0, &said.model, measured_rad, 0, &frame);
+                rays.add_frame(0, &said.model, &FramePitch::constant(measured_rad), 0, &frame);
             }
             settings.push(Setting { measured_rad, reached, rays: Thinning::joined([rays]) });
             start_ns += 30 * TURN_NS;

@@ -106,7 +106,7 @@ mod tests {
     use super::*;
     use crate::rig::{Mount, MountedSensor};
     use crate::simulate::frames::{Scan, Spin};
-    use crate::verify::compare::Thinning;
+    use crate::verify::compare::{FramePitch, Thinning};
     use crate::world::scene::{BoxScene, Scene};
     use crate::world::trajectory::Trajectory;
 
@@ -134,7 +134,7 @@ mod tests {
         let mut rays = Thinning::new(1 << 20);
         for turn in 0..10 {
             let frame = scan.frame(turn, &spin.columns(1, turn), spin.azimuth_rate_rad_per_ns());
-            rays.add_frame(0, &sensors[0].model, mount.pitch_rad, 0, &frame);
+            rays.add_frame(0, &sensors[0].model, &FramePitch::constant(mount.pitch_rad), 0, &frame);
         }
         let rays = Thinning::joined([rays]);
         let field =

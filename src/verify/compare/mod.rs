@@ -28,5 +28,5 @@ pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
 pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
 };
-pub use tilt::{TiltHistory, TiltReading};
+pub use tilt::{FramePitch, TiltHistory, TiltReading};
 pub use time_offset::{NoTimeOffset, TimeOffset, time_offset};

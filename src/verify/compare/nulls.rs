@@ -180,7 +180,8 @@ impl Field<'_> {
 
 /// Ranges that a healthy rig would have recorded.
 fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> {
-    let true_way = healthy.pose.disturb(field.trajectory, seed);
+    let true_way =
+        healthy.pose.disturb_near(field.trajectory, seed, field.rays.iter().map(|ray| ray.time_ns));
     let rays = field.rays.par_iter().enumerate();
     rays.map(|(number, ray)| {
         let mut rng = Rng::new(seed, number as u64);

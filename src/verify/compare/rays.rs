@@ -6,9 +6,9 @@ use sensors::Frame;
 use sensors::projection::{sample_azimuth_rad, sample_time_ns};
 
 use super::surface::{Patches, SurfaceTally};
-use super::{Breakdown, RayClass, RayClasses, RecordedRay, Thinning};
+use super::{Breakdown, FramePitch, RayClass, RayClasses, RecordedRay, Thinning};
 use crate::base::geometry::Pose;
-use crate::rig::MountedSensor;
+use crate::rig::{Mount, MountedSensor};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::{Hit, Scene};
 use crate::world::trajectory::Trajectory;
@@ -98,11 +98,6 @@ impl<'a> Replay<'a> {
         self
     }
 
-    /// Says how far a sensor is tilted from the next frame on: the angle its axis measured.
-    pub fn set_pitch(&mut self, sensor: usize, pitch_rad: f64) {
-        self.sensors[sensor].mount.pitch_rad = pitch_rad;
-    }
-
     /// The beams of a sensor, as its packets or metadata say them.
     pub fn set_model(&mut self, sensor: usize, model: &sensors::SensorModel) {
         if self.sensors[sensor].model != *model {
@@ -113,7 +108,15 @@ impl<'a> Replay<'a> {
     /// Lays one frame of a sensor against the scene. Columns that never came are neither predicted nor recorded: their
     /// loss is the receiver's to report.
     pub fn add_frame(&mut self, sensor: usize, frame: &Frame) {
+        let nominal = FramePitch::constant(self.sensors[sensor].mount.pitch_rad);
+        self.add_pitched_frame(sensor, &nominal, frame);
+    }
+
+    /// The same of a sensor that had this pitch meanwhile: the angle its axis measured.
+    pub fn add_pitched_frame(&mut self, sensor: usize, pitch: &FramePitch, frame: &Frame) {
+        self.sensors[sensor].mount.pitch_rad = pitch.mean_rad();
         let lay = Lay {
+            pitch,
             scene: self.scene,
             trajectory: self.trajectory,
             mounted: &self.sensors[sensor],
@@ -171,6 +174,7 @@ struct Lay<'a> {
     sensor: usize,
     gate: Gate,
     surface: Option<&'a SurfaceTally<'a>>,
+    pitch: &'a FramePitch,
     frame: &'a Frame,
 }
 
@@ -179,13 +183,13 @@ struct Fired {
     channel: usize,
     time_ns: u64,
     azimuth_rad: f64,
+    pitch_rad: f64,
     range_offset_m: f64,
     world_from_sensor: Pose,
 }
 
 impl Lay<'_> {
     fn columns(&self, columns: std::ops::Range<usize>, shard: &mut Shard) {
-        let body_from_sensor = self.mounted.mount.body_from_sensor();
         let channels = self.frame.channels.min(self.mounted.model.channels());
         let (mut origins_m, mut directions, mut fired) = (Vec::new(), Vec::new(), Vec::<Fired>::new());
         let mut adder = self.surface.map(SurfaceTally::adder);
@@ -194,6 +198,8 @@ impl Lay<'_> {
             directions.clear();
             fired.clear();
             let mut last: Option<(u64, Option<Pose>)> = None;
+            let pitch_rad = self.pitch.at(self.frame.column_time_ns[column]);
+            let body_from_sensor = Mount { pitch_rad, ..self.mounted.mount }.body_from_sensor();
             for channel in 0..channels {
                 let time_ns = sample_time_ns(&self.mounted.model, self.frame, column, channel)
                     .saturating_add_signed(self.gate.time_offset_ns);
@@ -213,7 +219,14 @@ impl Lay<'_> {
                 origins_m.push(world_from_sensor.transform_point(ray.origin_m));
                 directions.push(world_from_sensor.rotate(ray.direction));
                 let range_offset_m = ray.range_offset_m;
-                fired.push(Fired { channel, time_ns, azimuth_rad, range_offset_m, world_from_sensor });
+                fired.push(Fired {
+                    channel,
+                    time_ns,
+                    azimuth_rad,
+                    pitch_rad,
+                    range_offset_m,
+                    world_from_sensor,
+                });
             }
             self.scene.cast_many(&origins_m, &directions, |ray, hit| {
                 self.ray(column, &fired[ray], origins_m[ray], directions[ray], hit, shard, adder.as_mut());
@@ -268,7 +281,7 @@ impl Lay<'_> {
                 channel: fired.channel,
                 time_ns: fired.time_ns,
                 azimuth_rad: fired.azimuth_rad,
-                pitch_rad: self.mounted.mount.pitch_rad,
+                pitch_rad: fired.pitch_rad,
                 range_m: recorded_m,
             });
         }

@@ -4,6 +4,7 @@ use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
+use super::FramePitch;
 use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
 use crate::world::scene::Scene;
@@ -20,7 +21,7 @@ pub struct RecordedRay {
     pub time_ns: u64,
     /// Encoder azimuth, rad.
     pub azimuth_rad: f64,
-    /// Pitch of the mount when the frame was taken, rad.
+    /// Pitch of the mount when it was taken, rad.
     pub pitch_rad: f64,
     /// As the sensor reported it, m; none where nothing came back.
     pub range_m: Option<f64>,
@@ -105,18 +106,21 @@ impl Thinning {
         }
     }
 
-    /// The returns of a frame of a sensor that then had this pitch; `offset_ns` leads from its clock to the trajectory's.
+    /// The returns of a frame of a sensor that then had this pitch, rad, by its clock; `offset_ns` leads from its clock to the
+    /// trajectory's.
     pub fn add_frame(
         &mut self,
         sensor: usize,
         model: &SensorModel,
-        pitch_rad: f64,
+        pitch: &FramePitch,
         offset_ns: i64,
         frame: &Frame,
     ) {
         for (column, channel, range_mm) in returns(model, frame) {
-            let time_ns = sample_time_ns(model, frame, column, channel).saturating_add_signed(offset_ns);
+            let device_ns = sample_time_ns(model, frame, column, channel);
+            let time_ns = device_ns.saturating_add_signed(offset_ns);
             if self.wants(sensor, channel, time_ns) {
+                let pitch_rad = pitch.at(device_ns);
                 let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
                 let range_m = Some(f64::from(range_mm) * 1e-3);
                 self.push(RecordedRay { sensor, channel, time_ns, azimuth_rad, pitch_rad, range_m });

@@ -88,8 +88,14 @@ impl Sweeps {
         }
     }
 
-    /// Adds a frame of a sensor that then sat there.
-    pub fn add_frame(&mut self, sensor: usize, model: &SensorModel, body_from_sensor: &Pose, frame: &Frame) {
+    /// Adds a frame of a sensor; `seat` says where it sat on the body at a time of its clock.
+    pub fn add_frame(
+        &mut self,
+        sensor: usize,
+        model: &SensorModel,
+        seat: &dyn Fn(u64) -> Pose,
+        frame: &Frame,
+    ) {
         let Some([first_ns, last_ns]) = frame.time_span_ns() else { return };
         if self.start_ns.is_none() {
             let rate = frame.azimuth_rate_rad_per_ns;
@@ -100,7 +106,11 @@ impl Sweeps {
         let known_ns = self.latest_ns[sensor].unwrap_or(0);
         self.latest_ns[sensor] = Some(known_ns.max(last_ns));
         let nearest_m = self.limits.nearest_m.max(model.min_range_m);
+        let (mut of_column, mut body_from_sensor) = (usize::MAX, Pose::IDENTITY);
         for (column, channel, range_mm) in returns(model, frame) {
+            if column != of_column {
+                (of_column, body_from_sensor) = (column, seat(frame.column_time_ns[column]));
+            }
             let range_m = f64::from(range_mm) * 1e-3;
             if range_m < nearest_m || range_m > self.limits.farthest_m {
                 continue;
@@ -200,7 +210,7 @@ mod tests {
                 sweeps.add_frame(
                     sensor,
                     &model,
-                    &Pose::IDENTITY,
+                    &|_| Pose::IDENTITY,
                     &frame(&model, 1_000_000_000 + turn * 100_000_000 + shift_ns),
                 );
                 cut.extend(std::iter::from_fn(|| sweeps.next_whole()));
@@ -228,7 +238,7 @@ mod tests {
             for (sensor, early_ns) in [(0, 0), (1, 40_000_000)] {
                 for turn in 0..6 {
                     let at_ns = start_ns - early_ns + turn * 100_000_000;
-                    sweeps.add_frame(sensor, &model, &Pose::IDENTITY, &frame(&model, at_ns));
+                    sweeps.add_frame(sensor, &model, &|_| Pose::IDENTITY, &frame(&model, at_ns));
                     counts.extend(
                         std::iter::from_fn(|| sweeps.next_whole()).map(|sweep| sweep.points.len() / 16),
                     );
@@ -248,7 +258,7 @@ mod tests {
         let model = sensors::catalogue::nominal("os1-16").unwrap();
         let mut sweeps = Sweeps::new(1, Limits { nearest_m: 0.1, farthest_m: 100.0 });
         for at_ns in [0, 100_000_000, 3_000_000_000_000_000] {
-            sweeps.add_frame(0, &model, &Pose::IDENTITY, &frame(&model, at_ns));
+            sweeps.add_frame(0, &model, &|_| Pose::IDENTITY, &frame(&model, at_ns));
         }
         let starts: Vec<u64> =
             std::iter::from_fn(|| sweeps.next_rest()).map(|sweep| sweep.start_ns).collect();

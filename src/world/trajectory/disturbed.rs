@@ -35,9 +35,34 @@ impl PoseError {
 
     /// One way that the body may really have gone when a trajectory was estimated.
     pub fn disturb(&self, trajectory: &Trajectory, seed: u64) -> Trajectory {
+        let [start_ns, end_ns] = trajectory.time_span_ns();
+        self.disturb_at_steps(trajectory, seed, (start_ns..end_ns).step_by(STEP_NS as usize).collect())
+    }
+
+    /// The same for a trajectory that is used at some times only, in ascending order: what it takes grows with their number
+    /// and not with the time between them, which a clock that was set makes months.
+    pub fn disturb_near(
+        &self,
+        trajectory: &Trajectory,
+        seed: u64,
+        used_ns: impl IntoIterator<Item = u64>,
+    ) -> Trajectory {
+        let [start_ns, end_ns] = trajectory.time_span_ns();
+        let mut steps: Vec<u64> = Vec::new();
+        for used_ns in used_ns.into_iter().filter(|used_ns| (start_ns..=end_ns).contains(used_ns)) {
+            // one more to each side: a pose lies on the line between two steps
+            let step = (used_ns - start_ns) / STEP_NS;
+            let first = step.saturating_sub(1).max(steps.last().map_or(0, |last| last + 1));
+            steps.extend(first..=step + 2);
+        }
+        let times_ns = steps.into_iter().map(|step| start_ns + step * STEP_NS);
+        let times_ns = times_ns.filter(|time_ns| *time_ns < end_ns).collect();
+        self.disturb_at_steps(trajectory, seed, times_ns)
+    }
+
+    fn disturb_at_steps(&self, trajectory: &Trajectory, seed: u64, mut times_ns: Vec<u64>) -> Trajectory {
         let mut rng = Rng::new(seed, 0x706f_7365);
         let [start_ns, end_ns] = trajectory.time_span_ns();
-        let mut times_ns: Vec<u64> = (start_ns..end_ns).step_by(STEP_NS as usize).collect();
         times_ns.push(end_ns);
         // where it turns between the steps it must go on turning
         times_ns.extend(trajectory.stamped().map(|(time_ns, _)| time_ns));
@@ -87,5 +112,23 @@ mod tests {
         assert!((after_2_s - (-1.0_f64).exp()).abs() < 0.13, "{after_2_s}");
         assert_eq!(error.disturb(&walk, 3), other);
         assert_ne!(error.disturb(&walk, 4), other);
+        assert_eq!(
+            error.disturb_near(&walk, 3, (0..20_000).map(|n| 5 + n * 100_000_000)),
+            other,
+            "used all along"
+        );
+    }
+
+    /// 100 days at 50 ms would be 173 million poses.
+    #[test]
+    fn time_that_is_not_used_costs_nothing() {
+        let day_ns = 86_400_000_000_000;
+        let still = Trajectory::new(vec![(7, Pose::IDENTITY), (100 * day_ns, Pose::IDENTITY)]).unwrap();
+        let used_ns =
+            || [0, 99 * day_ns].into_iter().flat_map(|at| (1..40).map(move |n| at + n * 100_000_000));
+        let other = PoseError::default().disturb_near(&still, 3, used_ns());
+        assert!(other.stamped().count() < 200, "{}", other.stamped().count());
+        let off_m = |time_ns| other.at(time_ns).unwrap().translation_m.length();
+        assert!(used_ns().all(|at| (1e-4..0.2).contains(&off_m(at))));
     }
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::*;
 use crate::rig::Mount;
 use crate::simulate::frames::{Scan, Spin};
-use crate::verify::compare::Thinning;
+use crate::verify::compare::{FramePitch, Thinning};
 use crate::world::scene::{BoxScene, Mesh, Scene};
 
 const TURN_NS: u64 = 100_000_000;
@@ -77,7 +77,13 @@ impl Walk {
                 for range_mm in frame.first.range_mm.iter_mut().filter(|range_mm| **range_mm > 0) {
                     *range_mm += (1e3 * self.bias_m).round() as u32;
                 }
-                rays.add_frame(number, &sensor.model, sensor.mount.pitch_rad, 0, &frame);
+                rays.add_frame(
+                    number,
+                    &sensor.model,
+                    &FramePitch::constant(sensor.mount.pitch_rad),
+                    0,
+                    &frame,
+                );
             }
         }
         let rays = Thinning::joined([rays]);
