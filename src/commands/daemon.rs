@@ -68,6 +68,9 @@ pub struct Args {
     /// Every write takes so many milliseconds more: a slow disk, to be tested with.
     #[arg(long, value_name = "MS", default_value_t = 0, hide = true)]
     hold_up_writes_ms: u64,
+    /// The part of the daemon with this name panics after two seconds, to be tested with.
+    #[arg(long, value_name = "COMPONENT", hide = true)]
+    break_component: Option<String>,
     /// Disarm the rig when no command came for so many minutes.
     #[arg(long, value_name = "MIN", default_value = "10", value_parser = parse_minutes)]
     disarm_minutes: Duration,

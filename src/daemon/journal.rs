@@ -15,7 +15,8 @@ const WAITING: usize = 4096;
 /// Events that end a recording early.
 const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 12] = [
+const TROUBLES: [&str; 13] = [
+    "component_dead",
     "sensor_silent",
     "sensor_restarted",
     "clock_jump",

@@ -19,6 +19,7 @@ pub use error::RigCommandError;
 use super::journal::Journal;
 use super::place::Motion;
 use super::status::RigState;
+use super::supervision::{Pulse, Role, Supervision};
 use crate::drive::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
 
 /// Time between two tries to find a rig.
@@ -68,6 +69,7 @@ impl RigHost {
         settings: RigSettings,
         journal: Arc<Journal>,
         motion: Arc<Motion>,
+        supervision: &Arc<Supervision>,
     ) -> Result<Self, RigError> {
         let limits_rad = settings.options.limits_rad.iter();
         let state = RigState {
@@ -96,9 +98,8 @@ impl RigHost {
             Ok(()) => {}
         }
         let worker = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("rig-watch".into())
-            .spawn(move || worker.run())
+        let thread = supervision
+            .spawn("rig-watch", Role::Dispensable, move |pulse| worker.run(pulse))
             .map_err(|_| RigError::Closed)?;
         Ok(Self { shared, thread: Mutex::new(Some(thread)) })
     }
@@ -111,6 +112,7 @@ impl RigHost {
             let left = self.shared.settings.disarm_after.saturating_sub(idle);
             state.disarms_in_s = Some(left.as_secs_f64());
         }
+        state.count_ages();
         state
     }
 
@@ -222,7 +224,8 @@ impl Shared {
             );
             self.journal.tell("mount_of_others", words);
         }
-        (state.connected, state.error, state.status) = (true, None, Some(status));
+        (state.connected, state.error) = (true, None);
+        state.take(status);
         Ok(())
     }
 
@@ -243,7 +246,9 @@ impl Shared {
         }
     }
 
-    fn run(&self) {
+    fn run(&self, pulse: &Pulse) {
+        // a rig that nobody watches any more is let go of: it misses its heartbeat and disarms itself
+        let _unwatched = LetGo(self);
         while !self.quit.load(Ordering::Relaxed) {
             let rig = lock(&self.rig).clone();
             let Some(rig) = rig else {
@@ -258,18 +263,19 @@ impl Shared {
                 }
                 continue;
             };
-            if let Err(error) = self.watch(&rig) {
+            if let Err(error) = self.watch(&rig, pulse) {
                 self.lost(&error);
             }
         }
     }
 
     /// Follows the rig until it is lost or the daemon ends.
-    fn watch(&self, rig: &Rig) -> Result<(), RigError> {
+    fn watch(&self, rig: &Rig, pulse: &Pulse) -> Result<(), RigError> {
         let reports = rig.reports();
         let mut looked = Instant::now();
         let mut latched = BTreeSet::new();
         while !self.quit.load(Ordering::Relaxed) {
+            pulse.beat();
             match reports.recv_timeout(LOOK) {
                 Ok(report) => self.take(report),
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
@@ -287,7 +293,7 @@ impl Shared {
                 let mut state = lock(&self.state);
                 // a command that ended since has shown what is newer
                 if self.commands.load(Ordering::SeqCst) == commands {
-                    state.status = Some(status);
+                    state.take(status);
                 }
             }
         }
@@ -315,6 +321,7 @@ impl Shared {
             axis.source.clone_from(&report.source);
             axis.faults.clone_from(&report.faults);
             axis.age_ms = 0.0;
+            state.axes_as_of[report.axis] = Instant::now();
         }
         drop(state);
         self.journal.servo(report);
@@ -372,7 +379,7 @@ impl Shared {
         let mut state = lock(&self.state);
         state.last_command = Some(words);
         if let Some(status) = status {
-            state.status = Some(status);
+            state.take(status);
         }
         state
     }
@@ -410,6 +417,17 @@ impl Shared {
     }
 }
 
+/// Says that the rig is lost when its watch panics.
+struct LetGo<'a>(&'a Shared);
+
+impl Drop for LetGo<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.lost(&RigError::Closed);
+        }
+    }
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -443,12 +461,22 @@ mod tests {
             })
         };
         assert_eq!(stands_rad(0), Some(0.7), "before it is found the mount is all that is known");
-        let host = RigHost::start(settings, Arc::new(journal), Arc::clone(&motion)).unwrap();
+        let host = RigHost::start(settings, Arc::new(journal), Arc::clone(&motion), &Arc::default()).unwrap();
         assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "from the first moment on");
         mock.close();
         while host.state().connected {
             std::thread::sleep(Duration::from_millis(10));
         }
         assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "nothing turned it");
+        let ages_ms = || {
+            let state = host.state();
+            let axes = state.status.unwrap().axes.into_iter();
+            axes.map(|axis| axis.age_ms).chain(state.age_ms).collect::<Vec<f64>>()
+        };
+        let before_ms = ages_ms();
+        std::thread::sleep(Duration::from_millis(100));
+        let grown_ms = ages_ms().into_iter().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
+        let grown_ms: Vec<f64> = grown_ms.collect();
+        assert!(grown_ms.len() == 3 && grown_ms.iter().all(|ms| *ms >= 100.0), "{grown_ms:?}");
     }
 }

@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use sensors::router::Unclaimed;
 use serde::Serialize;
@@ -20,6 +21,11 @@ pub struct Status {
     pub program: &'static str,
     /// When this was put together, UTC nanoseconds since 1970.
     pub time_ns: u64,
+    /// How long ago that was, ms. Ages within count up to the moment at which this was asked for.
+    pub age_ms: f64,
+    /// The moment that the ages within are of.
+    #[serde(skip)]
+    pub as_of: Instant,
     /// Since the daemon started, s.
     pub uptime_s: f64,
     /// How far this host's clock was set in the last seconds, s.
@@ -30,6 +36,10 @@ pub struct Status {
     pub rig: Option<RigState>,
     /// Of the recorder.
     pub recorder: RecorderStatus,
+    /// Threads of the daemon, and how they do.
+    pub components: Vec<Component>,
+    /// Of the log on stderr.
+    pub log: LogStatus,
     /// Where the memory is.
     pub memory: MemoryStatus,
     /// What was seen since recording began.
@@ -40,6 +50,44 @@ pub struct Status {
     pub problems: Vec<Problem>,
     /// The newest events, oldest first.
     pub events: Vec<Event>,
+}
+
+/// How a component of the daemon does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ComponentState {
+    /// It does its work.
+    Running,
+    /// Its work is done.
+    Ended,
+    /// It ended before its work was done.
+    Dead,
+}
+
+/// A thread of the daemon, or one that panicked.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Component {
+    /// `recorder`, `lane left`.
+    pub name: String,
+    /// The daemon ends in order when it dies.
+    pub essential: bool,
+    /// How it does.
+    pub state: ComponentState,
+    /// How it died.
+    pub why: Option<String>,
+}
+
+/// The log on stderr.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct LogStatus {
+    /// Lines so far.
+    pub lines: u64,
+    /// Of these, lines that nobody took.
+    pub lost_lines: u64,
+    /// Why the newest line could not be written.
+    pub error: Option<String>,
+    /// How long its reader has taken nothing, s.
+    pub stuck_s: f64,
 }
 
 /// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
@@ -149,6 +197,8 @@ pub struct SensorStatus {
     pub points_per_s: f64,
     /// Since its last packet, s.
     pub last_packet_age_s: Option<f64>,
+    /// Since its packets were last decoded and what follows was put out, ms; none before the first time.
+    pub decoded_age_ms: Option<f64>,
     /// Revolutions decoded.
     pub frames: u64,
     /// Of these, whole ones.
@@ -246,6 +296,63 @@ pub struct RigState {
     pub limits_deg: Vec<[f64; 2]>,
     /// Until the daemon disarms it by itself, s.
     pub disarms_in_s: Option<f64>,
+    /// Since it last said where its axes are, ms; none before the first time.
+    pub age_ms: Option<f64>,
+    /// The moment that the age of each axis in `status` is of.
+    #[serde(skip)]
+    pub axes_as_of: Vec<Instant>,
+}
+
+impl RigState {
+    /// The rig said how it does.
+    pub(super) fn take(&mut self, status: RigStatus) {
+        self.axes_as_of = vec![Instant::now(); status.axes.len()];
+        self.status = Some(status);
+    }
+
+    /// Its ages as of now.
+    pub(super) fn count_ages(&mut self) {
+        let now = Instant::now();
+        self.age_ms = self.axes_as_of.iter().max().map(|newest| ms(now.saturating_duration_since(*newest)));
+        let axes = self.status.iter_mut().flat_map(|status| &mut status.axes);
+        for (axis, as_of) in axes.zip(&self.axes_as_of) {
+            axis.age_ms += ms(now.saturating_duration_since(*as_of));
+        }
+    }
+}
+
+fn ms(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+impl Status {
+    /// The same with every age counted up to now.
+    #[must_use]
+    pub(super) fn aged(&self) -> Self {
+        let (now, mut status) = (Instant::now(), self.clone());
+        let since = now.saturating_duration_since(self.as_of);
+        let (since_s, since_ms) = (since.as_secs_f64(), ms(since));
+        status.as_of = now;
+        status.age_ms += since_ms;
+        status.uptime_s += since_s;
+        status.recorder.age_ms += since_ms;
+        for sensor in &mut status.sensors {
+            sensor.last_packet_age_s = sensor.last_packet_age_s.map(|age_s| age_s + since_s);
+            sensor.decoded_age_ms = sensor.decoded_age_ms.map(|age_ms| age_ms + since_ms);
+        }
+        if let Some(rig) = &mut status.rig {
+            rig.age_ms = rig.age_ms.map(|age_ms| age_ms + since_ms);
+            rig.disarms_in_s = rig.disarms_in_s.map(|left_s| (left_s - since_s).max(0.0));
+            rig.status
+                .iter_mut()
+                .flat_map(|status| &mut status.axes)
+                .for_each(|axis| axis.age_ms += since_ms);
+        }
+        if let Some(coverage) = &mut status.coverage {
+            coverage.last_point_age_s = coverage.last_point_age_s.map(|age_s| age_s + since_s);
+        }
+        status
+    }
 }
 
 /// The recorder.
@@ -285,6 +392,11 @@ pub struct RecorderStatus {
     pub failed: bool,
     /// A recording ended that nobody ended.
     pub ended_early: bool,
+    /// Since the recorder put this out, ms.
+    pub age_ms: f64,
+    /// When it did.
+    #[serde(skip)]
+    pub as_of: Option<Instant>,
     /// The session closed last.
     pub last: Option<LastSession>,
 }
@@ -355,6 +467,8 @@ pub struct CoverageStatus {
     pub predicted: Option<u64>,
     /// Cells seen that were predicted.
     pub seen_of_predicted: Option<u64>,
+    /// Since points were last counted, s; none before the first.
+    pub last_point_age_s: Option<f64>,
     /// Points outside the grid.
     pub outside: u64,
     /// Where the platform is taken to be: `standing` or `trajectory`.
@@ -384,7 +498,7 @@ pub struct Problem {
     pub severity: Severity,
     /// For programs: `silent`, `wrong_metadata`, `disk_full`.
     pub kind: &'static str,
-    /// Sensor, `rig`, `recorder` or `host`.
+    /// Sensor, `rig`, `recorder`, `host`, `daemon` or `log`.
     pub about: String,
     /// What is wrong.
     pub what: String,
