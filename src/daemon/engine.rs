@@ -1,6 +1,6 @@
 //! The daemon itself: everything put together, looked at several times a second, and ended in order.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -148,8 +148,6 @@ pub(super) struct Core {
     tap: Arc<Tap>,
     status: watch::Sender<Arc<Status>>,
     quit: AtomicBool,
-    /// When the state was last put together, UTC ns: the watchdog looks at it.
-    looked_ns: AtomicU64,
 }
 
 impl Daemon {
@@ -261,7 +259,6 @@ impl Daemon {
             tap,
             status: watch::Sender::new(Arc::new(first)),
             quit: AtomicBool::new(false),
-            looked_ns: AtomicU64::new(now_ns()),
         });
         // it ends by itself, and nobody waits for it
         drop(spawn("predict", Role::Passing, &core, |core, _| core.predict())?);
@@ -328,7 +325,7 @@ impl Daemon {
 
     /// Since the state was last put together: a daemon that hangs does not.
     pub fn last_look(&self) -> Duration {
-        Duration::from_nanos(now_ns().saturating_sub(self.core.looked_ns.load(Ordering::Relaxed)))
+        self.core.status.borrow().as_of.elapsed()
     }
 
     /// Begins to record; the session's name.
@@ -426,7 +423,6 @@ impl Core {
                 self.journal.tell("component_dead", death);
             }
             self.status.send_replace(Arc::new(look.look(self, recorder())));
-            self.looked_ns.store(now_ns(), Ordering::Relaxed);
             let version = self.coverage.version();
             if self.pages.receiver_count() > 0 && version != sent.1 && sent.0.elapsed() >= SEND_CELLS {
                 sent = (Instant::now(), version);
