@@ -16,10 +16,13 @@ const AGAIN: Duration = Duration::from_millis(10);
 /// A write that takes longer is named.
 const STUCK: Duration = Duration::from_secs(1);
 
+/// A line, and how many had been dropped before it.
+type Line = (u64, Vec<u8>);
+
 /// A handle on the log; each line is one write to a clone of it.
 #[derive(Clone, Debug)]
 pub struct Log {
-    queue: SyncSender<Vec<u8>>,
+    queue: SyncSender<Line>,
     shared: Arc<Shared>,
 }
 
@@ -89,7 +92,8 @@ impl Write for Log {
     /// Takes a line, always.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         self.shared.queued.fetch_add(1, Ordering::AcqRel);
-        if self.queue.try_send(line.to_vec()).is_err() {
+        let dropped = self.shared.dropped.load(Ordering::Relaxed);
+        if self.queue.try_send((dropped, line.to_vec())).is_err() {
             self.shared.queued.fetch_sub(1, Ordering::AcqRel);
             self.shared.dropped.fetch_add(1, Ordering::Relaxed);
         }
@@ -102,10 +106,10 @@ impl Write for Log {
 }
 
 impl Shared {
-    fn run(&self, waiting: &Receiver<Vec<u8>>, mut output: impl Write) {
+    fn run(&self, waiting: &Receiver<Line>, mut output: impl Write) {
         let mut told = 0;
-        for line in waiting {
-            let lost = self.dropped.load(Ordering::Relaxed) + self.refused.load(Ordering::Relaxed);
+        for (dropped, line) in waiting {
+            let lost = dropped + self.refused.load(Ordering::Relaxed);
             if lost > told {
                 let words = format!("{} lines of this log were lost here\n", lost - told);
                 if self.put(&mut output, words.as_bytes()).is_ok() {
@@ -187,10 +191,12 @@ mod tests {
         assert!(log.status().stuck_s > 1.0);
         drop(permit); // the reader reads on
         assert!(log.flush(Duration::from_secs(60)));
+        log.write_all(b"last\n").unwrap();
+        assert!(log.flush(Duration::from_secs(60)));
         assert_eq!((log.status().stuck_s, log.status().error), (0.0, None));
         let text = String::from_utf8(text.lock().unwrap().clone()).unwrap();
-        assert!(text.contains(&format!("{lost} lines of this log were lost here\n")), "{text}");
-        assert!(text.starts_with("line 0\n"), "{text}");
+        assert!(text.starts_with("line 0\nline 1\n"), "{text}");
+        assert!(text.ends_with(&format!("\n{lost} lines of this log were lost here\nlast\n")), "{text}");
     }
 
     #[test]

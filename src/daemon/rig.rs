@@ -388,16 +388,24 @@ impl Shared {
     fn stop(&self, level: u8) -> Result<(), RigCommandError> {
         let interrupt = lock(&self.interrupt).clone();
         let Some(interrupt) = interrupt else { return Err(self.not_connected()) };
+        let asked = Instant::now();
         // two who say hold at once must not make an emergency stop
         while interrupt.level() < level {
             interrupt.raise();
         }
         let rig = self.connected()?;
-        // the rig's thread obeys the interrupt first; this waits for it, and does it once more: both are idempotent
-        let outcome = if level >= 2 { rig.e_stop() } else { rig.hold() };
+        // the rig's thread obeys the interrupt first; this waits for it
+        let (word, outcome) = if level >= 2 {
+            ("e-stop", rig.e_stop_since(asked))
+        } else {
+            ("hold", rig.hold().and_then(|()| rig.status()))
+        };
         interrupt.reset();
-        let word = if level >= 2 { "e-stop" } else { "hold" };
-        drop(self.conclude(word, &outcome, rig.status().ok(), true));
+        let (status, outcome) = match outcome {
+            Ok(status) => (Some(status), Ok(())),
+            Err(error) => (rig.status().ok(), Err(error)),
+        };
+        drop(self.conclude(word, &outcome, status, true));
         Ok(outcome?)
     }
 

@@ -99,7 +99,7 @@ pub fn a_part_that_is_needed_ends_the_daemon_in_order() {
         let sensor = Sending::ouster(daemon.sensor(0));
         let (code, log) = daemon.ended();
         let sent = sensor.unplug();
-        assert_eq!(code, Some(1), "{component}: {log}");
+        assert_eq!(code, Some(101), "{component}: {log}");
         assert!(log.contains(&format!("{component}: it panicked: told to, as a test")), "{log}");
         let session = &bench.sessions()[0];
         let manifest = session.manifest();
@@ -123,7 +123,7 @@ pub fn a_part_that_is_not_needed_is_said_to_be_dead() {
     assert!(daemon.get("/metrics").1.contains("outrigger_components_dead 1"));
     let sent = sensor.unplug();
     let (code, log) = daemon.end();
-    assert_eq!(code, Some(1), "{log}");
+    assert_eq!(code, Some(101), "{log}");
     assert!(log.contains("component_dead") && log.contains("after a part of it died"), "{log}");
     assert_eq!(bench.sessions()[0].manifest().sensors[0].packets, sent);
 
@@ -134,5 +134,5 @@ pub fn a_part_that_is_not_needed_is_said_to_be_dead() {
     daemon.wait_for_problem("component_dead");
     let status = daemon.wait("the rig is let go of", |status| status["rig"]["connected"] == false);
     assert_eq!(status["rig"]["status"]["axes"][0]["source"], "stale");
-    assert_eq!(daemon.end().0, Some(1));
+    assert_eq!(daemon.end().0, Some(101));
 }

@@ -85,7 +85,7 @@ pub(super) async fn serve(
         }
     }
     let until = Instant::now() + FAREWELL; // those that stay are cut off
-    while hall.seats.taken() > 0 && Instant::now() < until {
+    while Arc::strong_count(&hall) > 1 && Instant::now() < until {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
     Ok(())
