@@ -24,18 +24,17 @@ use super::supervision::{Pulse, Role, Supervision};
 use super::surroundings::Surroundings;
 use super::survey::Survey;
 use super::tap::Tap;
-use crate::base::geometry::Pose;
 use crate::drive::RigError;
 use crate::live::config::SensorConfig;
 use crate::live::receive::{self, Listen, ReceiveError, now_ns};
 use crate::recording::SensorInfo;
-use crate::recording::export::foxglove::Voxels;
 use crate::rig::MountFile;
 use crate::world::coverage::Coverage;
 use crate::world::scene::VoxelMapError;
 
 mod look;
 mod memory;
+mod pages;
 mod proposal;
 
 pub use proposal::ProposalError;
@@ -286,41 +285,6 @@ impl Daemon {
     /// Every new state.
     pub fn states(&self) -> watch::Receiver<Arc<Status>> {
         self.core.status.subscribe()
-    }
-
-    /// Messages of points and cells for a page; the first are the cells as they are now.
-    pub fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
-        let messages = self.core.pages.subscribe();
-        (self.core.coverage.message(now_ns()).into(), messages)
-    }
-
-    /// Points for those who listen in Foxglove's way.
-    pub(super) fn hub(&self) -> &Arc<Hub> {
-        &self.core.hub
-    }
-
-    /// Grows when the coverage changes.
-    pub(super) fn coverage_version(&self) -> u64 {
-        self.core.coverage.version()
-    }
-
-    /// The coverage as Foxglove draws it.
-    pub(super) fn voxels(&self) -> Voxels {
-        self.core.coverage.voxels()
-    }
-
-    /// Where body and sensors stand now: name of the outer frame, of the inner one, pose. Without a pose of the platform
-    /// `body` has none.
-    pub(super) fn transforms(&self) -> Vec<(&str, &str, Pose)> {
-        let Core { place, motion, hub, .. } = &*self.core;
-        let world_from_body = motion.world_from_body(place.trajectory.as_ref(), now_ns());
-        let body = world_from_body.map(|pose| ("world", "body", pose));
-        let sensors = hub.names().map(|name| {
-            let mounted = place.mounted(name);
-            let pose = mounted.map(|(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
-            ("body", name, pose.unwrap_or(Pose::IDENTITY))
-        });
-        body.into_iter().chain(sensors).collect()
     }
 
     /// Since the state was last put together: a daemon that hangs does not.

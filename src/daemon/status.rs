@@ -2,7 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use sensors::router::Unclaimed;
 use serde::Serialize;
@@ -13,6 +13,11 @@ use crate::design::reconfigure::Outlook;
 use crate::drive::RigStatus;
 use crate::live::clocks::ClockReport;
 use crate::recording::Manifest;
+
+mod ages;
+mod health;
+
+pub use health::{Component, ComponentState, LogStatus};
 
 /// The whole state.
 #[derive(Clone, Debug, Serialize)]
@@ -50,44 +55,6 @@ pub struct Status {
     pub problems: Vec<Problem>,
     /// The newest events, oldest first.
     pub events: Vec<Event>,
-}
-
-/// How a component of the daemon does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ComponentState {
-    /// It does its work.
-    Running,
-    /// Its work is done.
-    Ended,
-    /// It ended before its work was done.
-    Dead,
-}
-
-/// A thread of the daemon, or one that panicked.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Component {
-    /// `recorder`, `lane left`.
-    pub name: String,
-    /// The daemon ends in order when it dies.
-    pub essential: bool,
-    /// How it does.
-    pub state: ComponentState,
-    /// How it died.
-    pub why: Option<String>,
-}
-
-/// The log on stderr.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct LogStatus {
-    /// Lines so far.
-    pub lines: u64,
-    /// Of these, lines that nobody took.
-    pub lost_lines: u64,
-    /// Why the newest line could not be written.
-    pub error: Option<String>,
-    /// How long its reader has taken nothing, s.
-    pub stuck_s: f64,
 }
 
 /// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
@@ -301,58 +268,6 @@ pub struct RigState {
     /// The moment that the age of each axis in `status` is of.
     #[serde(skip)]
     pub axes_as_of: Vec<Instant>,
-}
-
-impl RigState {
-    /// The rig said how it does.
-    pub(super) fn take(&mut self, status: RigStatus) {
-        self.axes_as_of = vec![Instant::now(); status.axes.len()];
-        self.status = Some(status);
-    }
-
-    /// Its ages as of now.
-    pub(super) fn count_ages(&mut self) {
-        let now = Instant::now();
-        self.age_ms = self.axes_as_of.iter().max().map(|newest| ms(now.saturating_duration_since(*newest)));
-        let axes = self.status.iter_mut().flat_map(|status| &mut status.axes);
-        for (axis, as_of) in axes.zip(&self.axes_as_of) {
-            axis.age_ms += ms(now.saturating_duration_since(*as_of));
-        }
-    }
-}
-
-fn ms(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
-}
-
-impl Status {
-    /// The same with every age counted up to now.
-    #[must_use]
-    pub(super) fn aged(&self) -> Self {
-        let (now, mut status) = (Instant::now(), self.clone());
-        let since = now.saturating_duration_since(self.as_of);
-        let (since_s, since_ms) = (since.as_secs_f64(), ms(since));
-        status.as_of = now;
-        status.age_ms += since_ms;
-        status.uptime_s += since_s;
-        status.recorder.age_ms += since_ms;
-        for sensor in &mut status.sensors {
-            sensor.last_packet_age_s = sensor.last_packet_age_s.map(|age_s| age_s + since_s);
-            sensor.decoded_age_ms = sensor.decoded_age_ms.map(|age_ms| age_ms + since_ms);
-        }
-        if let Some(rig) = &mut status.rig {
-            rig.age_ms = rig.age_ms.map(|age_ms| age_ms + since_ms);
-            rig.disarms_in_s = rig.disarms_in_s.map(|left_s| (left_s - since_s).max(0.0));
-            rig.status
-                .iter_mut()
-                .flat_map(|status| &mut status.axes)
-                .for_each(|axis| axis.age_ms += since_ms);
-        }
-        if let Some(coverage) = &mut status.coverage {
-            coverage.last_point_age_s = coverage.last_point_age_s.map(|age_s| age_s + since_s);
-        }
-        status
-    }
 }
 
 /// The recorder.
