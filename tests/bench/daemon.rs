@@ -305,7 +305,11 @@ fn load() -> String {
 
 /// Prints what became of a siege; whether all of it held.
 fn report(siege: &siege::Outcome, lost: u64) -> bool {
-    let of = |share: f64| siege.stops_ms[((siege.stops_ms.len() - 1) as f64 * share) as usize];
+    let at = |sorted: &[f64], share: f64| {
+        let place = (sorted.len().saturating_sub(1) as f64 * share) as usize;
+        sorted.get(place).copied().unwrap_or(f64::NAN)
+    };
+    let of = |share: f64| at(&siege.stops_ms, share);
     let (most_ms, late) = (of(1.0), siege.stops_ms.iter().filter(|ms| **ms >= 100.0).count());
     println!(
         "stop: median {:.1} ms, p99 {:.1} ms, most {most_ms:.1} ms, of {}; {late} took 100 ms or more, {} were refused",
@@ -313,6 +317,12 @@ fn report(siege: &siege::Outcome, lost: u64) -> bool {
         of(0.99),
         siege.stops_ms.len(),
         siege.refused_stops
+    );
+    println!(
+        "who asked woke late from its sleep by: median {:.1} ms, p99 {:.1} ms, most {:.1} ms (that is the machine)",
+        at(&siege.late_ms, 0.5),
+        at(&siege.late_ms, 0.99),
+        at(&siege.late_ms, 1.0)
     );
     println!(
         "slow connections opened: {}; streams opened: {}, refused: {}, read: {:.0} MB; packets lost: {lost}",

@@ -19,6 +19,8 @@ const UNREAD: usize = 10;
 pub struct Outcome {
     /// From the first byte of a connection to the last one of its answer, ms, in order.
     pub stops_ms: Vec<f64>,
+    /// How late this program woke from its sleeps, ms, in order: what the machine adds by itself.
+    pub late_ms: Vec<f64>,
     pub refused_stops: usize,
     pub slow_opened: u64,
     pub streams_opened: usize,
@@ -32,10 +34,12 @@ pub fn lay(address: SocketAddr, stop: &AtomicBool) -> Outcome {
     let crowd = Crowd::gather(SLOW, &four, address);
     std::thread::scope(|scope| {
         let streams = scope.spawn(|| watch_streams(address, stop));
-        let (mut stops_ms, mut refused_stops) = (Vec::new(), 0);
+        let (mut stops_ms, mut late_ms, mut refused_stops) = (Vec::new(), Vec::new(), 0);
         let mut rng = Rng::new(1, 0);
         while !stop.load(Ordering::Relaxed) {
-            std::thread::sleep(Duration::from_millis(20 + rng.below(280)));
+            let (asleep, pause) = (Instant::now(), Duration::from_millis(20 + rng.below(280)));
+            std::thread::sleep(pause);
+            late_ms.push((asleep.elapsed() - pause).as_secs_f64() * 1e3);
             let begun = Instant::now();
             match ask_to_stop(address) {
                 Ok(text) if text.starts_with("HTTP/1.1 200") => {
@@ -48,9 +52,18 @@ pub fn lay(address: SocketAddr, stop: &AtomicBool) -> Outcome {
             }
         }
         stops_ms.sort_by(f64::total_cmp);
+        late_ms.sort_by(f64::total_cmp);
         let (streams_opened, refused_streams, stream_bytes) = streams.join().unwrap();
         let slow_opened = crowd.opened();
-        Outcome { stops_ms, refused_stops, slow_opened, streams_opened, refused_streams, stream_bytes }
+        Outcome {
+            stops_ms,
+            late_ms,
+            refused_stops,
+            slow_opened,
+            streams_opened,
+            refused_streams,
+            stream_bytes,
+        }
     })
 }
 
