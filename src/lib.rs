@@ -33,6 +33,8 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))] // they panic when nobody reads
+
 pub mod base;
 pub mod world;
 pub mod rig;

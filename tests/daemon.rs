@@ -1,5 +1,11 @@
 //! The daemon as its users meet it: the program, its requests, and everything that goes wrong around it.
 
+#[path = "daemon/crowd.rs"]
+mod crowd;
+#[path = "daemon/crowds.rs"]
+mod crowds;
+#[path = "daemon/endurance.rs"]
+mod endurance;
 #[path = "daemon/faults.rs"]
 mod faults;
 #[path = "daemon/foxglove.rs"]
@@ -71,4 +77,23 @@ pub const CASES: &[Case] = &[
     case("strangers_are_refused", security::strangers_are_refused),
     case("a_token_opens_the_daemon_to_others", security::a_token_opens_the_daemon_to_others),
     case("nonsense_does_no_harm", security::nonsense_does_no_harm),
+    case("a_stop_comes_through_a_crowd_of_one_address", crowds::a_stop_comes_through_a_crowd_of_one_address),
+    case(
+        "a_stop_comes_through_crowds_of_four_addresses",
+        crowds::a_stop_comes_through_crowds_of_four_addresses,
+    ),
+    case("a_body_is_short_and_comes_in_time", crowds::a_body_is_short_and_comes_in_time),
+    case("a_log_that_nobody_takes_holds_up_nothing", endurance::a_log_that_nobody_takes_holds_up_nothing),
+    case(
+        "a_stdout_that_nobody_takes_holds_up_nothing",
+        endurance::a_stdout_that_nobody_takes_holds_up_nothing,
+    ),
+    case(
+        "a_part_that_is_needed_ends_the_daemon_in_order",
+        endurance::a_part_that_is_needed_ends_the_daemon_in_order,
+    ),
+    case(
+        "a_part_that_is_not_needed_is_said_to_be_dead",
+        endurance::a_part_that_is_not_needed_is_said_to_be_dead,
+    ),
 ];

@@ -26,7 +26,8 @@ const AFTER: &str = "\
 Sensors, the rig and the prediction come from the same rig.toml: [[sensor]], [rig] (port, limits_deg, ...), [record] \
 (receive_buffer) and [predict] (mount, scene or room, trajectory). Prints the address of its page when everything runs. \
 Exit codes: 0 ended as told; 3 ended as told, but packets were lost while recording or a recording ended by itself; \
-1 it cannot start or go on: a port, the rig or the page's address is another program's.";
+1 it cannot start or go on: a port, the rig or the page's address is another program's; \
+101 a defect: a part of it died, and it ended in order.";
 
 /// Arguments of `daemon`.
 #[derive(clap::Args, Debug)]
@@ -68,6 +69,9 @@ pub struct Args {
     /// Every write takes so many milliseconds more: a slow disk, to be tested with.
     #[arg(long, value_name = "MS", default_value_t = 0, hide = true)]
     hold_up_writes_ms: u64,
+    /// The part of the daemon with this name panics after two seconds, to be tested with.
+    #[arg(long, value_name = "COMPONENT", hide = true)]
+    break_component: Option<String>,
     /// Disarm the rig when no command came for so many minutes.
     #[arg(long, value_name = "MIN", default_value = "10", value_parser = parse_minutes)]
     disarm_minutes: Duration,

@@ -123,6 +123,8 @@ pub enum Outcome {
     Done,
     /// Finished, but data was lost: exit code 3.
     DataLost,
+    /// Ended in order, but a part of the program panicked: exit code 101, as of a panic that nothing catches.
+    Defect,
 }
 
 /// What every verb is told beside its own arguments.
@@ -232,6 +234,7 @@ impl Cli {
         match outcome {
             Ok(Outcome::Done) => ExitCode::SUCCESS,
             Ok(Outcome::DataLost) => ExitCode::from(3),
+            Ok(Outcome::Defect) => ExitCode::from(101),
             Err(error) => match error.downcast::<clap::Error>() {
                 Ok(usage) => usage.format(&mut verb_of(typed)).exit(),
                 Err(error) => fail(error),

@@ -18,7 +18,8 @@ pub fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
 
 /// Prints text on stdout. A reader that went away (a closed pipe) is not an error.
 pub fn print_text(text: &str) -> anyhow::Result<()> {
-    match std::io::stdout().write_all(text.as_bytes()) {
+    let mut stdout = std::io::stdout();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(error).context("stdout does not take the result")
         }

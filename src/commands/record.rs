@@ -267,9 +267,7 @@ fn conclude(
             let (kernel, queue) = (losses.kernel_dropped, losses.queue_dropped);
             say(&format!("lost: {kernel} in the kernel's buffer, {queue} in the queue to the disk"));
         }
-        let mut stdout = std::io::stdout();
-        // a reader that went away (a closed pipe) is not an error
-        let _ = writeln!(stdout, "{}", dir.display());
+        output::print_text(&format!("{}\n", dir.display()))?;
     }
     Ok(if lost { Outcome::DataLost } else { Outcome::Done })
 }

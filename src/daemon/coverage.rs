@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use glam::DVec3;
 
@@ -37,6 +38,7 @@ struct Inner {
     predicted: Option<Vec<usize>>,
     predicting: bool,
     without_pose: u64,
+    last_point: Option<Instant>,
     /// Grows with every addition.
     version: u64,
     /// Of the last counting.
@@ -47,7 +49,15 @@ impl LiveCoverage {
     /// Nothing seen yet.
     pub fn new(seen: Coverage, pose: &'static str, predicting: bool) -> Self {
         let counted = (u64::MAX, CoverageStatus::default());
-        let inner = Inner { seen, predicted: None, predicting, without_pose: 0, version: 0, counted };
+        let inner = Inner {
+            seen,
+            predicted: None,
+            predicting,
+            without_pose: 0,
+            last_point: None,
+            version: 0,
+            counted,
+        };
         Self { inner: Mutex::new(inner), pose }
     }
 
@@ -65,6 +75,9 @@ impl LiveCoverage {
         let mut inner = self.lock();
         points_m.iter().for_each(|point_m| inner.seen.add(sensor, *point_m));
         inner.without_pose += without_pose;
+        if !points_m.is_empty() || without_pose > 0 {
+            inner.last_point = Some(Instant::now());
+        }
         inner.version += 1;
     }
 
@@ -72,7 +85,7 @@ impl LiveCoverage {
     pub fn clear(&self) {
         let mut inner = self.lock();
         inner.seen = Coverage::new(inner.seen.grid().clone(), inner.seen.sensors());
-        inner.without_pose = 0;
+        (inner.without_pose, inner.last_point) = (0, None);
         inner.version += 1;
     }
 
@@ -104,6 +117,7 @@ impl LiveCoverage {
                 seen: union.iter().map(|word| u64::from(word.count_ones())).sum(),
                 predicted: inner.predicted.as_ref().map(|cells| cells.len() as u64),
                 seen_of_predicted: kept,
+                last_point_age_s: None,
                 outside: inner.seen.outside(),
                 pose: self.pose,
                 without_pose: inner.without_pose,
@@ -112,7 +126,8 @@ impl LiveCoverage {
             };
             inner.counted = (inner.version, status);
         }
-        inner.counted.1.clone()
+        let last_point_age_s = inner.last_point.map(|last| last.elapsed().as_secs_f64());
+        CoverageStatus { last_point_age_s, ..inner.counted.1.clone() }
     }
 
     /// As the page draws it.

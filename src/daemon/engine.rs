@@ -1,6 +1,6 @@
 //! The daemon itself: everything put together, looked at several times a second, and ended in order.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -14,25 +14,27 @@ use super::hub::Hub;
 use super::intake::Intake;
 use super::journal::Journal;
 use super::live::{self, Inlet, Subject};
+use super::log::Log;
 use super::place::{Motion, Place};
+use super::problems;
 use super::recorder::{Papers, Recorder, RecorderError, RecorderSettings};
 use super::rig::{RigCommandError, RigHost, RigSettings};
 use super::status::{LastSession, RecorderStatus, RigState, Status};
+use super::supervision::{Pulse, Role, Supervision};
 use super::surroundings::Surroundings;
 use super::survey::Survey;
 use super::tap::Tap;
-use crate::base::geometry::Pose;
 use crate::drive::RigError;
 use crate::live::config::SensorConfig;
 use crate::live::receive::{self, Listen, ReceiveError, now_ns};
 use crate::recording::SensorInfo;
-use crate::recording::export::foxglove::Voxels;
 use crate::rig::MountFile;
 use crate::world::coverage::Coverage;
 use crate::world::scene::VoxelMapError;
 
 mod look;
 mod memory;
+mod pages;
 mod proposal;
 
 pub use proposal::ProposalError;
@@ -71,6 +73,10 @@ pub struct Settings {
     pub place: Place,
     /// Text of the rig.toml, kept with each session.
     pub config: Option<String>,
+    /// Who watches the threads.
+    pub supervision: Arc<Supervision>,
+    /// The log, where it is this program's.
+    pub log: Option<Log>,
 }
 
 /// Why the daemon cannot start.
@@ -108,6 +114,8 @@ pub struct Ending {
     pub recorder: RecorderStatus,
     /// Packets were lost while recording, or a recording ended that nobody ended.
     pub data_lost: bool,
+    /// Components that died, and how.
+    pub deaths: Vec<String>,
 }
 
 /// A running daemon.
@@ -134,16 +142,17 @@ pub(super) struct Core {
     hub: Arc<Hub>,
     pub(super) survey: Arc<Survey>,
     pub(super) proposals: Proposals,
+    supervision: Arc<Supervision>,
+    log: Option<Log>,
+    tap: Arc<Tap>,
     status: watch::Sender<Arc<Status>>,
     quit: AtomicBool,
-    /// When the state was last put together, UTC ns: the watchdog looks at it.
-    looked_ns: AtomicU64,
 }
 
 impl Daemon {
     /// Binds every port, finds the rig, opens the folder of sessions; all or nothing.
     pub fn start(settings: Settings) -> Result<Self, DaemonError> {
-        let Settings { sensors, receive, recorder, rig, place, config } = settings;
+        let Settings { sensors, receive, recorder, rig, place, config, supervision, log } = settings;
         let (journal, lines) = Journal::new();
         let journal = Arc::new(journal);
         let place = Arc::new(place);
@@ -190,16 +199,20 @@ impl Daemon {
                 model: settings.config.model.clone(),
                 metadata: metadata_of(settings)?,
             };
-            let (inlet, thread) = live::start(subject, around.clone())?;
+            let (inlet, thread) = live::start(subject, around.clone(), &supervision)?;
             inlets.push(inlet);
             threads.push(thread);
         }
         // before the first packet: what is seen is drawn by the angles at which the axes stand
-        let rig =
-            rig.map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion))).transpose()?;
+        let rig = rig
+            .map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion), &supervision))
+            .transpose()?;
         let of_streams: Vec<Inlet> = sensor_of.iter().map(|sensor| inlets[*sensor].clone()).collect();
         let tap = Arc::new(Tap::new(recorder.held_up));
-        let intake = Arc::new(Intake::start(&listens, &sensor_of, receive, &tap, &of_streams)?);
+        let names: Vec<String> =
+            sensor_of.iter().map(|sensor| sensors[*sensor].config.name.clone()).collect();
+        let intake = Intake::start(&listens, &sensor_of, receive, &tap, &of_streams, &names, &supervision)?;
+        let intake = Arc::new(intake);
         drop(of_streams);
         let papers = Papers {
             sensors: infos
@@ -212,8 +225,15 @@ impl Daemon {
             calibrations: place.calibrations.clone(),
             trajectory: place.trajectory.clone().filter(|_| !place.starts_with_recording),
         };
-        let recorder =
-            Recorder::start(recorder, papers, Arc::clone(&intake), tap, Arc::clone(&journal), lines)?;
+        let recorder = Recorder::start(
+            recorder,
+            papers,
+            Arc::clone(&intake),
+            Arc::clone(&tap),
+            Arc::clone(&journal),
+            lines,
+            &supervision,
+        )?;
         if recorder.status().recording {
             begin_way(&place, &motion);
             survey.begin();
@@ -233,19 +253,33 @@ impl Daemon {
             hub,
             survey,
             proposals: Proposals::default(),
+            supervision,
+            log,
+            tap,
             status: watch::Sender::new(Arc::new(first)),
             quit: AtomicBool::new(false),
-            looked_ns: AtomicU64::new(now_ns()),
         });
-        drop(spawn("predict", &core, Core::predict)?); // it ends by itself, and nobody waits for it
+        // it ends by itself, and nobody waits for it
+        drop(spawn("predict", Role::Passing, &core, |core, _| core.predict())?);
         let recorder_status = recorder.reader();
-        threads.push(spawn("look", &core, move |core| core.watch(&recorder_status))?);
+        let look = move |core: &Core, pulse: &Pulse| core.watch(&recorder_status, pulse);
+        threads.push(spawn("look", Role::Essential, &core, look)?);
         Ok(Self { core, recorder, threads: Mutex::new(threads) })
     }
 
-    /// The state, put together at most a fifth of a second ago.
-    pub fn status(&self) -> Arc<Status> {
-        self.core.status.borrow().clone()
+    /// The state, put together at most a fifth of a second ago; its ages, components and log are those of now.
+    pub fn status(&self) -> Status {
+        let core = &self.core;
+        let mut status = core.status.borrow().aged();
+        status.components = core.supervision.components();
+        status.log = core.log.as_ref().map(Log::status).unwrap_or_default();
+        problems::of_daemon(&mut status);
+        status
+    }
+
+    /// Waits until something dies that the daemon cannot be without: what, and how.
+    pub async fn death(&self) -> String {
+        self.core.supervision.death().await
     }
 
     /// Every new state.
@@ -253,44 +287,9 @@ impl Daemon {
         self.core.status.subscribe()
     }
 
-    /// Messages of points and cells for a page; the first are the cells as they are now.
-    pub fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
-        let messages = self.core.pages.subscribe();
-        (self.core.coverage.message(now_ns()).into(), messages)
-    }
-
-    /// Points for those who listen in Foxglove's way.
-    pub(super) fn hub(&self) -> &Arc<Hub> {
-        &self.core.hub
-    }
-
-    /// Grows when the coverage changes.
-    pub(super) fn coverage_version(&self) -> u64 {
-        self.core.coverage.version()
-    }
-
-    /// The coverage as Foxglove draws it.
-    pub(super) fn voxels(&self) -> Voxels {
-        self.core.coverage.voxels()
-    }
-
-    /// Where body and sensors stand now: name of the outer frame, of the inner one, pose. Without a pose of the platform
-    /// `body` has none.
-    pub(super) fn transforms(&self) -> Vec<(&str, &str, Pose)> {
-        let Core { place, motion, hub, .. } = &*self.core;
-        let world_from_body = motion.world_from_body(place.trajectory.as_ref(), now_ns());
-        let body = world_from_body.map(|pose| ("world", "body", pose));
-        let sensors = hub.names().map(|name| {
-            let mounted = place.mounted(name);
-            let pose = mounted.map(|(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
-            ("body", name, pose.unwrap_or(Pose::IDENTITY))
-        });
-        body.into_iter().chain(sensors).collect()
-    }
-
     /// Since the state was last put together: a daemon that hangs does not.
     pub fn last_look(&self) -> Duration {
-        Duration::from_nanos(now_ns().saturating_sub(self.core.looked_ns.load(Ordering::Relaxed)))
+        self.core.status.borrow().as_of.elapsed()
     }
 
     /// Begins to record; the session's name.
@@ -341,19 +340,25 @@ impl Daemon {
 
     /// Ends everything: what was received is written, the session closed, the rig disarmed.
     pub fn stop(&self) -> Ending {
+        self.core.supervision.end();
         self.core.journal.tell("stopping", "the daemon ends");
         self.core.intake.stop();
-        let recorder = self.recorder.quit();
+        let mut recorder = self.recorder.quit();
+        // a recorder that died has left its session open
+        if let Some(session) = self.core.tap.exchange(None) {
+            recorder.failed |= session.close(Some(&self.core.intake.tally())).is_err();
+            recorder.ended_early = true;
+        }
         self.core.quit.store(true, Ordering::Relaxed);
         self.core.inlets().clear();
         if let Some(rig) = &self.core.rig {
             rig.quit();
         }
         for thread in self.threads.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
-            let _ = thread.join(); // a panic there was told on stderr
+            let _ = thread.join(); // whoever watches it says how it ended
         }
         let data_lost = recorder.lost > 0 || recorder.failed || recorder.ended_early;
-        Ending { recorder, data_lost }
+        Ending { recorder, data_lost, deaths: self.core.supervision.deaths() }
     }
 }
 
@@ -370,13 +375,18 @@ impl Core {
         self.coverage.promise(predicted.as_ref());
     }
 
-    fn watch(&self, recorder: &dyn Fn() -> RecorderStatus) {
+    fn watch(&self, recorder: &dyn Fn() -> RecorderStatus, pulse: &Pulse) {
         let mut look = Look::new(self);
         let mut sent = (Instant::now(), 0);
+        let mut deaths_told = 0;
         while !self.quit.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
+            pulse.beat();
+            for death in self.supervision.deaths().into_iter().skip(deaths_told) {
+                deaths_told += 1;
+                self.journal.tell("component_dead", death);
+            }
             self.status.send_replace(Arc::new(look.look(self, recorder())));
-            self.looked_ns.store(now_ns(), Ordering::Relaxed);
             let version = self.coverage.version();
             if self.pages.receiver_count() > 0 && version != sent.1 && sent.0.elapsed() >= SEND_CELLS {
                 sent = (Instant::now(), version);
@@ -388,11 +398,12 @@ impl Core {
 
 fn spawn(
     name: &str,
+    role: Role,
     core: &Arc<Core>,
-    work: impl FnOnce(&Core) + Send + 'static,
+    work: impl FnOnce(&Core, &Pulse) + Send + 'static,
 ) -> Result<JoinHandle<()>, std::io::Error> {
-    let core = Arc::clone(core);
-    std::thread::Builder::new().name(name.into()).spawn(move || work(&core))
+    let shared = Arc::clone(core);
+    core.supervision.spawn(name, role, move |pulse| work(&shared, pulse))
 }
 
 fn begin_way(place: &Place, motion: &Motion) {

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use super::live::Inlet;
+use super::supervision::{Pulse, Role, Supervision};
 use super::tap::Tap;
 use crate::live::receive::{
     Datagram, Listen, Memory, Monitor, Options, ReceiveError, Receiver, SensorCounters, Stop, Tally, now_ns,
@@ -27,6 +28,8 @@ struct Lane {
     stop: Stop,
     /// When the write under way began, UTC ns; 0 while none is.
     writing_since_ns: Arc<AtomicU64>,
+    /// Packets handed on, by place.
+    handed: Arc<Vec<AtomicU64>>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -37,13 +40,15 @@ struct Bound {
 }
 
 impl Intake {
-    /// Binds every socket, all or none, and starts to receive. `inlets` has the live thread of each stream.
+    /// Binds every socket, all or none, and starts to receive. `inlets` has the live thread of each stream, `names` its sensor.
     pub fn start(
         listens: &[Listen],
         sensor_of: &[usize],
         options: Options,
         tap: &Arc<Tap>,
         inlets: &[Inlet],
+        names: &[String],
+        supervision: &Arc<Supervision>,
     ) -> Result<Self, ReceiveError> {
         let mut places = vec![(0, 0); listens.len()];
         let mut bound = Vec::new();
@@ -55,7 +60,7 @@ impl Intake {
             }
             bound.push(Bound { receiver, streams });
         }
-        let lanes = bound.into_iter().map(|bound| Lane::start(bound, tap, inlets));
+        let lanes = bound.into_iter().map(|bound| Lane::start(bound, tap, inlets, names, supervision));
         Ok(Self { lanes: lanes.collect::<Result<_, _>>()?, places, queue_bytes: options.queue_bytes })
     }
 
@@ -73,7 +78,7 @@ impl Intake {
 
     /// What was lost so far, by stream, and every socket.
     pub fn tally(&self) -> Tally {
-        let lanes: Vec<Tally> = self.lanes.iter().map(|lane| lane.monitor.tally()).collect();
+        let lanes: Vec<Tally> = self.lanes.iter().map(Lane::tally).collect();
         Tally {
             sensors: self.places.iter().map(|(lane, place)| lanes[*lane].sensors[*place]).collect(),
             sockets: lanes.iter().flat_map(|lane| lane.sockets.iter().cloned()).collect(),
@@ -108,8 +113,7 @@ impl Intake {
         self.lanes.iter().for_each(|lane| lane.stop.stop());
         let take = |lane: &Lane| lane.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         for thread in self.lanes.iter().filter_map(take) {
-            // a panic there is a defect that its counters cannot tell; the session closes all the same
-            let _ = thread.join();
+            let _ = thread.join(); // whoever watches it says how it ended
         }
     }
 }
@@ -121,16 +125,26 @@ impl Drop for Intake {
 }
 
 impl Lane {
-    fn start(bound: Bound, tap: &Arc<Tap>, inlets: &[Inlet]) -> Result<Self, ReceiveError> {
+    fn start(
+        bound: Bound,
+        tap: &Arc<Tap>,
+        inlets: &[Inlet],
+        names: &[String],
+        supervision: &Arc<Supervision>,
+    ) -> Result<Self, ReceiveError> {
         let Bound { mut receiver, streams } = bound;
         let (monitor, stop) = (receiver.monitor(), receiver.stop_handle());
         let inlets: Vec<Inlet> = streams.iter().map(|stream| inlets[*stream].clone()).collect();
         let tap = Arc::clone(tap);
         let writing_since_ns = Arc::new(AtomicU64::new(0));
         let since_ns = Arc::clone(&writing_since_ns);
-        let work = move || {
+        let handed: Arc<Vec<AtomicU64>> = Arc::new(streams.iter().map(|_| AtomicU64::new(0)).collect());
+        let counts = Arc::clone(&handed);
+        let name = format!("lane {}", streams.first().map_or("", |stream| names[*stream].as_str()));
+        let work = move |pulse: &Pulse| {
             let mut batch: Vec<Datagram> = Vec::with_capacity(BATCH);
             while receiver.recv_many_blocking(&mut batch, BATCH) > 0 {
+                pulse.beat();
                 let places: Vec<usize> = batch.iter().map(|datagram| datagram.sensor).collect();
                 for datagram in &mut batch {
                     datagram.sensor = streams[datagram.sensor];
@@ -139,13 +153,26 @@ impl Lane {
                 tap.take(&batch);
                 since_ns.store(0, Ordering::Relaxed);
                 for (datagram, place) in batch.drain(..).zip(places) {
+                    counts[place].fetch_add(1, Ordering::Relaxed);
                     inlets[place].offer(datagram);
                 }
             }
         };
-        let thread =
-            std::thread::Builder::new().name("lane".into()).spawn(work).map_err(ReceiveError::Thread)?;
-        Ok(Self { monitor, stop, writing_since_ns, thread: Mutex::new(Some(thread)) })
+        let thread = supervision.spawn(&name, Role::Essential, work).map_err(ReceiveError::Thread)?;
+        Ok(Self { monitor, stop, writing_since_ns, handed, thread: Mutex::new(Some(thread)) })
+    }
+
+    /// What was lost here: of a lane that has ended, also what it received and did not hand on.
+    fn tally(&self) -> Tally {
+        let mut tally = self.monitor.tally();
+        let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
+        if thread.as_ref().is_none_or(JoinHandle::is_finished) {
+            let received = self.monitor.sensors();
+            for ((loss, received), handed) in tally.sensors.iter_mut().zip(received).zip(&*self.handed) {
+                loss.queue_dropped += received.packets.saturating_sub(handed.load(Ordering::Relaxed));
+            }
+        }
+        tally
     }
 }
 

@@ -15,8 +15,9 @@ const WAITING: usize = 4096;
 /// Events that end a recording early.
 const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 13] = [
+const TROUBLES: [&str; 14] = [
     "axis_not_homed",
+    "component_dead",
     "sensor_silent",
     "sensor_restarted",
     "clock_jump",

@@ -13,6 +13,7 @@ use sensors::router::{Routed, Router, Sensor, Unclaimed};
 use super::journal::Journal;
 use super::latency::Latency;
 use super::painter::Painter;
+use super::supervision::{Pulse, Role, Supervision};
 use super::surroundings::Surroundings;
 use crate::live::receive::{Datagram, now_ns};
 use crate::live::watch::{SensorReport, Watch, is_model};
@@ -83,6 +84,8 @@ pub(super) struct Numbers {
     pub frames_not_drawn: u64,
     /// The packets are those of another model than configured.
     pub is_other_model: bool,
+    /// When these numbers were put out.
+    pub as_of: Option<Instant>,
 }
 
 impl Inlet {
@@ -135,7 +138,11 @@ pub(super) struct Subject {
 }
 
 /// Starts the thread; it ends when every inlet is gone.
-pub(super) fn start(subject: Subject, around: Surroundings) -> std::io::Result<(Inlet, JoinHandle<()>)> {
+pub(super) fn start(
+    subject: Subject,
+    around: Surroundings,
+    supervision: &Arc<Supervision>,
+) -> std::io::Result<(Inlet, JoinHandle<()>)> {
     let (queue, waiting) = sync_channel(WAITING);
     let shared = Arc::new(Shared::default());
     let inlet = Inlet { queue, shared: Arc::clone(&shared) };
@@ -157,7 +164,8 @@ pub(super) fn start(subject: Subject, around: Surroundings) -> std::io::Result<(
         frames_not_drawn: 0,
         seen: [0; 2],
     };
-    let thread = std::thread::Builder::new().name("live".into()).spawn(move || live.run(&waiting))?;
+    let component = format!("live {}", live.name);
+    let thread = supervision.spawn(&component, Role::Dispensable, move |pulse| live.run(&waiting, pulse))?;
     Ok((inlet, thread))
 }
 
@@ -177,10 +185,11 @@ struct Live {
 }
 
 impl Live {
-    fn run(mut self, waiting: &Receiver<Datagram>) {
+    fn run(mut self, waiting: &Receiver<Datagram>, pulse: &Pulse) {
         give_way();
         let mut published = Instant::now();
         loop {
+            pulse.beat();
             match waiting.recv_timeout(PUBLISH) {
                 Ok(datagram) => {
                     self.shared.take(datagram.held_bytes());
@@ -253,6 +262,7 @@ impl Live {
                 let found = sensor.model();
                 found.is_some_and(|found| !is_model(&self.model, &sensor.product(), &found.name))
             }),
+            as_of: Some(Instant::now()),
         };
         *self.shared.numbers.lock().unwrap_or_else(PoisonError::into_inner) = numbers;
     }

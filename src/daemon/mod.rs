@@ -19,6 +19,7 @@ mod intake;
 mod journal;
 mod latency;
 mod live;
+mod log;
 mod painter;
 mod picture;
 mod place;
@@ -27,6 +28,7 @@ mod recorder;
 mod rig;
 mod status;
 mod steady;
+mod supervision;
 mod surroundings;
 mod survey;
 mod tap;
@@ -35,13 +37,15 @@ mod web;
 pub use engine::{Daemon, DaemonError, Ending, ProposalError, SensorSettings, Settings};
 pub use journal::Event;
 pub use latency::Percentiles;
+pub use log::Log;
 pub use picture::{COVERAGE_KIND, POINTS_KIND};
 pub use place::Place;
 pub use recorder::{RecorderError, RecorderSettings};
 pub use rig::{RigCommandError, RigSettings};
 pub use status::{
-    CoverageStatus, LastSession, MemoryStatus, Problem, Proposal, RecorderStatus, RigState, SensorLosses,
-    SensorState, SensorStatus, Severity, Status,
+    Component, ComponentState, CoverageStatus, LastSession, LogStatus, MemoryStatus, Problem, Proposal,
+    RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Severity, Status,
 };
 pub use steady::HostClock;
+pub use supervision::{Supervision, words};
 pub use web::{Token, Web, WebError, WebSettings};

@@ -3,12 +3,15 @@
 mod rig;
 mod sensor;
 
-use super::status::{CoverageStatus, Problem, RecorderStatus, Severity, Status};
+use super::status::{ComponentState, CoverageStatus, Problem, RecorderStatus, Severity, Status};
 
 pub(super) use rig::OFF_MOUNT_DEG;
 
 /// A write that takes longer than this is worth a word, s.
 const SLOW_WRITE_S: f64 = 0.5;
+
+/// A state, or what it has of the recorder, that is older is named, ms.
+const LATE_MS: f64 = 2000.0;
 
 /// Everything that is wrong with a state, worst first.
 pub(super) fn problems(status: &Status) -> Vec<Problem> {
@@ -28,14 +31,82 @@ pub(super) fn problems(status: &Status) -> Vec<Problem> {
              recording.",
         );
     }
-    list.0.sort_by_key(|problem| problem.severity);
-    list.0
+    list.sorted()
+}
+
+/// Adds what is wrong with the daemon itself at the moment at which it is asked.
+pub(super) fn of_daemon(status: &mut Status) {
+    let mut list = List(std::mem::take(&mut status.problems));
+    for component in &status.components {
+        if component.state == ComponentState::Dead {
+            let (name, why) = (&component.name, component.why.as_deref().unwrap_or_default());
+            let advice = if component.essential {
+                "The daemon ends in order now: what was received is in the session. Start it again, and report the line \
+                 component_dead of its log."
+            } else {
+                "The rest goes on. Start the daemon again between two recordings, and report the line component_dead of \
+                 its log."
+            };
+            list.error(
+                "daemon",
+                "component_dead",
+                format!("A part of the daemon died: {name}: {why}."),
+                advice,
+            );
+        }
+    }
+    let late = |age_ms: f64| age_ms > LATE_MS;
+    if late(status.age_ms) {
+        let what =
+            format!("This state is {:.0} s old: nothing newer was put together.", status.age_ms * 1e-3);
+        list.error(
+            "daemon",
+            "state_late",
+            what,
+            "This computer is overloaded, or the daemon hangs: start it again.",
+        );
+    }
+    if late(status.recorder.age_ms) {
+        let what = format!("The recorder has said nothing for {:.0} s.", status.recorder.age_ms * 1e-3);
+        list.error(
+            "recorder",
+            "recorder_late",
+            what,
+            "Its disk holds it up. Look at the disk or the network that it is on.",
+        );
+    }
+    if let Some(error) = &status.log.error {
+        let what = format!("The log cannot be written ({error}): {} lines are lost.", status.log.lost_lines);
+        list.warn(
+            "log",
+            "log_lost",
+            what,
+            "Everything else goes on. What happens stands in the events here and in each session.",
+        );
+    } else if status.log.stuck_s > 0.0 {
+        let what = format!(
+            "Who reads the log has taken nothing for {:.0} s: {} lines are lost.",
+            status.log.stuck_s, status.log.lost_lines
+        );
+        list.warn(
+            "log",
+            "log_stuck",
+            what,
+            "Everything else goes on. Let its reader go on, or start the daemon with its log in a file.",
+        );
+    }
+    status.problems = list.sorted();
 }
 
 #[derive(Default)]
 struct List(Vec<Problem>);
 
 impl List {
+    fn sorted(mut self) -> Vec<Problem> {
+        self.0.sort_by_key(|problem| problem.severity);
+        self.0
+    }
+
     fn add(
         &mut self,
         severity: Severity,

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use super::intake::Intake;
 use super::journal::{Journal, Line};
 use super::status::{LastSession, RecorderStatus};
+use super::supervision::{Pulse, Role, Supervision};
 use super::tap::Tap;
 use crate::live::receive::{Tally, now_ns};
 use crate::recording::{self, Manifest, SensorInfo, SessionError, SessionWriter};
@@ -102,6 +103,7 @@ impl Recorder {
         tap: Arc<Tap>,
         journal: Arc<Journal>,
         lines: Receiver<Line>,
+        supervision: &Arc<Supervision>,
     ) -> Result<Self, RecorderError> {
         let folder = &settings.folder;
         std::fs::create_dir_all(folder).map_err(|source| SessionError::Io {
@@ -129,9 +131,8 @@ impl Recorder {
             worker.begin("")?;
         }
         worker.publish();
-        let thread = std::thread::Builder::new()
-            .name("recorder".into())
-            .spawn(move || worker.run(&waiting))
+        let thread = supervision
+            .spawn("recorder", Role::Essential, move |pulse| worker.run(&waiting, pulse))
             .map_err(|source| SessionError::Io { path: PathBuf::new(), doing: "no thread for it", source })?;
         Ok(Self { orders, status, thread: Mutex::new(Some(thread)) })
     }
@@ -153,13 +154,17 @@ impl Recorder {
 
     /// What it does now.
     pub fn status(&self) -> RecorderStatus {
-        self.status.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.reader()()
     }
 
     /// Reads its state from another thread.
     pub fn reader(&self) -> impl Fn() -> RecorderStatus + Send + use<> {
         let status = Arc::clone(&self.status);
-        move || status.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        move || {
+            let mut status = status.lock().unwrap_or_else(PoisonError::into_inner).clone();
+            status.age_ms = status.as_of.map_or(0.0, |as_of| as_of.elapsed().as_secs_f64() * 1e3);
+            status
+        }
     }
 
     /// Closes the session if one is open and ends the thread; what it did last.
@@ -215,8 +220,9 @@ struct Worker {
 }
 
 impl Worker {
-    fn run(mut self, orders: &Receiver<Order>) {
+    fn run(mut self, orders: &Receiver<Order>, pulse: &Pulse) {
         loop {
+            pulse.beat();
             match orders.recv_timeout(LOOK) {
                 Ok(Order::Start(label, reply)) => drop(reply.send(self.begin(&label))),
                 Ok(Order::Stop(reply)) => {
@@ -446,6 +452,7 @@ impl Worker {
         (state.packets, state.bytes) = (packets, bytes);
         state.session_lost = losses.unwrap_or(0);
         state.latency = self.tap.latency().percentiles();
+        state.as_of = Some(Instant::now());
     }
 }
 

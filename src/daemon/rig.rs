@@ -19,8 +19,9 @@ pub use error::RigCommandError;
 use super::journal::Journal;
 use super::place::Motion;
 use super::status::RigState;
+use super::supervision::{Pulse, Role, Supervision};
 use crate::drive::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
-use crate::live::receive::now_ns;
+use crate::live::clocks::host::steady_now_ns;
 
 /// Time between two tries to find a rig.
 const RETRY: Duration = Duration::from_secs(1);
@@ -69,6 +70,7 @@ impl RigHost {
         settings: RigSettings,
         journal: Arc<Journal>,
         motion: Arc<Motion>,
+        supervision: &Arc<Supervision>,
     ) -> Result<Self, RigError> {
         let limits_rad = settings.options.limits_rad.iter();
         let state = RigState {
@@ -97,9 +99,8 @@ impl RigHost {
             Ok(()) => {}
         }
         let worker = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name("rig-watch".into())
-            .spawn(move || worker.run())
+        let thread = supervision
+            .spawn("rig-watch", Role::Dispensable, move |pulse| worker.run(pulse))
             .map_err(|_| RigError::Closed)?;
         Ok(Self { shared, thread: Mutex::new(Some(thread)) })
     }
@@ -112,6 +113,7 @@ impl RigHost {
             let left = self.shared.settings.disarm_after.saturating_sub(idle);
             state.disarms_in_s = Some(left.as_secs_f64());
         }
+        state.count_ages();
         state
     }
 
@@ -223,7 +225,8 @@ impl Shared {
             );
             self.journal.tell("mount_of_others", words);
         }
-        (state.connected, state.error, state.status) = (true, None, Some(status));
+        (state.connected, state.error) = (true, None);
+        state.take(status);
         Ok(())
     }
 
@@ -244,7 +247,9 @@ impl Shared {
         }
     }
 
-    fn run(&self) {
+    fn run(&self, pulse: &Pulse) {
+        // a rig that nobody watches any more is let go of: it misses its heartbeat and disarms itself
+        let _unwatched = LetGo(self);
         while !self.quit.load(Ordering::Relaxed) {
             let rig = lock(&self.rig).clone();
             let Some(rig) = rig else {
@@ -259,18 +264,19 @@ impl Shared {
                 }
                 continue;
             };
-            if let Err(error) = self.watch(&rig) {
+            if let Err(error) = self.watch(&rig, pulse) {
                 self.lost(&error);
             }
         }
     }
 
     /// Follows the rig until it is lost or the daemon ends.
-    fn watch(&self, rig: &Rig) -> Result<(), RigError> {
+    fn watch(&self, rig: &Rig, pulse: &Pulse) -> Result<(), RigError> {
         let reports = rig.reports();
         let mut looked = Instant::now();
         let mut latched = BTreeSet::new();
         while !self.quit.load(Ordering::Relaxed) {
+            pulse.beat();
             match reports.recv_timeout(LOOK) {
                 Ok(report) => self.take(report),
                 Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
@@ -288,7 +294,7 @@ impl Shared {
                 let mut state = lock(&self.state);
                 // a command that ended since has shown what is newer
                 if self.commands.load(Ordering::SeqCst) == commands {
-                    state.status = Some(status);
+                    state.take(status);
                 }
             }
         }
@@ -323,7 +329,10 @@ impl Shared {
             axis.source.clone_from(&report.source);
             axis.faults.clone_from(&report.faults);
             axis.uncertainty_deg = report.uncertainty_urad.map(deg);
-            axis.age_ms = now_ns().saturating_sub(report.time_ns) as f64 * 1e-6;
+            let age_ns = steady_now_ns().saturating_sub(report.time_ns);
+            axis.age_ms = age_ns as f64 * 1e-6;
+            let now = Instant::now();
+            state.axes_as_of[report.axis] = now.checked_sub(Duration::from_nanos(age_ns)).unwrap_or(now);
         }
         drop(state);
         self.journal.servo(report);
@@ -381,7 +390,7 @@ impl Shared {
         let mut state = lock(&self.state);
         state.last_command = Some(words);
         if let Some(status) = status {
-            state.status = Some(status);
+            state.take(status);
         }
         state
     }
@@ -390,16 +399,24 @@ impl Shared {
     fn stop(&self, level: u8) -> Result<(), RigCommandError> {
         let interrupt = lock(&self.interrupt).clone();
         let Some(interrupt) = interrupt else { return Err(self.not_connected()) };
+        let asked = Instant::now();
         // two who say hold at once must not make an emergency stop
         while interrupt.level() < level {
             interrupt.raise();
         }
         let rig = self.connected()?;
-        // the rig's thread obeys the interrupt first; this waits for it, and does it once more: both are idempotent
-        let outcome = if level >= 2 { rig.e_stop() } else { rig.hold() };
+        // the rig's thread obeys the interrupt first; this waits for it
+        let (word, outcome) = if level >= 2 {
+            ("e-stop", rig.e_stop_since(asked))
+        } else {
+            ("hold", rig.hold().and_then(|()| rig.status()))
+        };
         interrupt.reset();
-        let word = if level >= 2 { "e-stop" } else { "hold" };
-        drop(self.conclude(word, &outcome, rig.status().ok(), true));
+        let (status, outcome) = match outcome {
+            Ok(status) => (Some(status), Ok(())),
+            Err(error) => (rig.status().ok(), Err(error)),
+        };
+        drop(self.conclude(word, &outcome, status, true));
         Ok(outcome?)
     }
 
@@ -415,6 +432,17 @@ impl Shared {
         let until = Instant::now() + time;
         while Instant::now() < until && !self.quit.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// Says that the rig is lost when its watch panics.
+struct LetGo<'a>(&'a Shared);
+
+impl Drop for LetGo<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.lost(&RigError::Closed);
         }
     }
 }
@@ -452,12 +480,22 @@ mod tests {
             })
         };
         assert_eq!(stands_rad(0), Some(0.7), "before it is found the mount is all that is known");
-        let host = RigHost::start(settings, Arc::new(journal), Arc::clone(&motion)).unwrap();
+        let host = RigHost::start(settings, Arc::new(journal), Arc::clone(&motion), &Arc::default()).unwrap();
         assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "from the first moment on");
         mock.close();
         while host.state().connected {
             std::thread::sleep(Duration::from_millis(10));
         }
         assert_eq!([0, 1].map(stands_rad), [Some(0.3), Some(-0.2)], "nothing turned it");
+        let ages_ms = || {
+            let state = host.state();
+            let axes = state.status.unwrap().axes.into_iter();
+            axes.map(|axis| axis.age_ms).chain(state.age_ms).collect::<Vec<f64>>()
+        };
+        let before_ms = ages_ms();
+        std::thread::sleep(Duration::from_millis(100));
+        let grown_ms = ages_ms().into_iter().zip(before_ms).map(|(now_ms, before_ms)| now_ms - before_ms);
+        let grown_ms: Vec<f64> = grown_ms.collect();
+        assert!(grown_ms.len() == 3 && grown_ms.iter().all(|ms| *ms >= 100.0), "{grown_ms:?}");
     }
 }

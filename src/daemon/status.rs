@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use sensors::router::Unclaimed;
 use serde::Serialize;
@@ -13,6 +14,11 @@ use crate::drive::RigStatus;
 use crate::live::clocks::ClockReport;
 use crate::recording::Manifest;
 
+mod ages;
+mod health;
+
+pub use health::{Component, ComponentState, LogStatus};
+
 /// The whole state.
 #[derive(Clone, Debug, Serialize)]
 pub struct Status {
@@ -20,6 +26,11 @@ pub struct Status {
     pub program: &'static str,
     /// When this was put together, UTC nanoseconds since 1970.
     pub time_ns: u64,
+    /// How long ago that was, ms. Ages within count up to the moment at which this was asked for.
+    pub age_ms: f64,
+    /// The moment that the ages within are of.
+    #[serde(skip)]
+    pub as_of: Instant,
     /// Since the daemon started, s.
     pub uptime_s: f64,
     /// How far this host's clock was set in the last seconds, s.
@@ -30,6 +41,10 @@ pub struct Status {
     pub rig: Option<RigState>,
     /// Of the recorder.
     pub recorder: RecorderStatus,
+    /// Threads of the daemon, and how they do.
+    pub components: Vec<Component>,
+    /// Of the log on stderr.
+    pub log: LogStatus,
     /// Where the memory is.
     pub memory: MemoryStatus,
     /// What was seen since recording began.
@@ -149,6 +164,8 @@ pub struct SensorStatus {
     pub points_per_s: f64,
     /// Since its last packet, s.
     pub last_packet_age_s: Option<f64>,
+    /// Since its packets were last decoded and what follows was put out, ms; none before the first time.
+    pub decoded_age_ms: Option<f64>,
     /// Revolutions decoded.
     pub frames: u64,
     /// Of these, whole ones.
@@ -246,6 +263,11 @@ pub struct RigState {
     pub limits_deg: Vec<[f64; 2]>,
     /// Until the daemon disarms it by itself, s.
     pub disarms_in_s: Option<f64>,
+    /// Since it last said where its axes are, ms; none before the first time.
+    pub age_ms: Option<f64>,
+    /// The moment that the age of each axis in `status` is of.
+    #[serde(skip)]
+    pub axes_as_of: Vec<Instant>,
 }
 
 /// The recorder.
@@ -285,6 +307,11 @@ pub struct RecorderStatus {
     pub failed: bool,
     /// A recording ended that nobody ended.
     pub ended_early: bool,
+    /// Since the recorder put this out, ms.
+    pub age_ms: f64,
+    /// When it did.
+    #[serde(skip)]
+    pub as_of: Option<Instant>,
     /// The session closed last.
     pub last: Option<LastSession>,
 }
@@ -355,6 +382,8 @@ pub struct CoverageStatus {
     pub predicted: Option<u64>,
     /// Cells seen that were predicted.
     pub seen_of_predicted: Option<u64>,
+    /// Since points were last counted, s; none before the first.
+    pub last_point_age_s: Option<f64>,
     /// Points outside the grid.
     pub outside: u64,
     /// Where the platform is taken to be: `standing` or `trajectory`.
@@ -384,7 +413,7 @@ pub struct Problem {
     pub severity: Severity,
     /// For programs: `silent`, `wrong_metadata`, `disk_full`.
     pub kind: &'static str,
-    /// Sensor, `rig`, `recorder` or `host`.
+    /// Sensor, `rig`, `recorder`, `host`, `daemon` or `log`.
     pub about: String,
     /// What is wrong.
     pub what: String,

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, TrySendError, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::{
     Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, ServoReport, open,
@@ -27,6 +27,8 @@ enum Job {
     Apply(Vec<f64>, Sender<Progress>, Reply<Applied>),
     Check(Vec<f64>, Reply<()>),
     Status(Reply<RigStatus>),
+    /// An emergency stop, unless an interrupt has made one since this moment.
+    EmergencyStop(Instant, Reply<RigStatus>),
     Quit,
 }
 
@@ -143,6 +145,12 @@ impl Rig {
         self.simple(RigController::e_stop)
     }
 
+    /// The same for whoever has raised the [interrupt](Interrupt) since `asked`: answers as soon as the rig is seen to have
+    /// stopped. The fault that this latches comes with a later status.
+    pub fn e_stop_since(&self, asked: Instant) -> Result<RigStatus, RigError> {
+        self.ask(|reply| Job::EmergencyStop(asked, reply))
+    }
+
     /// Takes latched faults away whose causes are gone.
     pub fn clear_faults(&self) -> Result<(), RigError> {
         self.simple(RigController::clear_faults)
@@ -240,6 +248,12 @@ impl Worker {
             }
             Job::Check(pitches, reply) => drop(reply.send(self.controller.check(&pitches).map(drop))),
             Job::Status(reply) => drop(reply.send(self.controller.status())),
+            Job::EmergencyStop(asked, reply) => {
+                let stopped = self.controller.stop_since(asked);
+                let _ = reply.send(stopped.and_then(|()| self.controller.status()));
+                // before the next job: whoever clears faults is to find it; a line that fails shows in the next turn
+                let _ = self.controller.hear_fault();
+            }
             Job::Quit => {}
         }
     }

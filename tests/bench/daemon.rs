@@ -4,7 +4,13 @@
 //!     cargo bench --bench daemon                        # 20 s
 //!     OUTRIGGER_BENCH_SECONDS=600 cargo bench --bench daemon
 //!
-//! Ends with exit status 1 when packets are missing that neither the kernel nor the daemon counted.
+//!     OUTRIGGER_BENCH_SIEGE=1 OUTRIGGER_BENCH_SECONDS=300 cargo bench --bench daemon
+//!
+//! Besieged, sensors send 32 MB/s (one return each), while 200 connections from four addresses bring headers and bodies
+//! letter by letter, 50 pages listen of which 10 never read, and emergency stops are asked for at random moments.
+//!
+//! Ends with exit status 1 when packets are missing that neither the kernel nor the daemon counted; besieged, also when
+//! any packet was lost, or a stop took 100 ms.
 
 #![allow(clippy::unwrap_used)] // a bench that cannot run may say so and end
 
@@ -21,6 +27,7 @@ use nix::unistd::Pid;
 use outrigger::base::geometry::Pose;
 use outrigger::daemon::POINTS_KIND;
 use outrigger::live::receive::now_ns;
+use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
 use outrigger::recording::Session;
@@ -31,6 +38,10 @@ use sensors::velodyne::{Product, ReturnMode};
 use sensors::{Decoded, Decoder as _, Frame, Packet};
 use serde_json::Value;
 
+#[path = "../daemon/crowd.rs"]
+mod crowd;
+#[path = "daemon/siege.rs"]
+mod siege;
 #[path = "support.rs"]
 mod support;
 use support::{Usage, environment, median};
@@ -38,8 +49,13 @@ use support::{Usage, environment, median};
 const SERIALS: [u64; 2] = [992_000_000_001, 992_000_000_002];
 
 fn metadata(serial: u64) -> Metadata {
-    let wanted = Synthetic::new("os1-128", serial, Profile::Rng19Rfl8Sig16Nir16Dual).columns(1024, 16);
+    let profile = if is_besieged() { Profile::Rng19Rfl8Sig16Nir16 } else { Profile::Rng19Rfl8Sig16Nir16Dual };
+    let wanted = Synthetic::new("os1-128", serial, profile).columns(1024, 16);
     Metadata::synthetic(&wanted).unwrap()
+}
+
+fn is_besieged() -> bool {
+    environment("OUTRIGGER_BENCH_SIEGE", 0.0) > 0.0
 }
 
 fn hall() -> Scene {
@@ -57,7 +73,7 @@ fn around<'a>(scene: &'a Scene, trajectory: &'a Trajectory) -> Surroundings<'a> 
     Surroundings { scene, trajectory, body_from_sensor: &|_| Pose::IDENTITY, noise_m: 0.0, seed: 0 }
 }
 
-/// One revolution of a sensor, with both returns.
+/// One revolution of a sensor, with both returns where it sends both.
 fn revolution(metadata: &Metadata) -> Frame {
     let (scene, trajectory) = (hall(), standing(0.25));
     let around = around(&scene, &trajectory);
@@ -79,7 +95,7 @@ fn revolution(metadata: &Metadata) -> Frame {
     });
     sent.unwrap();
     let mut frame = whole.unwrap();
-    frame.second = Some(frame.first.clone());
+    frame.second = (!is_besieged()).then(|| frame.first.clone());
     frame
 }
 
@@ -156,6 +172,10 @@ fn main() {
         );
     }
     config += "[[sensor]]\nname = \"front\"\nmodel = \"vlp-16\"\nlisten = \"127.0.0.1:0\"\n[daemon]\nroom = \"-12,-8,-1.5,12,8,4\"\n";
+    let rig = is_besieged().then(|| MockRig::start(MockConfig::default(), 3).unwrap());
+    if let Some(rig) = &rig {
+        config += &format!("[rig]\nport = \"{}\"\n", rig.path().display());
+    }
     std::fs::write(path("rig.toml"), config).unwrap();
     let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))
         .args(["--json", "daemon", "--record", "--listen", "127.0.0.1:0", "--config"])
@@ -180,13 +200,18 @@ fn main() {
     let web: SocketAddr =
         ready["url"].as_str().unwrap().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
     let stop = Arc::new(AtomicBool::new(false));
-    let (sent, page_ms, memory, status, cpu_s) = std::thread::scope(|scope| {
+    while rig.is_some() && status(web)["rig"]["connected"] != true {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let load_before = load();
+    let (sent, page_ms, memory, status, cpu_s, siege) = std::thread::scope(|scope| {
         let senders = [
             scope.spawn(|| ouster(metadata(SERIALS[0]), at(0), &stop)),
             scope.spawn(|| ouster(metadata(SERIALS[1]), at(1), &stop)),
             scope.spawn(|| velodyne(at(2), &stop)),
         ];
         let page = scope.spawn(|| page(web, &stop));
+        let siege = rig.as_ref().map(|_| scope.spawn(|| siege::lay(web, &stop)));
         let begun = Instant::now();
         let mut memory = Vec::new();
         while begun.elapsed() < Duration::from_secs_f64(seconds) {
@@ -197,18 +222,20 @@ fn main() {
         let cpu_s = Usage::of(&child).cpu_s;
         stop.store(true, Ordering::Relaxed);
         let sent: Vec<u64> = senders.map(|sender| sender.join().unwrap()).to_vec();
-        (sent, page.join().unwrap(), memory, status, cpu_s)
+        let siege = siege.map(|siege| siege.join().unwrap());
+        (sent, page.join().unwrap(), memory, status, cpu_s, siege)
     });
     std::thread::sleep(Duration::from_millis(500));
     kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM).unwrap();
     let code = child.wait().unwrap().code();
     let dir = std::fs::read_dir(path("sessions")).unwrap().next().unwrap().unwrap().path();
     let session = Session::open(&dir).unwrap();
-    let mut unexplained = 0;
+    let (mut unexplained, mut lost_here) = (0, 0);
     println!("sensor   points/s    sent  recorded  kernel  queue  not drawn");
     for (number, (entry, sent)) in session.manifest().sensors.iter().zip(&sent).enumerate() {
         let live = &status["sensors"][number];
         let lost = entry.losses;
+        lost_here += sent - entry.packets.min(*sent);
         unexplained += sent - entry.packets.min(*sent) - lost.total().min(sent - entry.packets.min(*sent));
         println!(
             "{:<8} {:>8.2} M {:>7} {:>9} {:>7} {:>6} {:>6} packets {} revolutions",
@@ -262,9 +289,49 @@ fn main() {
     );
     println!("processor {:.2} cores; exit code {}", cpu_s / seconds, code.unwrap_or(-1));
     println!("missing and not counted: {unexplained} packets; session problems: {:?}", session.problems());
-    if unexplained > 0 || !session.problems().is_empty() {
+    let load = format!("load of the machine {load_before} before, {} after", load());
+    println!("{load}");
+    let has_held = siege.is_none_or(|siege| report(&siege, lost_here));
+    if unexplained > 0 || !session.problems().is_empty() || !has_held {
         std::process::exit(1);
     }
+}
+
+/// One minute's load average (proc_loadavg(5)).
+fn load() -> String {
+    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    text.split(' ').next().unwrap_or("?").to_owned()
+}
+
+/// Prints what became of a siege; whether all of it held.
+fn report(siege: &siege::Outcome, lost: u64) -> bool {
+    let at = |sorted: &[f64], share: f64| {
+        let place = (sorted.len().saturating_sub(1) as f64 * share) as usize;
+        sorted.get(place).copied().unwrap_or(f64::NAN)
+    };
+    let of = |share: f64| at(&siege.stops_ms, share);
+    let (most_ms, late) = (of(1.0), siege.stops_ms.iter().filter(|ms| **ms >= 100.0).count());
+    println!(
+        "stop: median {:.1} ms, p99 {:.1} ms, most {most_ms:.1} ms, of {}; {late} took 100 ms or more, {} were refused",
+        of(0.5),
+        of(0.99),
+        siege.stops_ms.len(),
+        siege.refused_stops
+    );
+    println!(
+        "who asked woke late from its sleep by: median {:.1} ms, p99 {:.1} ms, most {:.1} ms (that is the machine)",
+        at(&siege.late_ms, 0.5),
+        at(&siege.late_ms, 0.99),
+        at(&siege.late_ms, 1.0)
+    );
+    println!(
+        "slow connections opened: {}; streams opened: {}, refused: {}, read: {:.0} MB; packets lost: {lost}",
+        siege.slow_opened,
+        siege.streams_opened,
+        siege.refused_streams,
+        siege.stream_bytes as f64 * 1e-6
+    );
+    lost == 0 && late == 0 && siege.refused_stops == 0
 }
 
 fn status(web: SocketAddr) -> Value {

@@ -90,13 +90,20 @@ pub struct Running {
 }
 
 impl Running {
-    pub fn start(mut command: Command) -> Self {
+    pub fn start(command: Command) -> Self {
+        Self::start_with(command, Stdio::piped())
+    }
+
+    /// With this for its log.
+    pub fn start_with(mut command: Command, stderr: Stdio) -> Self {
         command.env_remove("OUTRIGGER_RIG_PORT").env_remove("OUTRIGGER_CONFIG");
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut stderr = child.stderr.take().unwrap();
+        let mut child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
+        let stderr = child.stderr.take();
         let log = std::thread::spawn(move || {
             let mut text = String::new();
-            stderr.read_to_string(&mut text).unwrap();
+            if let Some(mut stderr) = stderr {
+                stderr.read_to_string(&mut text).unwrap();
+            }
             text
         });
         let mut lines = BufReader::new(child.stdout.take().unwrap());
@@ -180,8 +187,13 @@ impl Running {
     }
 
     /// Ends it in peace: exit code and log.
-    pub fn end(mut self) -> (Option<i32>, String) {
+    pub fn end(self) -> (Option<i32>, String) {
         self.signal(Signal::SIGTERM);
+        self.ended()
+    }
+
+    /// Waits until it ends by itself: exit code and log.
+    pub fn ended(mut self) -> (Option<i32>, String) {
         let code = self.child.wait().unwrap().code();
         (code, self.log.take().unwrap().join().unwrap())
     }

@@ -200,6 +200,17 @@ pub fn the_rig_is_unplugged_and_comes_back() {
     assert!(daemon.wait_for_problem("rig_lost").contains("hung up"));
     let (code, answer) = daemon.post("/api/v1/rig/e-stop", "");
     assert_eq!(code, 503, "{answer}");
+    let ages_ms = |status: &Value| {
+        let rig = &status["rig"];
+        let axes = rig["status"]["axes"].as_array().unwrap().iter();
+        axes.map(|axis| &axis["age_ms"]).chain([&rig["age_ms"]]).map(|age| age.as_f64().unwrap()).collect()
+    };
+    let before_ms: Vec<f64> = ages_ms(&daemon.status());
+    daemon.wait("what the rig said last grows old", |status| {
+        let now_ms: Vec<f64> = ages_ms(status);
+        now_ms.iter().zip(&before_ms).all(|(now_ms, before_ms)| *now_ms > before_ms + 1000.0)
+    });
+    assert!(daemon.get("/metrics").1.contains("outrigger_rig_age_seconds{axis=\"1\"} "));
     assert_eq!(daemon.status()["rig"]["status"]["armed"], false);
     let second = MockRig::start(MockConfig::default(), 3).unwrap();
     plug(&bench, &second);

@@ -1,6 +1,9 @@
 //! The daemon's start, run and end.
 
 use std::net::SocketAddr;
+use std::os::fd::AsFd as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,19 +16,39 @@ use crate::commands::defaults::section;
 use crate::commands::signals::Wishes;
 use crate::commands::{Context, Outcome, Verb, output, record, rig};
 use crate::daemon::{
-    Daemon, Ending, RecorderSettings, RigSettings, SensorSettings, Settings, Token, Web, WebSettings,
+    Daemon, Ending, Log, RecorderSettings, RigSettings, SensorSettings, Settings, Supervision, Token, Web,
+    WebSettings, words,
 };
 use crate::live::config::Config;
 use crate::live::receive;
 use crate::rig::MountFile;
+
+/// How long the last lines of the log may take: a reader that stands still holds up no end.
+const LAST_WORDS: Duration = Duration::from_millis(500);
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Some(config) = context.config else {
         refuse!("which sensors? --config RIG.toml (`outrigger init` writes one)");
     };
-    start_log(args);
-    let settings = settings(args, config, context)?;
+    let log = start_log(args)?;
+    let supervision = Arc::new(Supervision::new(args.break_component.clone()));
+    say_panics(&supervision);
+    let ended = run_logged(args, config, context, &log, supervision);
+    if !log.flush(LAST_WORDS) && ended.is_err() {
+        std::process::exit(1); // nobody takes the words of the error either
+    }
+    ended
+}
+
+fn run_logged(
+    args: &Args,
+    config: &'static Config,
+    context: Context,
+    log: &Log,
+    supervision: Arc<Supervision>,
+) -> anyhow::Result<Outcome> {
+    let settings = Settings { supervision, log: Some(log.clone()), ..settings(args, config, context)? };
     let web = Web::bind(WebSettings {
         listen: args.listen,
         token: token(args)?,
@@ -34,15 +57,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     })?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
+        .thread_name("web")
         .enable_all()
         .build()
         .context("no runtime")?;
     // before anything is opened: a signal that comes early is not lost
     let wishes = runtime.block_on(async { Wishes::new() }).context("signals cannot be caught")?;
     let daemon = Arc::new(Daemon::start(settings)?);
-    let ending = runtime.block_on(serve(web, Arc::clone(&daemon), wishes, context))?;
-    runtime.shutdown_timeout(Duration::from_secs(1));
-    Ok(conclude(&ending))
+    let ending = runtime.block_on(serve(web, Arc::clone(&daemon), wishes, context));
+    runtime.shutdown_timeout(Duration::from_secs(1)); // a thread may still wait for a stdout that nobody reads
+    Ok(conclude(&ending?))
 }
 
 async fn serve(
@@ -54,12 +78,16 @@ async fn serve(
     let address = web.address();
     let (stop, stopped) = watch::channel(false);
     let mut serving = tokio::spawn(web.serve(Arc::clone(&daemon), stopped));
-    announce(&daemon, address, context).await?;
+    announce(&daemon, address, context).await;
     service::ready(&format!("http://{address}/"));
     let watchdog = tokio::spawn(service::feed_watchdog(Arc::clone(&daemon)));
     let served = tokio::select! {
         () = wishes.next() => None,
         served = &mut serving => Some(served),
+        death = daemon.death() => {
+            tracing::error!(event = "component_dead", "the daemon ends: {death}");
+            None
+        }
     };
     service::stopping();
     tokio::spawn(async move {
@@ -72,23 +100,27 @@ async fn serve(
     watchdog.abort();
     stop.send_replace(true);
     match served {
-        Some(served) => served.context("the page broke")??,
+        Some(served) => {
+            served.context("the page broke")??;
+            bail!("the page ended though nobody had told it to");
+        }
         None => serving.await.context("the page broke")??,
     }
     Ok(ending)
 }
 
-/// Says where the page is once everything runs.
-async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) -> anyhow::Result<()> {
+/// Says where the page is once everything runs. A stdout that takes nothing is no reason to stop, nor to wait.
+async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) {
     let mut states = daemon.states();
-    states.changed().await.context("the daemon ended at once")?;
+    let _ = states.changed().await; // what died meanwhile is said by whoever watches it
     let status = states.borrow().clone();
+    tracing::info!("the page is at http://{address}/");
     for sensor in &status.sensors {
         if let Some(address) = sensor.address {
             tracing::info!(sensor = sensor.name, "listening on {address}");
         }
     }
-    if context.json {
+    let said = if context.json {
         let sensors: Vec<_> = status
             .sensors
             .iter()
@@ -99,10 +131,15 @@ async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) -> any
             })
             .collect();
         let url = format!("http://{address}/");
-        output::print_json(&serde_json::json!({ "url": url, "sensors": sensors }))
+        format!("{:#}\n", serde_json::json!({ "url": url, "sensors": sensors }))
     } else {
-        output::print_text(&format!("http://{address}/\n"))
-    }
+        format!("http://{address}/\n")
+    };
+    tokio::task::spawn_blocking(move || {
+        if let Err(error) = output::print_text(&said) {
+            tracing::warn!("{error:#}");
+        }
+    });
 }
 
 fn conclude(ending: &Ending) -> Outcome {
@@ -120,6 +157,10 @@ fn conclude(ending: &Ending) -> Outcome {
             last.dir.display()
         ),
         None => tracing::info!("nothing was recorded"),
+    }
+    if !ending.deaths.is_empty() {
+        tracing::error!("the daemon ended in order after a part of it died: {}", ending.deaths.join("; "));
+        return Outcome::Defect;
     }
     if ending.data_lost { Outcome::DataLost } else { Outcome::Done }
 }
@@ -167,6 +208,8 @@ fn settings(args: &Args, config: &'static Config, context: Context) -> anyhow::R
         rig: rig_settings(args, config, place.mount.as_ref(), &axes)?,
         place,
         config: Some(config_text),
+        supervision: Arc::default(),
+        log: None,
     })
 }
 
@@ -192,6 +235,9 @@ fn token(args: &Args) -> anyhow::Result<Option<Token>> {
         (Some(path), _) => {
             let text =
                 crate::base::files::read_text(path).with_context(|| format!("token {}", path.display()))?;
+            if let Some(warning) = open_to_others(path) {
+                tracing::warn!(event = "token_readable", "{warning}");
+            }
             Some((text, path.display().to_string()))
         }
         (None, Some(token)) => Some((token.clone(), "OUTRIGGER_DAEMON_TOKEN".into())),
@@ -201,11 +247,44 @@ fn token(args: &Args) -> anyhow::Result<Option<Token>> {
         .transpose()
 }
 
-fn start_log(args: &Args) {
-    let log = tracing_subscriber::fmt().with_writer(std::io::stderr).with_max_level(args.log_level);
+/// What is wrong with a file of a token that others may read or replace.
+fn open_to_others(path: &Path) -> Option<String> {
+    let mode = std::fs::metadata(path).ok()?.permissions().mode() & 0o777;
+    (mode & 0o077 != 0).then(|| {
+        let path = path.display();
+        format!(
+            "the token file {path} has mode {mode:04o}: other users of this computer can use it; expected 0600: \
+             chmod 600 {path}"
+        )
+    })
+}
+
+fn start_log(args: &Args) -> anyhow::Result<Log> {
+    // not through the standard library's handle: its lock would be held by a write that waits
+    let stderr = std::io::stderr().as_fd().try_clone_to_owned().context("stderr")?;
+    let log = Log::start(std::fs::File::from(stderr)).context("no thread for the log")?;
+    let writer = log.clone();
+    let lines = tracing_subscriber::fmt()
+        .with_writer(move || writer.clone())
+        .with_ansi(false)
+        .with_target(false)
+        .with_max_level(args.log_level);
     // a program that has a log already keeps it
     let _ = match args.log_format {
-        LogFormat::Text => log.with_target(false).with_ansi(false).try_init(),
-        LogFormat::Json => log.json().flatten_event(true).with_target(false).try_init(),
+        LogFormat::Text => lines.try_init(),
+        LogFormat::Json => lines.json().flatten_event(true).try_init(),
     };
+    Ok(log)
+}
+
+/// Panics go into the log, which nobody waits for, and to whoever watches the daemon's threads.
+fn say_panics(supervision: &Arc<Supervision>) {
+    let supervision = Arc::clone(supervision);
+    std::panic::set_hook(Box::new(move |panic| {
+        let thread = std::thread::current().name().unwrap_or("unnamed").to_owned();
+        let place = panic.location().map(ToString::to_string).unwrap_or_default();
+        let what = words(panic.payload());
+        tracing::error!(event = "panic", thread, "a defect of the program: panicked at {place}: {what}");
+        supervision.panicked(&thread, &format!("{what} ({place})"));
+    }));
 }

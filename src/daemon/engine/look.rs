@@ -8,7 +8,8 @@ use super::memory::memory;
 use crate::daemon::live::Numbers;
 use crate::daemon::problems::{OFF_MOUNT_DEG, problems};
 use crate::daemon::status::{
-    MemoryStatus, Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Status,
+    LogStatus, MemoryStatus, Reconfiguration, RecorderStatus, RigState, SensorLosses, SensorState,
+    SensorStatus, Status,
 };
 use crate::daemon::steady::HostClock;
 use crate::drive::AxisStatus;
@@ -51,11 +52,15 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
     Status {
         program: concat!("outrigger ", env!("CARGO_PKG_VERSION")),
         time_ns: now_ns(),
+        age_ms: 0.0,
+        as_of: Instant::now(),
         uptime_s: 0.0,
         host_clock_jump_s: None,
         sensors: Vec::new(),
         rig: None,
         recorder: recorder.clone(),
+        components: Vec::new(),
+        log: LogStatus::default(),
         memory: MemoryStatus::default(),
         coverage: None,
         reconfiguration: Reconfiguration::default(),
@@ -225,6 +230,7 @@ impl Look {
             bytes_per_s: rate(|moment| moment.bytes),
             points_per_s: rate(|moment| moment.points),
             last_packet_age_s: (last_ns > 0).then(|| now_ns().saturating_sub(last_ns) as f64 * 1e-9),
+            decoded_age_ms: numbers.as_of.map(|as_of| as_of.elapsed().as_secs_f64() * 1e3),
             frames: report.map_or(0, |report| report.frames),
             complete_frames: report.map_or(0, |report| report.complete_frames),
             frame_rate_hz: report.and_then(|report| report.frame_rate_hz),

@@ -91,7 +91,7 @@ async fn openapi() -> Response {
 }
 
 async fn status(State(app): State<App>) -> Response {
-    Json(&*app.daemon.status()).into_response()
+    Json(app.daemon.status()).into_response()
 }
 
 #[derive(Deserialize, Default)]

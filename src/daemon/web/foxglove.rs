@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::http::StatusCode;
@@ -14,10 +15,11 @@ use futures_util::StreamExt as _;
 use futures_util::stream::SplitSink;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::broadcast::error::RecvError;
 
 use super::App;
+use super::doors::Seat;
+use super::guard::Peer;
 use super::refusal::Refusal;
 use super::server::told;
 use super::stream::{Streams, send};
@@ -54,13 +56,17 @@ struct Channel {
 }
 
 /// Says yes to Foxglove's protocol.
-pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> Response {
+pub(super) async fn open(
+    State(app): State<App>,
+    Extension(peer): Extension<Peer>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     let upgrade = upgrade.protocols(PROTOCOLS);
     if upgrade.selected_protocol().is_none() {
         let words = format!("this speaks the WebSocket protocol {}: ask for it", PROTOCOLS[0]);
         return Refusal::new(StatusCode::BAD_REQUEST, words).into_response();
     }
-    let seat = match app.streams.seat() {
+    let seat = match app.streams.seat(peer) {
         Ok(seat) => seat,
         Err(problem) => return problem.into_response(),
     };
@@ -80,7 +86,7 @@ struct Client {
     cells_sent: Option<u64>,
 }
 
-async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat: OwnedSemaphorePermit) {
+async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _seat: Seat) {
     let (sink, mut source) = socket.split();
     let (mut states, mut poured, mut stop) = (daemon.states(), daemon.hub().listen(), streams.stop());
     let channels = channels(&daemon);
@@ -112,7 +118,7 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
             },
             changed = states.changed() => match changed {
                 Ok(()) => {
-                    let status = states.borrow_and_update().clone();
+                    let status = client.daemon.status();
                     client.rig(&status).await
                 }
                 Err(_) => break,
@@ -121,7 +127,6 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
             _ = cells.tick() => client.cells().await,
         };
     }
-    drop(seat);
 }
 
 fn channels(daemon: &Daemon) -> Vec<Channel> {
@@ -297,10 +302,13 @@ impl Client {
     }
 }
 
-/// Angles of the axes that are known.
+/// Angles of the axes that are known: a message without an age has none that is stale.
 fn joints(time_ns: u64, rig: &RigState) -> Result<Vec<u8>, Cause> {
-    let axes = rig.status.iter().flat_map(|status| &status.axes);
+    let axes = rig.status.iter().flat_map(|status| &status.axes).filter(|axis| axis.source != "stale");
     let axes: Vec<(String, f64)> =
         axes.map(|axis| (format!("axis_{}", axis.axis), axis.position_deg.to_radians())).collect();
+    if axes.is_empty() {
+        return Err("no angle is known now".into());
+    }
     foxglove::joints(time_ns, &axes)
 }

@@ -13,6 +13,7 @@ use axum::response::{IntoResponse as _, Response};
 use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 
+use super::doors::Origin;
 use super::refusal::Refusal;
 
 /// Requests that an address may make at once, and per second from then on.
@@ -27,7 +28,7 @@ const SHORTEST_TOKEN: usize = 16;
 /// Cookie that a browser keeps the token in.
 pub(super) const COOKIE: &str = "outrigger_token";
 /// What stops the rig is never held up.
-const ALWAYS: [&str; 2] = ["/api/v1/rig/hold", "/api/v1/rig/e-stop"];
+pub(super) const STOPS: [&str; 2] = ["/api/v1/rig/hold", "/api/v1/rig/e-stop"];
 /// Where pages of other sites may listen, if they were named.
 const FOXGLOVE: &str = "/api/v1/foxglove";
 /// What needs no token: it tells nothing.
@@ -72,7 +73,7 @@ pub(super) struct Guard {
     token: Option<Token>,
     host_names: Vec<String>,
     listeners: Vec<String>,
-    buckets: Mutex<HashMap<IpAddr, (f64, Instant)>>,
+    buckets: Mutex<HashMap<Origin, (f64, Instant)>>,
 }
 
 impl Guard {
@@ -95,6 +96,12 @@ impl Guard {
         self.token.as_ref().is_none_or(|token| token.is(text))
     }
 
+    /// Whether a request shows the token, where one is set.
+    pub fn shows_token(&self, headers: &HeaderMap) -> bool {
+        let token = self.token.as_ref();
+        token.is_some_and(|token| presented(headers).is_some_and(|text| token.is(text)))
+    }
+
     /// A wrong token makes the next requests wait.
     pub fn punish(&self, peer: IpAddr) {
         self.take(peer, WRONG_TOKEN, Instant::now());
@@ -106,7 +113,7 @@ impl Guard {
         if !self.is_listener(method, path, headers) {
             self.origin(method, headers, &host)?;
         }
-        if !ALWAYS.contains(&path) && !self.take(peer, 1.0, Instant::now()) {
+        if !STOPS.contains(&path) && !self.take(peer, 1.0, Instant::now()) {
             return Err(Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many requests from this address"));
         }
         let Some(token) = self.token.as_ref().filter(|_| !OPEN.contains(&path)) else { return Ok(()) };
@@ -162,12 +169,12 @@ impl Guard {
 
     /// Takes from an address' bucket; false when it is empty.
     fn take(&self, peer: IpAddr, cost: f64, now: Instant) -> bool {
+        let peer = Origin::of(peer);
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() >= ADDRESSES && !buckets.contains_key(&peer) {
-            buckets.retain(|_, (_, since)| now.duration_since(*since).as_secs_f64() < BURST / PER_SECOND);
-            if buckets.len() >= ADDRESSES {
-                return false;
-            }
+            // one that was not heard of for longest has most of its requests back
+            let oldest = buckets.iter().min_by_key(|(_, (_, since))| *since).map(|(oldest, _)| *oldest);
+            oldest.map(|oldest| buckets.remove(&oldest));
         }
         let (left, since) = buckets.entry(peer).or_insert((BURST, now));
         let filled = *left + PER_SECOND * now.saturating_duration_since(*since).as_secs_f64();
@@ -339,11 +346,17 @@ mod tests {
         let passed = (0..1000).filter(|_| guard.take(peer, 1.0, now)).count();
         assert_eq!(passed, BURST as usize);
         assert!(guard.take([10, 0, 0, 10].into(), 1.0, now), "another address has its own");
+        let others = (0..2 * ADDRESSES as u32).map(|at| IpAddr::from((0x0a01_0000 + at).to_be_bytes()));
+        let later = now + Duration::from_millis(1);
+        assert!(others.clone().all(|other| guard.take(other, 1.0, later)), "nobody is shut out by many");
+        assert_eq!(guard.buckets.lock().unwrap().len(), ADDRESSES);
+        guard.buckets.lock().unwrap().clear();
+        assert!((0..1000).any(|_| !guard.take(peer, 1.0, now)));
         assert!(guard.take(peer, 1.0, now + Duration::from_millis(100)));
         for _ in 0..1000 {
             guard.take(peer, 1.0, Instant::now());
         }
         assert_eq!(look(&guard, Method::GET, "/", &[("host", "localhost")]), 429);
-        assert_eq!(look(&guard, Method::POST, ALWAYS[1], &[("host", "localhost")]), 200);
+        assert_eq!(look(&guard, Method::POST, STOPS[1], &[("host", "localhost")]), 200);
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use crate::daemon::status::{SensorState, Severity};
+use crate::daemon::status::{ComponentState, SensorState, Severity};
 use crate::daemon::{Percentiles, SensorStatus, Status};
 
 /// Name, help, and value of a sensor.
@@ -13,6 +13,16 @@ type Metric<T> = (&'static str, &'static str, fn(&SensorStatus) -> T);
 pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> String {
     let mut out = Text::default();
     out.one("outrigger_uptime_seconds", "gauge", "Since the daemon started.", status.uptime_s);
+    out.one(
+        "outrigger_state_age_seconds",
+        "gauge",
+        "Since these values were put together.",
+        status.age_ms * 1e-3,
+    );
+    let dead = status.components.iter().filter(|component| component.state == ComponentState::Dead).count();
+    out.one("outrigger_components_dead", "gauge", "Parts of the daemon that died.", dead as f64);
+    let lost_lines = status.log.lost_lines as f64;
+    out.one("outrigger_log_lost_lines_total", "counter", "Lines of the log that nobody took.", lost_lines);
     let counters: [Metric<u64>; 5] = [
         ("outrigger_sensor_packets_total", "Packets received.", |sensor| sensor.packets),
         ("outrigger_sensor_frames_total", "Revolutions decoded.", |sensor| sensor.frames),
@@ -46,9 +56,17 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
         .map(|(at, count)| (format!("sensor=\"{}\",at=\"{at}\"", sensor.name), count as f64))
     });
     out.many("outrigger_sensor_lost_packets_total", "counter", "Packets lost, by where.", losses);
-    let gauges: [Metric<f64>; 4] = [
+    let gauges: [Metric<f64>; 6] = [
         ("outrigger_sensor_up", "1 while packets come and are decoded.", |sensor| {
             f64::from(u8::from(sensor.state == SensorState::Ok))
+        }),
+        (
+            "outrigger_sensor_last_packet_age_seconds",
+            "Since its last packet; NaN before the first.",
+            |sensor| sensor.last_packet_age_s.unwrap_or(f64::NAN),
+        ),
+        ("outrigger_sensor_decoded_age_seconds", "Since what is decoded of it was put out.", |sensor| {
+            sensor.decoded_age_ms.map_or(f64::NAN, |age_ms| age_ms * 1e-3)
         }),
         ("outrigger_sensor_packets_per_second", "Packets received.", |sensor| sensor.packets_per_s),
         ("outrigger_sensor_points_per_second", "Returns decoded.", |sensor| sensor.points_per_s),
@@ -62,6 +80,12 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
     }
     let recorder = &status.recorder;
     let flag = |flag: bool| f64::from(u8::from(flag));
+    out.one(
+        "outrigger_recorder_age_seconds",
+        "gauge",
+        "Since the recorder put this out.",
+        recorder.age_ms * 1e-3,
+    );
     out.one("outrigger_recording", "gauge", "1 while a session is open.", flag(recorder.recording));
     out.one(
         "outrigger_recorder_session_packets",
@@ -113,6 +137,8 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
         out.one(name, "gauge", help, bytes as f64);
     }
     if let Some(coverage) = &status.coverage {
+        let age_s = coverage.last_point_age_s.unwrap_or(f64::NAN);
+        out.one("outrigger_coverage_age_seconds", "gauge", "Since points were last counted.", age_s);
         out.one("outrigger_coverage_seen_cells", "gauge", "Cells seen.", coverage.seen as f64);
         if let (Some(predicted), Some(kept)) = (coverage.predicted, coverage.seen_of_predicted) {
             out.one("outrigger_coverage_predicted_cells", "gauge", "Cells promised.", predicted as f64);
@@ -126,9 +152,13 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
             for (name, help, value) in [
                 ("outrigger_rig_pitch_degrees", "Achieved.", 0),
                 ("outrigger_rig_target_degrees", "Wanted.", 1),
+                ("outrigger_rig_age_seconds", "Since that was measured.", 2),
             ] {
                 let rows = of.axes.iter().map(|axis| {
-                    (format!("axis=\"{}\"", axis.axis), [axis.position_deg, axis.target_deg][value])
+                    (
+                        format!("axis=\"{}\"", axis.axis),
+                        [axis.position_deg, axis.target_deg, axis.age_ms * 1e-3][value],
+                    )
                 });
                 out.many(name, "gauge", help, rows);
             }

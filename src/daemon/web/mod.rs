@@ -1,10 +1,11 @@
 //! The daemon over HTTP: a page for people, REST and a WebSocket for programs, metrics for Prometheus.
 //!
-//! What comes in is checked in this order: number of connections, time and size of a request, the `Host` it asks for
-//! (a name that points here by DNS tricks is refused), the page it comes from (`Origin`), the rate, the token. Nothing
-//! in a request names a file.
+//! What comes in is checked in this order: time and size of a request, number of requests under way (stops of the rig go
+//! first and need no seat), the `Host` it asks for (a name that points here by DNS tricks is refused), the page it comes
+//! from (`Origin`), the rate, the token. Nothing in a request names a file.
 
 mod api;
+mod doors;
 mod foxglove;
 mod guard;
 mod metrics;
@@ -20,15 +21,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
 use axum::middleware;
 use tokio::sync::watch;
 
 use super::Daemon;
 use guard::Guard;
-
-/// Longest body of a request, bytes.
-const BODY_BYTES: usize = 16 << 10;
 
 /// Where and for whom to serve.
 #[derive(Clone, Debug)]
@@ -118,7 +115,7 @@ impl Web {
         let streams = Arc::new(stream::Streams::new(stop.clone()));
         let app = App { daemon, guard: Arc::clone(&guard), streams };
         let router = router(app);
-        server::serve(listener, router, stop).await
+        server::serve(listener, router, guard, stop).await
     }
 }
 
@@ -127,7 +124,6 @@ fn router(app: App) -> Router {
     api::routes()
         .merge(page::routes())
         .with_state(app)
-        .layer(DefaultBodyLimit::max(BODY_BYTES))
         .layer(middleware::from_fn_with_state(guard, guard::check))
         .layer(middleware::from_fn(deadline))
 }

@@ -1,47 +1,68 @@
 //! The WebSocket: states as text, points and cells as bytes. A page that is too slow misses points, never holds one up.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
+use axum::Extension;
 use axum::extract::State;
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::ws::{Message, Utf8Bytes, WebSocket, WebSocketUpgrade};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::SplitSink;
 use futures_util::{SinkExt as _, StreamExt as _};
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::sync::watch;
 
 use super::App;
+use super::doors::{Origin, STREAMS, Seat, Seats};
+use super::guard::Peer;
 use super::refusal::Refusal;
 use super::server::told;
-use crate::daemon::{Daemon, Status};
+use crate::daemon::Daemon;
 
-/// Streams at once.
-const STREAMS: usize = 16;
 /// A page that takes nothing for so long is gone.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// A page need not say anything; this is for what browsers answer to pings.
 const MESSAGE_BYTES: usize = 4 << 10;
 const PING: Duration = Duration::from_secs(10);
+/// A state that is not followed by a newer one is sent again after this time.
+const REPEAT: Duration = Duration::from_secs(1);
 
 /// What all streams share.
 pub(super) struct Streams {
-    seats: Arc<Semaphore>,
+    seats: Arc<Seats>,
     missed: AtomicU64,
+    /// The newest state as text, with the moment that it is of: one for all pages.
+    text: Mutex<Option<(Instant, Utf8Bytes)>>,
     stop: watch::Receiver<bool>,
 }
 
 impl Streams {
     pub fn new(stop: watch::Receiver<bool>) -> Self {
-        Self { seats: Arc::new(Semaphore::new(STREAMS)), missed: AtomicU64::new(0), stop }
+        let seats = Arc::new(Seats::new(STREAMS));
+        Self { seats, missed: AtomicU64::new(0), text: Mutex::default(), stop }
     }
 
-    /// A place for one more, if there is one.
-    pub fn seat(&self) -> Result<OwnedSemaphorePermit, Refusal> {
-        let seat = Arc::clone(&self.seats).try_acquire_owned();
-        seat.map_err(|_| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
+    /// A seat for one more, if there is one. Whoever may ask for a stream is known: by the token, or as of this machine.
+    pub fn seat(&self, Peer(peer): Peer) -> Result<Seat, Refusal> {
+        let seat = self.seats.take(Origin::of(peer.ip()), true);
+        seat.ok_or_else(|| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
+    }
+
+    /// The state as a message.
+    fn message(&self, daemon: &Daemon) -> Message {
+        let as_of = daemon.states().borrow().as_of;
+        let mut text = self.text.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = text.as_ref().filter(|(of, _)| *of == as_of && of.elapsed() < REPEAT);
+        if let Some((_, known)) = known {
+            return Message::Text(known.clone());
+        }
+        let status = daemon.status();
+        let made = serde_json::to_string(&serde_json::json!({ "type": "status", "status": status }));
+        let made = Utf8Bytes::from(made.unwrap_or_default()); // numbers and texts always serialize
+        *text = Some((as_of, made.clone()));
+        Message::Text(made)
     }
 
     /// Says true when the daemon ends.
@@ -61,8 +82,12 @@ impl Streams {
 }
 
 /// Opens a stream.
-pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> Response {
-    let seat = match app.streams.seat() {
+pub(super) async fn open(
+    State(app): State<App>,
+    Extension(peer): Extension<Peer>,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let seat = match app.streams.seat(peer) {
         Ok(seat) => seat,
         Err(problem) => return problem.into_response(),
     };
@@ -72,13 +97,14 @@ pub(super) async fn open(State(app): State<App>, upgrade: WebSocketUpgrade) -> R
         .on_upgrade(move |socket| run(socket, app.daemon, app.streams, seat))
 }
 
-async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat: OwnedSemaphorePermit) {
+async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _seat: Seat) {
     let (mut sink, mut source) = socket.split();
     let mut states = daemon.states();
     let (cells, mut picture) = daemon.picture();
-    drop(daemon);
     let mut stop = streams.stop();
     let mut ping = tokio::time::interval(PING);
+    // a state that does not change any more is sent all the same: its age does
+    let mut repeat = tokio::time::interval(REPEAT);
     states.mark_changed();
     if send(&mut sink, Message::Binary(cells)).await.is_err() {
         return;
@@ -90,9 +116,13 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
                 break;
             }
             changed = states.changed() => match changed {
-                Ok(()) => text(&states.borrow_and_update().clone()),
+                Ok(()) => {
+                    repeat.reset();
+                    streams.message(&daemon)
+                }
                 Err(_) => break,
             },
+            _ = repeat.tick() => streams.message(&daemon),
             message = picture.recv() => match message {
                 Ok(bytes) => Message::Binary(bytes),
                 Err(RecvError::Lagged(missed)) => {
@@ -111,12 +141,6 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, seat
             break;
         }
     }
-    drop(seat);
-}
-
-fn text(status: &Status) -> Message {
-    let text = serde_json::to_string(&serde_json::json!({ "type": "status", "status": status }));
-    Message::Text(text.unwrap_or_default().into()) // numbers and texts always serialize
 }
 
 /// Hands over a message; an error when the other end takes none.

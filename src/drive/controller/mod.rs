@@ -1,6 +1,6 @@
 //! The host's side of the conversation with a rig: connect, home, arm, move, wait, read back, hold.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use firmware_protocol::command::CLEAR_KEY;
 use firmware_protocol::{
@@ -28,6 +28,8 @@ pub struct RigController<L> {
     connected: bool,
     interrupt: Interrupt,
     handled_interrupts: u8,
+    /// When the newest emergency stop was seen to be one.
+    stopped: Option<Instant>,
     reports_to: Option<ReportSink>,
 }
 
@@ -63,6 +65,7 @@ impl<L: Link> RigController<L> {
             connected: false,
             interrupt: Interrupt::default(),
             handled_interrupts: 0,
+            stopped: None,
             reports_to: None,
         };
         controller.open_session()?;
@@ -155,9 +158,25 @@ impl<L: Link> RigController<L> {
 
     /// Stops as fast as the rig can and latches that.
     pub fn e_stop(&mut self) -> Result<(), RigError> {
+        self.stop_now()?;
+        self.hear_fault()
+    }
+
+    /// An emergency stop that is known to be one; what it latched is heard of later.
+    fn stop_now(&mut self) -> Result<(), RigError> {
         self.order("e-stop", Order::EStop)?;
         self.see("an emergency stop", |state| state == State::EStop)?;
-        // what is latched comes with the next heartbeat; that it stopped is known without
+        self.stopped = Some(Instant::now());
+        Ok(())
+    }
+
+    /// The same, unless there has been one since this moment.
+    pub(in crate::drive) fn stop_since(&mut self, asked: Instant) -> Result<(), RigError> {
+        if self.stopped.is_some_and(|stopped| stopped >= asked) { Ok(()) } else { self.stop_now() }
+    }
+
+    /// Waits for what an emergency stop latched: it comes with the next heartbeat.
+    pub(in crate::drive) fn hear_fault(&mut self) -> Result<(), RigError> {
         let is_latched = |view: &View| view.heartbeat.is_some_and(|heartbeat| !heartbeat.faults.is_empty());
         self.ask("a heartbeat with the fault", &[], is_latched).or_else(|error| match error {
             RigError::NoAnswer { .. } => Ok(()),

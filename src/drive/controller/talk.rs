@@ -145,7 +145,7 @@ impl<L: Link> RigController<L> {
 
     fn stop_at_once(&mut self) -> Result<(), RigError> {
         self.handled_interrupts = self.interrupt.level();
-        self.e_stop()?;
+        self.stop_now()?;
         Err(RigError::Interrupted { action: "emergency stop" })
     }
 

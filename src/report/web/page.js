@@ -5,6 +5,8 @@
 const $ = (id) => document.getElementById(id);
 const scene = new Scene($("scene"));
 const STALE_MS = 3000;
+// what is older than this has its age beside it
+const OLD_MS = 2000;
 let last = { at: 0, status: null };
 let socket = null;
 let wait = 500;
@@ -167,6 +169,8 @@ function showSensors(sensors) {
     if (sensor.imu_samples) rows.push(["Inertial samples", count(sensor.imu_samples)]);
     if (sensor.position_packets) rows.push(["Position packets", `${count(sensor.position_packets)}${sensor.gps_valid === null ? "" : sensor.gps_valid ? ", GPS valid" : ", no GPS fix"}`]);
     if (sensor.warnings.length) rows.push(["It says", sensor.warnings.join("; "), "bad"]);
+    if (sensor.last_packet_age_s * 1000 > OLD_MS) rows.push(["Last packet", `${span(sensor.last_packet_age_s)} ago: all of this is that old`, "bad"]);
+    else if (sensor.decoded_age_ms > OLD_MS) rows.push(["Decoded", `${span(sensor.decoded_age_ms / 1000)} ago: what is decoded is that old`, "bad"]);
     rows.push(["Received on", `${sensor.address ?? "?"}${sensor.source ? ` from ${sensor.source}` : ""}`]);
     facts(card.lastElementChild, rows);
   });
@@ -256,7 +260,7 @@ function showRig(rig) {
     say(value, `Axis ${axis.axis}: ${degrees(axis.position_deg)}`);
     say(target, `target ${degrees(axis.target_deg)}`);
     const faults = [...axis.faults, ...axis.device_errors];
-    say(state, [axis.state.replace("_", "-"), axis.homed ? "homed" : "not homed", `angle ${axis.source}`, axis.temperature_c === null ? "" : `${axis.temperature_c} °C`, faults.length ? `FAULT ${faults.join(", ")}` : ""].filter(Boolean).join(", "));
+    say(state, [axis.state.replace("_", "-"), axis.homed ? "homed" : "not homed", `angle ${axis.source}${axis.age_ms > OLD_MS ? `, ${span(axis.age_ms / 1000)} old` : ""}`, axis.temperature_c === null ? "" : `${axis.temperature_c} °C`, faults.length ? `FAULT ${faults.join(", ")}` : ""].filter(Boolean).join(", "));
     mark(state, "hint", faults.length ? "bad" : "");
   });
   showPitches(axes, rig.mount_pitches_deg, armed && rig.busy === null);
