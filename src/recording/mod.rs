@@ -37,9 +37,11 @@
 mod disk;
 pub mod export;
 mod manifest;
+mod open;
 mod recording;
 mod session;
 mod ticker;
+mod whereabouts;
 mod whole_file;
 mod writer;
 
@@ -47,6 +49,7 @@ pub use disk::free_bytes;
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
 pub use session::{Session, SessionPackets};
+pub use whereabouts::Displaced;
 pub use writer::{LOW_DISK_BYTES, LOW_DISK_SECONDS, SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};
@@ -126,6 +129,31 @@ pub enum SessionError {
         written_bytes: u64,
         /// Packets that were received and could not be written.
         not_written: u64,
+    },
+    /// A file may not become larger.
+    #[error(
+        "{path} is as large as a file may be here (limits: `ulimit -f`, and 4 GiB on FAT32): {written_bytes} bytes of packets \
+         are safe in the session, {not_written} packets are lost; raise the limit, or let the daemon record in parts \
+         (--rotate-mib)",
+        path = path.display()
+    )]
+    FileTooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Bytes of packets.pcapng that were written.
+        written_bytes: u64,
+        /// Packets that were received and could not be written.
+        not_written: u64,
+    },
+    /// Files of the session were taken away while it was written.
+    #[error("{words}: {deleted} packets are lost with it", deleted = manifest.losses.deleted)]
+    Displaced {
+        /// What happened.
+        words: String,
+        /// The manifest, as the session ended.
+        manifest: Box<Manifest>,
+        /// Whether that lies in the folder.
+        is_kept: bool,
     },
     /// The session was closed before.
     #[error("the session {dir} is closed", dir = dir.display())]

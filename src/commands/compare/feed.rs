@@ -178,6 +178,7 @@ pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_
         fed.tell_strangers(&rig.sensors[place], router);
     }
     fed.losses.extend(session.problems().iter().cloned());
+    fed.losses.extend(packets.contradictions(session.manifest()));
     let is_undecoded = fed.sensors.iter().all(|sensor| sensor.frames == 0)
         && fed.sensors.iter().any(|sensor| sensor.packets_recorded > 0);
     anyhow::ensure!(

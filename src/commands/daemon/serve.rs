@@ -32,6 +32,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         host_names: args.host_name.clone(),
         listeners: args.foxglove_origin.clone(),
     })?;
+    crate::base::files::ensure_descriptors()?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
