@@ -2,6 +2,8 @@
 
 #[path = "session/crash.rs"]
 mod crash;
+#[path = "session/doubted.rs"]
+mod doubted;
 #[path = "session/limits.rs"]
 mod limits;
 #[path = "session/program.rs"]
@@ -74,6 +76,25 @@ pub const CASES: &[Case] = &[
         "what_cannot_be_written_is_an_error_of_every_verb",
         limits::what_cannot_be_written_is_an_error_of_every_verb,
     ),
+    case(
+        "a_sensor_that_was_silent_all_along_is_named_when_read",
+        doubted::a_sensor_that_was_silent_all_along_is_named_when_read,
+    ),
+    case(
+        "counters_that_contradict_the_packets_are_named_with_both_values",
+        doubted::counters_that_contradict_the_packets_are_named_with_both_values,
+    ),
+    case("files_that_no_digest_covers_are_named", doubted::files_that_no_digest_covers_are_named),
+    case("a_manifest_leads_nowhere_out_of_its_folder", doubted::a_manifest_leads_nowhere_out_of_its_folder),
+    case(
+        "what_is_no_file_in_a_session_is_named_and_not_waited_for",
+        doubted::what_is_no_file_in_a_session_is_named_and_not_waited_for,
+    ),
+    case(
+        "a_pipe_without_a_writer_is_said_and_not_waited_for",
+        doubted::a_pipe_without_a_writer_is_said_and_not_waited_for,
+    ),
+    case("buffers_of_a_gltf_lie_beside_it", doubted::buffers_of_a_gltf_lie_beside_it),
     case("too_few_files_are_an_error_and_no_panic", limits::too_few_files_are_an_error_and_no_panic),
     case(
         "ctrl_c_completes_the_session_and_replay_repeats_it",

@@ -280,23 +280,22 @@ fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<()> {
     if context.json {
         output::print_json(sent)?;
     } else {
+        let mut text = String::new();
         for (recorded, port) in &sent.ports {
-            println!(
-                "port {recorded}: {} packets to {}",
-                port.packets,
-                SocketAddr::new(args.to.ip, port.to_port)
-            );
+            let to = SocketAddr::new(args.to.ip, port.to_port);
+            text += &format!("port {recorded}: {} packets to {to}\n", port.packets);
         }
         if sent.senders.len() > 1 {
             for (sender, from) in &sent.senders {
-                println!("packets of {sender} come from {from}");
+                text += &format!("packets of {sender} come from {from}\n");
             }
         }
         if sent.not_mapped > 0 {
-            println!("{} packets of other ports not sent", sent.not_mapped);
+            text += &format!("{} packets of other ports not sent\n", sent.not_mapped);
         }
         let rounds = if args.again { format!(", {} whole rounds", sent.rounds) } else { String::new() };
-        println!("{} packets, {} bytes in {:.1} s{rounds}", sent.packets, sent.bytes, sent.wall_s);
+        text += &format!("{} packets, {} bytes in {:.1} s{rounds}\n", sent.packets, sent.bytes, sent.wall_s);
+        output::print_text(&text)?;
     }
     sent.losses.iter().chain(&sent.notices).for_each(|notice| output::say_notice(notice));
     Ok(())

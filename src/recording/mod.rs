@@ -31,6 +31,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! The folder may be moved or deleted meanwhile, or a file in it: [`SessionWriter::displaced`] says so within half a second,
+//! and another session goes on in its place ([`SessionWriter::succeed`]), which has what was lost in its manifest.
+//!
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 

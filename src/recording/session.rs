@@ -8,7 +8,7 @@ use sensors::capture::{CaptureCounters, CaptureReader};
 use super::manifest::Manifest;
 use super::{SessionError, disk, file};
 use crate::base::files;
-use crate::rig::MountFile;
+use crate::rig::{MountFile, MountFileError};
 use crate::world::trajectory::Trajectory;
 
 /// A session that was opened for reading.
@@ -119,7 +119,10 @@ impl Session {
             return Ok(None);
         }
         let wrong = |reason: String| SessionError::Content { path: path.clone(), reason };
-        MountFile::read_inside(&self.dir, file::MOUNT).map(Some).map_err(|error| wrong(error.to_string()))
+        MountFile::read_inside(&self.dir, file::MOUNT).map(Some).map_err(|error| match error {
+            MountFileError::Unreadable { source, .. } => SessionError::io(&path, "cannot be read", source),
+            other => wrong(other.to_string()),
+        })
     }
 
     /// Metadata of an Ouster sensor, JSON; none for a sensor without.

@@ -107,7 +107,9 @@ impl SessionWriter {
         }
         let make = |name: &str| -> Result<File, SessionError> {
             let path = dir.join(name);
-            File::create_new(&path).map_err(|error| SessionError::io(&path, "cannot be made", error))
+            // appending: a file that someone cuts stays shorter than what was written, which is seen
+            let made = File::options().append(true).create_new(true).open(&path);
+            made.map_err(|error| SessionError::io(&path, "cannot be made", error))
         };
         let [packets, servo, events] = OPEN_FILES.map(make);
         let files = [packets?, servo?, events?];
