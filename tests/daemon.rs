@@ -45,6 +45,10 @@ pub const CASES: &[Case] = &[
         "a_wish_to_stop_that_is_told_twice_closes_the_session",
         storage::a_wish_to_stop_that_is_told_twice_closes_the_session,
     ),
+    case(
+        "a_session_that_is_taken_away_goes_on_in_another",
+        storage::a_session_that_is_taken_away_goes_on_in_another,
+    ),
     case("a_slow_disk_is_named_and_its_losses_counted", storage::a_slow_disk_is_named_and_its_losses_counted),
     case(
         "a_flood_fills_memory_to_its_bound_and_no_further",

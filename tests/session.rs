@@ -2,12 +2,18 @@
 
 #[path = "session/crash.rs"]
 mod crash;
+#[path = "session/doubted.rs"]
+mod doubted;
+#[path = "session/limits.rs"]
+mod limits;
 #[path = "session/program.rs"]
 mod program;
 #[path = "session/receive.rs"]
 mod receive;
 #[path = "session/round_trip.rs"]
 mod round_trip;
+#[path = "session/taken_away.rs"]
+mod taken_away;
 
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -39,6 +45,57 @@ pub const CASES: &[Case] = &[
         crash::can_mount,
         crash::a_full_disk_ends_the_session_in_order,
     ),
+    case(
+        "a_folder_moved_while_recording_is_closed_there_and_recording_goes_on",
+        taken_away::a_folder_moved_while_recording_is_closed_there_and_recording_goes_on,
+    ),
+    case(
+        "a_folder_deleted_while_recording_is_counted_and_recording_goes_on",
+        taken_away::a_folder_deleted_while_recording_is_counted_and_recording_goes_on,
+    ),
+    case(
+        "a_link_in_place_of_the_folder_is_not_followed",
+        taken_away::a_link_in_place_of_the_folder_is_not_followed,
+    ),
+    case(
+        "a_file_taken_from_a_session_is_named_and_its_packets_counted",
+        taken_away::a_file_taken_from_a_session_is_named_and_its_packets_counted,
+    ),
+    case("what_is_left_of_a_cut_file_is_counted", taken_away::what_is_left_of_a_cut_file_is_counted),
+    with_machine(
+        "an_unmounted_disk_is_closed_through_what_is_open",
+        "no small file system can be mounted here (unshare, mount)",
+        crash::can_mount,
+        taken_away::an_unmounted_disk_is_closed_through_what_is_open,
+    ),
+    case(
+        "a_file_that_may_not_grow_ends_the_session_in_order",
+        limits::a_file_that_may_not_grow_ends_the_session_in_order,
+    ),
+    case(
+        "what_cannot_be_written_is_an_error_of_every_verb",
+        limits::what_cannot_be_written_is_an_error_of_every_verb,
+    ),
+    case(
+        "a_sensor_that_was_silent_all_along_is_named_when_read",
+        doubted::a_sensor_that_was_silent_all_along_is_named_when_read,
+    ),
+    case(
+        "counters_that_contradict_the_packets_are_named_with_both_values",
+        doubted::counters_that_contradict_the_packets_are_named_with_both_values,
+    ),
+    case("files_that_no_digest_covers_are_named", doubted::files_that_no_digest_covers_are_named),
+    case("a_manifest_leads_nowhere_out_of_its_folder", doubted::a_manifest_leads_nowhere_out_of_its_folder),
+    case(
+        "what_is_no_file_in_a_session_is_named_and_not_waited_for",
+        doubted::what_is_no_file_in_a_session_is_named_and_not_waited_for,
+    ),
+    case(
+        "a_pipe_without_a_writer_is_said_and_not_waited_for",
+        doubted::a_pipe_without_a_writer_is_said_and_not_waited_for,
+    ),
+    case("buffers_of_a_gltf_lie_beside_it", doubted::buffers_of_a_gltf_lie_beside_it),
+    case("too_few_files_are_an_error_and_no_panic", limits::too_few_files_are_an_error_and_no_panic),
     case(
         "ctrl_c_completes_the_session_and_replay_repeats_it",
         program::ctrl_c_completes_the_session_and_replay_repeats_it,

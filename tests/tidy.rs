@@ -11,6 +11,7 @@ pub const CASES: &[Case] = &[
     case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
     case("no_path_of_one_machine", no_path_of_one_machine),
+    case("files_are_opened_for_reading_in_one_place", files_are_opened_for_reading_in_one_place),
     case("every_dependency_has_its_reason", every_dependency_has_its_reason),
 ];
 
@@ -76,6 +77,35 @@ fn no_files_import_each_other_in_a_circle() {
     let circles: Vec<String> =
         folders.iter().flat_map(|folder| circles::circles(&root().join(folder))).collect();
     assert!(circles.is_empty(), "files that import each other in a circle:\n{}", circles.join("\n"));
+}
+
+/// A path may lead to a pipe that nobody writes to or a device that never ends: `src/files.rs` has what refuses them.
+fn files_are_opened_for_reading_in_one_place() {
+    // what the system has under /proc and /sys, the captures of a command line (pipes among them), a session being written
+    const OTHERS: [&str; 7] = [
+        "files.rs",
+        "commands/doctor.rs",
+        "commands/recording.rs",
+        "daemon/engine/memory.rs",
+        "mock/transmit.rs",
+        "record/whereabouts.rs",
+        "servo/usb.rs",
+    ];
+    let mut offences = Vec::new();
+    for file in rust_files(&root().join("src")) {
+        let relative = file.strip_prefix(root().join("src")).unwrap();
+        if OTHERS.iter().any(|other| relative == Path::new(other)) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&file).unwrap();
+        let code = text.split("#[cfg(test)]").next().unwrap();
+        for (number, line) in code.lines().enumerate() {
+            if ["fs::read(", "fs::read_to_string(", "File::open("].iter().any(|call| line.contains(call)) {
+                offences.push(format!("{}:{}", relative.display(), number + 1));
+            }
+        }
+    }
+    assert!(offences.is_empty(), "use crate::files to read:\n{}", offences.join("\n"));
 }
 
 /// Public fields of type f64 or u64 that measure something say in what: a bare `range: f64` is refused.

@@ -1,9 +1,12 @@
-//! Files that appear under their name only when they are whole, text files, and checksums as text.
+//! Files that appear under their name only when they are whole, files that another file names, text files, and checksums as
+//! text.
 
-use std::fs::File;
-use std::io::{self, Write as _};
-use std::path::Path;
+use std::fs::{File, FileType};
+use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{FileTypeExt as _, OpenOptionsExt as _};
+use std::path::{Component, Path, PathBuf};
 
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use tempfile::NamedTempFile;
 
 /// A nameless file in the folder of `path`, as readable as the user's umask makes other files; persist it to `path`
@@ -50,12 +53,102 @@ pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     sync_folder(folder_of(path))
 }
 
+/// Opens a file on a disk; anything else (a folder, a pipe, a device) is an error, and never waited for.
+pub fn open(path: &Path) -> io::Result<File> {
+    let (file, kind) = open_at_once(path)?;
+    if kind.is_fifo() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "it is a pipe, expected a file"));
+    }
+    Ok(file)
+}
+
+/// Reads a file, or a pipe that someone writes to (a shell's `<(command)`); a pipe without a writer would be waited for
+/// for ever, and a device may never end.
+pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let (mut file, kind) = open_at_once(path)?;
+    let mut content = Vec::new();
+    if kind.is_fifo() {
+        let mut start = [0; 4096];
+        match file.read(&mut start) {
+            Ok(0) => {
+                let words = "it is a pipe that nobody writes to, expected a file";
+                return Err(io::Error::new(io::ErrorKind::InvalidInput, words));
+            }
+            Ok(count) => content.extend_from_slice(&start[..count]),
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {} // its writer is not so far
+            Err(error) => return Err(error),
+        }
+        fcntl(&file, FcntlArg::F_SETFL(OFlag::empty()))?;
+    }
+    file.read_to_end(&mut content)?;
+    Ok(content)
+}
+
+/// Opens what can be read to its end: a file or a pipe, without waiting for a pipe's writer.
+fn open_at_once(path: &Path) -> io::Result<(File, FileType)> {
+    let file = File::options().read(true).custom_flags(OFlag::O_NONBLOCK.bits()).open(path)?;
+    let kind = file.metadata()?.file_type();
+    if kind.is_dir() {
+        return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder, expected a file"));
+    }
+    if !kind.is_file() && !kind.is_fifo() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "it is a device, expected a file"));
+    }
+    Ok((file, kind))
+}
+
+/// The path of a file that another file in `folder` names. Who wrote that may be anyone: the name may not lead out of the
+/// folder, be it by itself or by a link.
+pub fn inside(folder: &Path, named: &Path) -> io::Result<PathBuf> {
+    ensure_inside(named)?;
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let path = folder.join(named);
+    let real = path.canonicalize()?;
+    if !real.starts_with(folder.canonicalize()?) {
+        let words =
+            format!("it is a link out of its folder, to {}; expected a file in the folder", real.display());
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, words));
+    }
+    Ok(path)
+}
+
+/// Whether a name can be that of a file in a folder: it is no absolute path and has no `..`.
+pub fn ensure_inside(named: &Path) -> io::Result<()> {
+    let is_inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+    if named.as_os_str().is_empty() || !named.components().all(is_inside) {
+        let words =
+            format!("{:?} leads out of the folder; expected a path in it, without `..`", named.display());
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, words));
+    }
+    Ok(())
+}
+
+/// Opens the file that another file in `folder` names, as [`inside`] and [`open`] allow.
+pub fn open_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<File> {
+    open(&inside(folder, named.as_ref())?)
+}
+
+/// Reads that file.
+pub fn read_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<Vec<u8>> {
+    let mut content = Vec::new();
+    open_inside(folder, named)?.read_to_end(&mut content)?;
+    Ok(content)
+}
+
 /// Reads a text file.
 ///
 /// # Errors
 /// What the system says, or the first byte that is no text: some other file was named.
 pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
-    String::from_utf8(std::fs::read(path)?).map_err(|error| {
+    text(read(path.as_ref())?)
+}
+
+/// Bytes as text.
+///
+/// # Errors
+/// The first byte that is none.
+pub fn text(bytes: Vec<u8>) -> io::Result<String> {
+    String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let byte = error.as_bytes()[at];
         let words = format!("expected text in UTF-8, found {byte:#04x} at byte {at}: another kind of file?");
@@ -68,6 +161,20 @@ pub fn write_json(path: &Path, document: &impl serde::Serialize) -> io::Result<(
     let mut text = serde_json::to_vec_pretty(document).map_err(io::Error::other)?;
     text.push(b'\n');
     write_whole(path, &text)
+}
+
+/// Descriptors that a runtime, its sockets and a session take at most.
+const DESCRIPTORS: usize = 16;
+
+/// Refuses to go on where hardly any file can be opened any more: the library that waits for sockets and signals panics then.
+pub fn ensure_descriptors() -> io::Result<()> {
+    let opened: io::Result<Vec<File>> = (0..DESCRIPTORS).map(|_| File::open("/dev/null")).collect();
+    opened.map(drop).map_err(|error| {
+        let words = format!(
+            "fewer than {DESCRIPTORS} more files can be opened ({error}): raise the limit (`ulimit -n 1024`)"
+        );
+        io::Error::new(error.kind(), words)
+    })
 }
 
 /// Brings the names in a folder to the disk.

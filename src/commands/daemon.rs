@@ -25,7 +25,8 @@ pub use serve::run;
 const AFTER: &str = "\
 Sensors, the rig and the prediction come from the same rig.toml: [[sensor]], [rig] (port, limits_deg, ...), [record] \
 (receive_buffer) and [predict] (mount, scene or room, trajectory). Prints the address of its page when everything runs. \
-Exit codes: 0 ended as told; 3 ended as told, but packets were lost while recording or a recording ended by itself; \
+Exit codes: 0 ended as told; 3 ended as told, but packets were lost while recording, a session was moved or deleted meanwhile, or a recording ended \
+by itself; \
 1 it cannot start or go on: a port, the rig or the page's address is another program's; \
 101 a defect: a part of it died, and it ended in order.";
 

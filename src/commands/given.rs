@@ -125,7 +125,7 @@ fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
         (None, None) => (Whose::Everyone, file.path.clone()),
     };
     let name = path.display().to_string();
-    let bytes = std::fs::read(&path).with_context(|| name.clone())?;
+    let bytes = crate::base::files::read(&path).with_context(|| name.clone())?;
     let calibration = Calibration::from_bytes(&bytes).with_context(|| name.clone())?;
     Ok(GivenCalibration { whose, name, calibration })
 }

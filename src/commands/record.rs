@@ -10,14 +10,14 @@ use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::ouster::Metadata;
 
 use super::rig::by_axis;
-use super::signals::Wishes;
+use super::signals::{self, Wishes};
 use super::{Context, Outcome, output};
 use crate::live::config::{SensorConfig, Stream};
 use crate::live::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
 use crate::live::receive::{aside_of, is_aside};
 use crate::live::setup::{Sensor, warnings};
 use crate::live::watch::{FirstLook, FirstLooks};
-use crate::recording::{Manifest, Recording, SensorInfo, SessionWriter};
+use crate::recording::{Losses, Manifest, Recording, SensorInfo, SessionError, SessionWriter};
 use crate::rig::{CalibrationFile, MountFile, Rig};
 
 /// How often counters are looked at.
@@ -61,6 +61,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let looks = FirstLooks::new(
         wanted.iter().zip(&metadata).map(|(w, m)| first_look(w, m.as_deref(), &listens)).collect(),
     );
+    let runtime = signals::runtime()?;
     let options =
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
     let receiver = Receiver::start(&listens, options)?;
@@ -80,22 +81,27 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         .map(|(sensor, (listen, metadata))| SensorInfo::of(listen, receiver.address(sensor), metadata))
         .collect();
     let dir = args.out.clone().unwrap_or_else(|| PathBuf::from(crate::recording::folder_name_now()));
-    let session = SessionWriter::create(&dir, &infos)?;
-    if let Some(Seats { mount, rig, calibrations }) = &seats {
-        session.put_mount(mount, calibrations)?;
+    let mut parts = Parts::new(dir, infos, seats);
+    let session = parts.begin()?;
+    if let Some(Seats { rig, .. }) = &parts.seats {
         warn_unseated(rig, &listens);
     }
     let shown = looks.clone();
-    let recording = Recording::start_beside(receiver, session, move |batch| {
+    let mut recording = Recording::start_beside(receiver, session, move |batch| {
         shown.take(batch.iter().map(|datagram| (datagram.sensor, datagram.packet())));
     })?;
-    let runtime =
-        tokio::runtime::Builder::new_current_thread().enable_all().build().context("no tokio runtime")?;
-    let mut unread = runtime.block_on(watch(&recording, &listens, &looks, args.duration))?;
+    let watched = runtime.block_on(watch(&mut recording, &mut parts, &listens, &looks, args.duration));
     let monitor = recording.monitor().clone();
-    let manifest = recording.stop()?;
-    unread.extend(looks.conclude().into_iter().map(|news| unreadable(&listens, &news)));
-    conclude(&manifest, &monitor, unread, &dir, context)
+    let session = recording.session();
+    let closed = recording.stop(); // in order, also where watching failed
+    let manifest = match closed {
+        Err(SessionError::Displaced { manifest, .. }) => *manifest,
+        closed => closed?,
+    };
+    let mut warnings = watched?;
+    parts.displaced.extend(session.displaced().map(|displaced| displaced.words.clone()));
+    warnings.extend(looks.conclude().into_iter().map(|news| unreadable(&listens, &news)));
+    conclude(&manifest, &monitor, &parts, warnings, context)
 }
 
 /// The sensors that were typed; otherwise those of the rig's file.
@@ -161,10 +167,62 @@ fn unreadable(listens: &[Listen], (sensor, words): &(usize, String)) -> String {
     format!("{}: {words}", listens[*sensor].name)
 }
 
+/// The sessions of a recording: one, and another for each that is taken away meanwhile.
+struct Parts {
+    /// The folder that was asked for; a path that holds whatever becomes of the folder that the program runs in.
+    asked: PathBuf,
+    /// The folder that is written to.
+    dir: PathBuf,
+    infos: Vec<SensorInfo>,
+    seats: Option<Seats>,
+    /// What was lost in those that were closed, as their manifests have it.
+    losses: Losses,
+    /// What became of them.
+    displaced: Vec<String>,
+}
+
+impl Parts {
+    fn new(dir: PathBuf, infos: Vec<SensorInfo>, seats: Option<Seats>) -> Self {
+        let asked = std::path::absolute(&dir).unwrap_or_else(|_| dir.clone());
+        Self { asked, dir, infos, seats, losses: Losses::default(), displaced: Vec::new() }
+    }
+
+    fn begin(&self) -> anyhow::Result<SessionWriter> {
+        let session = SessionWriter::create(&self.dir, &self.infos)?;
+        if let Some(Seats { mount, calibrations, .. }) = &self.seats {
+            session.put_mount(mount, calibrations)?;
+        }
+        Ok(session)
+    }
+
+    /// Goes on in a new session: under the same name where that is free, as programs read that.
+    fn go_on(&mut self, recording: &mut Recording, words: &str) -> anyhow::Result<()> {
+        let numbered = (2..).map(|number| {
+            let mut name = self.asked.clone().into_os_string();
+            name.push(format!("-{number}"));
+            PathBuf::from(name)
+        });
+        let is_free = |path: &PathBuf| path.symlink_metadata().is_err();
+        self.dir = std::iter::once(self.asked.clone()).chain(numbered).find(is_free).unwrap_or_default();
+        let next = self.begin().with_context(|| format!("{words}, and recording cannot go on"))?;
+        let event = serde_json::json!({"time_ns": now_ns(), "event": "session_displaced", "words": words});
+        next.write_event(&event)?;
+        self.displaced.push(words.to_owned());
+        match recording.go_on_in(next) {
+            Ok(manifest) => self.losses.add(&manifest.losses),
+            Err(SessionError::Displaced { manifest, is_kept: true, .. }) => self.losses.add(&manifest.losses),
+            Err(SessionError::Displaced { is_kept: false, .. }) => {} // the session that goes on has them
+            Err(error) => self.displaced.push(error.to_string()),
+        }
+        Ok(())
+    }
+}
+
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself. What is wrong with the packets is
 /// said at once, and returned.
 async fn watch(
-    recording: &Recording,
+    recording: &mut Recording,
+    parts: &mut Parts,
     listens: &[Listen],
     looks: &FirstLooks,
     duration: Option<Duration>,
@@ -186,6 +244,11 @@ async fn watch(
             _ = tick.tick() => {}
         }
         bar.set_message(status_line(recording, listens));
+        if let Some(displaced) = recording.session().displaced() {
+            parts.go_on(recording, &displaced.words)?;
+            let (words, dir) = (&displaced.words, parts.dir.display());
+            bar.suspend(|| say(&format!("warning: {words}; recording goes on in {dir}")));
+        }
         for news in silence.look(recording.monitor(), Instant::now()) {
             let name = &listens[news.sensor].name;
             bar.suspend(|| say(&format!("{name}: {}", news.words)));
@@ -231,10 +294,12 @@ fn status_line(recording: &Recording, listens: &[Listen]) -> String {
 fn conclude(
     manifest: &Manifest,
     monitor: &Monitor,
+    parts: &Parts,
     mut warnings: Vec<String>,
-    dir: &Path,
     context: Context,
 ) -> anyhow::Result<Outcome> {
+    warnings.extend(parts.displaced.iter().cloned());
+    let dir = &parts.dir;
     for socket in monitor.sockets() {
         if let (foreign @ 1.., Some(first)) =
             (socket.counters.foreign_source, socket.counters.first_foreign_source)
@@ -246,11 +311,14 @@ fn conclude(
             ));
         }
     }
-    for sensor in manifest.sensors.iter().filter(|sensor| sensor.packets == 0) {
-        warnings.push(format!("{}: not one packet came", sensor.name));
-    }
-    let losses = manifest.losses;
-    let lost = losses.total() > 0 || manifest.sensors.iter().any(|sensor| sensor.packets == 0);
+    let came = monitor.sensors().into_iter().map(|counters| counters.packets);
+    let silent = manifest.sensors.iter().zip(came).filter(|(_, came)| *came == 0);
+    let silent: Vec<String> =
+        silent.map(|(sensor, _)| format!("{}: not one packet came", sensor.name)).collect();
+    let mut losses = manifest.losses;
+    losses.add(&parts.losses);
+    let lost = losses.total() > 0 || !silent.is_empty() || !parts.displaced.is_empty();
+    warnings.extend(silent);
     if context.json {
         output::print_json(&serde_json::json!({
             "session": dir, "complete": manifest.complete, "sensors": manifest.sensors, "sockets": manifest.sockets,
@@ -265,7 +333,11 @@ fn conclude(
         }
         if losses.total() > 0 {
             let (kernel, queue) = (losses.kernel_dropped, losses.queue_dropped);
-            say(&format!("lost: {kernel} in the kernel's buffer, {queue} in the queue to the disk"));
+            let deleted = match losses.deleted {
+                0 => String::new(),
+                deleted => format!(", {deleted} whose file was taken away"),
+            };
+            say(&format!("lost: {kernel} in the kernel's buffer, {queue} in the queue to the disk{deleted}"));
         }
         output::print_text(&format!("{}\n", dir.display()))?;
     }

@@ -34,6 +34,18 @@ pub fn ensure_recording(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The packets of a session: a file that lies in its folder.
+pub fn packets_of(session: &Path) -> anyhow::Result<PathBuf> {
+    let path = session.join(crate::recording::file::PACKETS);
+    inside_of(session, &path).with_context(|| path.display().to_string())?;
+    Ok(path)
+}
+
+/// Whether a path in a folder leads to a file there.
+fn inside_of(folder: &Path, path: &Path) -> std::io::Result<()> {
+    crate::base::files::open_inside(folder, path.strip_prefix(folder).unwrap_or(path)).map(drop)
+}
+
 /// Looks at packets before any is decoded: `look` learns from one and says whether nothing is left to learn; none at the
 /// end of the packets.
 pub fn look_first(mut look: impl FnMut() -> Option<bool>) {
@@ -89,12 +101,19 @@ impl Recording {
         let (mut session, mut is_tied_by_session, mut unreadable) = (None, false, Vec::new());
         if capture.is_dir() {
             let manifest = Manifest::read(capture)?;
-            path = capture.join(crate::recording::file::PACKETS);
+            path = packets_of(capture)?;
             if paths.is_empty() {
                 let mut files = session_metadata(capture)?;
                 let named = manifest.sensors.iter().filter_map(|entry| entry.metadata.as_ref());
                 let named: Vec<PathBuf> = named.map(|relative| capture.join(relative)).collect();
                 files.extend(named.into_iter().filter(|file| !file.exists()));
+                files.retain(|file| match inside_of(capture, file) {
+                    Err(error) => {
+                        unreadable.push(format!("{}: cannot be read: {error}", file.display()));
+                        false
+                    }
+                    Ok(()) => true,
+                });
                 // units whose packets do not say whose they are were recorded from ports of their own
                 let tied = |path: PathBuf| TiedFile { tie: recorded_from(&manifest, capture, &path), path };
                 paths = files.into_iter().map(tied).collect();
@@ -179,7 +198,8 @@ impl Recording {
         let mut known: Vec<Metadata> = Vec::new();
         let mut describes = |path: &PathBuf| {
             let small = std::fs::metadata(path).is_ok_and(|file| file.len() < MOST_METADATA_BYTES);
-            let text = if small { std::fs::read_to_string(path).unwrap_or_default() } else { String::new() };
+            let text =
+                if small { crate::base::files::read_text(path).unwrap_or_default() } else { String::new() };
             // what does not read as metadata is not what is looked for
             let Ok(metadata) = Metadata::parse(&text, "") else { return false };
             let length = metadata.packet_format().packet_bytes();
@@ -288,9 +308,14 @@ impl Recording {
         };
         let bar = progress_bar(&self.path);
         let mut packets = 0_u64;
+        let mut found = Vec::new();
         let damage = loop {
-            match reader.next() {
-                Ok(Some(packet)) => take(&packet)?,
+            match reader.next_from() {
+                Ok(Some((interface, packet))) => {
+                    found.resize(found.len().max(interface + 1), 0);
+                    found[interface] += 1;
+                    take(&packet)?;
+                }
                 Ok(None) => break None,
                 Err(error) => break Some(error),
             }
@@ -300,7 +325,10 @@ impl Recording {
             }
         };
         bar.finish_and_clear();
-        let of_session = self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| manifest.missing());
+        let of_session = self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| {
+            let contradictions = manifest.contradictions(&found, reader.interfaces());
+            manifest.missing().into_iter().chain(manifest.silent(&found)).chain(contradictions).collect()
+        });
         Ok(Ending {
             counters: reader.counters().clone(),
             unread: damage.as_ref().and_then(|damage| self.unread_behind(damage, &reader)),

@@ -14,7 +14,7 @@ use sensors::capture::CaptureReader;
 use super::recording::{self, capture_losses};
 use super::{Context, Outcome, output, signals};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
-use crate::recording::{Session, file};
+use crate::recording::Session;
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;
@@ -271,7 +271,7 @@ fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
         return Ok(capture.to_owned());
     }
     if Session::is_session(capture) {
-        return Ok(capture.join(file::PACKETS));
+        return recording::packets_of(capture);
     }
     bail!("{} is a folder without manifest.json: give a capture file or a session", capture.display())
 }

@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
+use tokio::runtime::Runtime;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::output;
@@ -65,12 +66,15 @@ impl Wishes {
     }
 }
 
+/// A runtime on this thread that can wait for signals.
+pub fn runtime() -> anyhow::Result<Runtime> {
+    crate::base::files::ensure_descriptors()?;
+    tokio::runtime::Builder::new_current_thread().enable_all().build().context("no runtime can be made")
+}
+
 /// One message for each [wish](Wishes) from now on, in place of ending the program.
 pub fn interrupts() -> anyhow::Result<Receiver<()>> {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .context("no runtime for signals can be made")?;
+    let runtime = runtime()?;
     let (sender, receiver) = channel();
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
@@ -104,12 +108,13 @@ fn flag_then(follows: impl FnOnce(&Receiver<()>) + Send + 'static) -> anyhow::Re
     let interrupts = interrupts()?;
     let flag = Arc::new(AtomicBool::new(false));
     let setter = Arc::clone(&flag);
-    std::thread::spawn(move || {
+    let wait = move || {
         if interrupts.recv().is_ok() {
             setter.store(true, Ordering::Relaxed);
             follows(&interrupts);
         }
-    });
+    };
+    std::thread::Builder::new().spawn(wait).context("no thread for signals can be started")?;
     Ok(flag)
 }
 

@@ -32,7 +32,7 @@ impl SampleArgs {
         let Some(path) = &self.samples else {
             return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
         };
-        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let bytes = crate::base::files::read(path).with_context(|| path.display().to_string())?;
         let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
         SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
     }

@@ -12,8 +12,8 @@ const KEPT: usize = 100;
 /// Lines that may wait for the recorder before they are dropped and counted.
 const WAITING: usize = 4096;
 
-/// Events that end a recording early.
-const FAILURES: [&str; 2] = ["disk_full", "recording_failed"];
+/// Events that end a recording early, or take a session away.
+const FAILURES: [&str; 3] = ["disk_full", "recording_failed", "session_displaced"];
 /// Events that someone should see to.
 const TROUBLES: [&str; 14] = [
     "axis_not_homed",

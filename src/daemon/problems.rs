@@ -161,6 +161,16 @@ fn of_recorder(recorder: &RecorderStatus, list: &mut List) {
             list.error("recorder", "disk_full", what, make_room);
         }
     }
+    if let (true, Some(last)) =
+        (recorder.recording, recorder.last.as_ref().filter(|last| last.why == "displaced"))
+    {
+        let what =
+            format!("{}.", last.failure.as_deref().unwrap_or("A session was taken away while recording"));
+        let on = recorder.session.as_deref().unwrap_or("another session");
+        let advice =
+            format!("Recording goes on in {on}. Leave the folder of a session alone until it is closed.");
+        list.error("recorder", "session_displaced", what, advice);
+    }
     if recorder.low_disk {
         let left = match recorder.seconds_left {
             Some(left_s) if recorder.recording => format!(", about {:.0} min at this rate", left_s / 60.0),

@@ -328,7 +328,10 @@ impl Worker {
         let tally = self.intake.tally().since(&open.before);
         let event = serde_json::json!({"time_ns": now_ns(), "event": "end", "why": why});
         let _ = open.session.write_event(&event); // closing tells of a disk that takes no more
-        let closed = open.session.close(Some(&tally));
+        let closed = match &self.open {
+            Some(next) => next.session.succeed(&open.session, Some(&tally)),
+            None => open.session.close(Some(&tally)),
+        };
         let mut last = LastSession {
             name: open.name,
             dir: open.session.dir().to_owned(),
@@ -339,14 +342,21 @@ impl Worker {
             lost: tally.lost(),
             failure: None,
         };
-        match closed.map_err(|error| (error.to_string(), Manifest::read(open.session.dir()))) {
+        let mut lost_here = true;
+        match closed {
             Ok(manifest) => last.take(&manifest),
-            Err((error, manifest)) => {
-                if let Ok(manifest) = manifest {
+            Err(error) => {
+                last.failure = Some(error.to_string());
+                if let SessionError::Displaced { manifest, is_kept, .. } = error {
+                    last.take(&manifest);
+                    lost_here = is_kept || self.open.is_none(); // else the session that goes on has them
+                } else if let Ok(manifest) = Manifest::read(open.session.dir()) {
                     last.take(&manifest);
                 }
-                last.failure = Some(error);
             }
+        }
+        if let Some(displaced) = open.session.displaced() {
+            last.failure.get_or_insert(displaced.words.clone());
         }
         match &last.failure {
             Some(failure) => self.journal.tell("recording_failed", format!("{}: {failure}", last.name)),
@@ -357,7 +367,7 @@ impl Worker {
         }
         let mut state = self.status.lock().unwrap_or_else(PoisonError::into_inner);
         state.sessions += 1;
-        state.lost += last.lost;
+        state.lost += if lost_here { last.lost } else { 0 };
         state.failed |= last.failure.is_some();
         state.last = Some(last.clone());
         last
@@ -389,7 +399,12 @@ impl Worker {
         let full = state.free_bytes.is_some_and(|free_bytes| free_bytes < self.settings.stop_below_bytes);
         let old = self.settings.rotate_after.is_some_and(|after| open.begun.elapsed() >= after);
         let large = self.settings.rotate_bytes.is_some_and(|bytes| self.tap.counts()[1] >= bytes);
-        if self.tap.has_failed() {
+        if let Some(displaced) = open.session.displaced().cloned() {
+            self.journal.tell("session_displaced", displaced.words);
+            if self.rotate("displaced").is_err() {
+                self.end_early("displaced");
+            }
+        } else if self.tap.has_failed() {
             self.end_early("failed");
         } else if full {
             self.journal.tell("disk_full", "recording ends in good order: the disk is nearly full");

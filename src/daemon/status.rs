@@ -324,7 +324,7 @@ pub struct LastSession {
     /// Its folder on this host.
     #[serde(skip)]
     pub dir: PathBuf,
-    /// Why it was closed: `stopped`, `rotated`, `reconfigured`, `disk_full`, `failed`.
+    /// Why it was closed: `stopped`, `rotated`, `reconfigured`, `disk_full`, `displaced`, `failed`.
     pub why: &'static str,
     /// Everything received is in it or counted.
     pub complete: bool,

@@ -1,6 +1,5 @@
 //! Small services of the file system: whole files, checksums, free space.
 
-use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::Path;
 
@@ -18,7 +17,7 @@ pub(super) fn write_whole(path: &Path, content: &[u8]) -> Result<(), SessionErro
 pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionError> {
     let path = dir.join(relative);
     let failed = |error| SessionError::io(&path, "cannot be read", error);
-    let mut file = File::open(&path).map_err(failed)?;
+    let mut file = files::open_inside(dir, relative).map_err(failed)?;
     let mut hash = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
     let mut bytes = 0;

@@ -1,9 +1,13 @@
 //! `manifest.json`: what a session holds and what it lost.
 
+use std::fmt::Display;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
 
+use sensors::capture::Interface;
+
 use super::{SessionError, file};
+use crate::base::files;
 use crate::live::clocks::host::HostTime;
 use crate::live::receive::SocketReport;
 
@@ -30,11 +34,15 @@ pub struct Manifest {
     /// Why it ended early, where it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
+    /// What was taken away from the session that this one goes on from, where anything was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub follows: Option<String>,
     /// Sensors in the order of their interfaces in packets.pcapng.
     pub sensors: Vec<SensorEntry>,
     /// Sockets they were received on.
     pub sockets: Vec<SocketReport>,
     /// Files, complete only when the session is.
+    #[serde(default)]
     pub files: Vec<FileEntry>,
     /// Sum of all losses.
     pub losses: Losses,
@@ -59,7 +67,9 @@ impl Manifest {
             let words = entry.losses.words();
             (!words.is_empty()).then(|| format!("{}: packets lost while recording: {words}", entry.name))
         };
-        self.ended_early().into_iter().chain(self.sensors.iter().filter_map(lost)).collect()
+        let before =
+            self.follows.iter().map(|words| format!("this session goes on from another one: {words}"));
+        self.ended_early().into_iter().chain(before).chain(self.sensors.iter().filter_map(lost)).collect()
     }
 }
 
@@ -94,12 +104,15 @@ pub struct Losses {
     pub queue_dropped: u64,
     /// Received, but the disk did not take them.
     pub not_written: u64,
+    /// Written, but their file was deleted or cut while recording.
+    #[serde(default)]
+    pub deleted: u64,
 }
 
 impl Losses {
     /// All of them.
     pub fn total(&self) -> u64 {
-        self.kernel_dropped + self.queue_dropped + self.not_written
+        self.kernel_dropped + self.queue_dropped + self.not_written + self.deleted
     }
 
     /// Each kind that there was; empty without losses.
@@ -108,16 +121,19 @@ impl Losses {
             (self.kernel_dropped, "dropped by the kernel, whose buffer was full"),
             (self.queue_dropped, "for which the recorder was too slow"),
             (self.not_written, "that the disk did not take"),
+            (self.deleted, "whose file was deleted or cut meanwhile"),
         ];
         let words =
             kinds.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
         words.collect::<Vec<_>>().join(", ")
     }
 
-    pub(super) fn add(&mut self, other: &Self) {
+    /// Adds those of another part.
+    pub fn add(&mut self, other: &Self) {
         self.kernel_dropped += other.kernel_dropped;
         self.queue_dropped += other.queue_dropped;
         self.not_written += other.not_written;
+        self.deleted += other.deleted;
     }
 }
 
@@ -129,7 +145,15 @@ pub struct FileEntry {
     /// Length.
     pub bytes: u64,
     /// SHA-256, hexadecimal.
+    #[serde(default)]
     pub sha256: String,
+}
+
+impl FileEntry {
+    /// Whether its content can be held against a digest.
+    pub(super) fn has_digest(&self) -> bool {
+        self.sha256.len() == 64 && self.sha256.bytes().all(|byte| byte.is_ascii_hexdigit())
+    }
 }
 
 impl Manifest {
@@ -142,6 +166,7 @@ impl Manifest {
             clock: Some(clock),
             complete: false,
             failure: None,
+            follows: None,
             sensors: Vec::new(),
             sockets: Vec::new(),
             files: Vec::new(),
@@ -152,7 +177,7 @@ impl Manifest {
     /// Reads the manifest of a session.
     pub fn read(dir: &Path) -> Result<Self, SessionError> {
         let path = dir.join(file::MANIFEST);
-        let text = match crate::base::files::read_text(&path) {
+        let text = match files::read_inside(dir, file::MANIFEST).and_then(files::text) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Err(SessionError::NotASession { dir: dir.to_owned() });
             }
@@ -163,7 +188,107 @@ impl Manifest {
         if manifest.format != FORMAT {
             return Err(wrong(format!("format is {:?}, this program reads {FORMAT:?}", manifest.format)));
         }
+        manifest.check().map_err(wrong)?;
         Ok(manifest)
+    }
+
+    /// Refuses names and paths that lead out of the session: whoever wrote it may be anyone.
+    fn check(&self) -> Result<(), String> {
+        for (at, sensor) in self.sensors.iter().enumerate() {
+            let place = format!("sensors[{at}]");
+            super::check_name(&sensor.name).map_err(|error| format!("{place}: {error}"))?;
+            if let Some(twin) = self.sensors[..at].iter().position(|other| other.name == sensor.name) {
+                return Err(format!(
+                    "{place} is called {:?} like sensors[{twin}]: names must differ",
+                    sensor.name
+                ));
+            }
+            if sensor.interface as usize != at {
+                return Err(format!("{place}.interface is {}, expected {at}", sensor.interface));
+            }
+            if let Some(path) = &sensor.metadata {
+                files::ensure_inside(path.as_ref()).map_err(|error| format!("{place}.metadata: {error}"))?;
+            }
+        }
+        for (at, entry) in self.files.iter().enumerate() {
+            files::ensure_inside(entry.path.as_ref())
+                .map_err(|error| format!("files[{at}].path: {error}"))?;
+        }
+        Ok(())
+    }
+
+    /// Where the counters are not those of the packets that were found, by interface, or contradict each other. What was
+    /// found is held against them once the session is closed: before, they count nothing.
+    pub fn contradictions(&self, found: &[u64], interfaces: &[Interface]) -> Vec<String> {
+        let mut words = Vec::new();
+        let sum = self.sensors.iter().map(|sensor| sensor.losses.total()).sum::<u64>();
+        if sum != self.losses.total() {
+            let total = self.losses.total();
+            words.push(format!("{}: losses are {total} in all, those of its sensors {sum}", file::MANIFEST));
+        }
+        for (at, packets) in
+            found.iter().enumerate().skip(self.sensors.len()).filter(|(_, packets)| **packets > 0)
+        {
+            let sensors = self.sensors.len();
+            words.push(format!(
+                "{}: {packets} packets of interface {at}, but {} names {sensors} sensors",
+                file::PACKETS,
+                file::MANIFEST
+            ));
+        }
+        for (at, sensor) in self.sensors.iter().enumerate() {
+            let (name, interface) = (&sensor.name, interfaces.get(at));
+            let mut compare = |what: &str, told: &dyn Display, found: &dyn Display| {
+                words.push(format!(
+                    "{name}: {} has {told} {what}, {} {found}",
+                    file::MANIFEST,
+                    file::PACKETS
+                ));
+            };
+            let packets = found.get(at).copied().unwrap_or(0);
+            if (self.complete || self.failure.is_some()) && packets != sensor.packets {
+                compare("packets", &sensor.packets, &packets);
+            }
+            if let Some(lost) =
+                interface.map(|found| found.dropped).filter(|lost| *lost != sensor.losses.total())
+                && self.complete
+            {
+                compare("packets lost", &sensor.losses.total(), &lost);
+            }
+            if let Some(other) =
+                interface.and_then(|found| found.name.as_ref()).filter(|other| *other != name)
+            {
+                compare(&format!("as interface {at}"), name, other);
+            }
+        }
+        words
+    }
+
+    /// Sensors of which nothing was recorded, though they were listened to.
+    pub fn silent(&self, found: &[u64]) -> Vec<String> {
+        let is_silent = |(at, entry): &(usize, &SensorEntry)| {
+            entry.packets == 0 && found.get(*at).is_none_or(|packets| *packets == 0) && !self.is_aside(entry)
+        };
+        let silent = self.sensors.iter().enumerate().filter(is_silent);
+        let words = silent.map(|(_, entry)| {
+            let on = entry.address.map_or(String::new(), |address| format!(" on port {}", address.port()));
+            format!("{}: not one packet was recorded{on}", entry.name)
+        });
+        words.collect()
+    }
+
+    /// Which of its files no digest covers, where the session was closed.
+    pub(super) fn uncovered(&self) -> Vec<String> {
+        if self.complete && !self.files.iter().any(FileEntry::has_digest) {
+            return vec![format!(
+                "{} has no digest: no file of the session is covered by one",
+                file::MANIFEST
+            )];
+        }
+        let lacks_packets = self.complete && !self.files.iter().any(|entry| entry.path == file::PACKETS);
+        let without = self.files.iter().filter(|entry| !entry.has_digest()).map(|entry| entry.path.as_str());
+        let without = without.chain(lacks_packets.then_some(file::PACKETS));
+        without.map(|path| format!("{path}: {} has no digest of it", file::MANIFEST)).collect()
     }
 
     pub(super) fn write(&self, dir: &Path) -> Result<(), SessionError> {

@@ -34,6 +34,9 @@
 //! All times are on one clock: UTC as the host had it when the session began, going on steadily. Each step that the host's
 //! clock made meanwhile is an event `host_clock_step`.
 //!
+//! The folder may be moved or deleted meanwhile, or a file in it: [`SessionWriter::displaced`] says so within half a second,
+//! and another session goes on in its place ([`SessionWriter::succeed`]), which has what was lost in its manifest.
+//!
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
@@ -41,9 +44,11 @@ mod clock;
 mod disk;
 pub mod export;
 mod manifest;
+mod open;
 mod recording;
 mod session;
 mod ticker;
+mod whereabouts;
 mod whole_file;
 mod writer;
 
@@ -52,6 +57,7 @@ pub use disk::free_bytes;
 pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
 pub use session::{Session, SessionPackets};
+pub use whereabouts::Displaced;
 pub use writer::{LOW_DISK_BYTES, LOW_DISK_SECONDS, SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};
@@ -131,6 +137,31 @@ pub enum SessionError {
         written_bytes: u64,
         /// Packets that were received and could not be written.
         not_written: u64,
+    },
+    /// A file may not become larger.
+    #[error(
+        "{path} is as large as a file may be here (limits: `ulimit -f`, and 4 GiB on FAT32): {written_bytes} bytes of packets \
+         are safe in the session, {not_written} packets are lost; raise the limit, or let the daemon record in parts \
+         (--rotate-mib)",
+        path = path.display()
+    )]
+    FileTooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Bytes of packets.pcapng that were written.
+        written_bytes: u64,
+        /// Packets that were received and could not be written.
+        not_written: u64,
+    },
+    /// Files of the session were taken away while it was written.
+    #[error("{words}: {deleted} packets are lost with it", deleted = manifest.losses.deleted)]
+    Displaced {
+        /// What happened.
+        words: String,
+        /// The manifest, as the session ended.
+        manifest: Box<Manifest>,
+        /// Whether that lies in the folder.
+        is_kept: bool,
     },
     /// The session was closed before.
     #[error("the session {dir} is closed", dir = dir.display())]

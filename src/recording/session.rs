@@ -1,6 +1,5 @@
 //! Opening a session, closed or not.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use sensors::Packet;
@@ -8,8 +7,9 @@ use sensors::capture::{CaptureCounters, CaptureReader};
 
 use super::manifest::Manifest;
 use super::{SessionError, clock, disk, file};
+use crate::base::files;
 use crate::live::clocks::host::{HostStep, StepsUndone};
-use crate::rig::MountFile;
+use crate::rig::{MountFile, MountFileError};
 use crate::world::trajectory::Trajectory;
 
 /// A session that was opened for reading.
@@ -31,6 +31,7 @@ impl Session {
     /// The same of a folder whose manifest was read already.
     pub fn of(dir: &Path, manifest: Manifest) -> Self {
         let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
+        problems.extend(manifest.uncovered());
         for expected in &manifest.files {
             match disk::entry_of(dir, &expected.path) {
                 Ok(found) if found == *expected => {}
@@ -38,6 +39,7 @@ impl Session {
                     "{}: {} bytes, the manifest says {}",
                     found.path, found.bytes, expected.bytes
                 )),
+                Ok(_) if !expected.has_digest() => {}
                 Ok(found) => problems.push(format!("{}: content differs from its checksum", found.path)),
                 Err(error) => problems.push(error.to_string()),
             }
@@ -60,6 +62,20 @@ impl Session {
         &self.manifest
     }
 
+    /// Sensors that the mount file of the session has, and that nobody listened to.
+    pub fn unheard(&self) -> Vec<String> {
+        let mount = match self.mount() {
+            Ok(mount) => mount,
+            Err(error) => return vec![error.to_string()],
+        };
+        let is_recorded = |name: &str| self.manifest.sensors.iter().any(|entry| entry.name == name);
+        let mounted = mount.iter().flat_map(|mount| &mount.sensors);
+        let absent = mounted.filter(|sensor| !is_recorded(&sensor.name));
+        absent
+            .map(|sensor| format!("{}: {} has it, and it was not listened to", sensor.name, file::MOUNT))
+            .collect()
+    }
+
     /// Everything that is not as it should be.
     pub fn problems(&self) -> &[String] {
         &self.problems
@@ -73,10 +89,13 @@ impl Session {
     /// The packets of all sensors, in the order in which they were received.
     pub fn packets(&self) -> Result<SessionPackets, SessionError> {
         let path = self.packets_path();
-        let reader = CaptureReader::open(&path)
+        let file = files::open_inside(&self.dir, file::PACKETS)
+            .map_err(|error| SessionError::io(&path, "cannot be read", error))?;
+        let reader = CaptureReader::new(file, path.display().to_string())
             .map_err(|error| SessionError::Content { path: path.clone(), reason: error.to_string() })?;
+        let sensors = self.manifest.sensors.len();
         let undone = StepsUndone::new(self.steps_ns.clone());
-        Ok(SessionPackets { path, sensors: self.manifest.sensors.len(), reader, undone })
+        Ok(SessionPackets { path, sensors, found: vec![0; sensors], reader, undone })
     }
 
     /// Takes steps that the host's clock made, ns, out of the stamps of packets: for sessions in which they are.
@@ -113,11 +132,14 @@ impl Session {
     /// Where the sensors sit, if the session knows.
     pub fn mount(&self) -> Result<Option<MountFile>, SessionError> {
         let path = self.dir.join(file::MOUNT);
-        if !path.exists() {
+        if path.symlink_metadata().is_err() {
             return Ok(None);
         }
         let wrong = |reason: String| SessionError::Content { path: path.clone(), reason };
-        MountFile::read(&path).map(Some).map_err(|error| wrong(error.to_string()))
+        MountFile::read_inside(&self.dir, file::MOUNT).map(Some).map_err(|error| match error {
+            MountFileError::Unreadable { source, .. } => SessionError::io(&path, "cannot be read", source),
+            other => wrong(other.to_string()),
+        })
     }
 
     /// Metadata of an Ouster sensor, JSON; none for a sensor without.
@@ -131,7 +153,7 @@ impl Session {
 
     fn text(&self, relative: &str) -> Result<Option<String>, SessionError> {
         let path = self.dir.join(relative);
-        match crate::base::files::read_text(&path) {
+        match files::read_inside(&self.dir, relative).and_then(files::text) {
             Ok(text) => Ok(Some(text)),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(SessionError::io(&path, "cannot be read", error)),
@@ -140,7 +162,7 @@ impl Session {
 
     fn lines<T: serde::de::DeserializeOwned>(&self, relative: &str) -> Result<Vec<T>, SessionError> {
         let path = self.dir.join(relative);
-        let content = match fs::read(&path) {
+        let content = match files::read_inside(&self.dir, relative) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
             other => other.map_err(|error| SessionError::io(&path, "cannot be read", error))?,
         };
@@ -161,6 +183,8 @@ impl Session {
 pub struct SessionPackets {
     path: PathBuf,
     sensors: usize,
+    /// Packets of each sensor so far.
+    found: Vec<u64>,
     reader: CaptureReader,
     undone: StepsUndone,
 }
@@ -181,8 +205,14 @@ impl SessionPackets {
                 self.sensors
             )));
         }
+        self.found[interface] += 1;
         let host_time_ns = self.undone.place(interface, packet.host_time_ns);
         Ok(Some((interface, Packet { host_time_ns, ..packet })))
+    }
+
+    /// Where the manifest contradicts the packets; at their end.
+    pub fn contradictions(&self, manifest: &Manifest) -> Vec<String> {
+        manifest.contradictions(&self.found, self.reader.interfaces())
     }
 
     /// What the reader met, truncation included.

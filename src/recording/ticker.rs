@@ -1,6 +1,5 @@
 //! The thread that brings a session to the disk every half second.
 
-use std::fs::File;
 use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -20,19 +19,13 @@ pub(super) struct Ticker {
 }
 
 impl Ticker {
-    /// Flushes the session every half second, then asks the disk to have `files` for good. Syncing happens outside
-    /// the session's lock: a slow disk holds up nobody.
-    pub(super) fn start(session: Arc<Shared>, files: Vec<File>) -> io::Result<Self> {
+    /// Brings the session to the disk every half second, until it is closed.
+    pub(super) fn start(session: Arc<Shared>) -> io::Result<Self> {
         let (end, ended) = mpsc::channel();
         let thread = std::thread::Builder::new().name("session-flush".into()).spawn(move || {
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(PERIOD) {
                 if !session.tick() {
                     return;
-                }
-                for file in &files {
-                    if let Err(error) = file.sync_data() {
-                        session.sync_failed(error);
-                    }
                 }
             }
         })?;

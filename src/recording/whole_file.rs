@@ -47,6 +47,11 @@ impl<F: Cut> WholeFile<F> {
         }
     }
 
+    /// The file beneath.
+    pub(super) fn file(&self) -> &F {
+        &self.file
+    }
+
     /// Bytes in the file, gathered ones not counted.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes

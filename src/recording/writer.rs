@@ -1,20 +1,21 @@
 //! Writing a session.
 
 use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::io;
 use std::net::{IpAddr, SocketAddr};
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::path::Path;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use sensors::Packet;
 use sensors::capture::PcapngWriter;
 
 use super::clock::{ClockSource, SessionClock};
 use super::manifest::{Manifest, SensorEntry};
+use super::open::{Open, no_space, put, write_line};
 use super::ticker::Ticker;
+use super::whereabouts::{Displaced, OPEN_FILES, Whereabouts};
 use super::whole_file::WholeFile;
-use super::{FileEntry, SessionError, disk, file};
+use super::{SessionError, check_name, disk, file};
 use crate::live::receive::{Datagram, Listen, Tally, now_ns};
 use crate::rig::{CalibrationFile, MountFile};
 use crate::world::trajectory::Trajectory;
@@ -63,7 +64,8 @@ pub struct LowDisk {
 }
 
 impl SessionWriter {
-    /// Begins a session in an empty or absent folder. The manifest is there at once, with `complete: false`.
+    /// Begins a session in an empty or absent folder. The manifest is there at once, with `complete: false`. Where that
+    /// fails nothing is left of it.
     pub fn create(dir: &Path, sensors: &[SensorInfo]) -> Result<Self, SessionError> {
         Self::create_with_clock(dir, sensors, ClockSource::default())
     }
@@ -75,14 +77,27 @@ impl SessionWriter {
         clock: ClockSource,
     ) -> Result<Self, SessionError> {
         check_names(sensors)?;
+        let was_there = dir.exists();
         fs::create_dir_all(dir).map_err(|error| SessionError::io(dir, "cannot be made", error))?;
-        let mut entries =
-            fs::read_dir(dir).map_err(|error| SessionError::io(dir, "cannot be read", error))?;
-        if entries.next().is_some() {
-            return Err(SessionError::NotEmpty { dir: dir.to_owned() });
+        match fs::read_dir(dir).map(|mut entries| entries.next().is_none()) {
+            Ok(true) => Self::begin(dir, sensors, clock).inspect_err(|_| clear(dir, was_there)),
+            Ok(false) => Err(SessionError::NotEmpty { dir: dir.to_owned() }),
+            Err(error) => {
+                if !was_there {
+                    let _ = fs::remove_dir(dir); // only an empty one
+                }
+                Err(SessionError::io(dir, "cannot be read", error))
+            }
         }
-        let full = |error| disk_full(dir, 0, 0, error);
-        disk::write_whole(&dir.join(file::RESERVE), &vec![0xff; RESERVE_BYTES]).map_err(full)?;
+    }
+
+    fn begin(dir: &Path, sensors: &[SensorInfo], clock: ClockSource) -> Result<Self, SessionError> {
+        let full = |error| no_space(dir, 0, 0, error);
+        match disk::write_whole(&dir.join(file::RESERVE), &vec![0xff; RESERVE_BYTES]) {
+            // a limit on the size of each file, not on the space: nothing has to be kept back
+            Err(SessionError::Io { source, .. }) if source.kind() == io::ErrorKind::FileTooLarge => {}
+            outcome => outcome.map_err(full)?,
+        }
         let clock = SessionClock::start(clock, sensors.len());
         let mut manifest = Manifest::new(clock.begin());
         for (interface, sensor) in (0..).zip(sensors) {
@@ -103,16 +118,17 @@ impl SessionWriter {
         }
         let make = |name: &str| -> Result<File, SessionError> {
             let path = dir.join(name);
-            File::create_new(&path).map_err(|error| SessionError::io(&path, "cannot be made", error))
+            // appending: a file that someone cuts stays shorter than what was written, which is seen
+            let made = File::options().append(true).create_new(true).open(&path);
+            made.map_err(|error| SessionError::io(&path, "cannot be made", error))
         };
-        let files = [make(file::PACKETS)?, make(file::SERVO)?, make(file::EVENTS)?];
-        let mut to_sync = Vec::new();
-        for file in &files {
-            to_sync
-                .push(file.try_clone().map_err(|error| SessionError::io(dir, "no more open files", error))?);
-        }
+        let [packets, servo, events] = OPEN_FILES.map(make);
+        let files = [packets?, servo?, events?];
+        let too_many = |error| SessionError::io(dir, "its files cannot be opened once more", error);
+        let [packets, servo, events] = files.each_ref().map(File::try_clone);
+        let clones = [packets.map_err(too_many)?, servo.map_err(too_many)?, events.map_err(too_many)?];
         let [packets, servo, events] = files.map(WholeFile::new);
-        let begin = || -> io::Result<_> {
+        let start = || -> io::Result<_> {
             let mut writer = PcapngWriter::new(packets)?;
             for sensor in sensors {
                 writer.add_interface(&sensor.name)?;
@@ -120,21 +136,22 @@ impl SessionWriter {
             writer.flush()?;
             Ok(writer)
         };
-        let packets = begin()
-            .map_err(|error| SessionError::io(&dir.join(file::PACKETS), "cannot be written", error))?;
+        let packets = start()
+            .map_err(|error| full(SessionError::io(&dir.join(file::PACKETS), "cannot be written", error)))?;
         manifest.write(dir)?;
-        let mut open =
-            Open { manifest, clock, packets, servo, events, failure: None, low_disk: None, rate: None };
+        let files = Whereabouts::new(dir, clones)
+            .map_err(|error| SessionError::io(dir, "cannot be opened", error))?;
+        let mut open = Open::new(manifest, clock, packets, [servo, events]);
         open.watch_space(dir);
-        let shared = Arc::new(Shared { dir: dir.to_owned(), open: Mutex::new(Some(open)) });
-        let ticker = Ticker::start(Arc::clone(&shared), to_sync)
+        let shared = Arc::new(Shared { files, displaced: OnceLock::new(), open: Mutex::new(Some(open)) });
+        let ticker = Ticker::start(Arc::clone(&shared))
             .map_err(|error| SessionError::io(dir, "cannot start the flushing thread", error))?;
         Ok(Self { shared, ticker: Mutex::new(Some(ticker)) })
     }
 
     /// The session's folder.
     pub fn dir(&self) -> &Path {
-        &self.shared.dir
+        self.shared.files.dir()
     }
 
     /// Writes a packet of a sensor, given by its place in the list the session was created with.
@@ -196,7 +213,7 @@ impl SessionWriter {
             self.put(&inside, content)?;
             mount.calibrations.get_or_insert_default().insert(sensor.clone(), inside.into());
         }
-        let path = self.shared.dir.join(file::MOUNT);
+        let path = self.dir().join(file::MOUNT);
         let text = serde_json::to_string_pretty(&mount)
             .map_err(|error| SessionError::Content { path, reason: error.to_string() })?;
         self.put(file::MOUNT, format!("{text}\n").as_bytes())
@@ -210,6 +227,28 @@ impl SessionWriter {
     /// Keeps a copy of the configuration, a `rig.toml`.
     pub fn put_config(&self, text: &str) -> Result<(), SessionError> {
         self.put(file::CONFIG, text.as_bytes())
+    }
+
+    /// What was taken away from the session, once anything was: go on in another one.
+    pub fn displaced(&self) -> Option<&Displaced> {
+        self.shared.displaced.get()
+    }
+
+    /// Closes another session in the place of which this one goes on; how that was closed. Where something was taken away
+    /// from it, the manifest here says so, and has what was lost without a manifest that says so there.
+    pub fn succeed(&self, before: &Self, received: Option<&Tally>) -> Result<Manifest, SessionError> {
+        let closed = before.close(received);
+        let Some(displaced) = before.displaced() else { return closed };
+        self.with(|open, dir| {
+            open.manifest.follows = Some(displaced.words.clone());
+            if let Err(SessionError::Displaced { manifest, is_kept: false, .. }) = &closed {
+                for (carried, sensor) in open.carried.iter_mut().zip(&manifest.sensors) {
+                    carried.add(&sensor.losses);
+                }
+            }
+            open.manifest.write(dir)
+        })?;
+        closed
     }
 
     /// Whether space runs out.
@@ -235,9 +274,14 @@ impl SessionWriter {
     pub fn close(&self, received: Option<&Tally>) -> Result<Manifest, SessionError> {
         let ticker = self.ticker.lock().unwrap_or_else(PoisonError::into_inner).take();
         drop(ticker); // waits for a flush under way
-        let dir = &self.shared.dir;
-        let open = self.shared.lock().take().ok_or_else(|| SessionError::Closed { dir: dir.clone() })?;
-        open.close(dir, received)
+        let Shared { files, displaced, .. } = &*self.shared;
+        let dir = files.dir();
+        let open = self.shared.lock().take().ok_or_else(|| SessionError::Closed { dir: dir.to_owned() })?;
+        let (closed, found) = open.close(files, received);
+        if let Some(found) = found {
+            displaced.get_or_init(|| found);
+        }
+        closed
     }
 
     fn put(&self, relative: &str, content: &[u8]) -> Result<(), SessionError> {
@@ -253,10 +297,10 @@ impl SessionWriter {
         &self,
         work: impl FnOnce(&mut Open, &Path) -> Result<T, SessionError>,
     ) -> Result<T, SessionError> {
-        let dir = &self.shared.dir;
+        let dir = self.shared.files.dir();
         match self.shared.lock().as_mut() {
             Some(open) => work(open, dir),
-            None => Err(SessionError::Closed { dir: dir.clone() }),
+            None => Err(SessionError::Closed { dir: dir.to_owned() }),
         }
     }
 }
@@ -273,7 +317,8 @@ impl Drop for SessionWriter {
 /// What the writer and its flushing thread share.
 #[derive(Debug)]
 pub(super) struct Shared {
-    dir: PathBuf,
+    files: Whereabouts,
+    displaced: OnceLock<Displaced>,
     open: Mutex<Option<Open>>,
 }
 
@@ -282,223 +327,35 @@ impl Shared {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Flushes and looks at the free space. False once the session is closed.
+    /// Flushes, syncs, and looks at the free space and whether the files still lie where they were made. False once the
+    /// session is closed. A slow disk holds up nobody: it is waited for outside the lock.
     pub(super) fn tick(&self) -> bool {
-        let mut guard = self.lock();
-        let Some(open) = guard.as_mut() else { return false };
-        open.look_at_clock(&self.dir);
-        open.flush();
-        open.watch_space(&self.dir);
+        let expected = {
+            let mut guard = self.lock();
+            let Some(open) = guard.as_mut() else { return false };
+            open.look_at_clock(self.files.dir());
+            open.flush();
+            open.watch_space(self.files.dir());
+            open.expected()
+        };
+        if let Some(found) = self.files.check(&expected) {
+            self.displaced.get_or_init(|| found);
+        }
+        if let (Err(error), Some(open)) = (self.files.sync(), self.lock().as_mut()) {
+            open.failed(file::PACKETS, error);
+        }
         true
     }
-
-    /// Remembers that a sync failed.
-    pub(super) fn sync_failed(&self, error: io::Error) {
-        if let Some(open) = self.lock().as_mut() {
-            open.failure.get_or_insert(error);
-        }
-    }
 }
 
-struct Open {
-    manifest: Manifest,
-    clock: SessionClock,
-    packets: PcapngWriter<WholeFile<File>>,
-    servo: WholeFile<File>,
-    events: WholeFile<File>,
-    failure: Option<io::Error>,
-    low_disk: Option<LowDisk>,
-    /// When the rate was last taken, and the bytes there were then.
-    rate: Option<(Instant, u64)>,
-}
-
-impl std::fmt::Debug for Open {
-    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Open").field("manifest", &self.manifest).finish_non_exhaustive()
+/// Removes what a session that could not be begun left in its folder, and the folder where that was made for it.
+fn clear(dir: &Path, was_there: bool) {
+    for name in OPEN_FILES.into_iter().chain([file::RESERVE, file::MANIFEST]) {
+        let _ = fs::remove_file(dir.join(name)); // it may not have come so far
     }
-}
-
-impl Open {
-    fn look_at_clock(&mut self, dir: &Path) {
-        if let Some(step) = self.clock.look() {
-            // a failure shows in the next flush
-            let _ = write_line(&mut self.events, &dir.join(file::EVENTS), &step);
-        }
-    }
-
-    fn write_event(&mut self, dir: &Path, event: &impl serde::Serialize) -> Result<(), SessionError> {
-        let path = dir.join(file::EVENTS);
-        match self.clock.event(event) {
-            Some(restamped) => write_line(&mut self.events, &path, &restamped),
-            None => write_line(&mut self.events, &path, event),
-        }
-    }
-
-    fn write_packet(&mut self, dir: &Path, sensor: usize, packet: &Packet<'_>) -> Result<(), SessionError> {
-        let Some(entry) = self.manifest.sensors.get(sensor) else {
-            let reason = format!("sensor {sensor} of a session with {} sensors", self.manifest.sensors.len());
-            return Err(SessionError::Content { path: dir.join(file::PACKETS), reason });
-        };
-        let outcome = match &self.failure {
-            Some(failure) => Err(failure.kind().into()),
-            None => {
-                let host_time_ns = self.clock.packet_ns(sensor, packet.host_time_ns);
-                self.packets.write(entry.interface, &Packet { host_time_ns, ..*packet })
-            }
-        };
-        match outcome {
-            Ok(()) => {
-                self.manifest.sensors[sensor].packets += 1;
-                Ok(())
-            }
-            Err(error) => {
-                self.manifest.sensors[sensor].losses.not_written += 1;
-                if error.kind() == io::ErrorKind::InvalidInput {
-                    return Err(SessionError::io(
-                        &dir.join(file::PACKETS),
-                        "packet cannot be written",
-                        error,
-                    ));
-                }
-                self.failed(error);
-                self.check(dir)
-            }
-        }
-    }
-
-    fn flush(&mut self) {
-        let outcomes = [self.packets.flush(), self.servo.flush(), self.events.flush()];
-        for error in outcomes.into_iter().filter_map(Result::err) {
-            self.failed(error);
-        }
-    }
-
-    /// Keeps the first failure and counts what was gathered and is lost with it.
-    fn failed(&mut self, error: io::Error) {
-        for head in self.packets.get_mut().take_lost() {
-            // an enhanced packet block (type 6) has its interface behind type and length
-            if let (Some([6, 0, 0, 0]), Some(interface)) = (head.first_chunk::<4>(), head.get(8..12)) {
-                let interface = interface.iter().rev().fold(0, |value, byte| value << 8 | usize::from(*byte));
-                if let Some(sensor) = self.manifest.sensors.get_mut(interface) {
-                    sensor.packets -= 1;
-                    sensor.losses.not_written += 1;
-                }
-            }
-        }
-        self.failure.get_or_insert(error);
-    }
-
-    fn not_written(&self) -> u64 {
-        self.manifest.sensors.iter().map(|sensor| sensor.losses.not_written).sum()
-    }
-
-    fn check(&self, dir: &Path) -> Result<(), SessionError> {
-        let Some(failure) = &self.failure else { return Ok(()) };
-        let error = io::Error::from(failure.kind());
-        let error = SessionError::io(&dir.join(file::PACKETS), "cannot be written", error);
-        Err(disk_full(dir, self.packets.get_ref().bytes(), self.not_written(), error))
-    }
-
-    fn watch_space(&mut self, dir: &Path) {
-        let written = self.packets.get_ref().bytes();
-        let last = self.rate.map(|(since, before)| (since.elapsed().as_secs_f64(), before));
-        if last.is_some_and(|(seconds, _)| seconds < 1.0) {
-            return;
-        }
-        self.rate = Some((Instant::now(), written));
-        // a file system that does not say how much is free gets no warning, and still the error when it is full
-        let Ok(free_bytes) = disk::free_bytes(dir) else { return };
-        let bytes_per_second = last.map_or(0.0, |(seconds, before)| (written - before) as f64 / seconds);
-        let seconds_left = (bytes_per_second > 0.0).then(|| free_bytes as f64 / bytes_per_second);
-        let low = free_bytes < LOW_DISK_BYTES || seconds_left.is_some_and(|left| left < LOW_DISK_SECONDS);
-        let now = low.then_some(LowDisk { free_bytes, seconds_left });
-        if let (Some(state), None) = (now, self.low_disk) {
-            let event = serde_json::json!({
-                "time_ns": now_ns(), "event": "low_disk", "free_bytes": free_bytes, "seconds_left": state.seconds_left
-            });
-            let _ = self.write_event(dir, &event); // a failure shows in the next flush
-        }
-        self.low_disk = now;
-    }
-
-    fn close(mut self, dir: &Path, received: Option<&Tally>) -> Result<Manifest, SessionError> {
-        self.flush();
-        let reserve = dir.join(file::RESERVE);
-        fs::remove_file(&reserve).map_err(|error| SessionError::io(&reserve, "cannot be removed", error))?;
-        let trouble = self.check(dir).err();
-        for line_file in [&mut self.servo, &mut self.events] {
-            line_file.retry();
-        }
-        if let Some(tally) = received {
-            for (entry, lost) in self.manifest.sensors.iter_mut().zip(&tally.sensors) {
-                entry.losses.queue_dropped = lost.queue_dropped;
-                entry.losses.kernel_dropped = lost.kernel_dropped;
-            }
-            self.manifest.sockets.clone_from(&tally.sockets);
-        }
-        for sensor in &mut self.manifest.sensors {
-            self.manifest.losses.add(&sensor.losses);
-        }
-        let drops: Vec<u64> = self.manifest.sensors.iter().map(|sensor| sensor.losses.total()).collect();
-        let path = dir.join(file::PACKETS);
-        let packets = if trouble.is_none() {
-            self.packets.close(&drops).map_err(|error| SessionError::io(&path, "cannot be closed", error))?
-        } else {
-            // the file ends with its last whole packet; the manifest has the counts
-            std::mem::replace(self.packets.get_mut(), WholeFile::new(open_again(&path)?))
-        };
-        for (relative, whole) in
-            [(file::PACKETS, &packets), (file::SERVO, &self.servo), (file::EVENTS, &self.events)]
-        {
-            let entry = FileEntry { path: relative.into(), bytes: whole.bytes(), sha256: whole.sha256() };
-            self.manifest.files.push(entry);
-            open_again(&dir.join(relative))?
-                .sync_all()
-                .map_err(|error| SessionError::io(&dir.join(relative), "cannot be synced", error))?;
-        }
-        self.manifest.complete = trouble.is_none();
-        self.manifest.failure = trouble.as_ref().map(ToString::to_string);
-        self.manifest.write(dir)?;
-        match trouble {
-            Some(error) => Err(error),
-            None => Ok(self.manifest),
-        }
-    }
-}
-
-fn open_again(path: &Path) -> Result<File, SessionError> {
-    File::options().append(true).open(path).map_err(|error| SessionError::io(path, "cannot be opened", error))
-}
-
-fn write_line(
-    lines: &mut WholeFile<File>,
-    path: &Path,
-    value: &impl serde::Serialize,
-) -> Result<(), SessionError> {
-    let mut line = serde_json::to_vec(value)
-        .map_err(|error| SessionError::Content { path: path.to_owned(), reason: error.to_string() })?;
-    line.push(b'\n');
-    lines.write_all(&line).map_err(|error| SessionError::io(path, "cannot be written", error))
-}
-
-fn put(dir: &Path, relative: &str, content: &[u8]) -> Result<FileEntry, SessionError> {
-    let path = dir.join(relative);
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).map_err(|error| SessionError::io(folder, "cannot be made", error))?;
-    }
-    disk::write_whole(&path, content)?;
-    disk::entry_of(dir, relative)
-}
-
-/// Turns "no space" into the error that says what it means for the session.
-fn disk_full(dir: &Path, written_bytes: u64, not_written: u64, error: SessionError) -> SessionError {
-    match &error {
-        SessionError::Io { source, .. }
-            if matches!(source.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) =>
-        {
-            SessionError::DiskFull { dir: dir.to_owned(), written_bytes, not_written }
-        }
-        _ => error,
+    let _ = fs::remove_dir_all(dir.join(file::METADATA));
+    if !was_there {
+        let _ = fs::remove_dir(dir); // only an empty one
     }
 }
 
@@ -509,16 +366,6 @@ fn check_names(sensors: &[SensorInfo]) -> Result<(), SessionError> {
         if sensors[..index].iter().any(|other| other.name == *name) {
             return Err(SessionError::Name { name: name.clone(), reason: "two sensors have it" });
         }
-    }
-    Ok(())
-}
-
-/// Whether a name can be that of a file.
-fn check_name(name: &str) -> Result<(), SessionError> {
-    let allowed = |letter: char| letter.is_ascii_alphanumeric() || "._-".contains(letter);
-    if name.is_empty() || name.starts_with('.') || !name.chars().all(allowed) {
-        let reason = "use letters, digits, '.', '_' and '-', not '.' first";
-        return Err(SessionError::Name { name: name.to_owned(), reason });
     }
     Ok(())
 }

@@ -132,6 +132,21 @@ impl MountFile {
         Ok(file)
     }
 
+    /// The same of a file that travels with its folder, from whoever made it: what it names lies in the folder, too.
+    pub fn read_inside(folder: &Path, name: &str) -> Result<Self, MountFileError> {
+        let path = folder.join(name);
+        let text = files::read_inside(folder, name).and_then(files::text);
+        let text = text.map_err(|source| MountFileError::Unreadable { path: path.clone(), source })?;
+        let wrong = |reason| MountFileError::Wrong { path: path.clone(), reason };
+        let mut file = Self::from_json(&text).map_err(wrong)?;
+        for (sensor, calibration) in file.calibrations.iter_mut().flatten() {
+            *calibration = files::inside(folder, calibration).map_err(|error| {
+                wrong(format!("calibrations of {sensor}, {}: {error}", calibration.display()))
+            })?;
+        }
+        Ok(file)
+    }
+
     /// The same with its sensors in the order of a rig's axes: those of these names first, then those that no axis turns.
     ///
     /// # Errors

@@ -109,11 +109,11 @@ impl Unit {
         let unreadable = |source| UnitError::Unreadable { path: path.to_owned(), source };
         match FileKind::of(path) {
             Some(FileKind::Ouster) => {
-                let text = crate::base::files::read_text(path).map_err(unreadable)?;
+                let text = files::read_text(path).map_err(unreadable)?;
                 Self::ouster(path, &text, stated)
             }
             Some(FileKind::Velodyne) => {
-                let bytes = std::fs::read(path).map_err(unreadable)?;
+                let bytes = files::read(path).map_err(unreadable)?;
                 Self::velodyne(path, &bytes, stated)
             }
             None => Err(UnitError::UnknownKind { path: path.to_owned() }),
@@ -232,7 +232,7 @@ impl MountFile {
     pub fn calibration_files(&self) -> Result<Vec<CalibrationFile>, UnitError> {
         let read = |(sensor, path): (&String, &PathBuf)| {
             let content =
-                std::fs::read(path).map_err(|source| UnitError::Unreadable { path: path.clone(), source })?;
+                files::read(path).map_err(|source| UnitError::Unreadable { path: path.clone(), source })?;
             Ok(CalibrationFile { sensor: sensor.clone(), ending: files::ending(path), content })
         };
         self.calibrations.iter().flatten().map(read).collect()

@@ -232,7 +232,8 @@ impl Plan {
     }
 
     fn read_shard(&self, path: &Path) -> Result<ShardFile, Unusable> {
-        let text = std::fs::read(path).map_err(|error| Unusable::Foreign(StudyError::at(path, error)))?;
+        let text =
+            crate::base::files::read(path).map_err(|error| Unusable::Foreign(StudyError::at(path, error)))?;
         let damaged = |what: String| Unusable::Damaged(format!("{}: {what}", path.display()));
         let file: ShardFile = serde_json::from_slice(&text).map_err(|error| damaged(error.to_string()))?;
         if file.format != SHARD_FORMAT || file.plan_sha256 != self.sha256() {

@@ -57,6 +57,46 @@ fn packets_in(bench: &Bench) -> u64 {
     std::iter::from_fn(|| packets.next().unwrap().map(drop)).count() as u64
 }
 
+/// One session is moved, the next deleted with the folder of all of them: recording goes on, and what is lost is counted.
+pub fn a_session_that_is_taken_away_goes_on_in_another() {
+    let bench = Bench::new(&["left"], "");
+    let daemon = bench.start(&["--record"]);
+    let sensor = Sending::ouster(daemon.sensor(0));
+    let recorded = |status: &serde_json::Value| status["recorder"]["packets"].as_u64() > Some(50);
+    let name = |status: &serde_json::Value| status["recorder"]["session"].as_str().unwrap().to_owned();
+    let first = name(&daemon.wait("packets were recorded", recorded));
+    std::fs::rename(bench.path("sessions").join(&first), bench.path("moved")).unwrap();
+    let words = daemon.wait_for_problem("session_displaced");
+    assert!(
+        words.contains("was moved to") && words.contains(&bench.path("moved").display().to_string()),
+        "{words}"
+    );
+    let status = daemon.wait("packets are recorded again", recorded);
+    let second = name(&status);
+    assert!(status["recorder"]["recording"] == true && status["recorder"]["lost"] == 0, "{status}");
+    std::fs::remove_dir_all(bench.path("sessions")).unwrap();
+    daemon.wait("another session is deleted", |status| status["recorder"]["sessions"] == 2);
+    assert!(daemon.wait_for_problem("session_displaced").contains(&format!("{second} was deleted")));
+    daemon.wait("packets are recorded once more", recorded);
+    sensor.unplug();
+    let (code, log) = daemon.end();
+    assert!(code == Some(3) && log.contains("session_displaced"), "{code:?} {log}");
+    let moved = Session::open(&bench.path("moved")).unwrap();
+    assert!(moved.manifest().complete && moved.problems().is_empty(), "{:?}", moved.problems());
+    assert!(moved.manifest().sensors[0].packets > 50);
+    let sessions = bench.sessions();
+    let [last] = &sessions[..] else { panic!("{} sessions", sessions.len()) };
+    let manifest = last.manifest();
+    assert!(manifest.complete && last.problems().is_empty(), "{:?}", last.problems());
+    assert!(manifest.follows.as_ref().unwrap().contains(&format!("{second} was deleted")), "{manifest:?}");
+    assert!(
+        manifest.losses.deleted > 50 && manifest.losses.total() == manifest.losses.deleted,
+        "{manifest:?}"
+    );
+    let events: Vec<serde_json::Value> = last.events().unwrap();
+    assert!(events.iter().any(|event| event["event"] == "session_displaced"), "{events:?}");
+}
+
 pub fn a_slow_disk_is_named_and_its_losses_counted() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&["--record", "--hold-up-writes-ms", "700"]);

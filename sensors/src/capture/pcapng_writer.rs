@@ -120,9 +120,20 @@ impl<W: Write> PcapngWriter<W> {
         &mut self.sink
     }
 
-    /// Writes each interface's statistics (packets received and, from `drops`, packets the system dropped before
-    /// they could be written; interfaces beyond the slice had none) and returns the flushed sink.
+    /// The sink as it is.
+    pub fn into_sink(self) -> W {
+        self.sink
+    }
+
+    /// Writes each interface's statistics and returns the flushed sink.
     pub fn close(mut self, drops: &[u64]) -> io::Result<W> {
+        self.write_statistics(drops)?;
+        Ok(self.sink)
+    }
+
+    /// Writes each interface's statistics (packets received and, from `drops`, packets the system dropped before
+    /// they could be written; interfaces beyond the slice had none) and flushes the sink. No packet may follow.
+    pub fn write_statistics(&mut self, drops: &[u64]) -> io::Result<()> {
         for number in 0..self.interfaces.len() {
             let interface = self.interfaces[number];
             let dropped = drops.get(number).copied().unwrap_or(0);
@@ -142,8 +153,7 @@ impl<W: Write> PcapngWriter<W> {
             self.end_of_options();
             self.finish_block()?;
         }
-        self.sink.flush()?;
-        Ok(self.sink)
+        self.sink.flush()
     }
 
     fn begin(&mut self, block_type: u32) {

@@ -203,6 +203,7 @@ pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_
         fed.losses.extend(fed.pitches[place].unknown(&rig.sensors[place].name));
     }
     fed.losses.extend(session.problems().iter().cloned());
+    fed.losses.extend(packets.contradictions(session.manifest()));
     let is_undecoded = fed.sensors.iter().all(|sensor| sensor.frames == 0)
         && fed.sensors.iter().any(|sensor| sensor.packets_recorded > 0);
     anyhow::ensure!(

@@ -55,6 +55,7 @@ fn run_logged(
         host_names: args.host_name.clone(),
         listeners: args.foxglove_origin.clone(),
     })?;
+    crate::base::files::ensure_descriptors()?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .thread_name("web")

@@ -65,7 +65,8 @@ impl Document {
         let mut losses = ending.losses();
         // a session knows what its files held
         let session = recording.checked_session();
-        let damage = session.iter().flat_map(Session::problems).cloned();
+        let problems = |session: &Session| [session.problems(), &session.unheard()].concat();
+        let damage = session.iter().flat_map(problems);
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
         for (id, sensor) in ids.iter().zip(router.sensors()) {
             losses.extend(unread::sensor_losses(id, sensor));

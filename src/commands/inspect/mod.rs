@@ -16,7 +16,7 @@ use crate::live::watch::Watch;
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
 recording is whole; 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments that \
-never came); 1 when the file cannot be read, or a calibration does not fit its sensor. Ctrl-C ends it by the signal (a \
+never came, a sensor that was silent all along, a session whose manifest contradicts its packets); 1 when the file cannot be read, or a calibration does not fit its sensor. Ctrl-C ends it by the signal (a \
 shell says 130): nothing is half written.";
 
 /// Arguments of `inspect`.

@@ -156,7 +156,8 @@ fn on_can(
 ) -> anyhow::Result<Outcome> {
     let (faults, inbox) = channel();
     let (name, seed) = (interface.to_owned(), args.seed);
-    let rig = std::thread::spawn(move || run_on_can(&name, config, seed, &inbox));
+    let work = move || run_on_can(&name, config, seed, &inbox);
+    let rig = std::thread::Builder::new().spawn(work).context("no thread for the rig can be started")?;
     say_port(&format!("can:{interface}"), context)?;
     wait(
         args,

@@ -3,6 +3,7 @@
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Duration;
 
+use anyhow::Context as _;
 use serde_json::json;
 
 use crate::commands::{Context, Outcome, output};
@@ -26,10 +27,12 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let within = Duration::from_secs_f64(args.seconds);
     let (interface, port) = (args.interface, args.velodyne_port);
-    let listener = std::thread::spawn(move || {
+    let listen = move || {
         let address = interface.unwrap_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED));
         if port == 0 { Ok(Vec::new()) } else { velodynes(within, address, port) }
-    });
+    };
+    let listener =
+        std::thread::Builder::new().spawn(listen).context("no thread for listening can be started")?;
     let mut found = ousters(within, interface)?;
     let mut remarks = Vec::new();
     match listener.join() {

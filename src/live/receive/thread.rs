@@ -44,6 +44,7 @@ impl Receiver {
     /// Binds every socket and starts to receive. A socket shared by several sensors tells them apart by source.
     pub fn start(listens: &[Listen], options: Options) -> Result<Self, ReceiveError> {
         let groups = by_address(listens)?;
+        crate::base::files::ensure_descriptors().map_err(ReceiveError::Thread)?;
         let mut sockets = Vec::new();
         let mut cells = Vec::new();
         let mut socket_of_sensor = vec![0; listens.len()];

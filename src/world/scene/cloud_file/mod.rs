@@ -53,10 +53,14 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
         take(point);
     };
     match ending(path).as_str() {
-        "ply" => ply::read(&std::fs::read(path).map_err(unreadable)?, &mut count).map_err(malformed)?,
-        "pcd" => pcd::read(&std::fs::read(path).map_err(unreadable)?, &mut count).map_err(malformed)?,
+        "ply" => {
+            ply::read(&crate::base::files::read(path).map_err(unreadable)?, &mut count).map_err(malformed)?
+        }
+        "pcd" => {
+            pcd::read(&crate::base::files::read(path).map_err(unreadable)?, &mut count).map_err(malformed)?
+        }
         "las" | "laz" => {
-            let file = File::open(path).map_err(unreadable)?;
+            let file = crate::base::files::open(path).map_err(unreadable)?;
             read_las(file, &mut count).map_err(|error| malformed(Fault::at("LAS", error.to_string())))?;
         }
         _ => return Err(CloudFileError::UnknownFormat { path: path.to_owned() }),
@@ -92,7 +96,8 @@ fn read_las(file: File, take: &mut dyn FnMut(CloudPoint)) -> las::Result<()> {
 fn ply_without_faces(path: &Path) -> bool {
     const LONGEST_HEADER: u64 = 1 << 16;
     let mut start = Vec::new();
-    let read = File::open(path).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut start));
+    let read =
+        crate::base::files::open(path).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut start));
     let Some(end) = start.windows(10).position(|window| window == b"end_header") else { return false };
     let header = String::from_utf8_lossy(&start[..end]);
     let faces = header.lines().find_map(|line| line.trim().strip_prefix("element face"));

@@ -166,12 +166,10 @@ fn buffers(gltf: &Gltf, folder: &Path) -> Result<Vec<Vec<u8>>, Fault> {
 }
 
 fn external(uri: &str, folder: &Path) -> Result<Vec<u8>, String> {
-    let relative = Path::new(uri);
-    let leaves = relative.components().any(|part| !matches!(part, std::path::Component::Normal(_)));
-    if leaves || uri.contains(':') {
+    if uri.contains(':') {
         return Err(format!("{uri:?} is no file beside this one"));
     }
-    std::fs::read(folder.join(relative.as_os_str())).map_err(|error| format!("{uri:?}: {error}"))
+    crate::base::files::read_inside(folder, uri).map_err(|error| format!("{uri:?}: {error}"))
 }
 
 /// RFC 4648, with or without padding.

@@ -77,8 +77,8 @@ pub fn load_mesh(
     unit: Option<MeshUnit>,
     up: Option<UpAxis>,
 ) -> Result<LoadedMesh, MeshFileError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| MeshFileError::Unreadable { path: path.to_owned(), source })?;
+    let bytes = crate::base::files::read(path)
+        .map_err(|source| MeshFileError::Unreadable { path: path.to_owned(), source })?;
     let ending = ending(path);
     let soup = match ending.as_str() {
         "obj" => obj::read(&bytes),
