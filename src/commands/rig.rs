@@ -21,8 +21,8 @@ const LONGEST_MOVE: Duration = Duration::from_secs(3600);
 /// Arguments of `rig`.
 #[derive(clap::Args, Debug)]
 pub struct Args {
-    /// The rig's serial device, usb:SERIAL (of a USB device's serial number), can:INTERFACE, slcan:PATH, dynamixel:PATH@BAUD:ID,ID, feetech:PATH@BAUD:ID,ID,
-    /// cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@NODE,NODE.
+    /// The rig's serial device, usb:SERIAL (of a USB device's serial number), can:INTERFACE, slcan:PATH@BITRATE,
+    /// dynamixel:PATH@BAUD:ID,ID, feetech:PATH@BAUD:ID,ID, cia402:INTERFACE@NODE,NODE or cia402:slcan:PATH@BITRATE:NODE,NODE.
     #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH", global = true)]
     pub(super) port: Option<PathBuf>,
     /// Allow motion; without it nothing moves.

@@ -62,11 +62,12 @@ impl<L: Link> RigController<L> {
                 }
                 repeat_ns = now_ns + self.options.retry.as_nanos() as u64;
             }
+            let was_busy = self.link.is_busy();
             self.pump(if end_ns > now_ns { repeat_ns.min(end_ns) } else { repeat_ns })?;
             if heard(&self.view) {
                 return Ok(());
             }
-            if self.link.now_ns() >= end_ns && !self.link.is_busy() {
+            if self.link.now_ns() >= end_ns && !was_busy && !self.link.is_busy() {
                 let counters = self.link.counters();
                 let other = self.view.other_node.map_or(String::new(), |(node, _)| {
                     format!("; node {node} is heard, {} was asked for: --node {node}?", self.options.node)
@@ -217,6 +218,8 @@ impl<L: Link> RigController<L> {
             self.send(&Command::TimeSync { sequence: self.clock_sequence })?;
         }
         let next_ns = if self.connected { until_ns.min(self.next_heartbeat_ns) } else { until_ns };
+        // what ends a time of setting up comes before its end: asked for now, as an answer may lie between
+        let was_busy = self.link.is_busy();
         let mut wait = Duration::from_nanos(next_ns.saturating_sub(now_ns)).max(Duration::from_micros(100));
         let every_ns = self.options.report_every.as_nanos() as u64;
         while let Some(received) = self.link.receive(wait)? {
@@ -238,7 +241,7 @@ impl<L: Link> RigController<L> {
         let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
         let within = self.options.silence;
         // a rig without power behind a living adapter
-        if self.connected && silence_ns > within.as_nanos() as u64 && !self.link.is_busy() {
+        if self.connected && silence_ns > within.as_nanos() as u64 && !was_busy && !self.link.is_busy() {
             let heard = match self.view.other_node {
                 Some((other, heard_ns)) if heard_ns > self.view.heard_ns => format!(
                     "node {} says nothing any more, node {other} does: another number was given to it, or to another rig",

@@ -104,6 +104,16 @@ impl<A: Actuators> Worker<A> {
     /// Goes the first part of a way in steps and back again; an error where a shaft moved otherwise than ordered. Ends early,
     /// to be tried again, when a reading stays away or a command to stop came.
     pub(super) fn try_scale(&mut self, way: Way) -> Result<(), LinkError> {
+        self.go_in_steps(way)?;
+        // the state machine read nothing meanwhile: its next look is to find something, or that time counts as silence
+        let end = Instant::now() + REST_WITHIN;
+        while self.readings_urad().contains(&None) && Instant::now() < end {
+            self.listen(1)?;
+        }
+        Ok(())
+    }
+
+    fn go_in_steps(&mut self, way: Way) -> Result<(), LinkError> {
         self.listen(0)?;
         let before = Before { readings_urad: self.readings_urad(), witnesses: self.actuators.witnesses()? };
         let longest_urad = way.travel_urad.map(i32::saturating_abs).into_iter().max().unwrap_or(0);
@@ -122,11 +132,6 @@ impl<A: Actuators> Worker<A> {
         for share in shares.iter().rev().skip(1).chain([&0.0]) {
             self.step_to(&way, ordered_by(*share))?;
             std::thread::sleep(ROUND);
-            self.listen(1)?;
-        }
-        // the state machine's next look is to find them
-        let end = Instant::now() + REST_WITHIN;
-        while self.readings_urad().contains(&None) && Instant::now() < end {
             self.listen(1)?;
         }
         // a way shorter than this proves little
