@@ -44,7 +44,8 @@ fn unless_starved(run: impl Fn() -> Result<(), RigError>) {
     for attempt in 1.. {
         let Err(error) = run() else { return };
         let text = error.to_string();
-        assert!(attempt < 5 && (text.contains("encoder_invalid") || text.contains("no answer")), "{text}");
+        let signs = ["encoder_invalid", "torque_lost", "no answer"];
+        assert!(attempt < 5 && signs.iter().any(|sign| text.contains(sign)), "{text}");
         println!("attempt {attempt}: {text}");
     }
 }
