@@ -18,9 +18,9 @@ pub use bus::{Answer, BROADCAST, Bus, Register, Wire, instruction};
 
 /// Rounds between two looks at the torque switch.
 const SLOW_ROUNDS: u32 = 10;
-/// How far a goal may lie beyond where the shaft was last seen: 8 degrees. A shaft that lags further behind the state
-/// machine's set point than its 5.7 degrees is at fault.
-const FARTHEST_GOAL_COUNTS: i32 = 91;
+/// How far a goal may lie beyond where the shaft was last seen: 7 degrees. A shaft that lags more than 5.7 degrees behind the
+/// state machine's set point is at fault.
+const FARTHEST_GOAL_COUNTS: i32 = 80;
 /// Counts of the turn in which every position and every goal lies.
 pub const TURN_COUNTS: std::ops::RangeInclusive<i32> = 0..=COUNTS as i32 - 1;
 /// Position at the middle of the horn's turn, counts.
@@ -46,6 +46,13 @@ pub fn counts(urad: i32) -> i32 {
     let scaled = i64::from(urad) * COUNTS;
     let half = if scaled < 0 { -TURN_URAD / 2 } else { TURN_URAD / 2 };
     CENTRE + ((scaled + half) / TURN_URAD) as i32
+}
+
+/// The goal for an angle: within the servo's limits, and never far beyond the shaft.
+fn goal_counts(position_urad: i32, (low, high): (i32, i32), shaft: i32) -> i32 {
+    counts(position_urad)
+        .clamp(low, high)
+        .clamp(shaft.saturating_sub(FARTHEST_GOAL_COUNTS), shaft.saturating_add(FARTHEST_GOAL_COUNTS))
 }
 
 fn degrees(counts: i32) -> f64 {
@@ -205,13 +212,6 @@ impl<T: Table> BusServo<T> {
         self.table.take(measured, slow, &mut self.sense);
     }
 
-    /// The goal for an angle: within the servo's limits, and never far beyond the shaft.
-    fn goal(&self, position_urad: i32) -> Vec<u8> {
-        let (low, high) = self.table.limits();
-        let (from, to) = (self.position - FARTHEST_GOAL_COUNTS, self.position + FARTHEST_GOAL_COUNTS);
-        T::goal(counts(position_urad).clamp(low, high).clamp(from, to))
-    }
-
     fn errors(&self) -> Vec<String> {
         let outside = self.outside.map(|position| {
             let (register, turn) = (T::POSITION.0, TURN_COUNTS);
@@ -309,7 +309,8 @@ impl<T: Table> Actuators for BusServos<T> {
             if !servo.switched_on {
                 self.switch_on(axis)?;
             } else if servo.sense.torque {
-                goals.push((servo.id, servo.goal(setpoint.position_urad)));
+                let goal = goal_counts(setpoint.position_urad, servo.table.limits(), servo.position);
+                goals.push((servo.id, T::goal(goal)));
             }
         }
         if goals.is_empty() { Ok(()) } else { self.bus.sync_write(T::GOAL, &goals) }
@@ -360,6 +361,13 @@ mod tests {
         for count in TURN_COUNTS {
             assert_eq!(counts(urad(count)), count);
         }
+    }
+
+    #[test]
+    fn a_goal_stays_within_limits_and_near_the_shaft() {
+        let goal = |wanted, shaft| goal_counts(urad(wanted), (1000, 3000), shaft);
+        assert_eq!([goal(2100, 2050), goal(4000, 2050), goal(0, 2050)], [2100, 2130, 1970]);
+        assert_eq!([goal(3050, 2990), goal(950, 1010)], [3000, 1000]);
     }
 
     /// An answer does not name its register: only its length tells which question it answers.
