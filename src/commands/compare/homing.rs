@@ -207,8 +207,8 @@ mod tests {
             (90_000, "fault"),
             (90_000, "idle"),
             (90_000, "homing"),
-            (5, "holding"),
-            (5, "moving"),
+            (90_100, "holding"),
+            (90_100, "moving"),
         ];
         assert_eq!(doubted(0.0, &readings, Some(1), None), "+---++");
     }
