@@ -4,10 +4,12 @@ use std::net::SocketAddr;
 
 use crate::Packet;
 
-/// A unit that sent nothing for so long may be back from elsewhere, ns.
-const GONE_NS: u64 = 500_000_000;
-/// The same in packets in a row that came from elsewhere: recordings may have no times.
-const GONE_PACKETS: u32 = 32;
+/// A unit that sent nothing for so long may be back from elsewhere, ns; where two were heard, only after much longer: on a busy
+/// host packets come in bursts.
+const GONE_NS: u64 = 1_000_000_000;
+const GONE_BESIDE_ANOTHER_NS: u64 = 10_000_000_000;
+/// The same in packets in a row that came from elsewhere, where a recording has no times.
+const GONE_PACKETS: u32 = 256;
 /// Lengths of packets that are watched: lidar, inertial and zone packets, which need not leave from one port.
 const MOST_LENGTHS: usize = 8;
 
@@ -48,7 +50,11 @@ impl Senders {
             return true;
         };
         known.others = if known.source == packet.source { 0 } else { known.others + 1 };
-        let is_gone = known.others > GONE_PACKETS || known.heard_ns.abs_diff(packet.host_time_ns) >= GONE_NS;
+        let gone_ns = if self.rival.is_some() { GONE_BESIDE_ANOTHER_NS } else { GONE_NS };
+        let is_gone = match packet.host_time_ns {
+            0 => known.others > GONE_PACKETS,
+            time_ns => known.heard_ns.abs_diff(time_ns) >= gone_ns,
+        };
         if known.others == 0 || is_gone {
             *known = Sender::of(packet);
             return true;

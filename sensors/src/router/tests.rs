@@ -369,11 +369,16 @@ fn two_units_of_one_serial_number_are_named_and_not_taken_as_one() {
 #[test]
 fn a_unit_that_comes_back_from_another_port_is_the_same() {
     let ms = 1_000_000;
-    let (router, per_turn) = from_two(&[(50_000, 0), (50_000, 100 * ms), (50_001, 900 * ms)]);
+    let begun_ns = 1_700_000_000_000 * ms;
+    let turns: Vec<(u16, u64)> = [(50_000, 0), (50_000, 100), (50_001, 1_900)]
+        .map(|(port, at_ms)| (port, begun_ns + at_ms * ms))
+        .into();
+    let (router, per_turn) = from_two(&turns);
     assert_eq!(router.sensors()[0].stats().packets, 3 * per_turn as u64);
     assert_eq!(router.sensors()[0].rival(), None);
-    // without a pause it is after so many packets in a row
-    let (router, per_turn) = from_two(&[(50_000, 0), (50_001, 100 * ms), (50_001, 200 * ms)]);
-    assert_eq!(router.sensors()[0].stats().packets, 3 * per_turn as u64 - 32);
-    assert_eq!(router.sensors()[0].rival().unwrap().packets, 32);
+    // a burst of another is not its return
+    let burst = |turn: u16| (50_000 + turn.min(1), begun_ns + u64::from(turn) * 40 * ms);
+    let (router, per_turn) = from_two(&(0..12).map(burst).collect::<Vec<_>>());
+    assert_eq!(router.sensors()[0].stats().packets, per_turn as u64);
+    assert_eq!(router.sensors()[0].rival().unwrap().packets, 11 * per_turn as u64);
 }

@@ -149,7 +149,7 @@ impl Pitches {
         *span_rad = [span_rad[0].min(least_rad), span_rad[1].max(greatest_rad)];
         let [first_ns, last_ns] = frame.host_time_ns;
         // a reading within two frames' times counts once
-        let from_ns = self.host_ns.map_or(first_ns, |host_ns| first_ns.max(host_ns[1] + 1));
+        let from_ns = self.host_ns.map_or(first_ns, |host_ns| host_ns[1] + 1);
         self.readings += tilt.readings_within([from_ns, last_ns]);
         let host_ns = self.host_ns.get_or_insert(frame.host_time_ns);
         *host_ns = [host_ns[0].min(first_ns), host_ns[1].max(last_ns)];
