@@ -9,14 +9,13 @@ use serde::Serialize;
 
 use super::compare::hearing;
 use super::compare::recorded::{Recorded, RecordedArgs};
-use super::ground::suspicions;
 use super::recording::Recording;
 use super::{Context, Outcome, output, unread};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
 use crate::design::registration::RegistrationQuality;
 use crate::verify::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
-use crate::world::trajectory::Trajectory;
+use crate::world::trajectory::{Trajectory, suspicions};
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]

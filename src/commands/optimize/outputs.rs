@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::Context as _;
 
 use super::{Document, summary};
+use crate::report::chart::{LineChart, Series, number};
+
 use crate::base::files;
-use crate::commands::evaluate::found_with;
-use crate::commands::figures;
 use crate::design::optimize::MountProblem;
 use crate::report::Report;
-use crate::report::chart::{LineChart, Series, number};
+use crate::report::figures;
 use crate::rig::{MountFile, SensorEntry};
 use crate::simulate::published::Placement;
 
@@ -34,7 +34,7 @@ pub fn mount_file(problem: &MountProblem, masters: &[Placement], objective: f64)
     }
     file.preset = Some(experiment.name());
     file.objective = Some(objective);
-    file.found_with = Some(Box::new(found_with(problem.objective())));
+    file.found_with = Some(Box::new(problem.objective().settings()));
     file
 }
 

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use serde::Serialize;
 
 use super::Args;
-use crate::commands::evaluate::FidelityArg;
+use crate::commands::experiment_args::FidelityArg;
 use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
 use crate::design::objective::Objective;
 use crate::design::optimize::{Measured, MountProblem};

@@ -8,7 +8,6 @@ use serde_json::{Value, json};
 
 use crate::base::files;
 use crate::base::questions::first_difference;
-use crate::commands::evaluate::found_with;
 use crate::design::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
 
@@ -41,7 +40,7 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
         "robust": problem.robustness(),
     });
     if let (Some(question), Value::Object(found_with)) =
-        (question.as_object_mut(), serde_json::to_value(found_with(objective))?)
+        (question.as_object_mut(), serde_json::to_value(objective.settings())?)
     {
         question.extend(found_with);
     }

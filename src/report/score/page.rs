@@ -1,15 +1,14 @@
-//! The page of `evaluate`.
+//! The page of a score.
 
 use super::Document;
-use super::fidelity::Fidelity;
-use crate::commands::{figures, output};
-use crate::report::Report;
+use crate::design::fidelity::MountFidelity;
 use crate::report::chart::number;
+use crate::report::{Report, figures};
 use crate::world::coverage::Coverage;
 
 /// What was scored, term by term, and who saw what.
-pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
-    let evaluation = document.evaluation;
+pub(crate) fn page(document: &Document, coverage: &Coverage, made_by: &str) -> Report {
+    let evaluation = &document.evaluation;
     let share = 100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
         format!(
@@ -24,7 +23,7 @@ pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
         number(evaluation.unique_voxels as f64, 0),
         number(evaluation.reachable_voxels as f64, 0),
     );
-    let mut report = Report::new(&format!("Score in {}", document.preset), &summary, &output::again());
+    let mut report = Report::new(&format!("Score in {}", document.preset), &summary, made_by);
     for violation in &evaluation.violations {
         report.paragraph(&format!("Not allowed: {violation}."));
     }
@@ -33,7 +32,7 @@ pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
     }
     terms(&mut report, document);
     sensors(&mut report, document);
-    beside(&mut report, document);
+    baselines(&mut report, document);
     let names: Vec<String> = (1..=coverage.sensors()).map(|sensor| format!("sensor {sensor}")).collect();
     figures::unfolded(&mut report, coverage, &names.iter().map(String::as_str).collect::<Vec<_>>());
     report.heading("Blind spots");
@@ -48,7 +47,7 @@ pub fn page(document: &Document<'_>, coverage: &Coverage) -> Report {
     report
 }
 
-fn terms(report: &mut Report, document: &Document<'_>) {
+fn terms(report: &mut Report, document: &Document) {
     let terms = &document.evaluation.terms;
     report.heading("The terms of J");
     let row = |name: &str, value: f64| vec![name.to_owned(), number(value, 2)];
@@ -70,7 +69,7 @@ fn terms(report: &mut Report, document: &Document<'_>) {
         document.azimuths,
         document.sub_poses
     ));
-    let verdicts: Vec<_> = document.fidelity.iter().flat_map(Fidelity::verdicts).collect();
+    let verdicts: Vec<_> = document.fidelity.iter().flat_map(MountFidelity::verdicts).collect();
     if !verdicts.is_empty() {
         let rows: Vec<_> = verdicts.into_iter().map(|(title, words)| vec![title.to_owned(), words]).collect();
         report.table(&["sampled more finely", ""], &rows);
@@ -80,12 +79,12 @@ fn terms(report: &mut Report, document: &Document<'_>) {
     }
 }
 
-fn sensors(report: &mut Report, document: &Document<'_>) {
+fn sensors(report: &mut Report, document: &Document) {
     report.heading("The sensors");
     let row = |(index, mount): (usize, &[f64; 5])| {
         let mut row = vec![(index + 1).to_string(), document.evaluation.models[index].to_owned()];
         row.extend(mount.iter().map(|value| number(*value, 3)));
-        let evaluation = document.evaluation;
+        let evaluation = &document.evaluation;
         row.push(number(evaluation.per_sensor_voxels[index] as f64, 0));
         row.push(number(evaluation.unique_per_sensor[index] as f64, 0));
         row
@@ -97,9 +96,9 @@ fn sensors(report: &mut Report, document: &Document<'_>) {
     );
 }
 
-fn beside(report: &mut Report, document: &Document<'_>) {
+fn baselines(report: &mut Report, document: &Document) {
     let Some(baselines) = &document.baselines else { return };
-    let evaluation = document.evaluation;
+    let evaluation = &document.evaluation;
     let voxels = |count: u64| number(count as f64, 0);
     let mut rows = vec![vec![
         "the mounts".into(),

@@ -1,11 +1,9 @@
-//! A published experiment as typed: its options, and the masters scored in it.
+//! A published experiment as typed.
 
 use std::str::FromStr;
 
-use super::found::{are_same_presets, prices};
-use super::prices::Prices;
-use crate::commands::wrong_usage;
-use crate::design::objective::{Objective, Weights};
+use super::wrong_usage;
+use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
 use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, ExperimentError, Path, Phase, Preset, Roll, Simulator};
 
@@ -51,6 +49,22 @@ pub struct ExperimentArgs {
     /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
     #[arg(long, value_name = "Q")]
     min_conditioning: Option<f64>,
+}
+
+/// How finely is looked.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FidelityArg {
+    /// As the other arguments say.
+    Given,
+    /// As finely as the question needs.
+    Auto,
+}
+
+impl FidelityArg {
+    /// Where nothing is said: a published experiment is looked at as it was published.
+    pub fn for_scene(is_new: bool) -> Self {
+        if is_new { Self::Auto } else { Self::Given }
+    }
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -100,7 +114,7 @@ impl ExperimentArgs {
         if !self.preset.is_empty() && !are_same_presets(&self.preset.join(","), names) {
             return asked;
         }
-        let prices = Prices::ByModel(prices(names, &found.lambda));
+        let prices = Prices::ByModel(prices_by_model(names, &found.lambda));
         Self {
             path: self.path.or(Some(match found.path {
                 Path::Lateral => PathArg::Lateral,
@@ -167,7 +181,7 @@ impl ExperimentArgs {
         if !(least_distance_m.is_finite() && least_distance_m >= 0.0) {
             refuse!("--least-distance {least_distance_m}, expected a finite number of at least 0");
         }
-        let prices = self.lambda.clone().unwrap_or_default().of(&experiment)?;
+        let prices = self.lambda.clone().unwrap_or_default().of(&experiment).map_err(wrong_usage)?;
         let registration = self.registration_weight.unwrap_or(0.0);
         if !(registration.is_finite() && registration >= 0.0) {
             refuse!("--registration-weight {registration}, expected a number of at least 0");

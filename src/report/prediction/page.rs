@@ -1,15 +1,19 @@
-//! The page of `predict`.
+//! The page of a prediction.
 
-use super::Place;
-use super::document::Document;
-use crate::commands::{figures, output};
+use super::{Document, SensorDocument};
 use crate::report::chart::number;
-use crate::report::{FromAbove, Report, unfold_box};
+use crate::report::{FromAbove, Report, figures, unfold_box};
 use crate::world::coverage::Coverage;
 use crate::world::scene::Scene;
 
 /// What the rig will see, and what it will not.
-pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: &[usize]) -> Report {
+pub(crate) fn page(
+    document: &Document,
+    scene: &Scene,
+    coverage: &Coverage,
+    observable: &[usize],
+    made_by: &str,
+) -> Report {
     let count = |count: u64| number(count as f64, 0);
     let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
@@ -25,14 +29,14 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
         count(document.reachable_voxels),
         coverage.grid().voxel_m,
     );
-    let mut report = Report::new("Predicted coverage", &summary, &output::again());
+    let mut report = Report::new("Predicted coverage", &summary, made_by);
     for warning in &document.warnings {
         report.paragraph(warning);
     }
-    for pair in &document.violations {
+    for pair in &document.conflicts.violations {
         report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
     }
-    for pair in &document.touching {
+    for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
     sensors(&mut report, document);
@@ -41,19 +45,19 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
         report.heading("The map");
         report.paragraph(&map.line());
     }
-    beside(&mut report, document);
-    pictures(&mut report, document, place, coverage, reachable);
+    baselines(&mut report, document);
+    pictures(&mut report, document, scene, coverage, observable);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
-    if let Some(left_out) = &document.left_out {
+    if let Some(omissions) = &document.left_out {
         report.heading("What the model leaves out");
-        left_out.iter().for_each(|left| report.paragraph(&format!("{}.", left.words())));
+        omissions.iter().for_each(|omission| report.paragraph(&format!("{}.", omission.words())));
     }
-    let tied = &document.tied;
+    let path = &document.registration;
     figures::registration_section(
         &mut report,
-        tied.registration.as_ref(),
+        path.registration.as_ref(),
         "way, m",
-        tied.least_translation(),
+        path.least_translation(),
     );
     report
 }
@@ -61,7 +65,7 @@ pub fn page(document: &Document, place: &Place, coverage: &Coverage, reachable: 
 fn sensors(report: &mut Report, document: &Document) {
     report.heading("The sensors");
     let count = |count: u64| number(count as f64, 0);
-    let row = |sensor: &super::document::SensorDocument| {
+    let row = |sensor: &SensorDocument| {
         vec![
             sensor.name.clone(),
             sensor.model.clone(),
@@ -84,11 +88,11 @@ fn surface(report: &mut Report, document: &Document) {
     let Some(surface) = &document.surface else { return };
     report.heading("Completeness of the surface");
     let mut row = vec!["the rig".to_owned()];
-    row.extend(surface.covered.percent());
+    row.extend(surface.shares.percent());
     let mut rows = vec![row];
     for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
-        let covered = single.seen.covered.iter().flat_map(|covered| covered.percent());
-        rows.push(std::iter::once(name.to_owned()).chain(covered).collect());
+        let shares = single.seen.shares.iter().flat_map(|shares| shares.percent());
+        rows.push(std::iter::once(name.to_owned()).chain(shares).collect());
     }
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
     report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
@@ -98,7 +102,7 @@ fn surface(report: &mut Report, document: &Document) {
     ));
 }
 
-fn beside(report: &mut Report, document: &Document) {
+fn baselines(report: &mut Report, document: &Document) {
     let Some(baselines) = &document.baselines else { return };
     let rig =
         ["the rig".into(), "-".into(), "-".into(), number(document.unique_voxels as f64, 0), "-".into()];
@@ -123,14 +127,14 @@ fn beside(report: &mut Report, document: &Document) {
 fn pictures(
     report: &mut Report,
     document: &Document,
-    place: &Place,
+    scene: &Scene,
     coverage: &Coverage,
-    reachable: &[usize],
+    observable: &[usize],
 ) {
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "can be seen, but nobody did");
     report.heading("Who saw what");
-    if matches!(place.scene, Scene::Box(_)) {
+    if matches!(scene, Scene::Box(_)) {
         report.maps(
             "Voxels by who saw them",
             &unfold_box(coverage.grid(), &|cell| Some(figures::who_covers(coverage, cell))),
@@ -140,8 +144,8 @@ fn pictures(
         report.heading("Blind spots");
         return;
     }
-    let mut above = FromAbove::new(place.scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
-    for cell in reachable {
+    let mut above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    for cell in observable {
         above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
     }
     figures::from_above(report, &above, &classes, "surface");

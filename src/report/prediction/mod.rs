@@ -1,31 +1,26 @@
-//! What `predict` says: the JSON document, the summary, the coverage file.
+//! What a mount will see of a site: the JSON document and its summary.
+
+mod page;
+
+pub(crate) use page::page;
 
 use serde::Serialize;
 
-use super::Place;
-use super::left_out::LeftOut;
-use super::scan::{Alone, Scanned, unknown_share};
-use crate::commands::baselines::Baselines;
-use crate::commands::ground::MeshTaken;
-use crate::commands::output;
-use crate::commands::registration::{Tied, along_way};
-use crate::commands::scene_file::MapTaken;
-use crate::commands::surface::{Covered, Surface};
-use crate::design::registration::RegistrationQuality;
-use crate::report::{BlindSpot, blind_spots};
-use crate::rig::{Clearance, MountedSensor, Rig, Touching};
+use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
+use crate::design::registration::{PathRegistration, RegistrationQuality};
+use crate::rig::{Conflicts, MountedSensor};
+use crate::simulate::baselines::Baselines;
+use crate::simulate::prediction::{Omission, Prediction, SinglePrediction, Site, unknown_share};
 use crate::simulate::scan::Scanner;
-use crate::world::coverage::Coverage;
-use crate::world::scene::{Scene, VoxelMap};
+use crate::world::scene::{MapSummary, MeshSummary, Scene, VoxelMap};
+use crate::world::surface::{ObservableSurface, SurfaceShares};
 
 /// Union bitmaps are hashed up to this many cells.
 const HASHED_CELLS: usize = 1 << 33;
-/// Blind spots listed, the largest first.
-const MOST_BLIND_SPOTS: usize = 10;
 
-/// The document that `predict` prints.
+/// The document of a prediction.
 #[derive(Serialize)]
-pub struct Document {
+pub(crate) struct Document {
     pub sensors: Vec<SensorDocument>,
     pub unique_voxels: u64,
     /// Voxels that could be seen from the path: the walls of a room; of a mesh what has an observable surface
@@ -35,7 +30,7 @@ pub struct Document {
     /// Neighbouring voxels that could be seen and are not, the largest groups first.
     pub blind_spots: Vec<BlindSpot>,
     /// Null where they were left out.
-    pub baselines: Option<Baselines<Alone>>,
+    pub baselines: Option<Baselines<SinglePrediction>>,
     /// Of a mesh.
     #[serde(flatten)]
     pub surface: Option<SurfaceDocument>,
@@ -50,25 +45,23 @@ pub struct Document {
     /// Union bitmap; null for grids of more than 2^33 cells.
     coverage_sha256: Option<String>,
     #[serde(flatten)]
-    pub tied: Tied,
+    pub registration: PathRegistration,
     /// Whether every pair of housings is apart.
     feasible: bool,
-    /// Pairs that are not.
-    pub violations: Vec<Clearance>,
-    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
-    pub touching: Vec<Touching>,
+    #[serde(flatten)]
+    pub conflicts: Conflicts,
     /// What the model leaves out; null unless asked for.
-    pub left_out: Option<Vec<LeftOut>>,
+    pub left_out: Option<Vec<Omission>>,
     trajectory_length_m: f64,
     pub warnings: Vec<String>,
     /// Seconds that the rig's own scan took.
-    wall_s: f64,
+    pub wall_s: f64,
     /// With the single sensors beside it and what the model leaves out.
     pub total_s: f64,
 }
 
 #[derive(Serialize)]
-pub struct SensorDocument {
+pub(crate) struct SensorDocument {
     pub name: String,
     pub model: String,
     pub columns: u32,
@@ -87,28 +80,28 @@ struct GridDocument {
 
 /// How much of a mesh's surface is covered.
 #[derive(Serialize)]
-pub struct SurfaceDocument {
+pub(crate) struct SurfaceDocument {
     #[serde(flatten)]
-    pub covered: Covered,
+    pub shares: SurfaceShares,
     pub observable_share: f64,
     samples: usize,
-    pub mesh: MeshTaken,
+    pub mesh: MeshSummary,
 }
 
-/// What is known of the place.
+/// What is known of the map.
 #[derive(Serialize)]
-pub struct MapDocument {
+pub(crate) struct MapDocument {
     #[serde(flatten)]
-    pub taken: MapTaken,
+    pub summary: MapSummary,
     /// Share of the beams that cross a cell of which the map knows nothing before they hit something, or leave the map;
     /// null where the map does not tell free cells from unknown ones.
     pub unknown_share: Option<f64>,
 }
 
 impl MapDocument {
-    fn new(scanner: &Scanner<'_>, map: &VoxelMap, taken: &MapTaken) -> Self {
-        let unknown_share = taken.knows_free().then(|| unknown_share(scanner, map));
-        Self { taken: taken.clone(), unknown_share }
+    fn new(scanner: &Scanner<'_>, map: &VoxelMap, summary: &MapSummary) -> Self {
+        let unknown_share = summary.knows_free().then(|| unknown_share(scanner, map));
+        Self { summary: summary.clone(), unknown_share }
     }
 
     /// In words.
@@ -116,57 +109,55 @@ impl MapDocument {
         let unknown = self.unknown_share.map_or(String::new(), |share| {
             format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
         });
-        self.taken.line() + &unknown
+        self.summary.line() + &unknown
     }
 }
 
 impl Document {
-    /// Counts everything.
+    /// Counts everything. `observable` are the voxels that could be seen from the path, ascending.
     pub fn new(
         scanner: &Scanner<'_>,
-        place: &Place,
-        scanned: &Scanned,
-        surface: Option<&Surface>,
-        reachable: &[usize],
-        baselines: Option<Baselines<Alone>>,
-        wall_s: f64,
+        site: &Site,
+        prediction: &Prediction,
+        surface: Option<&ObservableSurface>,
+        observable: &[usize],
     ) -> Self {
-        let coverage = &scanned.coverage;
+        let coverage = &prediction.coverage;
         let counts = coverage.counts();
         let sensor = |(index, sensor): (usize, &MountedSensor)| SensorDocument {
             name: sensor.name.clone(),
             model: sensor.model.name.clone(),
             columns: scanner.spins[index].columns,
             rays: scanner.columns(index) * sensor.model.channels() as u64,
-            returns: scanned.returns[index],
+            returns: prediction.returns[index],
             voxels: counts.per_sensor[index],
             unique_voxels: counts.unique_per_sensor[index],
         };
         let sensors: Vec<_> = scanner.rig.sensors.iter().enumerate().map(sensor).collect();
         let seen = coverage.union_cells();
-        let unseen = reachable.iter().copied().filter(|cell| seen.binary_search(cell).is_err());
-        let violations: Vec<_> =
-            scanner.rig.clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect();
+        let unseen = observable.iter().copied().filter(|cell| seen.binary_search(cell).is_err());
+        let conflicts = scanner.rig.conflicts();
         let grid = coverage.grid();
-        let covered = surface.zip(scanned.covered.clone()).zip(place.mesh.as_ref());
+        let loaded = &site.loaded;
+        let shares = surface.zip(prediction.shares.clone()).zip(loaded.mesh.as_ref());
         Self {
             unique_voxels: counts.union,
-            reachable_voxels: reachable.len() as u64,
+            reachable_voxels: observable.len() as u64,
             overlap_ratio: counts.overlap_ratio(),
-            blind_spots: blind_spots(grid, unseen, MOST_BLIND_SPOTS),
-            baselines,
-            surface: covered.map(|((surface, covered), (_, mesh))| SurfaceDocument {
-                covered,
+            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS),
+            baselines: None,
+            surface: shares.map(|((surface, shares), mesh)| SurfaceDocument {
+                shares,
                 observable_share: surface.observable_share(),
                 samples: surface.samples.len(),
                 mesh: mesh.clone(),
             }),
-            map: match (&place.scene, &place.map) {
-                (Scene::Voxels(map), Some(taken)) => Some(MapDocument::new(scanner, map, taken)),
+            map: match (&loaded.scene, &loaded.map) {
+                (Scene::Voxels(map), Some(summary)) => Some(MapDocument::new(scanner, map, summary)),
                 _ => None,
             },
             rays: sensors.iter().map(|sensor| sensor.rays).sum(),
-            returns: scanned.returns.iter().sum(),
+            returns: prediction.returns.iter().sum(),
             outside_grid: coverage.outside(),
             grid: GridDocument {
                 origin_m: grid.origin_m.to_array(),
@@ -174,15 +165,14 @@ impl Document {
                 cells: grid.cells,
             },
             coverage_sha256: (grid.len() <= HASHED_CELLS).then(|| coverage.union_sha256()),
-            tied: along_way(scanner),
-            feasible: violations.is_empty(),
-            violations,
-            touching: scanner.rig.touching(),
+            registration: PathRegistration::of_scanner(scanner),
+            feasible: conflicts.violations.is_empty(),
+            conflicts,
             left_out: None,
             trajectory_length_m: scanner.trajectory.length_m(),
-            warnings: place.warnings.clone(),
-            wall_s,
-            total_s: wall_s,
+            warnings: loaded.warnings.clone(),
+            wall_s: 0.0,
+            total_s: 0.0,
             sensors,
         }
     }
@@ -229,49 +219,19 @@ impl Document {
                 surface.samples,
                 ""
             );
-            let line = |name: &str, covered: &Covered| format!("{name:15}{}\n", covered.percent().join("  "));
-            text += &line("rig", &surface.covered);
+            let line =
+                |name: &str, shares: &SurfaceShares| format!("{name:15}{}\n", shares.percent().join("  "));
+            text += &line("rig", &surface.shares);
             for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
-                text += &single.seen.covered.as_ref().map_or(String::new(), |covered| line(name, covered));
+                text += &single.seen.shares.as_ref().map_or(String::new(), |shares| line(name, shares));
             }
         }
         text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
-        text += &self.tied.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
-        for left in self.left_out.iter().flatten() {
-            text += &format!("left out       {}\n", left.words());
+        text += &self.registration.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
+        for omission in self.left_out.iter().flatten() {
+            text += &format!("left out       {}\n", omission.words());
         }
-        text += &output::cannot_be_built(&self.violations, &self.touching);
+        text += &self.conflicts.lines();
         text + &format!("{:.2} s, {:.2} s of it for the rig\n", self.total_s, self.wall_s)
     }
-}
-
-/// Voxel centres with one bit per sensor.
-pub fn ply(coverage: &Coverage, rig: &Rig) -> Vec<u8> {
-    let grid = coverage.grid();
-    let cells = coverage.union_cells();
-    let [x, y, z] = grid.origin_m.to_array();
-    let [nx, ny, nz] = grid.cells;
-    let mut text = format!(
-        "ply\nformat binary_little_endian 1.0\n\
-         comment outrigger coverage, world frame, metres\n\
-         comment grid origin {x} {y} {z} voxel {} cells {nx} {ny} {nz}\n",
-        grid.voxel_m
-    );
-    for (bit, sensor) in rig.sensors.iter().enumerate() {
-        let name: String = sensor.name.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-        text += &format!("comment sensors bit {bit}: {name}\n");
-    }
-    text += &format!(
-        "element vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty uint sensors\nend_header\n",
-        cells.len()
-    );
-    let mut bytes = text.into_bytes();
-    for cell in cells {
-        for value in grid.centre_m(cell).to_array() {
-            bytes.extend(value.to_le_bytes());
-        }
-        let seen_by = |mask, sensor| mask | u32::from(coverage.contains(sensor, cell)) << sensor;
-        bytes.extend((0..rig.sensors.len()).fold(0u32, seen_by).to_le_bytes());
-    }
-    bytes
 }

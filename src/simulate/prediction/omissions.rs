@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::commands::baselines::search_step;
-use crate::report::chart::number;
+use crate::base::numbers::number;
+use crate::simulate::baselines::search_step;
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::{Flaws, Scanner};
@@ -19,14 +19,14 @@ const NOISE_M: f64 = 0.03;
 
 /// Something that the model leaves out.
 #[derive(Serialize)]
-pub struct LeftOut {
+pub(crate) struct Omission {
     what: String,
     /// Change of the voxels seen with it, share of them, on some of the columns; null where it was not measured.
     worth: Option<f64>,
     why: String,
 }
 
-impl LeftOut {
+impl Omission {
     /// In words.
     pub fn words(&self) -> String {
         let worth =
@@ -36,13 +36,13 @@ impl LeftOut {
 }
 
 /// Effects that were not asked for, each measured by itself on some of the columns.
-pub fn left_out(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<LeftOut> {
+pub(crate) fn omissions(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<Omission> {
     let plain = voxels_of_some(scanner, grid);
     let flaws = scanner.flaws;
     let mut all = Vec::new();
     let mut effect = |what: String, why: String, scanner: &Scanner<'_>| {
         let worth = (plain > 0).then(|| voxels_of_some(scanner, grid) as f64 / plain as f64 - 1.0);
-        all.push(LeftOut { what, worth, why });
+        all.push(Omission { what, worth, why });
     };
     let with = |flaws: Flaws| Scanner { flaws, ..scanner.clone() };
     if flaws.sub_rays == 0 {
@@ -78,8 +78,8 @@ pub fn left_out(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<LeftOut> {
         }
         effect("housings of the other sensors".into(), "left out by --no-housings".into(), &shaded);
     }
-    if !scanner.occluders.iter().flatten().any(is_wearer) {
-        all.push(LeftOut {
+    if !scanner.occluders.iter().flatten().any(is_operator) {
+        all.push(Omission {
             what: "who carries the rig".into(),
             worth: None,
             why: "not said where they stand; --wearer models them".into(),
@@ -88,12 +88,12 @@ pub fn left_out(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<LeftOut> {
     all
 }
 
-fn is_wearer(solid: &Occluder) -> bool {
+fn is_operator(solid: &Occluder) -> bool {
     matches!(solid, Occluder::Capsule { .. })
 }
 
 fn has_housing(solids: &[Occluder]) -> bool {
-    solids.iter().any(|solid| !is_wearer(solid))
+    solids.iter().any(|solid| !is_operator(solid))
 }
 
 /// Voxels that every eighth column of about 24 revolutions sees.

@@ -1,36 +1,55 @@
-//! The scans of a prediction: those of the rig, and those of the single sensors beside it.
+//! What a rig will see of a site, by every ray of it; and what single sensors would see.
+
+mod doubts;
+mod omissions;
+mod site;
+
+pub(crate) use doubts::doubts;
+pub(crate) use omissions::{Omission, omissions};
+pub(crate) use site::{Site, grid_of};
 
 use std::ops::Range;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::commands::baselines::{Baselines, SCAN_PITCHES_DEG, Single, best_pitch, level_mount, search_step};
-use crate::commands::stage::Stage;
-use crate::commands::surface::{Covered, MAIN_RANK, Surface};
+use super::Progress;
+use super::baselines::{Baselines, SCAN_PITCHES_DEG, Single, by_scans, search_step, strongest};
+use super::occluder::Occluder;
+use super::rounds::{is_worth_settling, rounds};
+use super::scan::Scanner;
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::simulate::occluder::Occluder;
-use crate::simulate::rounds::{is_worth_settling, rounds};
-use crate::simulate::scan::Scanner;
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::VoxelMap;
-use crate::world::surface::{Completeness, THRESHOLDS_M};
+use crate::world::surface::{Completeness, MAIN_RANK, ObservableSurface, SurfaceShares, THRESHOLDS_M};
 
-/// What a rig saw.
-pub struct Scanned {
+/// What a rig will see.
+pub(crate) struct Prediction {
     pub coverage: Coverage,
     /// Returns by sensor.
     pub returns: Vec<u64>,
-    pub covered: Option<Covered>,
+    /// Of a mesh.
+    pub shares: Option<SurfaceShares>,
 }
 
-/// Revolutions of all sensors on the whole way.
-pub fn revolutions(scanner: &Scanner<'_>) -> u64 {
-    (0..scanner.rig.sensors.len()).map(|sensor| turns(scanner, sensor).count() as u64).sum()
+/// Scans the whole path.
+pub(crate) fn predict(
+    scanner: &Scanner<'_>,
+    grid: &VoxelGrid,
+    surface: Option<&ObservableSurface>,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Prediction {
+    let sensors = 0..scanner.rig.sensors.len();
+    progress(Progress::Total(sensors.map(|sensor| turns(scanner, sensor).count() as u64).sum()));
+    scan(scanner, grid, surface, progress)
 }
 
-/// Scans the whole way; the stage is told of every revolution.
-pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>, stage: &Stage) -> Scanned {
+fn scan(
+    scanner: &Scanner<'_>,
+    grid: &VoxelGrid,
+    surface: Option<&ObservableSurface>,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Prediction {
     let sensors = scanner.rig.sensors.len();
     let sweeps: Vec<_> = (0..sensors).map(|sensor| scanner.sweep(sensor)).collect();
     let turns: Vec<_> = (0..sensors).flat_map(|sensor| turns(scanner, sensor)).collect();
@@ -52,7 +71,7 @@ pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>, 
                             .for_each(|(completeness, adder)| completeness.add(adder, back.point_m));
                     }
                 });
-                stage.more(1);
+                progress(Progress::Done(1));
             }
         });
         if is_worth_settling(round) {
@@ -65,8 +84,8 @@ pub fn scan(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>, 
         coverage.join(more);
         returns.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
     }
-    let covered = surface.zip(completeness.as_ref()).map(|(surface, found)| surface.covered(found));
-    Scanned { coverage, returns, covered }
+    let shares = surface.zip(completeness.as_ref()).map(|(surface, found)| surface.shares(found));
+    Prediction { coverage, returns, shares }
 }
 
 /// The revolutions of a sensor, the last one as far as it goes.
@@ -84,8 +103,8 @@ fn quarters(columns: &Range<u64>) -> impl Iterator<Item = Range<u64>> + use<> {
 }
 
 /// Share of the beams, every 8th column of about 24 revolutions, of which a map does not know where they end: they cross
-/// a cell that nobody has looked into, or leave the map.
-pub fn unknown_share(scanner: &Scanner<'_>, map: &VoxelMap) -> f64 {
+/// an unseen voxel, or leave the map.
+pub(crate) fn unknown_share(scanner: &Scanner<'_>, map: &VoxelMap) -> f64 {
     const COLUMN_STEP: usize = 8;
     let count = |sensor: usize| {
         let sweep = scanner.sweep(sensor);
@@ -94,7 +113,8 @@ pub fn unknown_share(scanner: &Scanner<'_>, map: &VoxelMap) -> f64 {
         let columns: Vec<u64> = turns.into_iter().step_by(step).flatten().step_by(COLUMN_STEP).collect();
         let of_column = |column: &u64| {
             let rays = sweep.rays(*column);
-            let unknown = rays.iter().filter(|(origin_m, way)| map.is_unknown(*origin_m, *way)).count();
+            let unknown =
+                rays.iter().filter(|(origin_m, direction)| map.is_unknown(*origin_m, *direction)).count();
             [unknown as u64, rays.len() as u64]
         };
         columns.par_iter().map(of_column).reduce(|| [0, 0], |a, b| [a[0] + b[0], a[1] + b[1]])
@@ -106,70 +126,55 @@ pub fn unknown_share(scanner: &Scanner<'_>, map: &VoxelMap) -> f64 {
 
 /// What one sensor sees.
 #[derive(Clone, Debug, Serialize)]
-pub struct Alone {
+pub(crate) struct SinglePrediction {
     pub unique_voxels: u64,
     /// Voxels of the rig less those of the single sensor.
     pub gain_voxels: i64,
     #[serde(flatten)]
-    pub covered: Option<Covered>,
+    pub shares: Option<SurfaceShares>,
 }
 
 /// One level sensor and the best single one, of the rig's model with the most channels.
-pub fn baselines(
+pub(crate) fn baselines(
     scanner: &Scanner<'_>,
     grid: &VoxelGrid,
-    surface: Option<&Surface>,
-    scanned: &Scanned,
-    stage: &Stage,
-) -> Baselines<Alone> {
+    surface: Option<&ObservableSurface>,
+    of_rig: &Prediction,
+    progress: &(dyn Fn(Progress) + Sync),
+) -> Baselines<SinglePrediction> {
     let sensors = &scanner.rig.sensors;
-    let mounts: Vec<_> = sensors.iter().map(|sensor| sensor.mount).collect();
-    let level = level_mount(&mounts);
-    // of equals the first
-    let strongest =
-        (0..sensors.len()).rev().max_by_key(|sensor| sensors[*sensor].model.channels()).unwrap_or(0);
+    let strongest = strongest(scanner.rig);
     let rig_of = |mount: Mount| Rig {
         sensors: vec![MountedSensor { mount, name: "single".into(), ..sensors[strongest].clone() }],
     };
-    let of_rig = scanned.coverage.union_count() as i64;
-    let alone = |mount: Mount| {
-        let rig = rig_of(mount);
-        let seen = scan(&single(scanner, strongest, &rig), grid, surface, stage);
-        let unique_voxels = seen.coverage.union_count();
-        let gain_voxels = of_rig - unique_voxels as i64;
-        let seen = Alone { unique_voxels, gain_voxels, covered: seen.covered };
-        Single::new(&sensors[strongest].model.name, &mount, seen)
-    };
-    let tilted = |pitch_deg: f64| Mount { pitch_rad: pitch_deg.to_radians(), ..level };
-    // of the search some revolutions, of what was found all, beside all of the level one
+    // of the search some revolutions, of what was found all, and all of the level one
     let all = turns(scanner, strongest).count() as u64;
     let tried = all.div_ceil(step(scanner, strongest));
-    stage.counts(SCAN_PITCHES_DEG.len() as u64 * tried + 2 * all, 0);
-    let (best_deg, pitch_search) = best_pitch(&SCAN_PITCHES_DEG, |pitch_deg| {
-        let rig = rig_of(tilted(pitch_deg));
-        let value = value_of_some(&single(scanner, strongest, &rig), grid, surface);
-        stage.more(tried);
-        value
-    });
-    let level_single = alone(level);
-    let mut best_single = if best_deg == 0.0 { level_single.clone() } else { alone(tilted(best_deg)) };
-    // the search saw a part of the way only
-    let value = |single: &Single<Alone>| {
-        single.seen.covered.as_ref().map_or(single.seen.unique_voxels as f64, Covered::main)
-    };
-    if value(&best_single) < value(&level_single) {
-        best_single = level_single.clone();
-    }
-    Baselines {
-        level_single,
-        best_single,
-        first_single: None,
-        pitch_search,
-        search_by: match surface {
+    progress(Progress::Total(SCAN_PITCHES_DEG.len() as u64 * tried + 2 * all));
+    let voxels_of_rig = of_rig.coverage.union_count() as i64;
+    let mounts: Vec<_> = sensors.iter().map(|sensor| sensor.mount).collect();
+    by_scans(
+        &mounts,
+        |mount| {
+            let rig = rig_of(mount);
+            let value = value_of_some(&single(scanner, strongest, &rig), grid, surface);
+            progress(Progress::Done(tried));
+            value
+        },
+        |mount| {
+            let rig = rig_of(mount);
+            let alone = scan(&single(scanner, strongest, &rig), grid, surface, progress);
+            let unique_voxels = alone.coverage.union_count();
+            let gain_voxels = voxels_of_rig - unique_voxels as i64;
+            let seen = SinglePrediction { unique_voxels, gain_voxels, shares: alone.shares };
+            Single::new(&sensors[strongest].model.name, &mount, seen)
+        },
+        |seen| seen.shares.as_ref().map_or(seen.unique_voxels as f64, SurfaceShares::main),
+        match surface {
             Some(_) => "completeness at 0.05 m on some revolutions",
             None => "unique_voxels on some revolutions",
         },
-    }
+    )
 }
 
 /// Which of a sensor's revolutions are cast in a search: as many whole ones as there are speak for it.
@@ -177,15 +182,15 @@ fn step(scanner: &Scanner<'_>, sensor: usize) -> u64 {
     search_step(scanner.columns(sensor) / u64::from(scanner.spins[sensor].columns))
 }
 
-/// The scanner with one sensor: no other housing is in its way, the wearer is.
+/// The scanner with one sensor: no other housing stands before it, the operator does.
 fn single<'a>(scanner: &Scanner<'a>, sensor: usize, rig: &'a Rig) -> Scanner<'a> {
     let solids = scanner.occluders[sensor].iter();
-    let wearer = solids.filter(|solid| matches!(solid, Occluder::Capsule { .. })).copied().collect();
-    Scanner { rig, spins: vec![scanner.spins[sensor]], occluders: vec![wearer], ..scanner.clone() }
+    let operator = solids.filter(|solid| matches!(solid, Occluder::Capsule { .. })).copied().collect();
+    Scanner { rig, spins: vec![scanner.spins[sensor]], occluders: vec![operator], ..scanner.clone() }
 }
 
 /// What some revolutions of the only sensor see: share of the surface within 5 cm, or voxels where there is no surface.
-fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&Surface>) -> f64 {
+fn value_of_some(scanner: &Scanner<'_>, grid: &VoxelGrid, surface: Option<&ObservableSurface>) -> f64 {
     let turns: Vec<_> = turns(scanner, 0).map(|(_, columns)| columns).collect();
     let sweep = scanner.sweep(0);
     let chosen: Vec<_> = turns.into_iter().step_by(step(scanner, 0) as usize).collect();

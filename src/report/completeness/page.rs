@@ -1,21 +1,23 @@
-//! The page of `validate`.
+//! The page of a completeness.
 
-use super::document::Document;
-use super::field::{Field, Placed};
-use crate::commands::surface::Surface;
-use crate::commands::{figures, output};
+use super::Document;
 use crate::report::chart::number;
-use crate::report::{FromAbove, Report, blind_spots};
+use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures};
+use crate::simulate::ideal::IdealSensors;
 use crate::world::coverage::VoxelGrid;
+use crate::world::surface::ObservableSurface;
 
 /// Edge of the cells in which uncovered samples are grouped, m.
 const SPOT_M: f64 = 0.25;
-/// Blind spots listed, the largest first.
-const MOST_BLIND_SPOTS: usize = 10;
 
 /// How much of the surface is covered, by whom, and what is not.
-pub fn page(document: &Document, field: &Field, placed: &[Placed], surface: &Surface) -> Report {
-    let covered = 100.0 * document.seen.covered.main();
+pub(crate) fn page(
+    document: &Document,
+    sensors: &IdealSensors,
+    surface: &ObservableSurface,
+    made_by: &str,
+) -> Report {
+    let covered = 100.0 * document.coverage.shares.main();
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
         format!(
             ", {:.2} points more than the best single sensor",
@@ -24,32 +26,32 @@ pub fn page(document: &Document, field: &Field, placed: &[Placed], surface: &Sur
     });
     let summary =
         format!("{} sensors cover {covered:.2} % of the surface within 5 cm{gain}.", document.sensors);
-    let mut report = Report::new("Surface completeness", &summary, &output::again());
+    let mut report = Report::new("Surface completeness", &summary, made_by);
     for warning in &document.warnings {
         report.paragraph(warning);
     }
-    for pair in &document.touching {
+    for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
     shares(&mut report, document);
-    pictures(&mut report, field, placed, surface);
-    let tied = &document.tied;
+    pictures(&mut report, sensors, surface);
+    let path = &document.registration;
     figures::registration_section(
         &mut report,
-        tied.registration.as_ref(),
+        path.registration.as_ref(),
         "way, m",
-        tied.least_translation(),
+        path.least_translation(),
     );
     report
 }
 
 fn shares(report: &mut Report, document: &Document) {
     let mut row = vec!["the mounts".to_owned(), "-".into()];
-    row.extend(document.seen.covered.percent());
+    row.extend(document.coverage.shares.percent());
     let mut rows = vec![row];
     for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
         let mut row = vec![name.to_owned(), number(single.pitch_deg, 1)];
-        row.extend(single.seen.seen.covered.percent());
+        row.extend(single.seen.coverage.shares.percent());
         rows.push(row);
     }
     let header = ["covered within, %", "pitch, deg", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"];
@@ -67,30 +69,30 @@ fn shares(report: &mut Report, document: &Document) {
         "{:.2} % of {} samples can be seen from the way at all; {} rays over {:.1} m of way.",
         100.0 * document.observable_share,
         number(document.samples as f64, 0),
-        number(document.seen.rays as f64, 0),
+        number(document.coverage.rays as f64, 0),
         document.trajectory_length_m
     ));
 }
 
-fn pictures(report: &mut Report, field: &Field, placed: &[Placed], surface: &Surface) {
-    let covered = field.covered_by_sensor(placed, surface);
-    let bounds_m = field.scene.bounds_m();
+fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSurface) {
+    let covered = sensors.covered_by_sensor(surface);
+    let bounds_m = sensors.scene.bounds_m();
     let grid = VoxelGrid::centred_on(bounds_m, SPOT_M);
     let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES);
     let mut unseen = Vec::new();
     for (index, point_m) in surface.samples.points_m().iter().enumerate() {
         let class = figures::who_saw(covered.iter().map(|flags| flags[index]));
-        if class != figures::NOBODY || surface.visible[index] {
+        if class != figures::UNSEEN || surface.is_observable[index] {
             above.add(*point_m, class);
         }
-        if class == figures::NOBODY && surface.visible[index] {
+        if class == figures::UNSEEN && surface.is_observable[index] {
             unseen.extend(grid.index(*point_m));
         }
     }
-    let names: Vec<&str> = placed.iter().map(|placed| placed.name.as_str()).collect();
+    let names: Vec<&str> = sensors.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "can be seen, but has no hit within 5 cm");
     report.heading("Who saw what");
     figures::from_above(report, &above, &classes, "surface");
-    let spots = blind_spots(&grid, unseen.into_iter(), MOST_BLIND_SPOTS);
+    let spots = blind_spots(&grid, unseen.into_iter(), MAX_BLIND_SPOTS);
     figures::blind_spot_table(report, &spots, SPOT_M);
 }

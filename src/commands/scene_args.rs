@@ -1,19 +1,13 @@
-//! What the verbs about places share: the mesh with its unit and axis, the way through it.
+//! Arguments that the verbs about scenes share: the mesh with its unit and axis, its samples, the trajectory through it.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use glam::DVec3;
-use serde::Serialize;
 
-use crate::rig::Mount;
-use crate::world::scene::{BoxScene, LoadedMesh, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
-use crate::world::trajectory::{PoseError, Trajectory, WalkLimits};
-
-/// Way between the points of the path from which lines of sight are drawn, m.
-const STATION_STEP_M: f64 = 0.5;
-/// A mesh higher than this, m, whose unit nobody stated may be in centimetres.
-const HIGH_M: f64 = 100.0;
+use crate::world::scene::{BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UpAxis};
+use crate::world::surface::{SurfaceSamples, read_points};
+use crate::world::trajectory::{PoseError, Trajectory, outside, suspicions};
 
 /// What a mesh file does not say itself.
 #[derive(clap::Args, Debug, Clone, Copy, Default)]
@@ -39,28 +33,9 @@ enum UpArg {
     Y,
 }
 
-/// How a mesh file was taken.
-#[derive(Clone, Debug, Serialize)]
-pub struct MeshTaken {
-    unit: &'static str,
-    up: &'static str,
-    /// Whether the user or the format said the unit.
-    is_unit_stated: bool,
-    /// Whether the user or the format said the axis.
-    is_up_stated: bool,
-    extent_m: [f64; 3],
-}
-
-/// A mesh as read.
-pub struct ReadMesh {
-    pub mesh: Mesh,
-    pub taken: MeshTaken,
-    pub warnings: Vec<String>,
-}
-
 impl MeshArgs {
-    /// Reads a mesh; what nobody stated and the format does not say is taken as metres, z up.
-    pub fn read(&self, path: &Path) -> anyhow::Result<ReadMesh> {
+    /// Reads a mesh; what is neither typed nor stated by the format is metres, z up.
+    pub fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
         let unit = self.mesh_unit.map(|unit| match unit {
             UnitArg::M => MeshUnit::Metre,
             UnitArg::Cm => MeshUnit::Centimetre,
@@ -70,39 +45,12 @@ impl MeshArgs {
             UpArg::Z => UpAxis::Z,
             UpArg::Y => UpAxis::Y,
         });
-        let LoadedMesh { mesh, mut warnings } = match load_mesh(path, unit, up) {
+        match MeshFile::read(path, unit, up) {
             Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
                 bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
             }
-            loaded => loaded?,
-        };
-        let says = path
-            .extension()
-            .is_some_and(|ending| ["gltf", "glb"].iter().any(|e| ending.eq_ignore_ascii_case(e)));
-        let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
-        if unit.is_none() && !says && extent.z > HIGH_M {
-            warnings.push(format!(
-                "{}: the mesh is {:.0} m high: if the file is in centimetres, pass --mesh-unit cm",
-                path.display(),
-                extent.z
-            ));
+            read => Ok(read?),
         }
-        let taken = MeshTaken {
-            unit: match unit {
-                None | Some(MeshUnit::Metre) => "m",
-                Some(MeshUnit::Centimetre) => "cm",
-                Some(MeshUnit::Millimetre) => "mm",
-            },
-            up: match up {
-                None if says => "y",
-                None | Some(UpAxis::Z) => "z",
-                Some(UpAxis::Y) => "y",
-            },
-            is_unit_stated: says || unit.is_some(),
-            is_up_stated: says || up.is_some(),
-            extent_m: extent.to_array(),
-        };
-        Ok(ReadMesh { mesh, taken, warnings })
     }
 }
 
@@ -116,25 +64,6 @@ fn guess(extent_units: [f64; 3]) -> String {
         }
     }
     String::new()
-}
-
-impl MeshTaken {
-    /// One line of a summary.
-    pub fn line(&self) -> String {
-        format!("mesh           {}\n", self.words())
-    }
-
-    /// In words.
-    pub fn words(&self) -> String {
-        let [x, y, z] = self.extent_m;
-        let guessed = match (self.is_unit_stated, self.is_up_stated) {
-            (true, true) => "",
-            (false, true) => "; nobody stated the unit (--mesh-unit)",
-            (true, false) => "; nobody stated the axis (--up)",
-            (false, false) => "; nobody stated either (--mesh-unit, --up)",
-        };
-        format!("{x:.2} x {y:.2} x {z:.2} m, read in {}, {} up{guessed}", self.unit, self.up)
-    }
 }
 
 /// Way of the body.
@@ -159,36 +88,14 @@ impl TrajectoryArgs {
         read_trajectory(&self.trajectory, self.rate).with_context(|| self.name())
     }
 
-    /// What is odd about the trajectory, alone and within a mesh or room of these bounds.
-    pub fn doubts(&self, what: &str, bounds_m: [DVec3; 2], trajectory: &Trajectory) -> Vec<String> {
+    /// What is odd about the trajectory, alone and within a scene.
+    pub fn doubts(&self, scene: &Scene, trajectory: &Trajectory) -> Vec<String> {
         let name = self.name();
         let mut doubts = suspicions(trajectory, &name);
-        doubts.extend(outside(trajectory, what, bounds_m).map(|words| format!("{name}: {words}")));
+        let outside = outside(trajectory, scene.kind(), scene.bounds_m());
+        doubts.extend(outside.map(|words| format!("{name}: {words}")));
         doubts
     }
-}
-
-/// What is odd about a way in itself, each line after a name; the first three in full.
-pub fn suspicions(trajectory: &Trajectory, name: &str) -> Vec<String> {
-    let found = trajectory.suspicions(&WalkLimits::default());
-    let mut lines: Vec<String> =
-        found.iter().take(3).map(|suspicion| format!("{name}: {suspicion}")).collect();
-    if found.len() > 3 {
-        lines.push(format!("{name}: {} more gaps, jumps or spins", found.len() - 3));
-    }
-    lines
-}
-
-/// Says so when points of the path lie outside a mesh, room or map of these bounds.
-pub fn outside(trajectory: &Trajectory, what: &str, [low, high]: [DVec3; 2]) -> Option<String> {
-    let stations_m = trajectory.stations_m(STATION_STEP_M);
-    let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
-    (outside > 0).then(|| {
-        format!(
-            "{outside} of {} points of the path lie outside the {what}; do both use the same frame, unit and up axis?",
-            stations_m.len()
-        )
-    })
 }
 
 /// What a trajectory may be off by.
@@ -238,10 +145,27 @@ pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Traj
     })
 }
 
-/// Points of the path at the sensors' mean height.
-pub fn stations(trajectory: &Trajectory, mounts: &[Mount]) -> Vec<DVec3> {
-    let height_m = mounts.iter().map(|mount| mount.z_m).sum::<f64>() / mounts.len() as f64;
-    trajectory.stations_m(STATION_STEP_M).into_iter().map(|at| at + height_m * DVec3::Z).collect()
+/// Where the samples of a surface come from.
+#[derive(clap::Args, Debug)]
+pub struct SampleArgs {
+    /// Surface samples: a NumPy file of floats, shape (n, 3), metres, in the frame of the trajectory.
+    #[arg(long, value_name = "FILE", conflicts_with = "sample_count")]
+    samples: Option<PathBuf>,
+    /// Samples drawn from the mesh, evenly over its area.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    sample_count: u32,
+}
+
+impl SampleArgs {
+    /// Reads or draws the samples.
+    pub fn samples(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
+        let Some(path) = &self.samples else {
+            return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
+        };
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
+        SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
+    }
 }
 
 /// So many finite numbers, separated by commas.

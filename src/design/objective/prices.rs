@@ -1,13 +1,13 @@
-//! Prices of sensors as typed.
+//! Prices of sensors.
 
 use std::str::FromStr;
 
-use crate::design::objective::Weights;
-use crate::simulate::published::Experiment;
+use super::Weights;
+use crate::simulate::published::{Experiment, Preset};
 
-/// Prices as typed.
+/// What sensors cost: `PRICE`, or `MODEL=PRICE,MODEL=PRICE`.
 #[derive(Clone, Debug)]
-pub enum Prices {
+pub(crate) enum Prices {
     /// Of any sensor.
     Any(f64),
     /// By model.
@@ -53,23 +53,41 @@ impl FromStr for Prices {
     }
 }
 
+/// Prices that do not fit the sensor types of an experiment.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum PriceError {
+    #[error("--lambda has a price for {model}, but the rig's sensors are {models}")]
+    NoSuchSensor { model: String, models: String },
+    #[error("--lambda has no price for {model}: give one for each of {models}")]
+    NoPrice { model: &'static str, models: String },
+}
+
 impl Prices {
     /// The price of each type of an experiment.
-    pub fn of(&self, experiment: &Experiment) -> anyhow::Result<Vec<f64>> {
+    pub fn of(&self, experiment: &Experiment) -> Result<Vec<f64>, PriceError> {
         let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
         let prices = match self {
             Self::Any(price) => return Ok(vec![*price; models.len()]),
             Self::ByModel(prices) => prices,
         };
         if let Some((model, _)) = prices.iter().find(|(model, _)| !models.contains(&model.as_str())) {
-            refuse!("--lambda has a price for {model}, but the rig's sensors are {}", models.join(", "));
+            return Err(PriceError::NoSuchSensor { model: model.clone(), models: models.join(", ") });
         }
-        let price = |model: &&str| match prices.iter().find(|(priced, _)| priced == model) {
-            Some((_, price)) => Ok(*price),
-            None => refuse!("--lambda has no price for {model}: give one for each of {}", models.join(", ")),
+        let price = |model: &&'static str| {
+            let priced = prices.iter().find(|(priced, _)| priced == model).map(|(_, price)| *price);
+            priced.ok_or_else(|| PriceError::NoPrice { model, models: models.join(", ") })
         };
         models.iter().map(price).collect()
     }
+}
+
+/// The price of a sensor of each of these presets, by model in alphabetical order.
+pub(crate) fn prices_by_model(presets: &str, lambda: &[f64]) -> Vec<(String, f64)> {
+    let model = |name: &str| Preset::named(name.trim()).ok().map(|preset| preset.model.to_owned());
+    let models = presets.split(',').filter_map(model);
+    let mut prices: Vec<_> = models.zip(lambda.iter().copied()).collect();
+    prices.sort_by(|a, b| a.0.cmp(&b.0));
+    prices
 }
 
 #[cfg(test)]

@@ -1,35 +1,19 @@
 //! `outrigger evaluate`
 
-mod beside;
-mod experiment;
-mod fidelity;
-mod found;
-mod masters;
-mod page;
-mod prices;
-
-pub use experiment::ExperimentArgs;
-pub use found::found_with;
-pub use masters::Masters;
-
-use std::path::{Path as FilePath, PathBuf};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, anyhow};
-use serde::Serialize;
 
-use self::beside::{Alone, Rescored};
-use self::fidelity::Fidelity;
-use super::baselines::Baselines;
+use super::experiment_args::{ExperimentArgs, FidelityArg};
+use super::masters::Masters;
 use super::{Context, Outcome, output};
-use crate::design::objective::{Evaluation, Objective};
-use crate::design::registration::{POSE_STEP_M, RegistrationQuality, along_published, least_along};
-use crate::report::{BlindSpot, blind_spots};
-use crate::rig::{MountFile, SensorEntry, Touching};
-use crate::simulate::published::{Experiment, Path, Phase, Placement, Roll};
-
-/// Blind spots listed, the largest first.
-const MOST_BLIND_SPOTS: usize = 10;
+use crate::design::fidelity::MountFidelity;
+use crate::design::objective::baselines::{baselines, rescore};
+use crate::design::objective::{Objective, differences};
+use crate::report::score::{Document, page};
+use crate::rig::{MountFile, SensorEntry};
+use crate::simulate::published::{Experiment, Placement, Roll};
 
 /// Arguments of `evaluate`.
 #[derive(clap::Args, Debug)]
@@ -81,56 +65,6 @@ pub struct Args {
     report: Option<PathBuf>,
 }
 
-/// How finely is looked.
-#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum FidelityArg {
-    /// As the other arguments say.
-    Given,
-    /// As finely as the question needs.
-    Auto,
-}
-
-impl FidelityArg {
-    /// Where nothing is said: a published experiment is looked at as it was published.
-    pub fn for_scene(is_new: bool) -> Self {
-        if is_new { Self::Auto } else { Self::Given }
-    }
-}
-
-/// The document that `evaluate` prints.
-#[derive(Serialize)]
-struct Document<'a> {
-    #[serde(flatten)]
-    evaluation: &'a Evaluation,
-    /// Null where they were left out.
-    baselines: Option<Baselines<Alone>>,
-    /// Null unless asked for.
-    rescored: Option<Rescored>,
-    /// Null unless asked for.
-    fidelity: Option<Fidelity>,
-    /// `[place on the walk m, translation, rotation m^2]`: least eigenvalues per hit.
-    registration_path: Vec<[f64; 3]>,
-    /// Neighbouring voxels that can be hit and are not, the largest groups first.
-    blind_spots: Vec<BlindSpot>,
-    /// Pairs of housings that touch as they are tilted, far apart as their origins may be.
-    touching: Vec<Touching>,
-    coverage_sha256: String,
-    /// Of a mixed rig all presets, with commas between them.
-    preset: String,
-    /// Price of a sensor of each of them.
-    prices: Vec<f64>,
-    path: Path,
-    voxel_m: f64,
-    azimuths: usize,
-    sub_poses: usize,
-    phase: Phase,
-    /// Rays that the published slab test loses, by sensor.
-    lost_rays: Vec<u64>,
-    /// Every physical sensor: x_m, y_m, z_m, pitch_deg, roll_deg.
-    mounts: Vec<[f64; 5]>,
-    wall_s: f64,
-}
-
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     check(args, context)?;
@@ -140,48 +74,25 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         (None, None) => refuse!("give --mount or --masters"),
     };
     output::check_places([&args.report])?;
-    let asked = fidelity_asked(args);
-    let simulator = objective.simulator();
     let start = Instant::now();
-    let seen = simulator.see(&sensors)?;
-    let mut evaluation = objective.score_counts(&sensors, &seen.coverage.counts());
-    let wall_s = start.elapsed().as_secs_f64();
-    let scans = along_published(simulator, &sensors);
-    evaluation.registration = RegistrationQuality::of_scans(&scans);
-    let experiment = simulator.experiment();
-    let first_m = -0.5 * experiment.preset.path_length_m;
-    let along = |(scan, [translation, rotation_m2]): (usize, [f64; 2])| {
-        [first_m + (scan * POSE_STEP_M) as f64, translation, rotation_m2]
-    };
-    let grid = simulator.grid();
-    let union = seen.coverage.union();
-    let unseen = simulator.reachable_cells().filter(|cell| union[cell / 64] >> (cell % 64) & 1 == 0);
-    let document = Document {
-        baselines: if args.no_baselines { None } else { Some(beside::baselines(&objective, &sensors)?) },
-        rescored: beside::rescored(&objective, &sensors, args)?,
-        fidelity: fidelity::fidelity(&objective, &sensors, asked, args.tolerance / 100.0)?,
-        registration_path: least_along(&scans).into_iter().enumerate().map(along).collect(),
-        blind_spots: blind_spots(&grid, unseen, MOST_BLIND_SPOTS),
-        touching: objective.rig(&sensors).touching(),
-        evaluation: &evaluation,
-        coverage_sha256: seen.coverage.union_sha256(),
-        preset: experiment.name(),
-        prices: objective.prices().to_vec(),
-        path: experiment.path,
-        voxel_m: experiment.voxel_m,
-        azimuths: experiment.azimuths,
-        sub_poses: experiment.sub_poses,
-        phase: experiment.phase,
-        lost_rays: seen.lost_rays,
-        mounts: sensors.iter().map(|sensor| (*sensor).into()).collect(),
-        wall_s,
-    };
-    output::print_result(context.json, &document, || summary(&document), &[])?;
+    let seen = objective.simulator().see(&sensors)?;
+    let mut document = Document::new(&objective, &sensors, &seen, start.elapsed().as_secs_f64());
+    if !args.no_baselines {
+        document.baselines = Some(baselines(&objective, &sensors)?);
+    }
+    if args.rescore > 0 {
+        document.rescored = Some(rescore(&objective, &sensors, args.rescore, args.divergence, args.seed)?);
+    }
+    if fidelity_asked(args) == FidelityArg::Auto {
+        document.fidelity = Some(MountFidelity::measure(&objective, &sensors, args.tolerance / 100.0)?);
+    }
+    output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.report {
-        let page = page::page(&document, &seen.coverage);
+        let page = page(&document, &seen.coverage, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    if let Some(stated) = stated.filter(|stated| (stated - evaluation.objective).abs() > 0.005) {
+    let found = document.evaluation.objective;
+    if let Some(stated) = stated.filter(|stated| (stated - found).abs() > 0.005) {
         output::say_notice(&format!("the mount file says J {stated:.2}, {apart}"));
     }
     Ok(Outcome::Done)
@@ -234,7 +145,7 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
     Ok(Asked { objective, sensors, stated: None, apart: String::new() })
 }
 
-fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
+fn from_file(args: &Args, path: &Path) -> anyhow::Result<Asked> {
     let file = MountFile::read(path)?;
     let objective = args.experiment.objective_for(&file, path)?;
     let experiment = objective.simulator().experiment();
@@ -273,10 +184,10 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
     }
     let as_listed = Experiment { mirror: false, ..*experiment };
     let sensors = as_listed.sensors(&listed);
-    let mut differences = found::differences(&file, &objective);
-    differences.extend(is_rolled_otherwise.then(|| "the rolls in it (here replaced)".to_owned()));
-    let apart = match (differences.is_empty(), &file.found_with) {
-        (false, _) => format!("found with {}", differences.join(", ")),
+    let mut apart = differences(&file, &objective);
+    apart.extend(is_rolled_otherwise.then(|| "the rolls in it (here replaced)".to_owned()));
+    let apart = match (apart.is_empty(), &file.found_with) {
+        (false, _) => format!("found with {}", apart.join(", ")),
         (true, Some(_)) => "and was found with the settings of here: its sensors were changed since".into(),
         (true, None) => {
             "and not with which --path, --voxel, --azimuths, --sub-poses, --phase, --lambda ... that was \
@@ -285,72 +196,4 @@ fn from_file(args: &Args, path: &FilePath) -> anyhow::Result<Asked> {
         }
     };
     Ok(Asked { objective, sensors, stated: file.objective, apart })
-}
-
-fn summary(document: &Document) -> String {
-    let evaluation = document.evaluation;
-    let terms = &evaluation.terms;
-    let angle = evaluation.min_angle_deg.map_or("one sensor".into(), |angle| format!("{angle:.2} degrees"));
-    let registration = match terms.registration {
-        0.0 => String::new(),
-        term => format!(" {term:+.2} registration"),
-    };
-    let mut text = format!(
-        "{}, path {}\n\
-         J              {:.2} = coverage {:.0} {:+.2} overlap {:+.2} angular {:+.0} cost{registration}\n\
-         voxels seen    {} of {} that can be hit ({:.2} %)\n\
-         overlap        {:.2} %\n\
-         least angle    {angle}\n",
-        document.preset,
-        document.path.name(),
-        evaluation.objective,
-        terms.coverage,
-        terms.overlap,
-        terms.angular,
-        terms.cost,
-        evaluation.unique_voxels,
-        evaluation.reachable_voxels,
-        100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
-        100.0 * evaluation.overlap_ratio,
-    );
-    text += "sensor       x m      y m      z m    pitch     roll   voxels    alone  model\n";
-    for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in document.mounts.iter().enumerate() {
-        text += &format!(
-            "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}  {}\n",
-            index + 1,
-            evaluation.per_sensor_voxels[index],
-            evaluation.unique_per_sensor[index],
-            evaluation.models[index]
-        );
-    }
-    for (name, single) in document.baselines.iter().flat_map(Baselines::named) {
-        text += &format!(
-            "{name:15}{} at pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
-            single.model,
-            single.pitch_deg,
-            single.seen.objective,
-            single.seen.unique_voxels,
-            single.seen.gain_voxels
-        );
-    }
-    if let Some(quality) = &evaluation.registration {
-        text += &quality.line();
-    }
-    if let Some(rescored) = &document.rescored {
-        text += &rescored.line();
-    }
-    for (title, words) in document.fidelity.iter().flat_map(Fidelity::verdicts) {
-        text += &format!("{title:<15}{words}\n");
-    }
-    if evaluation.feasible {
-        text += "allowed        yes: every pair of sensors keeps its distance\n";
-    }
-    text += &evaluation.saturation().map_or(String::new(), |words| format!("{words}\n"));
-    for violation in &evaluation.violations {
-        text += &format!("allowed        no: {violation}\n");
-    }
-    for pair in &document.touching {
-        text += &format!("can be built   no: {pair}\n");
-    }
-    text + &format!("{} rays in {:.4} s\n", evaluation.rays, document.wall_s)
 }

@@ -5,16 +5,15 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::FidelityArg;
-use crate::design::fidelity::{BoxLadder, Ladder as _, Settled, settle};
+use super::{BoxLadder, Ladder as _, Settled, settle};
+use crate::base::numbers::number;
 use crate::design::objective::Objective;
-use crate::report::chart;
 use crate::simulate::occluder::Occluder;
-use crate::simulate::published::{PUBLISHED_SPREAD_DEG, Placement};
+use crate::simulate::published::{ExperimentError, PUBLISHED_SPREAD_DEG, Placement};
 
 /// The score under the finest sampling.
 #[derive(Serialize)]
-pub(super) struct Fidelity {
+pub(crate) struct MountFidelity {
     #[serde(flatten)]
     settled: Settled,
     /// Asked for, share of the score.
@@ -22,12 +21,12 @@ pub(super) struct Fidelity {
     /// The finest level that was needed.
     level_name: String,
     /// What the model leaves out, and what that is worth.
-    left_out: Vec<LeftOut>,
+    left_out: Vec<Omission>,
 }
 
 /// Something that the model leaves out.
 #[derive(Serialize)]
-struct LeftOut {
+struct Omission {
     what: String,
     /// Change of the score with it; null where it was not measured.
     worth: Option<f64>,
@@ -39,24 +38,45 @@ struct LeftOut {
 /// Seeds over which the spread of rays is measured: their mean is as good as is needed to leave it out.
 const SPREAD_RUNS: u64 = 4;
 
-pub(super) fn fidelity(
-    objective: &Objective,
-    sensors: &[Placement],
-    asked: FidelityArg,
-    tolerance: f64,
-) -> anyhow::Result<Option<Fidelity>> {
-    if asked == FidelityArg::Given {
-        return Ok(None);
+impl MountFidelity {
+    /// Samples ever more finely until the score is known within `tolerance`, a share of it.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn measure(
+        objective: &Objective,
+        sensors: &[Placement],
+        tolerance: f64,
+    ) -> Result<Self, ExperimentError> {
+        let ladder = BoxLadder::new(objective)?;
+        let settled = settle(&ladder, &sensors.to_vec(), tolerance)?;
+        let level_name = ladder.name(settled.judged.level);
+        let left_out = vec![spread(objective, sensors)?, housings(objective, sensors), others(objective)];
+        Ok(Self { settled, tolerance, level_name, left_out })
     }
-    let ladder = BoxLadder::new(objective)?;
-    let settled = settle(&ladder, &sensors.to_vec(), tolerance)?;
-    let level_name = ladder.name(settled.judged.level);
-    let left_out = vec![spread(objective, sensors)?, housings(objective, sensors), others(objective)];
-    Ok(Some(Fidelity { settled, tolerance, level_name, left_out }))
+
+    /// In words, each with a title.
+    pub fn verdicts(&self) -> Vec<(&'static str, String)> {
+        let Settled { judged, within_tolerance, rays, .. } = &self.settled;
+        let converged = format!(
+            "J {} +- {} ({} % asked, {}), up to {}, {} rays",
+            number(judged.value, 0),
+            number(judged.bound, 0),
+            number(100.0 * self.tolerance, 2),
+            if *within_tolerance { "kept" } else { "not kept: the finest level is reached" },
+            self.level_name,
+            number(*rays as f64, 0),
+        );
+        let left_out = self.left_out.iter().map(|Omission { what, worth, why, .. }| {
+            let worth = worth.map_or(String::new(), |worth| format!("worth {worth:+.0}; "));
+            ("left out", format!("{what}: {worth}{why}"))
+        });
+        std::iter::once(("converged", converged)).chain(left_out).collect()
+    }
 }
 
 /// The publication's own noise on directions, at the fineness that was given.
-fn spread(objective: &Objective, sensors: &[Placement]) -> anyhow::Result<LeftOut> {
+fn spread(objective: &Objective, sensors: &[Placement]) -> Result<Omission, ExperimentError> {
     let simulator = objective.simulator();
     let plain = objective.score_sensors(sensors)?;
     let mut sum = 0.0;
@@ -68,7 +88,7 @@ fn spread(objective: &Objective, sensors: &[Placement]) -> anyhow::Result<LeftOu
     let voxel_m = simulator.experiment().voxel_m;
     let range_m = simulator.experiment().preset.box_max_m[0];
     let footprint_m = range_m * PUBLISHED_SPREAD_DEG.to_radians();
-    Ok(LeftOut {
+    Ok(Omission {
         what: format!("rays off their direction by {PUBLISHED_SPREAD_DEG} degrees"),
         worth: Some(worth),
         rays_touched: None,
@@ -81,7 +101,7 @@ fn spread(objective: &Objective, sensors: &[Placement]) -> anyhow::Result<LeftOu
 }
 
 /// The other sensors' housings, which the published experiment looks through.
-fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
+fn housings(objective: &Objective, sensors: &[Placement]) -> Omission {
     let rig = objective.rig(sensors);
     let experiment = objective.simulator().experiment();
     let (mut blocked, mut rays) = (0_u32, 0_u32);
@@ -105,7 +125,7 @@ fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
         }
     }
     let share = f64::from(blocked) / f64::from(rays.max(1));
-    LeftOut {
+    Omission {
         what: "housings of the other sensors".into(),
         worth: None,
         rays_touched: Some(share),
@@ -113,8 +133,8 @@ fn housings(objective: &Objective, sensors: &[Placement]) -> LeftOut {
     }
 }
 
-fn others(objective: &Objective) -> LeftOut {
-    LeftOut {
+fn others(objective: &Objective) -> Omission {
+    Omission {
         what: "wearer, motion within a revolution, range limits".into(),
         worth: None,
         rays_touched: None,
@@ -122,26 +142,5 @@ fn others(objective: &Objective) -> LeftOut {
             "{} is an empty box with a sensor at rest at each pose; predict models them",
             objective.simulator().experiment().name()
         ),
-    }
-}
-
-impl Fidelity {
-    /// In words, each with a title.
-    pub fn verdicts(&self) -> Vec<(&'static str, String)> {
-        let Settled { judged, within_tolerance, rays, .. } = &self.settled;
-        let converged = format!(
-            "J {} +- {} ({} % asked, {}), up to {}, {} rays",
-            chart::number(judged.value, 0),
-            chart::number(judged.bound, 0),
-            chart::number(100.0 * self.tolerance, 2),
-            if *within_tolerance { "kept" } else { "not kept: the finest level is reached" },
-            self.level_name,
-            chart::number(*rays as f64, 0),
-        );
-        let left_out = self.left_out.iter().map(|LeftOut { what, worth, why, .. }| {
-            let worth = worth.map_or(String::new(), |worth| format!("worth {worth:+.0}; "));
-            ("left out", format!("{what}: {worth}{why}"))
-        });
-        std::iter::once(("converged", converged)).chain(left_out).collect()
     }
 }

@@ -1,15 +1,15 @@
-//! Parts of the pages of `evaluate`, `predict` and `validate`: who saw what, blind spots, the way, single sensors.
+//! Sections that several pages share: who saw what, blind spots, registration along the path, baselines.
 
-use super::baselines::Baselines;
+use super::{BlindSpot, FromAbove, Report, unfold_mount_box};
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
 use crate::report::chart::{CellClass, LineChart, Series, number};
-use crate::report::{BlindSpot, FromAbove, Report, unfold_mount_box};
+use crate::simulate::baselines::Baselines;
 use crate::world::coverage::Coverage;
 
 /// Number of classes of [`who_saw`].
 pub const WHO_CLASSES: usize = 5;
 /// The class of what nobody saw, in [`who_saw`].
-pub const NOBODY: usize = 4;
+pub const UNSEEN: usize = 4;
 /// Steps of the share that nobody saw.
 const UNSEEN_STEPS: usize = 5;
 
@@ -32,7 +32,7 @@ pub fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
 pub fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
     let mut seeing = seen.enumerate().filter(|(_, seen)| *seen).map(|(sensor, _)| sensor);
     match (seeing.next(), seeing.next()) {
-        (None, _) => NOBODY,
+        (None, _) => UNSEEN,
         (Some(_), Some(_)) => 0,
         (Some(sensor), None) => 1 + sensor.min(2),
     }
@@ -72,7 +72,7 @@ pub fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass],
     let shares: Vec<_> = (0..UNSEEN_STEPS).map(|step| CellClass::new(CSS[step], steps(step))).collect();
     report.maps(
         &format!("Share of the {what} that nobody saw"),
-        &above.share(NOBODY, UNSEEN_STEPS),
+        &above.share(UNSEEN, UNSEEN_STEPS),
         &shares,
         "Share of the surface in each square that could be seen from the path and is not.",
     );
