@@ -12,6 +12,7 @@ pub(crate) mod completeness;
 pub(crate) mod figures;
 pub(crate) mod prediction;
 pub(crate) mod score;
+pub(crate) mod search;
 mod unfold;
 
 pub use above::FromAbove;

@@ -4,26 +4,25 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::Serialize;
 
-use super::Args;
-use crate::commands::experiment_args::FidelityArg;
+use super::{Measured, MountProblem};
+use crate::base::numbers::number;
 use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, rank};
 use crate::design::objective::Objective;
-use crate::design::optimize::{Measured, MountProblem};
-use crate::report::chart;
+use crate::simulate::published::ExperimentError;
 
 /// Level of the ladder at which is searched: the published number of azimuths at four poses per metre whose phases
 /// differ, which orders mounts far better than the published pattern does.
 const SEARCH_LEVEL: usize = 2;
 /// Scores this far below the best, as a share of it, may still be the best under a finer model.
-const WORTH_A_LOOK: f64 = 0.02;
-/// And so many mounts are looked at.
-const MOST_MOUNTS: usize = 200;
+const WORTH_REFINING: f64 = 0.02;
+/// And so many mounts are scored again.
+const MAX_MOUNTS: usize = 200;
 /// Rays that each of them may cost on the mean, in evaluations of the search.
 const EVALUATIONS_EACH: f64 = 4.0;
 
-/// What came of looking again.
+/// The best mounts of a search under ever finer models.
 #[derive(Serialize)]
-pub(super) struct Refined {
+pub(crate) struct Refinement {
     /// Where the mount was found, in units of the search.
     #[serde(skip)]
     pub values: Vec<f64>,
@@ -46,28 +45,20 @@ pub(super) struct Refined {
     rays: u64,
 }
 
-/// An objective at every fineness, and the best mounts that a search by a cheap one looked at.
-pub(super) struct Finer {
+/// An objective at every fineness, and the best mounts that a search by a cheap one scored.
+pub(crate) struct Refiner {
     ladder: BoxLadder,
     /// Scores and mounts, in no order.
     seen: Mutex<Vec<(f64, Vec<f64>)>>,
 }
 
-impl Finer {
-    /// Nothing unless it is asked for. `given` is the experiment as asked for.
-    pub fn asked(args: &Args, given: &Objective) -> anyhow::Result<Option<Self>> {
-        let has_own_sampling = args.robust.is_some() || args.certify.is_some();
-        let otherwise = FidelityArg::for_scene(args.experiment.is_new_scene() && !has_own_sampling);
-        if args.fidelity.unwrap_or(otherwise) == FidelityArg::Given {
-            return Ok(None);
-        }
-        if args.robust.is_some() {
-            refuse!("--robust judges by draws of its own: leave out --fidelity auto");
-        }
-        if args.certify.is_some() {
-            refuse!("--certify proves something about one sampling: leave out --fidelity auto");
-        }
-        Ok(Some(Self { ladder: BoxLadder::new(given)?, seen: Mutex::default() }))
+impl Refiner {
+    /// `given` is the experiment as asked for.
+    ///
+    /// # Errors
+    /// Those of [`BoxLadder::new`].
+    pub fn new(given: &Objective) -> Result<Self, ExperimentError> {
+        Ok(Self { ladder: BoxLadder::new(given)?, seen: Mutex::default() })
     }
 
     /// The objective to search with.
@@ -75,24 +66,27 @@ impl Finer {
         self.ladder.objective(SEARCH_LEVEL)
     }
 
-    /// Takes note of a mount that was looked at, if it is allowed.
+    /// Takes note of a mount that was scored, if it is allowed.
     pub fn note(&self, values: &[f64], measured: &Measured) {
         if measured.violation <= 0.0 {
             let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
             seen.push((measured.score, values.to_vec()));
-            if seen.len() >= 8 * MOST_MOUNTS {
+            if seen.len() >= 8 * MAX_MOUNTS {
                 keep_best(&mut seen);
             }
         }
     }
 
-    /// Looks again at what the search liked; nothing where no mount was feasible.
-    pub fn refine(self, problem: &MountProblem, regret: f64) -> anyhow::Result<Option<Refined>> {
+    /// Scores the search's best again; none where no mount was feasible.
+    ///
+    /// # Errors
+    /// Those of the objective.
+    pub fn refine(self, problem: &MountProblem, regret: f64) -> Result<Option<Refinement>, ExperimentError> {
         let Self { ladder, seen } = self;
         let mut seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
         keep_best(&mut seen);
-        let least = seen.first().map_or(0.0, |best| best.0 - WORTH_A_LOOK * best.0.abs());
-        seen.retain(|(score, _)| *score >= least);
+        let min_score = seen.first().map_or(0.0, |best| best.0 - WORTH_REFINING * best.0.abs());
+        seen.retain(|(score, _)| *score >= min_score);
         let experiment = ladder.objective(SEARCH_LEVEL).simulator().experiment();
         let candidates: Vec<_> =
             seen.iter().map(|(_, values)| experiment.sensors(&problem.masters(values))).collect();
@@ -103,7 +97,7 @@ impl Finer {
         };
         let Some(ranking) = rank(&ladder, &candidates, &rules)? else { return Ok(None) };
         let judged = ranking.judged[ranking.best];
-        Ok(Some(Refined {
+        Ok(Some(Refinement {
             values: seen[ranking.best].1.clone(),
             judged,
             level_name: ladder.name(judged.level),
@@ -118,11 +112,11 @@ impl Finer {
     }
 }
 
-/// The best that are worth a look, each once, best first.
+/// The best that are worth refining, each once, best first.
 fn keep_best(seen: &mut Vec<(f64, Vec<f64>)>) {
     seen.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| compare(&a.1, &b.1)));
     seen.dedup_by(|a, b| a.1 == b.1);
-    seen.truncate(MOST_MOUNTS);
+    seen.truncate(MAX_MOUNTS);
 }
 
 fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
@@ -133,27 +127,27 @@ fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
         .unwrap_or(std::cmp::Ordering::Equal)
 }
 
-impl Refined {
+impl Refinement {
     pub fn verdicts(&self) -> [(&'static str, String); 2] {
         let judged = format!(
             "J {} +- {} ({}); {} mounts looked at again, {} may be as good, {} rays",
-            chart::number(self.judged.value, 0),
-            chart::number(self.judged.bound, 0),
+            number(self.judged.value, 0),
+            number(self.judged.bound, 0),
             self.level_name,
             self.looked_at,
             self.undecided,
-            chart::number(self.rays as f64, 0)
+            number(self.rays as f64, 0)
         );
         let others = format!(
             "another might be {} better ({} % was allowed, {}); the search's own favourite has {}",
-            chart::number(self.regret_bound, 0),
-            chart::number(100.0 * self.regret_asked, 2),
+            number(self.regret_bound, 0),
+            number(100.0 * self.regret_asked, 2),
             if self.regret_bound <= self.regret_asked * self.judged.value.abs() {
                 "kept"
             } else {
                 "not kept: rays or levels were used up"
             },
-            chart::number(self.favourite.value, 0),
+            number(self.favourite.value, 0),
         );
         [("converged", judged), ("", others)]
     }

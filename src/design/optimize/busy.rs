@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 /// Counts calls under way.
 #[derive(Debug, Default)]
-pub struct Busy(Mutex<State>);
+pub(crate) struct Busy(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {

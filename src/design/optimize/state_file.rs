@@ -1,34 +1,57 @@
 //! The state file of a search: what was asked, and how far it is.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use super::{KeepApart, MountProblem, Search};
 use crate::base::files;
 use crate::base::questions::first_difference;
-use crate::design::optimize::{KeepApart, MountProblem, Search};
 use crate::simulate::published::Roll;
 
 const FORMAT: &str = "outrigger-search/4";
 
 #[derive(Serialize)]
-struct Written<'a> {
+struct WrittenState<'a> {
     format: &'a str,
     question: &'a Value,
     search: &'a Search,
 }
 
 #[derive(Deserialize)]
-struct Read {
+struct ReadState {
     format: String,
     question: Value,
     search: Search,
 }
 
+/// Why a state file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum StateError {
+    #[error("state file {} cannot be read", .path.display())]
+    Unreadable { path: PathBuf, source: std::io::Error },
+    #[error("state file {} cannot be written", .path.display())]
+    Unwritable { path: PathBuf, source: std::io::Error },
+    #[error("state file {} holds no search of this program", .path.display())]
+    NoSearch { path: PathBuf, source: serde_json::Error },
+    #[error("state file {}: format is {found:?}, this program reads {FORMAT:?}", .path.display())]
+    Format { path: PathBuf, found: String },
+    /// The command line asks for another search.
+    #[error(
+        "state file {}: its search has {difference}: give the same options, or another file",
+        .path.display()
+    )]
+    OtherSearch { path: PathBuf, difference: String },
+    #[error("state file {}: {reason}", .path.display())]
+    Damaged { path: PathBuf, reason: String },
+}
+
 /// All that decides the score of a point: a search goes on only where this is the same.
-pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result<Value> {
+///
+/// # Errors
+/// A number that JSON does not hold.
+pub(crate) fn question(problem: &MountProblem, keep_apart: KeepApart) -> serde_json::Result<Value> {
     let objective = problem.objective();
     let experiment = objective.simulator().experiment();
     let mut question = json!({
@@ -39,34 +62,31 @@ pub fn question(problem: &MountProblem, keep_apart: KeepApart) -> anyhow::Result
         "search": problem.search(),
         "robust": problem.robustness(),
     });
-    if let (Some(question), Value::Object(found_with)) =
+    if let (Some(question), Value::Object(settings)) =
         (question.as_object_mut(), serde_json::to_value(objective.settings())?)
     {
-        question.extend(found_with);
+        question.extend(settings);
     }
     let text = question.to_string();
     // once through text, so that it compares equal to what was read
-    Ok(serde_json::from_str(&text)?)
+    serde_json::from_str(&text)
 }
 
 /// The search of a state file; none if there is no such file yet.
-pub fn read(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
-    let text = match crate::base::files::read_text(path) {
+pub(crate) fn read(path: &Path, question: &Value) -> Result<Option<Search>, StateError> {
+    let text = match files::read_text(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-        text => text.with_context(|| format!("state file {} cannot be read", path.display()))?,
+        text => text.map_err(|source| StateError::Unreadable { path: path.into(), source })?,
     };
-    let wrong = || format!("state file {} holds no search of this program", path.display());
-    let read: Read = serde_json::from_str(&text).with_context(wrong)?;
+    let read: ReadState =
+        serde_json::from_str(&text).map_err(|source| StateError::NoSearch { path: path.into(), source })?;
     if read.format != FORMAT {
-        bail!("state file {}: format is {:?}, this program reads {FORMAT:?}", path.display(), read.format);
+        return Err(StateError::Format { path: path.into(), found: read.format });
     }
     if let Some(difference) = difference(&read.question, question) {
-        refuse!(
-            "state file {}: its search has {difference}: give the same options, or another file",
-            path.display()
-        );
+        return Err(StateError::OtherSearch { path: path.into(), difference });
     }
-    read.search.check().map_err(|reason| anyhow::anyhow!("state file {}: {reason}", path.display()))?;
+    read.search.check().map_err(|reason| StateError::Damaged { path: path.into(), reason })?;
     Ok(Some(read.search))
 }
 
@@ -103,7 +123,7 @@ fn flag(place: &str) -> (String, &'static str) {
 }
 
 /// Writes a state file, whole or not at all.
-pub fn write(path: &Path, question: &Value, search: &Search) -> anyhow::Result<()> {
-    files::write_json(path, &Written { format: FORMAT, question, search })
-        .with_context(|| format!("state file {} cannot be written", path.display()))
+pub(crate) fn write(path: &Path, question: &Value, search: &Search) -> Result<(), StateError> {
+    files::write_json(path, &WrittenState { format: FORMAT, question, search })
+        .map_err(|source| StateError::Unwritable { path: path.into(), source })
 }
