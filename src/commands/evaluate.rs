@@ -3,16 +3,16 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context as _, anyhow};
+use anyhow::Context as _;
 
 use super::experiment_args::{ExperimentArgs, FidelityArg};
 use super::masters::Masters;
 use super::{Context, Outcome, output};
 use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
-use crate::design::objective::{Objective, differences};
+use crate::design::objective::{Objective, other_score};
 use crate::report::score::{Document, page};
-use crate::rig::{MountFile, SensorEntry};
+use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, Placement, Roll};
 
 /// Arguments of `evaluate`.
@@ -68,7 +68,7 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     check(args, context)?;
-    let Asked { objective, sensors, stated, apart } = match (&args.mount, &args.masters) {
+    let Request { objective, sensors, stated, reason } = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
         (None, None) => refuse!("give --mount or --masters"),
@@ -93,7 +93,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let found = document.evaluation.objective;
     if let Some(stated) = stated.filter(|stated| (stated - found).abs() > 0.005) {
-        output::say_notice(&format!("the mount file says J {stated:.2}, {apart}"));
+        output::say_notice(&format!("the mount file says J {stated:.2}, {reason}"));
     }
     Ok(Outcome::Done)
 }
@@ -123,16 +123,16 @@ fn fidelity_asked(args: &Args) -> FidelityArg {
 }
 
 /// What to score.
-struct Asked {
+struct Request {
     objective: Objective,
     sensors: Vec<Placement>,
     /// The score that the mount file states.
     stated: Option<f64>,
     /// Why that may be another one than is found here.
-    apart: String,
+    reason: String,
 }
 
-fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
+fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Request> {
     let objective = args.experiment.objective(Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
     let masters = &masters.of(experiment)?;
@@ -142,58 +142,25 @@ fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Asked> {
         );
     }
     let sensors = experiment.sensors(masters);
-    Ok(Asked { objective, sensors, stated: None, apart: String::new() })
+    Ok(Request { objective, sensors, stated: None, reason: String::new() })
 }
 
-fn from_file(args: &Args, path: &Path) -> anyhow::Result<Asked> {
+fn from_file(args: &Args, path: &Path) -> anyhow::Result<Request> {
     let file = MountFile::read(path)?;
     let objective = args.experiment.objective_for(&file, path)?;
     let experiment = objective.simulator().experiment();
-    let type_of = |sensor: &SensorEntry| {
-        let mut models = experiment.types().map(|preset| preset.model);
-        let sensor_type = models.position(|model| sensor.model.eq_ignore_ascii_case(model));
-        sensor_type.ok_or_else(|| {
-            let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
-            anyhow!(
-                "mount file {}: sensor {:?} is a {}, but preset {} simulates {}: give the preset of that sensor, or of a \
-                 mixed rig those of all its sensors with commas between them",
-                path.display(),
-                sensor.name,
-                sensor.model,
-                experiment.name(),
-                models.join(" and ")
-            )
-        })
-    };
     if file.calibrations.is_some() {
         output::say_notice(
             "the published experiment has beams of its own: calibrations of the mount file are not used",
         );
     }
-    let listed: Vec<_> = file
-        .sensors
-        .iter()
-        .map(|s| {
-            let placed = Placement::from([s.x_m, s.y_m, s.z_m, s.pitch_deg, s.roll_deg]);
-            Ok(Placement { sensor_type: type_of(s)?, ..placed })
-        })
-        .collect::<anyhow::Result<_>>()?;
+    let listed = objective.listed(&file).with_context(|| format!("mount file {}", path.display()))?;
     let is_rolled_otherwise = experiment.replaces_a_roll(&listed);
     if is_rolled_otherwise {
         output::say_notice("the roll in the mount file is replaced, as --roll says");
     }
     let as_listed = Experiment { mirror: false, ..*experiment };
     let sensors = as_listed.sensors(&listed);
-    let mut apart = differences(&file, &objective);
-    apart.extend(is_rolled_otherwise.then(|| "the rolls in it (here replaced)".to_owned()));
-    let apart = match (apart.is_empty(), &file.found_with) {
-        (false, _) => format!("found with {}", apart.join(", ")),
-        (true, Some(_)) => "and was found with the settings of here: its sensors were changed since".into(),
-        (true, None) => {
-            "and not with which --path, --voxel, --azimuths, --sub-poses, --phase, --lambda ... that was \
-                         found: they were others than here, or its sensors were changed since"
-                .into()
-        }
-    };
-    Ok(Asked { objective, sensors, stated: file.objective, apart })
+    let reason = other_score(&file, &objective, is_rolled_otherwise);
+    Ok(Request { objective, sensors, stated: file.objective, reason })
 }

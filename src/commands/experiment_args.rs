@@ -2,6 +2,7 @@
 
 use std::str::FromStr;
 
+use super::scene_args::one_of;
 use super::wrong_usage;
 use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
 use crate::rig::MountFile;
@@ -14,8 +15,8 @@ pub struct ExperimentArgs {
     #[arg(long, env = "OUTRIGGER_PRESET", value_delimiter = ',', value_name = "PRESET,PRESET")]
     preset: Vec<String>,
     /// Direction of the walk in the mount frame: lateral as published, forward as the text has it [default: lateral].
-    #[arg(long)]
-    path: Option<PathArg>,
+    #[arg(long, value_parser = one_of(&[("lateral", Path::Lateral), ("forward", Path::Forward)]))]
+    path: Option<Path>,
     /// Edge of a voxel: 5 m divided by a whole number [default: the preset's 0.5].
     #[arg(long, value_name = "M")]
     voxel: Option<f64>,
@@ -33,8 +34,8 @@ pub struct ExperimentArgs {
     sub_poses: Option<usize>,
     /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost) [default:
     /// locked].
-    #[arg(long)]
-    phase: Option<PhaseArg>,
+    #[arg(long, value_parser = one_of(&[("locked", Phase::Locked), ("free", Phase::Free)]))]
+    phase: Option<Phase>,
     /// Price of one sensor in J: one number, or one for each model of a mixed rig ("os1-64=2000,vlp-16=800") [default:
     /// 2000].
     #[arg(long, value_name = "J", allow_hyphen_values = true)]
@@ -67,18 +68,6 @@ impl FidelityArg {
     }
 }
 
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum PathArg {
-    Lateral,
-    Forward,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum PhaseArg {
-    Locked,
-    Free,
-}
-
 #[derive(Clone, Copy, Debug)]
 struct RollArg(Roll);
 
@@ -102,7 +91,7 @@ impl ExperimentArgs {
     pub fn is_new_scene(&self) -> bool {
         let is_fineness_said = self.azimuths.is_some()
             || self.sub_poses.is_some_and(|poses| poses != 1)
-            || matches!(self.phase, Some(PhaseArg::Free));
+            || self.phase == Some(Phase::Free);
         self.voxel.is_some() && !is_fineness_said
     }
 
@@ -116,17 +105,11 @@ impl ExperimentArgs {
         }
         let prices = Prices::ByModel(prices_by_model(names, &found.lambda));
         Self {
-            path: self.path.or(Some(match found.path {
-                Path::Lateral => PathArg::Lateral,
-                Path::Forward => PathArg::Forward,
-            })),
+            path: self.path.or(Some(found.path)),
             voxel: self.voxel.or(Some(found.voxel_m)),
             azimuths: self.azimuths.or(Some(found.azimuths)),
             sub_poses: self.sub_poses.or(Some(found.sub_poses)),
-            phase: self.phase.or(Some(match found.phase {
-                Phase::Locked => PhaseArg::Locked,
-                Phase::Free => PhaseArg::Free,
-            })),
+            phase: self.phase.or(Some(found.phase)),
             lambda: self.lambda.clone().or(Some(prices)),
             least_distance: self.least_distance.or(Some(found.least_distance_m)),
             registration_weight: self.registration_weight.or(Some(found.registration_weight)),
@@ -162,19 +145,13 @@ impl ExperimentArgs {
             refuse!("which experiment? Give --preset, one of {}", Preset::names());
         };
         let experiment = Experiment {
-            path: match self.path {
-                None | Some(PathArg::Lateral) => Path::Lateral,
-                Some(PathArg::Forward) => Path::Forward,
-            },
+            path: self.path.unwrap_or_default(),
             voxel_m: self.voxel.unwrap_or(preset.voxel_m),
             azimuths: self.azimuths.unwrap_or(preset.azimuths),
             roll: self.roll.map_or(roll, |rule| rule.0),
             mirror: !self.no_mirror,
             sub_poses: self.sub_poses.unwrap_or(1),
-            phase: match self.phase {
-                None | Some(PhaseArg::Locked) => Phase::Locked,
-                Some(PhaseArg::Free) => Phase::Free,
-            },
+            phase: self.phase.unwrap_or_default(),
             ..Experiment::mixed(&presets)?
         };
         let least_distance_m = self.least_distance.unwrap_or(0.0);

@@ -37,6 +37,7 @@ mod optimize;
 mod output;
 mod predict;
 mod record;
+mod recorded_odometry;
 mod recording;
 mod replay;
 mod rig;

@@ -3,49 +3,40 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
 use crate::world::scene::{BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UpAxis};
 use crate::world::surface::{SurfaceSamples, read_points};
 use crate::world::trajectory::{PoseError, Trajectory, outside, suspicions};
 
+const UNITS: [(&str, MeshUnit); 3] =
+    [("m", MeshUnit::Metre), ("cm", MeshUnit::Centimetre), ("mm", MeshUnit::Millimetre)];
+
+/// One of some values, by its name.
+pub fn one_of<T: Copy + Send + Sync + 'static>(
+    values: &'static [(&'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let named = |name: String| values.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
+    PossibleValuesParser::new(values.iter().map(|(name, _)| *name))
+        .try_map(move |name| named(name).ok_or("no such value"))
+}
+
 /// What a mesh file does not say itself.
 #[derive(clap::Args, Debug, Clone, Copy, Default)]
 pub struct MeshArgs {
     /// Unit of the mesh file [default: m, refused where the size makes that absurd].
-    #[arg(long, value_name = "UNIT")]
-    mesh_unit: Option<UnitArg>,
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&UNITS))]
+    mesh_unit: Option<MeshUnit>,
     /// Axis of the mesh file that points up [default: z; y for glTF].
-    #[arg(long, value_name = "AXIS")]
-    up: Option<UpArg>,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum UnitArg {
-    M,
-    Cm,
-    Mm,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum UpArg {
-    Z,
-    Y,
+    #[arg(long, value_name = "AXIS", value_parser = one_of(&[("z", UpAxis::Z), ("y", UpAxis::Y)]))]
+    up: Option<UpAxis>,
 }
 
 impl MeshArgs {
     /// Reads a mesh; what is neither typed nor stated by the format is metres, z up.
     pub fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
-        let unit = self.mesh_unit.map(|unit| match unit {
-            UnitArg::M => MeshUnit::Metre,
-            UnitArg::Cm => MeshUnit::Centimetre,
-            UnitArg::Mm => MeshUnit::Millimetre,
-        });
-        let up = self.up.map(|up| match up {
-            UpArg::Z => UpAxis::Z,
-            UpArg::Y => UpAxis::Y,
-        });
-        match MeshFile::read(path, unit, up) {
+        match MeshFile::read(path, self.mesh_unit, self.up) {
             Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
                 bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
             }

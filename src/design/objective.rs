@@ -26,7 +26,7 @@ mod prices;
 mod settings;
 
 pub(crate) use prices::{Prices, prices_by_model};
-pub(crate) use settings::{are_same_presets, differences};
+pub(crate) use settings::{are_same_presets, other_score};
 
 use sensors::catalogue;
 

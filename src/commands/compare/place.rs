@@ -9,7 +9,7 @@ use anyhow::{Context as _, ensure};
 use super::Recorded;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
-use crate::commands::odometry::{self, OdometryArgs};
+use crate::commands::recorded_odometry::{self as odometry, OdometryArgs};
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, Making, MapArgs};
 use crate::verify::compare::{Field, TimeOffset, time_offset};

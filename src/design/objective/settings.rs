@@ -1,7 +1,8 @@
 //! The settings of a score, and in what they differ from those of another one.
 
 use super::{Objective, Prices, prices_by_model};
-use crate::rig::{FoundWith, MountFile};
+use crate::rig::{FoundWith, MountFile, SensorEntry};
+use crate::simulate::published::Placement;
 
 impl Objective {
     /// The settings of a score by this objective.
@@ -21,6 +22,39 @@ impl Objective {
     }
 }
 
+/// A sensor that the experiment does not simulate.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "sensor {name:?} is a {model}, but preset {preset} simulates {simulated}: give the preset of that sensor, or of a \
+     mixed rig those of all its sensors with commas between them"
+)]
+pub(crate) struct OtherSensor {
+    name: String,
+    model: String,
+    preset: String,
+    simulated: String,
+}
+
+impl Objective {
+    /// The sensors of a mount file as they are listed.
+    pub(crate) fn listed(&self, file: &MountFile) -> Result<Vec<Placement>, OtherSensor> {
+        let experiment = self.simulator().experiment();
+        let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
+        let placement = |sensor: &SensorEntry| {
+            let SensorEntry { x_m, y_m, z_m, pitch_deg, roll_deg, .. } = *sensor;
+            let sensor_type = models.iter().position(|model| sensor.model.eq_ignore_ascii_case(model));
+            let sensor_type = sensor_type.ok_or_else(|| OtherSensor {
+                name: sensor.name.clone(),
+                model: sensor.model.clone(),
+                preset: experiment.name(),
+                simulated: models.join(" and "),
+            })?;
+            Ok(Placement { sensor_type, ..Placement::from([x_m, y_m, z_m, pitch_deg, roll_deg]) })
+        };
+        file.sensors.iter().map(placement).collect()
+    }
+}
+
 /// Whether two lists of presets, with commas between them, name the same ones: their order says nothing.
 pub(crate) fn are_same_presets(one: &str, other: &str) -> bool {
     let sorted = |names: &str| {
@@ -31,8 +65,23 @@ pub(crate) fn are_same_presets(one: &str, other: &str) -> bool {
     sorted(one) == sorted(other)
 }
 
+/// Why the score that a mount file states may be another one than is found here.
+pub(crate) fn other_score(file: &MountFile, objective: &Objective, is_roll_replaced: bool) -> String {
+    let mut differences = differences(file, objective);
+    differences.extend(is_roll_replaced.then(|| "the rolls in it (here replaced)".to_owned()));
+    match (differences.is_empty(), &file.found_with) {
+        (false, _) => format!("found with {}", differences.join(", ")),
+        (true, Some(_)) => "and was found with the settings of here: its sensors were changed since".into(),
+        (true, None) => {
+            "and not with which --path, --voxel, --azimuths, --sub-poses, --phase, --lambda ... that was \
+                         found: they were others than here, or its sensors were changed since"
+                .into()
+        }
+    }
+}
+
 /// Every setting of a mount file's score that is another one now, by its flag, with both values.
-pub(crate) fn differences(file: &MountFile, objective: &Objective) -> Vec<String> {
+fn differences(file: &MountFile, objective: &Objective) -> Vec<String> {
     let now = objective.settings();
     let name = objective.simulator().experiment().name();
     let mut pairs = Vec::new();

@@ -113,26 +113,7 @@ impl Document {
             100.0 * evaluation.unique_voxels as f64 / evaluation.reachable_voxels as f64,
             100.0 * evaluation.overlap_ratio,
         );
-        text += "sensor       x m      y m      z m    pitch     roll   voxels    alone  model\n";
-        for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in self.mounts.iter().enumerate() {
-            text += &format!(
-                "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}  {}\n",
-                index + 1,
-                evaluation.per_sensor_voxels[index],
-                evaluation.unique_per_sensor[index],
-                evaluation.models[index]
-            );
-        }
-        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
-            text += &format!(
-                "{name:15}{} at pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
-                single.model,
-                single.pitch_deg,
-                single.seen.objective,
-                single.seen.unique_voxels,
-                single.seen.gain_voxels
-            );
-        }
+        text += &self.sensor_lines();
         if let Some(quality) = &evaluation.registration {
             text += &quality.line();
         }
@@ -153,5 +134,32 @@ impl Document {
             text += &format!("can be built   no: {pair}\n");
         }
         text + &format!("{} rays in {:.4} s\n", evaluation.rays, self.wall_s)
+    }
+
+    /// A line per sensor, and one per baseline.
+    fn sensor_lines(&self) -> String {
+        let evaluation = &self.evaluation;
+        let mut text =
+            String::from("sensor       x m      y m      z m    pitch     roll   voxels    alone  model\n");
+        for (index, [x_m, y_m, z_m, pitch_deg, roll_deg]) in self.mounts.iter().enumerate() {
+            text += &format!(
+                "{:6} {x_m:9.4}{y_m:9.4}{z_m:9.4}{pitch_deg:9.3}{roll_deg:9.3}{:9}{:9}  {}\n",
+                index + 1,
+                evaluation.per_sensor_voxels[index],
+                evaluation.unique_per_sensor[index],
+                evaluation.models[index]
+            );
+        }
+        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
+            text += &format!(
+                "{name:15}{} at pitch {:.0}: J {:.2}, {} voxels; the mounts see {:+}\n",
+                single.model,
+                single.pitch_deg,
+                single.seen.objective,
+                single.seen.unique_voxels,
+                single.seen.gain_voxels
+            );
+        }
+        text
     }
 }
