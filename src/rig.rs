@@ -1,11 +1,13 @@
 //! Mounts, the sensors on them, and the files that say so.
 
+mod conflicts;
 mod found_with;
 mod mount_file;
 mod published_export;
 mod touching;
 mod unit;
 
+pub(crate) use conflicts::Conflicts;
 pub use found_with::{FoundWith, Path, Phase};
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
@@ -135,6 +137,11 @@ impl Rig {
             name: name.to_owned(),
             known: self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", "),
         })
+    }
+
+    /// Mean height of the sensors above the body's origin, m.
+    pub(crate) fn mean_height_m(&self) -> f64 {
+        self.sensors.iter().map(|sensor| sensor.mount.z_m).sum::<f64>() / self.sensors.len() as f64
     }
 
     /// Distances between sensor origins beside what the pair needs, every pair once: the sum of both housing radii, or

@@ -8,7 +8,7 @@ use outrigger::base::geometry::Pose;
 use outrigger::rig::Mount;
 use outrigger::simulate::fan::BeamFan;
 use outrigger::world::scene::{BoxScene, Mesh, Scene, load_mesh};
-use outrigger::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, observable, read_points};
+use outrigger::world::surface::{Completeness, SurfaceSamples, THRESHOLDS_M, read_points};
 use outrigger::world::trajectory::Trajectory;
 
 use crate::support::{Case, case, shared, with_shared};
@@ -160,8 +160,7 @@ fn completeness_of_the_house() {
     let reference: serde_json::Value = serde_json::from_str(&text).unwrap();
     let bytes = std::fs::read(folder.join("house_surface_samples.npy")).unwrap();
     let samples = SurfaceSamples::new(read_points(&bytes).unwrap()).unwrap();
-    let mesh = std::sync::Arc::new(house());
-    let (scene, walk) = (Scene::Mesh(mesh.clone()), house_walk());
+    let (scene, walk) = (Scene::Mesh(house().into()), house_walk());
     let mut fan = BeamFan::nominal(&sensors::catalogue::nominal("vlp-16").unwrap(), 180, 10.0);
     fan.min_range_m = 0.3;
 
@@ -199,7 +198,7 @@ fn completeness_of_the_house() {
             let stations_m: Vec<DVec3> =
                 walk.stations_m(0.5).into_iter().map(|at| at + 0.1 * DVec3::Z).collect();
             let some = SurfaceSamples::new(samples.points_m().iter().copied().step_by(10).collect()).unwrap();
-            let seen = observable(&mesh, &some, &stations_m, 0.02);
+            let seen = scene.observable(&some, &stations_m);
             let share = seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64;
             let expected = expected["observable_share"].as_f64().unwrap();
             // 25 000 samples: 4 standard deviations

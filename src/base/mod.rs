@@ -5,5 +5,6 @@ pub mod files;
 pub mod questions;
 pub mod instructions;
 pub mod statistics;
+pub mod numbers;
 pub mod rng;
 pub mod geometry;

@@ -7,8 +7,8 @@ use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
 use super::compare::recorded::{Kept, Recorded, RecordedArgs};
-use super::ground::PoseErrorArgs;
-use super::odometry::{self, OdometryArgs};
+use super::recorded_odometry::{self as odometry, OdometryArgs};
+use super::scene_args::PoseErrorArgs;
 use super::{Context, Outcome, output};
 use crate::report::chart::signed;
 use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};

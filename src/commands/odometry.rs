@@ -3,19 +3,17 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail, ensure};
-use sensors::Decoded;
+use anyhow::Context as _;
 use serde::Serialize;
 
-use super::compare::hearing;
 use super::compare::recorded::{Recorded, RecordedArgs};
-use super::ground::suspicions;
+use super::recorded_odometry::{OdometryArgs, of_one, of_rig, remarks};
 use super::recording::Recording;
-use super::{Context, Outcome, output, unread};
+use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
 use crate::design::registration::RegistrationQuality;
-use crate::verify::odometry::{Limits, Odometry, Settings, Step, Sweeps, Walked};
+use crate::verify::odometry::Step;
 use crate::world::trajectory::Trajectory;
 
 /// Arguments of `odometry`.
@@ -41,44 +39,6 @@ pub struct Args {
     kitti: Option<PathBuf>,
 }
 
-/// How the way is looked for.
-#[derive(clap::Args, Debug)]
-pub struct OdometryArgs {
-    /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
-    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M")]
-    voxel_m: Option<f64>,
-    /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
-    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5)]
-    nearest_m: f64,
-    /// Returns farther than this are not used by odometry.
-    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0)]
-    farthest_m: f64,
-}
-
-impl OdometryArgs {
-    /// Refuses what was typed about odometry where the way is not found by it.
-    pub fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
-        context.ensure_not_typed(
-            &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
-            "is about --trajectory odometry, which is not asked for",
-        )
-    }
-
-    fn check(&self) -> anyhow::Result<()> {
-        for (name, value) in
-            [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
-        {
-            if !(value.is_finite() && value > 0.0) {
-                refuse!("{name} {value}, expected above 0");
-            }
-        }
-        if !(0.0..self.farthest_m).contains(&self.nearest_m) {
-            refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
-        }
-        Ok(())
-    }
-}
-
 /// The document that `odometry` prints.
 #[derive(Debug, Serialize)]
 struct Document {
@@ -96,17 +56,6 @@ struct Document {
     problems: Vec<String>,
     files: Vec<String>,
     wall_s: f64,
-}
-
-/// A way with what was lost on it.
-pub struct Way {
-    pub walked: Walked,
-    pub sensors: Vec<String>,
-    /// Begin of every revolution of the first sensor, ns.
-    pub revolutions_ns: Vec<u64>,
-    pub losses: Vec<String>,
-    /// What else is odd about its recording.
-    pub notices: Vec<String>,
 }
 
 /// Runs the verb.
@@ -163,135 +112,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;
     Ok(if way.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
-}
-
-/// Where a rig of known mounts went.
-pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Way> {
-    args.check()?;
-    let rig = &recorded.rig;
-    let mut walk = Walk::new(rig.sensors.len(), args);
-    let fed = recorded.feed(&mut |taken| {
-        let seat = taken.seat(&rig.sensors[taken.sensor].mount);
-        walk.add(taken.sensor, taken.model, &seat, taken.frame);
-    })?;
-    if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
-        bail!(
-            "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: one way needs sensors that were recorded \
-             at once, on one clock (PTP, or GPS)"
-        );
-    }
-    let contradicted = recorded.contradicted(&fed);
-    let way = walk.finish(rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(), fed.losses)?;
-    let faults = fed.faults.into_iter().map(|fault| fault.words);
-    Ok(Way { notices: contradicted.into_iter().chain(faults).collect(), ..way })
-}
-
-/// Where the only sensor of a recording went.
-fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Way> {
-    let mut router = recording.router()?;
-    let mut walk = Walk::new(1, args);
-    let mut sensors = 0;
-    let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
-        let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
-        sensors = sensors.max(at + 1);
-        if at == 0 {
-            walk.add(0, model, &|_| Pose::IDENTITY, frame);
-        }
-    };
-    let ending = recording.each_packet(&mut |packet| {
-        router.push(packet, &mut hand);
-        Ok(())
-    })?;
-    router.finish(&mut hand);
-    ensure!(sensors > 0, "{}", unread::why_nothing(recording, &router, &ending));
-    ensure!(sensors == 1, "{} holds {sensors} sensors: --mount says where they sit", recording.name());
-    recording.ensure_given_fits(&router)?;
-    let mut losses = ending.losses();
-    let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
-    for (sensor, name) in router.sensors().iter().zip(&names) {
-        losses.extend(unread::sensor_losses(name, sensor));
-    }
-    let way = walk.finish(names, losses)?;
-    let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
-    Ok(Way { notices, ..way })
-}
-
-/// Odometry over a stream of frames.
-struct Walk {
-    sweeps: Sweeps,
-    odometry: Odometry,
-    revolutions_ns: Vec<u64>,
-}
-
-impl Walk {
-    fn new(sensors: usize, args: &OdometryArgs) -> Self {
-        let limits = Limits { nearest_m: args.nearest_m, farthest_m: args.farthest_m };
-        let settings = Settings { voxel_m: args.voxel_m, reach_m: 1.5 * args.farthest_m };
-        Self {
-            sweeps: Sweeps::new(sensors, limits),
-            odometry: Odometry::new(settings),
-            revolutions_ns: Vec::new(),
-        }
-    }
-
-    /// `seat`: where the sensor sat on the body at a time of its clock.
-    fn add(
-        &mut self,
-        sensor: usize,
-        model: &sensors::SensorModel,
-        seat: &dyn Fn(u64) -> Pose,
-        frame: &sensors::Frame,
-    ) {
-        if let Some([first_ns, _]) = frame.time_span_ns().filter(|_| sensor == 0) {
-            self.revolutions_ns.push(first_ns);
-        }
-        self.sweeps.add_frame(sensor, model, seat, frame);
-        while let Some(sweep) = self.sweeps.next_whole() {
-            self.odometry.add(sweep);
-        }
-    }
-
-    fn finish(mut self, sensors: Vec<String>, mut losses: Vec<String>) -> anyhow::Result<Way> {
-        while let Some(sweep) = self.sweeps.next_rest() {
-            self.odometry.add(sweep);
-        }
-        let late = self.sweeps.late();
-        if late > 0 {
-            losses.push(format!(
-                "{late} returns bear times before those already used (clocks of the sensors apart, or a clock set back): \
-                 they were left out"
-            ));
-        }
-        let walked = self.odometry.finish()?;
-        let notices = Vec::new();
-        Ok(Way { walked, sensors, revolutions_ns: self.revolutions_ns, losses, notices })
-    }
-}
-
-/// What is odd about a way, in words.
-pub fn remarks(way: &Way) -> Vec<String> {
-    let walked = &way.walked;
-    let mut remarks = way.losses.clone();
-    remarks.extend(walked.problems.iter().cloned());
-    let start_ns = walked.trajectory.time_span_ns()[0];
-    let loose: Vec<&Step> = walked.steps.iter().filter(|step| step.is_loose()).collect();
-    if let (Some(first), Some(last)) = (loose.first(), loose.last()) {
-        let seconds = |step: &Step| step.time_ns.saturating_sub(start_ns) as f64 * 1e-9;
-        let worst = loose.iter().filter_map(|step| Some((step.least_translation?, step.weakest_direction?)));
-        let along = worst
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map_or(String::new(), |(_, [x, y, z])| format!(" along ({x:.2}, {y:.2}, {z:.2})"));
-        remarks.push(format!(
-            "cannot tell the way{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
-             last velocity was kept",
-            loose.len(),
-            walked.steps.len(),
-            seconds(first),
-            seconds(last)
-        ));
-    }
-    remarks.extend(suspicions(&walked.trajectory, "way found"));
-    remarks
 }
 
 fn text(document: &Document) -> String {

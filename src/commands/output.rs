@@ -7,7 +7,6 @@ use anyhow::Context as _;
 
 use crate::base::files::check_place;
 use crate::report::chart::signed;
-use crate::rig::{Clearance, Touching};
 use crate::verify::calibrate::Estimate;
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
@@ -84,17 +83,6 @@ fn said_once(error: &anyhow::Error) -> String {
         }
     }
     text
-}
-
-/// Why a rig cannot be built, a line per pair of sensors; nothing where it can.
-pub fn cannot_be_built(too_near: &[Clearance], touching: &[Touching]) -> String {
-    let near = too_near.iter().map(|pair| {
-        format!(
-            "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",
-            pair.first, pair.second, pair.distance_m, pair.needed_m
-        )
-    });
-    near.chain(touching.iter().map(|pair| format!("cannot be built: {pair}\n"))).collect()
 }
 
 /// The command line of this run, for a shell, with the environment that speaks into it.

@@ -1,28 +1,21 @@
 //! The scene behind `--scene`: a mesh, or a map of cells made of a recording or of a point cloud.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use anyhow::{Context as _, anyhow, bail, ensure};
-use glam::DVec3;
-use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
-use serde::Serialize;
+use anyhow::{Context as _, anyhow, bail};
 
 use super::compare::axes::{AxisZeros, tilts};
 use super::compare::feed::{self, Seated, Taken};
 use super::compare::host_clock;
-use super::ground::{MeshArgs, MeshTaken};
+use super::scene_args::MeshArgs;
 use super::stage::Stage;
 use super::{Context, wrong_usage};
 use crate::recording::Session;
 use crate::rig::Rig;
 use crate::world::scene::{
-    CLOUD_ENDINGS, CloudPoint, MESH_ENDINGS, Mesh, MeshFileError, Scene, VoxelMap, is_cloud, read_cloud,
+    CLOUD_ENDINGS, LoadedScene, MESH_ENDINGS, MapBuilder, MeshFileError, VoxelMap, is_cloud,
 };
 use crate::world::trajectory::Trajectory;
-
-/// Rays longer than this are not believed, m.
-const LONGEST_RAY_M: f64 = 300.0;
 
 /// How a recording or a cloud becomes a map.
 #[derive(clap::Args, Debug, Clone)]
@@ -38,42 +31,6 @@ pub struct MapArgs {
     /// of the rig, where the session does not hold it itself.
     #[arg(long, value_name = "FILE")]
     map_path: Option<PathBuf>,
-}
-
-/// A scene as read.
-pub struct ReadScene {
-    pub scene: Scene,
-    /// Of the scene, where it is one.
-    pub mesh: Option<(Arc<Mesh>, MeshTaken)>,
-    pub map: Option<MapTaken>,
-    pub warnings: Vec<String>,
-}
-
-/// What a map was made of.
-#[derive(Clone, Debug, Serialize)]
-pub struct MapTaken {
-    made_of: &'static str,
-    voxel_m: f64,
-    points: u64,
-    occupied_cells: u64,
-    free_cells: u64,
-    /// Points of which nobody knows where they were seen from: no cell before them is known to be free.
-    points_from_nowhere: u64,
-}
-
-impl MapTaken {
-    /// One line of a summary.
-    pub fn line(&self) -> String {
-        format!(
-            "map            {} occupied and {} free cells of {} m, made of {} points of a {}\n",
-            self.occupied_cells, self.free_cells, self.voxel_m, self.points, self.made_of
-        )
-    }
-
-    /// Whether it tells free cells from unknown ones.
-    pub fn knows_free(&self) -> bool {
-        self.free_cells > 0
-    }
 }
 
 /// Arguments about a mesh, and about a map.
@@ -104,7 +61,7 @@ pub fn read(
     mesh_args: &MeshArgs,
     map_args: &MapArgs,
     context: Context,
-) -> anyhow::Result<ReadScene> {
+) -> anyhow::Result<LoadedScene> {
     let is_session = Session::is_session(path);
     if path.is_dir() && !is_session {
         bail!("{}: a folder that is no session; expected a session, a mesh or a cloud", path.display());
@@ -114,84 +71,63 @@ pub fn read(
             &OF_A_MAP,
             format!("is about a map that is made of a session or a cloud, and {} is neither", path.display()),
         )?;
-        let read = mesh_args.read(path).map_err(|error| match error.downcast_ref() {
+        let read = mesh_args.read(path).map(LoadedScene::from);
+        return read.map_err(|error| match error.downcast_ref() {
             Some(MeshFileError::UnknownFormat { .. }) => anyhow!(
                 "{}: its name has no ending that is known; expected a session, a mesh ({MESH_ENDINGS}) or a cloud \
                  ({CLOUD_ENDINGS})",
                 path.display()
             ),
             _ => error,
-        })?;
-        let mesh = Arc::new(read.mesh);
-        let scene = Scene::Mesh(mesh.clone());
-        return Ok(ReadScene { scene, mesh: Some((mesh, read.taken)), map: None, warnings: read.warnings });
+        });
     }
     context.ensure_not_typed(
         &OF_A_MESH,
         format!("is about a mesh, and {} is none: maps are in metres, z up", path.display()),
     )?;
     let mut making = Making::new(map_args)?;
-    let mut warnings = Vec::new();
-    let way =
-        map_args.map_path.as_deref().map(|path| Ok::<_, anyhow::Error>((path, way(path)?))).transpose()?;
-    if is_session {
-        warnings.extend(making.of_session(path, way.map(|(_, way)| way))?);
+    let given = map_args.map_path.as_deref();
+    let given = given.map(|path| Ok::<_, anyhow::Error>((path, trajectory(path)?))).transpose()?;
+    let (made_of, mut warnings) = if is_session {
+        ("recording", making.add_session(path, given.map(|(_, trajectory)| trajectory))?)
     } else {
-        making.of_cloud(path, way)?;
-    }
-    let (map, taken) = making.finish(path, if is_session { "recording" } else { "cloud" }, &mut warnings)?;
-    Ok(ReadScene { scene: Scene::Voxels(Arc::new(map)), mesh: None, map: Some(taken), warnings })
+        making.0.add_cloud(path, given)?;
+        ("cloud", Vec::new())
+    };
+    let (map, summary, doubts) = making.0.finish(path, made_of)?;
+    warnings.extend(doubts);
+    Ok(LoadedScene::from_map(map, summary, warnings))
 }
 
-fn way(path: &Path) -> anyhow::Result<Trajectory> {
+fn trajectory(path: &Path) -> anyhow::Result<Trajectory> {
     let name = path.display().to_string();
     let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
     Trajectory::from_tum(&text).context(name)
 }
 
-/// A map under way.
-pub struct Making {
-    map: VoxelMap,
-    least_hits: u8,
-    points: u64,
-    /// Points without a place.
-    blind: u64,
-    from_nowhere: u64,
-}
+/// A map of a recording under way.
+pub struct Making(MapBuilder);
 
 impl Making {
-    /// Nothing known yet.
     pub fn new(args: &MapArgs) -> anyhow::Result<Self> {
-        let map = VoxelMap::new(args.map_voxel, args.map_hits, LONGEST_RAY_M)
-            .map_err(|error| wrong_usage(format!("--map-voxel: {error}")))?;
-        Ok(Self { map, least_hits: args.map_hits, points: 0, blind: 0, from_nowhere: 0 })
+        let builder = MapBuilder::new(args.map_voxel, args.map_hits);
+        Ok(Self(builder.map_err(|error| wrong_usage(format!("--map-voxel: {error}")))?))
     }
 
     /// Adds the returns of a recorded frame that fall into the trajectory's time.
     pub fn add_frame(&mut self, rig: &Rig, trajectory: &Trajectory, time_offset_ns: i64, taken: &Taken<'_>) {
-        let seat = taken.seat(&rig.sensors[taken.sensor].mount);
-        let (model, frame) = (taken.model, taken.frame);
-        for (column, channel, range_mm) in returns(model, frame) {
-            let device_ns = sample_time_ns(model, frame, column, channel);
-            let time_ns = device_ns.saturating_add_signed(time_offset_ns);
-            let Some(world_from_body) = trajectory.at(time_ns) else { continue };
-            let world_from_sensor = world_from_body * seat(frame.column_time_ns[column]);
-            let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
-            let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
-            let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
-            self.map.add_return(origin_m, world_from_sensor.transform_point(point));
-            self.points += 1;
-        }
+        let body_from_sensor = taken.seat(&rig.sensors[taken.sensor].mount);
+        self.0.add_frame(taken.model, &body_from_sensor, trajectory, time_offset_ns, taken.frame);
     }
 
-    /// Every frame of a session, by its own mount and the way given, or its own; what the session lost.
-    fn of_session(&mut self, path: &Path, way: Option<Trajectory>) -> anyhow::Result<Vec<String>> {
+    /// Every frame of a session, by its own mount and the trajectory given, or its own; what the session lost.
+    fn add_session(&mut self, path: &Path, trajectory: Option<Trajectory>) -> anyhow::Result<Vec<String>> {
         let mut session = Session::open(path)?;
         let lacks =
             |what: &str| format!("{}: the session holds no {what}, and a map needs one", path.display());
         let file = session.mount()?.with_context(|| lacks("mount file"))?;
-        let own_or_given = match way {
-            Some(way) => Some(way),
+        let own_or_given = match trajectory {
+            Some(given) => Some(given),
             None => session.trajectory()?,
         };
         let trajectory =
@@ -207,102 +143,8 @@ impl Making {
         Ok(notices.iter().chain(&fed.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 
-    /// Every point of a cloud, seen from where it says or from where the way was at its time.
-    fn of_cloud(&mut self, path: &Path, way: Option<(&Path, Trajectory)>) -> anyhow::Result<()> {
-        let (mut timed, mut span_s) = (0_u64, [f64::INFINITY, f64::NEG_INFINITY]);
-        read_cloud(path, |CloudPoint { position_m, seen_from_m, time_s }| {
-            if !position_m.is_finite() {
-                self.blind += 1;
-                return;
-            }
-            self.points += 1;
-            if let Some(time_s) = time_s {
-                timed += 1;
-                span_s = [span_s[0].min(time_s), span_s[1].max(time_s)];
-            }
-            let at = |(_, way): &(&Path, Trajectory)| {
-                let time_ns = time_s.filter(|time_s| *time_s >= 0.0)? * 1e9;
-                way.at(time_ns.round() as u64).map(|pose| pose.translation_m)
-            };
-            match seen_from_m.or_else(|| way.as_ref().and_then(at)) {
-                Some(origin_m) => self.map.add_return(origin_m, position_m),
-                None => {
-                    self.from_nowhere += 1;
-                    self.map.add_point(position_m);
-                }
-            }
-        })?;
-        let Some((way_path, way)) = way else { return Ok(()) };
-        if self.from_nowhere < self.points || self.points == 0 {
-            return Ok(());
-        }
-        let [start_s, end_s] = way.time_span_ns().map(|time_ns| time_ns as f64 * 1e-9);
-        if timed == 0 {
-            bail!(
-                "{}: its points have no time (timestamp, time or gps_time), so that --map-path cannot say where they were seen from",
-                path.display()
-            );
-        }
-        bail!(
-            "{}: its points are of {:.3} to {:.3} s, {} goes from {start_s:.3} to {end_s:.3} s: no point falls into the way's time",
-            path.display(),
-            span_s[0],
-            span_s[1],
-            way_path.display()
-        );
-    }
-
-    /// The map, with what deserves a second look.
-    pub fn finish(
-        self,
-        path: &Path,
-        made_of: &'static str,
-        warnings: &mut Vec<String>,
-    ) -> anyhow::Result<(VoxelMap, MapTaken)> {
-        let name = path.display();
-        let [free_cells, occupied_cells] = self.map.counts();
-        ensure!(
-            occupied_cells > 0,
-            "{name}: no cell of {} m holds {} points or more, so there is nothing to hit",
-            self.map.voxel_m(),
-            self.least_hits
-        );
-        if self.blind > 0 {
-            warnings.push(format!("{name}: {} points without a place are left out", self.blind));
-        }
-        if self.map.rejected() > 0 {
-            warnings.push(format!(
-                "{name}: {} points further than {LONGEST_RAY_M} m from the sensor, or out of all reach, are left out",
-                self.map.rejected()
-            ));
-        }
-        if self.from_nowhere > 0 {
-            warnings.push(format!(
-                "{name}: {} of {} points do not say where they were seen from (vp_x, vp_y, vp_z, or their time with --map-path): what is free before them is unknown",
-                self.from_nowhere, self.points
-            ));
-        }
-        let taken = MapTaken {
-            made_of,
-            voxel_m: self.map.voxel_m(),
-            points: self.points,
-            occupied_cells,
-            free_cells,
-            points_from_nowhere: self.from_nowhere,
-        };
-        Ok((self.map, taken))
-    }
-
     /// The map alone, of frames that a caller chose.
     pub fn into_map(self) -> VoxelMap {
-        self.map
+        self.0.into_map()
     }
-}
-
-/// The grid of a map's own cells, or of others from its least corner on.
-pub fn map_grid(map: &VoxelMap, voxel_m: f64) -> crate::world::coverage::VoxelGrid {
-    let [low, high] = map.bounds_m();
-    let cells = ((high - low) / voxel_m - 1e-6).ceil().max(DVec3::ONE);
-    let cells = [cells.x, cells.y, cells.z].map(|count| count as usize);
-    crate::world::coverage::VoxelGrid { origin_m: low, voxel_m, cells }
 }

@@ -5,6 +5,8 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::simulate::Progress;
+
 /// A verb at work; the line is taken away when it ends.
 pub struct Stage(ProgressBar);
 
@@ -51,6 +53,14 @@ impl Stage {
     /// So much more of it is done.
     pub fn more(&self, done: u64) {
         self.0.inc(done);
+    }
+
+    /// Follows what a library reports.
+    pub fn progress(&self) -> impl Fn(Progress) + Sync + '_ {
+        |progress| match progress {
+            Progress::Total(all) => self.counts(all, 0),
+            Progress::Done(more) => self.more(more),
+        }
     }
 
     /// Leaves a line above, on a terminal.

@@ -21,6 +21,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub(crate) mod baselines;
+mod prices;
+mod settings;
+
+pub(crate) use prices::{Prices, prices_by_model};
+pub(crate) use settings::{are_same_presets, other_score};
+
 use sensors::catalogue;
 
 use crate::design::registration::{DEGENERATE, RegistrationQuality, along_published};

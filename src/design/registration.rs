@@ -8,6 +8,10 @@
 //! Simulated normals are exact: in a recording, normals with an error of 2 degrees add about 1e-3 to an eigenvalue of
 //! zero, so that [`DEGENERATE`] and not zero divides what is tied down from what is not.
 
+mod along_path;
+
+pub(crate) use along_path::PathRegistration;
+
 use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
 

@@ -8,11 +8,19 @@ use crate::report::chart::{CellClass, CellMap, cell_map_svg, escape};
 mod above;
 mod blind_spots;
 pub mod chart;
+pub(crate) mod completeness;
+pub(crate) mod figures;
+pub(crate) mod prediction;
+pub(crate) mod score;
+pub(crate) mod search;
 mod unfold;
 
 pub use above::FromAbove;
 pub use blind_spots::{BlindSpot, blind_spots};
 pub use unfold::{unfold_box, unfold_mount_box};
+
+/// Blind spots that a document lists, the largest first.
+pub(crate) const MAX_BLIND_SPOTS: usize = 10;
 
 /// A page, built from top to bottom.
 #[derive(Clone, Debug)]

@@ -1,11 +1,22 @@
 //! The sampling of beams along a trajectory.
 
+pub(crate) mod baselines;
 pub mod column;
 pub mod detection;
 pub mod fan;
 pub mod frames;
+pub(crate) mod ideal;
 pub mod occluder;
+pub(crate) mod prediction;
 pub mod published;
 pub(crate) mod rounds;
 pub mod scan;
 pub mod sweep;
+
+/// Progress of a long computation, for whoever shows it.
+pub(crate) enum Progress {
+    /// There is so much to do from here on.
+    Total(u64),
+    /// So much more is done.
+    Done(u64),
+}

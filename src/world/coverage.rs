@@ -1,6 +1,8 @@
 //! Which cells of space were hit, by which sensor. [`Coverage::add`] is the only way in, for predicted and recorded
 //! points alike.
 
+mod ply;
+
 use std::borrow::Cow;
 
 use glam::DVec3;
@@ -27,6 +29,12 @@ impl VoxelGrid {
         let size = (bounds_m[1] - bounds_m[0]) / voxel_m;
         let cells = [size.x, size.y, size.z].map(|n| n.round() as usize + 1);
         Self { origin_m: bounds_m[0] - DVec3::splat(0.5 * voxel_m), voxel_m, cells }
+    }
+
+    /// A grid from the least corner of `bounds_m` on: that of a map, whose bounds lie on the faces of its voxels.
+    pub(crate) fn from_corner([low_m, high_m]: [DVec3; 2], voxel_m: f64) -> Self {
+        let cells = ((high_m - low_m) / voxel_m - 1e-6).ceil().max(DVec3::ONE);
+        Self { origin_m: low_m, voxel_m, cells: cells.to_array().map(|count| count as usize) }
     }
 
     /// Number of cells.

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use serde::Serialize;
 
-use super::ground::PoseErrorArgs;
+use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
 use super::{Context, Outcome, output};
 use crate::base::files::{check_folder, write_json};

@@ -9,12 +9,12 @@ use anyhow::{Context as _, ensure};
 use super::Recorded;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
-use crate::commands::ground::{MeshArgs, Room, outside, suspicions};
-use crate::commands::odometry::{self, OdometryArgs};
+use crate::commands::recorded_odometry::{self as odometry, OdometryArgs};
+use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, Making, MapArgs};
 use crate::verify::compare::{Field, TimeOffset, time_offset};
 use crate::world::scene::{Scene, VoxelMap};
-use crate::world::trajectory::Trajectory;
+use crate::world::trajectory::{Trajectory, outside, suspicions};
 
 /// Rays among which the time offset is looked for, and how far to each side.
 const SEARCH_RAYS: usize = 20_000;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::commands::ground::{MeshArgs, Room};
+use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::MapArgs;
 
 /// What the live view knows of mounts, scene and way. Each is that of `[predict]` where `[daemon]` names none.

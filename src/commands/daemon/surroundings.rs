@@ -3,7 +3,7 @@
 use anyhow::{Context as _, bail};
 
 use super::place::PlaceArgs;
-use crate::commands::ground::read_trajectory;
+use crate::commands::scene_args::read_trajectory;
 use crate::commands::{Context, record, scene_file};
 use crate::daemon::Place;
 

@@ -14,7 +14,7 @@ use sensors::velodyne::{Product, ReturnMode};
 
 use super::web::{Web, WebArgs};
 use crate::base::geometry::Pose;
-use crate::commands::ground::{MeshArgs, Numbers};
+use crate::commands::scene_args::{MeshArgs, Numbers};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, Outcome, output, signals};
 use crate::live::receive::now_ns;

@@ -1,31 +1,23 @@
 //! `outrigger predict`
 
-mod document;
-mod left_out;
-mod page;
-mod scan;
 mod sensing;
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, bail, ensure};
-use glam::DVec3;
-use rayon::prelude::*;
 
-use self::document::Document;
-use super::evaluate::FidelityArg;
-use super::ground::{MeshArgs, MeshTaken, Room, TrajectoryArgs, stations};
-use super::scene_file::{self, MapArgs, MapTaken, ReadScene, map_grid};
+use super::experiment_args::FidelityArg;
+use super::scene_args::{MeshArgs, Room, SampleArgs, TrajectoryArgs};
+use super::scene_file::{self, MapArgs};
 use super::stage::Stage;
-use super::surface::{SampleArgs, Surface};
 use super::{Context, Outcome, output};
+use crate::report::prediction::{Document, page};
 use crate::rig::{MountFile, Rig, Unit, UnitChoice};
+use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
 use crate::simulate::scan::Scanner;
-use crate::world::coverage::{Coverage, VoxelGrid};
-use crate::world::scene::{Mesh, Scene};
-use crate::world::trajectory::Trajectory;
+use crate::world::scene::LoadedScene;
+use crate::world::surface::ObservableSurface;
 
 /// Arguments of `predict`.
 #[derive(clap::Args, Debug)]
@@ -84,17 +76,6 @@ pub struct Args {
     report: Option<PathBuf>,
 }
 
-/// Where the rig walks.
-struct Place {
-    scene: Scene,
-    /// Of the scene, where it is one.
-    mesh: Option<(Arc<Mesh>, MeshTaken)>,
-    map: Option<MapTaken>,
-    trajectory: Trajectory,
-    grid: VoxelGrid,
-    warnings: Vec<String>,
-}
-
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if args.room.is_some() {
@@ -102,45 +83,33 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     output::check_places([&args.out, &args.report])?;
     let (units, rig) = units(args)?;
-    let place = place(args, context)?;
-    for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&place.warnings) {
+    let site = site(args, context)?;
+    for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
     }
-    let scanner = args.sensing.scanner(&place.scene, &place.trajectory, &rig, &units, args.seed)?;
+    let scene = &site.loaded.scene;
+    let scanner = args.sensing.scanner(scene, &site.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
     let stage = Stage::begin("looking which samples of the surface can be seen");
-    let mounts: Vec<_> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
-    let surface = match &place.mesh {
-        Some((mesh, _)) => {
-            let samples = args.samples.take(mesh, args.seed)?;
-            Some(Surface::new(mesh, samples, &stations(&place.trajectory, &mounts)))
-        }
-        None => None,
-    };
+    let stations_m = site.trajectory.sight_stations_m(rig.mean_height_m());
+    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, args.seed)).transpose()?;
+    let surface = samples.map(|samples| ObservableSurface::new(scene, samples, &stations_m));
+    let surface = surface.as_ref();
     stage.next("casting the rays of the rig");
-    stage.counts(scan::revolutions(&scanner), 0);
-    let scanned = scan::scan(&scanner, &place.grid, surface.as_ref(), &stage);
+    let prediction = predict(&scanner, &site.grid, surface, &stage.progress());
     let wall_s = start.elapsed().as_secs_f64();
-    let mut doubts = silent(&scanner, &scanned.returns);
-    doubts.extend(
-        surface
-            .as_ref()
-            .zip(place.mesh.as_ref())
-            .and_then(|(surface, (mesh, _))| few_samples(surface.samples.len(), mesh.area_m2(), args.voxel)),
-    );
-    doubts.extend(noisy(args));
+    let doubts = doubts(&scanner, &site, surface, &prediction);
     stage.next("looking what single sensors would see (--no-baselines leaves them out)");
     let baselines = (!args.no_baselines)
-        .then(|| scan::baselines(&scanner, &place.grid, surface.as_ref(), &scanned, &stage));
+        .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
     stage.next("looking what could be seen from the way");
-    let reachable =
-        reachable(&place, surface.as_ref(), &scanned.coverage, &stations(&place.trajectory, &mounts));
-    let mut document =
-        Document::new(&scanner, &place, &scanned, surface.as_ref(), &reachable, baselines, wall_s);
+    let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
+    let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);
+    (document.baselines, document.wall_s) = (baselines, wall_s);
     if args.fidelity == FidelityArg::Auto {
         stage.next("measuring what the model leaves out");
-        document.left_out = Some(left_out::left_out(&scanner, &place.grid));
+        document.left_out = Some(omissions(&scanner, &site.grid));
     }
     document.total_s = start.elapsed().as_secs_f64();
     drop(stage);
@@ -148,11 +117,12 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     document.warnings.extend(doubts);
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.out {
-        let bytes = document::ply(&scanned.coverage, &rig);
+        let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        let bytes = prediction.coverage.ply(&names);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page::page(&document, &place, &scanned.coverage, &reachable);
+        let page = page(&document, scene, &prediction.coverage, &observable, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     Ok(Outcome::Done)
@@ -180,111 +150,23 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     Ok((units, rig))
 }
 
-fn place(args: &Args, context: Context) -> anyhow::Result<Place> {
-    let ReadScene { scene, mesh, map, mut warnings } = match (&args.scene, &args.room) {
+fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
+    let mut loaded = match (&args.scene, &args.room) {
         (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
-        (None, Some(room)) => ReadScene { scene: room.scene(), mesh: None, map: None, warnings: Vec::new() },
+        (None, Some(room)) => LoadedScene::from(room.scene()),
         (None, None) => refuse!("give --scene or --room"),
     };
-    if mesh.is_none() {
+    if loaded.mesh.is_none() {
         context.ensure_not_typed(
             &["samples", "sample_count"],
             "is about the surface of a mesh: give one behind --scene, or leave it out",
         )?;
     }
     let trajectory = args.trajectory.read()?;
-    let what = match &scene {
-        Scene::Mesh(_) => "mesh",
-        Scene::Box(_) => "room",
-        Scene::Voxels(_) => "map",
-    };
-    warnings.extend(args.trajectory.doubts(what, scene.bounds_m(), &trajectory));
-    let grid = grid(args.voxel, &scene)?;
-    Ok(Place { scene, mesh, map, trajectory, grid, warnings })
-}
-
-fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
-    if !(voxel_m.is_finite() && voxel_m > 0.0) {
-        refuse!("--voxel {voxel_m}, expected above 0");
+    loaded.warnings.extend(args.trajectory.doubts(&loaded.scene, &trajectory));
+    if !(args.voxel.is_finite() && args.voxel > 0.0) {
+        refuse!("--voxel {}, expected above 0", args.voxel);
     }
-    let bounds_m = scene.bounds_m();
-    let cells = (bounds_m[1] - bounds_m[0]) / voxel_m + 2.0;
-    // bricks are numbered in 21 bits along each axis
-    if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(60) {
-        bail!("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered");
-    }
-    Ok(match scene {
-        // the map's cells are where its points are: a cell of the grid is a cell of the map
-        Scene::Voxels(map) => map_grid(map, voxel_m),
-        Scene::Mesh(_) | Scene::Box(_) => VoxelGrid::centred_on(bounds_m, voxel_m),
-    })
-}
-
-/// Sensors of which nothing came back, and why most likely.
-fn silent(scanner: &Scanner<'_>, returns: &[u64]) -> Vec<String> {
-    let silent = scanner.rig.sensors.iter().zip(returns).filter(|(_, returns)| **returns == 0);
-    silent
-        .map(|(sensor, _)| {
-            format!(
-                "{}: not one ray came back: is its mount in metres, is it inside the wearer or another housing, and does the \
-                 scene lie within its range?",
-                sensor.name
-            )
-        })
-        .collect()
-}
-
-/// Says so where noise makes cells that the scene has nothing in.
-fn noisy(args: &Args) -> Option<String> {
-    args.sensing.is_noisy().then(|| {
-        "--range-noise throws returns into voxels beside the surface, and these count as seen, and as voxels that can be seen: \
-         both numbers are greater than without noise"
-            .into()
-    })
-}
-
-/// A voxel of the surface is known of if a sample falls into it: of fewer samples for each than this, many are not.
-const SAMPLES_PER_VOXEL: f64 = 4.0;
-
-/// Says so where surface samples are too few to count the voxels that can be seen.
-fn few_samples(samples: usize, area_m2: f64, voxel_m: f64) -> Option<String> {
-    let needed = SAMPLES_PER_VOXEL * area_m2 / (voxel_m * voxel_m);
-    ((samples as f64) < needed).then(|| {
-        format!(
-            "{samples} samples on {area_m2:.0} m2 are too few for voxels of {voxel_m} m: more can be seen than are counted \
-             as such; --sample-count {:.0} would do",
-            needed.ceil()
-        )
-    })
-}
-
-/// The cells that could be seen from the path, ascending: the walls of a room, where a mesh has an observable sample or
-/// was seen, or the occupied cells of a map that have a line of sight to the path or were seen.
-fn reachable(
-    place: &Place,
-    surface: Option<&Surface>,
-    coverage: &Coverage,
-    stations_m: &[DVec3],
-) -> Vec<usize> {
-    let mut cells = match (surface, &place.scene) {
-        (Some(surface), _) => {
-            let points = surface.samples.points_m().iter().zip(&surface.visible);
-            points
-                .filter(|(_, visible)| **visible)
-                .filter_map(|(at, _)| place.grid.index(*at))
-                .collect::<Vec<usize>>()
-        }
-        (None, Scene::Voxels(map)) => {
-            let tolerance_m = 2.0 * map.voxel_m();
-            let sees = |at: &DVec3| stations_m.iter().any(|from| place.scene.sees(*from, *at, tolerance_m));
-            let points_m: Vec<DVec3> = map.occupied_m().collect();
-            let seen = points_m.par_iter().filter(|at| sees(at));
-            seen.filter_map(|at| place.grid.index(*at)).collect()
-        }
-        (None, _) => return place.grid.outer_cells().collect(),
-    };
-    cells.extend(coverage.union_cells());
-    cells.sort_unstable();
-    cells.dedup();
-    cells
+    let grid = grid_of(&loaded.scene, args.voxel)?;
+    Ok(Site { loaded, trajectory, grid })
 }

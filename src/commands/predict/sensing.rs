@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::commands::ground::Numbers;
+use crate::commands::scene_args::Numbers;
 use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
@@ -53,11 +53,6 @@ pub struct SensingArgs {
 }
 
 impl SensingArgs {
-    /// Whether ranges are noisy.
-    pub fn is_noisy(&self) -> bool {
-        self.range_noise > 0.0
-    }
-
     /// The rig, made ready to scan.
     pub fn scanner<'a>(
         &self,
@@ -85,8 +80,8 @@ impl SensingArgs {
                 refuse!("--wearer: the radius is {radius_m}, expected above 0");
             }
             let (from_m, to_m) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
-            let wearer = Occluder::Capsule { from_m, to_m, radius_m };
-            scanner.occluders.iter_mut().for_each(|solids| solids.push(wearer));
+            let operator = Occluder::Capsule { from_m, to_m, radius_m };
+            scanner.occluders.iter_mut().for_each(|solids| solids.push(operator));
         }
         scanner.flaws = Flaws {
             min_range_m: self.min_range,
@@ -129,10 +124,10 @@ impl SensingArgs {
         if !(0.0..1.0).contains(&self.drop_out) {
             refuse!("--drop-out {}, expected a share of at least 0 and below 1", self.drop_out);
         }
-        if let (Some(least), Some(greatest)) = (self.min_range, self.max_range)
-            && least >= greatest
+        if let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range)
+            && min_m >= max_m
         {
-            refuse!("--min-range {least} is not below --max-range {greatest}");
+            refuse!("--min-range {min_m} is not below --max-range {max_m}");
         }
         Ok(())
     }

@@ -6,11 +6,13 @@
 //! wrong by, from each level to the next, is the error that is stated. Two questions are told apart: which candidate is
 //! best ([`rank`]: errors that all candidates share do not matter), and how much one is worth ([`settle`]: they do).
 
+mod mount;
 mod published;
 mod rank;
 mod scene;
 mod settle;
 
+pub(crate) use mount::MountFidelity;
 pub use published::BoxLadder;
 pub use rank::{Ranking, RankingStep, Rules, Stopped, rank};
 pub use scene::SceneLadder;

@@ -5,9 +5,12 @@
 //! free, which orders mounts far better than the published pattern does.
 
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
 
 use serde::Serialize;
 
+use super::{MountProblem, Search};
+use crate::base::numbers::number;
 use crate::design::fidelity::{BoxLadder, Ladder as _};
 use crate::design::objective::Objective;
 use crate::design::robustness::{Criterion, Robustness, RobustnessError, Spread, Tolerance};
@@ -68,5 +71,61 @@ impl FinalLook {
             evaluations: choice.evaluations,
             rays: choice.rays,
         }))
+    }
+}
+
+/// The shortlist of a search, judged as it would be built.
+#[derive(Serialize)]
+pub(crate) struct JudgedShortlist {
+    /// Where the chosen mount was found, in units of the search.
+    #[serde(skip)]
+    pub values: Vec<f64>,
+    #[serde(flatten)]
+    look: FinalLook,
+    /// J of the search's own favourite as searched.
+    favourite_as_searched: f64,
+    wall_s: f64,
+}
+
+impl JudgedShortlist {
+    /// None where no mount was feasible, or `stop` came.
+    ///
+    /// # Errors
+    /// Those of [`FinalLook::at`].
+    pub fn of_search(
+        given: &Objective,
+        problem: &MountProblem,
+        search: &Search,
+        (position_m, angle_deg): (f64, f64),
+        stop: &AtomicBool,
+    ) -> Result<Option<Self>, RobustnessError> {
+        let start = Instant::now();
+        let feasible: Vec<_> = search.shortlist().iter().filter(|trial| trial.violation == 0.0).collect();
+        let mounts: Vec<_> = feasible.iter().map(|trial| problem.masters(&trial.candidate.values)).collect();
+        let tolerance = Tolerance { position_m, angle_deg, free_phase: true };
+        Ok(FinalLook::at(given, &mounts, tolerance, stop)?.map(|look| Self {
+            values: feasible[look.best].candidate.values.clone(),
+            look,
+            favourite_as_searched: feasible[0].score,
+            wall_s: start.elapsed().as_secs_f64(),
+        }))
+    }
+
+    pub fn verdicts(&self) -> [(&'static str, String); 2] {
+        let FinalLook { model, tolerance, looked_at, chosen, favourite, rays, .. } = &self.look;
+        let as_built = format!(
+            "J {} on average with errors of {} m and {} degrees ({model}, phases free)",
+            number(chosen.mean, 0),
+            tolerance.position_m,
+            tolerance.angle_deg
+        );
+        let others = format!(
+            "the search's own favourite, {} as searched, comes to {}; {looked_at} mounts looked at again, {} rays in {:.3} s",
+            number(self.favourite_as_searched, 0),
+            number(favourite.mean, 0),
+            number(*rays as f64, 0),
+            self.wall_s
+        );
+        [("as built", as_built), ("", others)]
     }
 }

@@ -7,11 +7,10 @@
 use std::collections::HashMap;
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::base::rng::Rng;
 use crate::world::scene::{BoxScene, Scene};
-use crate::world::surface::{Adder, Completeness, SurfaceSamples, observable};
+use crate::world::surface::{Adder, Completeness, SurfaceSamples};
 
 /// Least edge of a patch, m. In a large place patches are larger, so that each has points enough.
 pub const PATCH_M: f64 = 0.25;
@@ -23,8 +22,6 @@ pub const COVERED_WITHIN_M: f64 = 0.05;
 const CORNER_M: f64 = 0.0707;
 /// Patches of fewer observable points say nothing.
 const LEAST_POINTS: u32 = 5;
-/// Line of sight may end this much before a point, m.
-const SIGHT_TOLERANCE_M: f64 = 0.02;
 
 type Key = ([i32; 3], u8);
 
@@ -51,20 +48,8 @@ impl Patches {
             // cells of a map have no normal: every patch is one of the x axis
             Scene::Voxels(map) => map.occupied_m().map(|point_m| (point_m, DVec3::X)).collect(),
         };
-        let tolerance_m = match scene {
-            Scene::Voxels(map) => 2.0 * map.voxel_m(),
-            Scene::Mesh(_) | Scene::Box(_) => SIGHT_TOLERANCE_M,
-        };
         let samples = SurfaceSamples::new(points.iter().map(|(point_m, _)| *point_m).collect()).ok()?;
-        let observable = match scene {
-            Scene::Mesh(mesh) => observable(mesh, &samples, stations_m, tolerance_m),
-            Scene::Box(_) | Scene::Voxels(_) => {
-                let sees = |point_m: &DVec3| {
-                    stations_m.iter().any(|station| scene.sees(*station, *point_m, tolerance_m))
-                };
-                samples.points_m().par_iter().map(sees).collect()
-            }
-        };
+        let observable = scene.observable(&samples, stations_m);
         let area_m2 = match scene {
             Scene::Mesh(mesh) => mesh.area_m2(),
             Scene::Box(walls) => faces(walls).iter().map(|(axis, _)| face_area_m2(walls, *axis)).sum(),

@@ -12,6 +12,7 @@
 
 mod align;
 mod map;
+mod pass;
 mod sweeps;
 
 use glam::{DQuat, DVec3};
@@ -23,6 +24,7 @@ use crate::world::trajectory::{Trajectory, TrajectoryError};
 
 use align::{Aligned, Kernel, Memory};
 pub use map::{Cells, Moments, PlaneFit, PointMap, thin};
+pub(crate) use pass::OdometryPass;
 pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};
 
 /// Sweeps of fewer returns say nothing.

@@ -3,6 +3,8 @@
 mod box_scene;
 pub(crate) mod bricks;
 mod cloud_file;
+mod loaded;
+mod map_builder;
 mod mesh;
 mod mesh_file;
 mod tree;
@@ -10,6 +12,8 @@ mod voxels;
 
 pub use box_scene::BoxScene;
 pub use cloud_file::{CLOUD_ENDINGS, CloudFileError, CloudPoint, is_cloud, read_cloud};
+pub(crate) use loaded::{LoadedScene, MeshFile, MeshSummary};
+pub(crate) use map_builder::{MapBuilder, MapSummary};
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MESH_ENDINGS, MeshFileError, MeshUnit, UpAxis, load_mesh};
 pub use voxels::{Cell, Sight, VoxelMap, VoxelMapError};

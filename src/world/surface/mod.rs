@@ -8,10 +8,12 @@ mod completeness;
 mod level;
 mod npy;
 mod observable;
+mod shares;
 
 pub use completeness::{Adder, Completeness, THRESHOLDS_M};
+pub(crate) use npy::write_flags;
 pub use npy::{NpyError, read_points};
-pub use observable::observable;
+pub(crate) use shares::{MAIN_RANK, ObservableSurface, SurfaceShares};
 
 use glam::DVec3;
 

@@ -1,6 +1,8 @@
 //! NumPy's array file, as far as it holds points: format 1 to 3, little-endian f4 or f8, shape (n, 3), C order
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 
+use std::path::Path;
+
 use glam::DVec3;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -77,6 +79,26 @@ pub struct NpyError {
     pub byte: usize,
     /// What was found and what was expected.
     pub reason: String,
+}
+
+/// Writes flags, eight to a byte as `numpy.packbits` does, whole or not at all.
+pub(crate) fn write_flags(path: &Path, flags: &[bool]) -> std::io::Result<()> {
+    let packed: Vec<u8> = flags
+        .chunks(8)
+        .map(|eight| {
+            eight.iter().enumerate().fold(0, |byte, (bit, flag)| byte | u8::from(*flag) << (7 - bit))
+        })
+        .collect();
+    let mut header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': ({},), }}", packed.len());
+    // the data begin at a multiple of 64
+    let padding = 63 - (10 + header.len()) % 64;
+    header.push_str(&" ".repeat(padding));
+    header.push('\n');
+    let mut bytes = [MAGIC, &[1, 0]].concat();
+    bytes.extend((header.len() as u16).to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(packed);
+    crate::base::files::write_whole(path, &bytes)
 }
 
 #[cfg(test)]

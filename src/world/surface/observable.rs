@@ -4,14 +4,31 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::SurfaceSamples;
-use crate::world::scene::Mesh;
+use crate::world::scene::{Mesh, Scene};
 
 /// Points handled by one thread at a time.
 const CHUNK: usize = 4096;
+/// A surface this near before a point does not hide it, m.
+const SIGHT_TOLERANCE_M: f64 = 0.02;
+/// The same in a map, in voxels: a point is the centre of a voxel, and its neighbours are occupied too.
+const SIGHT_TOLERANCE_VOXELS: f64 = 2.0;
 
-/// Whether each sample point has a free line of sight to one of the stations: no surface more than `tolerance_m` before
-/// the point.
-pub fn observable(
+impl Scene {
+    /// Whether each sample point has a free line of sight to one of the stations.
+    pub fn observable(&self, samples: &SurfaceSamples, stations_m: &[DVec3]) -> Vec<bool> {
+        let tolerance_m = match self {
+            Scene::Mesh(mesh) => return observable_of_mesh(mesh, samples, stations_m, SIGHT_TOLERANCE_M),
+            Scene::Box(_) => SIGHT_TOLERANCE_M,
+            Scene::Voxels(map) => SIGHT_TOLERANCE_VOXELS * map.voxel_m(),
+        };
+        let is_seen =
+            |point_m: &DVec3| stations_m.iter().any(|from_m| self.sees(*from_m, *point_m, tolerance_m));
+        samples.points_m().par_iter().map(is_seen).collect()
+    }
+}
+
+/// No surface lies more than `tolerance_m` before an observable point.
+fn observable_of_mesh(
     mesh: &Mesh,
     samples: &SurfaceSamples,
     stations_m: &[DVec3],
@@ -74,9 +91,10 @@ mod tests {
             DVec3::new(1.025, 0.1, 0.2),
         ];
         let samples = SurfaceSamples::new(points.to_vec()).unwrap();
-        let seen = observable(&mesh, &samples, &[DVec3::ZERO], 0.02);
+        let scene = Scene::Mesh(mesh.into());
+        let seen = scene.observable(&samples, &[DVec3::ZERO]);
         assert_eq!(seen, [true, false, true, true, false]);
-        let both = observable(&mesh, &samples, &[DVec3::ZERO, DVec3::new(5.0, 0.0, 0.0)], 0.02);
+        let both = scene.observable(&samples, &[DVec3::ZERO, DVec3::new(5.0, 0.0, 0.0)]);
         assert_eq!(both, [true; 5]);
     }
 }

@@ -2,12 +2,14 @@
 
 mod checks;
 mod disturbed;
+mod doubts;
 mod files;
 mod gait;
 mod shapes;
 
 pub use checks::{Suspicion, SuspicionKind, WalkLimits};
 pub use disturbed::PoseError;
+pub(crate) use doubts::{outside, suspicions};
 pub use gait::Gait;
 
 use glam::DVec3;

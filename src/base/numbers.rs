@@ -1,0 +1,49 @@
+//! Numbers as people read them.
+
+/// A number for people: thousands separated, as many decimals as asked for.
+pub fn number(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return value.to_string();
+    }
+    let text = format!("{:.decimals$}", value.abs());
+    let (whole, fraction) = text.split_once('.').map_or((text.as_str(), ""), |(w, f)| (w, f));
+    let mut grouped = String::new();
+    for (place, digit) in whole.chars().enumerate() {
+        if place > 0 && (whole.len() - place) % 3 == 0 {
+            grouped.push(',');
+        }
+        grouped.push(digit);
+    }
+    let sign = if value < 0.0 && text.chars().any(|c| ('1'..='9').contains(&c)) { "-" } else { "" };
+    if fraction.is_empty() { format!("{sign}{grouped}") } else { format!("{sign}{grouped}.{fraction}") }
+}
+
+/// A difference for people: always signed, and `+` where it rounds to nothing.
+pub fn signed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:+.decimals$}");
+    let is_nothing = value.is_finite() && !text.chars().any(|c| ('1'..='9').contains(&c));
+    if is_nothing { text.replace('-', "+") } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_has_no_minus() {
+        assert_eq!(
+            [-0.04, -0.06, 0.04, -12.0].map(|value| signed(value, 1)),
+            ["+0.0", "-0.1", "+0.0", "-12.0"]
+        );
+        assert_eq!(signed(f64::NEG_INFINITY, 1), "-inf");
+        assert_eq!(number(-0.0004, 3), "0.000");
+    }
+
+    #[test]
+    fn numbers_are_grouped_and_never_minus_zero() {
+        assert_eq!(number(1234567.891, 1), "1,234,567.9");
+        assert_eq!(number(-999.0, 0), "-999");
+        assert_eq!(number(-0.0001, 2), "0.00");
+        assert_eq!(number(f64::NAN, 2), "NaN");
+    }
+}

@@ -1,0 +1,166 @@
+//! `outrigger evaluate`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::Context as _;
+
+use super::experiment_args::{ExperimentArgs, FidelityArg};
+use super::masters::Masters;
+use super::{Context, Outcome, output};
+use crate::design::fidelity::MountFidelity;
+use crate::design::objective::baselines::{baselines, rescore};
+use crate::design::objective::{Objective, other_score};
+use crate::report::score::{Document, page};
+use crate::rig::MountFile;
+use crate::simulate::published::{Experiment, Placement, Roll};
+
+/// Arguments of `evaluate`.
+#[derive(clap::Args, Debug)]
+#[command(
+    group = clap::ArgGroup::new("mounts").required(true),
+    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\", \
+                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective, found_with, \
+                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are \
+                  scored as they are, mirrored ones being listed, each as the model that it is; its preset (several \
+                  with commas between them) holds where --preset is not given, and so does found_with: {path, voxel_m, \
+                  azimuths, sub_poses, phase, lambda, registration_weight, least_conditioning, least_distance_m}, with \
+                  which optimize found it. calibrations: {name: file} names the \
+                  calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
+                  Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where \
+                  the middle of the mounts is."
+)]
+pub struct Args {
+    #[command(flatten)]
+    experiment: ExperimentArgs,
+    /// Sensors from a mount file.
+    #[arg(long, group = "mounts", value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees; on a mixed rig each ends
+    /// with its model ("x,y,z,pitch_deg,roll_deg,vlp-16;...").
+    #[arg(long, group = "mounts", allow_hyphen_values = true, value_name = "LIST")]
+    masters: Option<Masters>,
+    /// Leave out the single sensors beside which the mounts are judged.
+    #[arg(long)]
+    no_baselines: bool,
+    /// Score again so many times with every ray off its direction by the published divergence.
+    #[arg(long, value_name = "RUNS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    rescore: u32,
+    /// Divergence of the re-score: standard deviation of each component of a ray's direction.
+    #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG)]
+    divergence: f64,
+    /// Seed of the re-score.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// given: only the sampling as given. auto: also as many rays as it takes to know J within the tolerance, with the
+    /// error that is left and what the model leaves out [default: auto with --voxel and nothing said about columns, poses
+    /// or phase; given for a published experiment].
+    #[arg(long)]
+    fidelity: Option<FidelityArg>,
+    /// Error of J that auto may leave, percent of J.
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
+    tolerance: f64,
+    /// Write a page with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    check(args, context)?;
+    let Request { objective, sensors, stated, reason } = match (&args.mount, &args.masters) {
+        (Some(path), _) => from_file(args, path)?,
+        (None, Some(masters)) => from_masters(args, masters)?,
+        (None, None) => refuse!("give --mount or --masters"),
+    };
+    output::check_places([&args.report])?;
+    let start = Instant::now();
+    let seen = objective.simulator().see(&sensors)?;
+    let mut document = Document::new(&objective, &sensors, &seen, start.elapsed().as_secs_f64());
+    if !args.no_baselines {
+        document.baselines = Some(baselines(&objective, &sensors)?);
+    }
+    if args.rescore > 0 {
+        document.rescored = Some(rescore(&objective, &sensors, args.rescore, args.divergence, args.seed)?);
+    }
+    if fidelity_asked(args) == FidelityArg::Auto {
+        document.fidelity = Some(MountFidelity::measure(&objective, &sensors, args.tolerance / 100.0)?);
+    }
+    output::print_result(context.json, &document, || document.summary(), &[])?;
+    if let Some(path) = &args.report {
+        let page = page(&document, &seen.coverage, &output::again());
+        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
+    }
+    let found = document.evaluation.objective;
+    if let Some(stated) = stated.filter(|stated| (stated - found).abs() > 0.005) {
+        output::say_notice(&format!("the mount file says J {stated:.2}, {reason}"));
+    }
+    Ok(Outcome::Done)
+}
+
+/// Refuses what cannot be meant, or has nothing to be about.
+fn check(args: &Args, context: Context) -> anyhow::Result<()> {
+    if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
+        refuse!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
+    }
+    if args.rescore == 0 {
+        context.ensure_not_typed(&["divergence", "seed"], "is about --rescore, which is not asked for")?;
+    }
+    if args.mount.is_some() {
+        context.ensure_not_typed(
+            &["no_mirror"],
+            "is about --masters: a mount file lists every sensor, mirrored ones too",
+        )?;
+    }
+    if fidelity_asked(args) == FidelityArg::Given {
+        context.ensure_not_typed(&["tolerance"], "is about --fidelity auto, which is not asked for")?;
+    }
+    Ok(())
+}
+
+fn fidelity_asked(args: &Args) -> FidelityArg {
+    args.fidelity.unwrap_or(FidelityArg::for_scene(args.experiment.is_new_scene()))
+}
+
+/// What to score.
+struct Request {
+    objective: Objective,
+    sensors: Vec<Placement>,
+    /// The score that the mount file states.
+    stated: Option<f64>,
+    /// Why that may be another one than is found here.
+    reason: String,
+}
+
+fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Request> {
+    let objective = args.experiment.objective(Roll::Fixed(0.0))?;
+    let experiment = objective.simulator().experiment();
+    let masters = &masters.of(experiment)?;
+    if experiment.replaces_a_roll(masters) {
+        output::say_notice(
+            "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",
+        );
+    }
+    let sensors = experiment.sensors(masters);
+    Ok(Request { objective, sensors, stated: None, reason: String::new() })
+}
+
+fn from_file(args: &Args, path: &Path) -> anyhow::Result<Request> {
+    let file = MountFile::read(path)?;
+    let objective = args.experiment.objective_for(&file, path)?;
+    let experiment = objective.simulator().experiment();
+    if file.calibrations.is_some() {
+        output::say_notice(
+            "the published experiment has beams of its own: calibrations of the mount file are not used",
+        );
+    }
+    let listed = objective.listed(&file).with_context(|| format!("mount file {}", path.display()))?;
+    let is_rolled_otherwise = experiment.replaces_a_roll(&listed);
+    if is_rolled_otherwise {
+        output::say_notice("the roll in the mount file is replaced, as --roll says");
+    }
+    let as_listed = Experiment { mirror: false, ..*experiment };
+    let sensors = as_listed.sensors(&listed);
+    let reason = other_score(&file, &objective, is_rolled_otherwise);
+    Ok(Request { objective, sensors, stated: file.objective, reason })
+}

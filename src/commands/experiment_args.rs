@@ -1,0 +1,193 @@
+//! A published experiment as typed.
+
+use std::str::FromStr;
+
+use super::scene_args::one_of;
+use super::wrong_usage;
+use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
+use crate::rig::MountFile;
+use crate::simulate::published::{Experiment, ExperimentError, Path, Phase, Preset, Roll, Simulator};
+
+/// A published experiment and what may be changed about it.
+#[derive(clap::Args, Debug, Clone)]
+pub struct ExperimentArgs {
+    /// The experiment: paper-os1-64 or paper-vlp-16; both, with a comma, for a rig that may mix their sensors.
+    #[arg(long, env = "OUTRIGGER_PRESET", value_delimiter = ',', value_name = "PRESET,PRESET")]
+    preset: Vec<String>,
+    /// Direction of the walk in the mount frame: lateral as published, forward as the text has it [default: lateral].
+    #[arg(long, value_parser = one_of(&[("lateral", Path::Lateral), ("forward", Path::Forward)]))]
+    path: Option<Path>,
+    /// Edge of a voxel: 5 m divided by a whole number [default: the preset's 0.5].
+    #[arg(long, value_name = "M")]
+    voxel: Option<f64>,
+    /// Columns per revolution [default: the preset's 180].
+    #[arg(long, value_name = "N")]
+    azimuths: Option<usize>,
+    /// Roll of every master: fixed:DEG, or free to take it as given [default: fixed:0; free for a mount file].
+    #[arg(long, value_name = "RULE")]
+    roll: Option<RollArg>,
+    /// Take the masters as they are, without mirror images.
+    #[arg(long)]
+    no_mirror: bool,
+    /// Poses per metre of the walk [default: 1].
+    #[arg(long, value_name = "N")]
+    sub_poses: Option<usize>,
+    /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost) [default:
+    /// locked].
+    #[arg(long, value_parser = one_of(&[("locked", Phase::Locked), ("free", Phase::Free)]))]
+    phase: Option<Phase>,
+    /// Price of one sensor in J: one number, or one for each model of a mixed rig ("os1-64=2000,vlp-16=800") [default:
+    /// 2000].
+    #[arg(long, value_name = "J", allow_hyphen_values = true)]
+    lambda: Option<Prices>,
+    /// Least distance between sensor origins; the housings are always asked for [default: 0].
+    #[arg(long, value_name = "M")]
+    least_distance: Option<f64>,
+    /// Adds to J this times log10(q / 0.003), q being the least translation eigenvalue per hit (5th percentile along
+    /// the path): how well scans are tied down [default: 0].
+    #[arg(long, value_name = "J")]
+    registration_weight: Option<f64>,
+    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
+    #[arg(long, value_name = "Q")]
+    min_conditioning: Option<f64>,
+}
+
+/// How finely is looked.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FidelityArg {
+    /// As the other arguments say.
+    Given,
+    /// As finely as the question needs.
+    Auto,
+}
+
+impl FidelityArg {
+    /// Where nothing is said: a published experiment is looked at as it was published.
+    pub fn for_scene(is_new: bool) -> Self {
+        if is_new { Self::Auto } else { Self::Given }
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct RollArg(Roll);
+
+impl FromStr for RollArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "free" {
+            return Ok(Self(Roll::Free));
+        }
+        let roll_deg = text.strip_prefix("fixed:").and_then(|number| number.parse::<f64>().ok());
+        match roll_deg.filter(|value| value.is_finite()) {
+            Some(roll_deg) => Ok(Self(Roll::Fixed(roll_deg))),
+            None => Err("give free, or fixed: and an angle in degrees (fixed:0)".into()),
+        }
+    }
+}
+
+impl ExperimentArgs {
+    /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
+    pub fn is_new_scene(&self) -> bool {
+        let is_fineness_said = self.azimuths.is_some()
+            || self.sub_poses.is_some_and(|poses| poses != 1)
+            || self.phase == Some(Phase::Free);
+        self.voxel.is_some() && !is_fineness_said
+    }
+
+    /// What is not said here as the score in a mount file was made; a mount found in another experiment than that which is
+    /// asked for says nothing.
+    fn or_as_found(&self, file: &MountFile) -> Self {
+        let asked = self.clone();
+        let (Some(found), Some(names)) = (&file.found_with, &file.preset) else { return asked };
+        if !self.preset.is_empty() && !are_same_presets(&self.preset.join(","), names) {
+            return asked;
+        }
+        let prices = Prices::ByModel(prices_by_model(names, &found.lambda));
+        Self {
+            path: self.path.or(Some(found.path)),
+            voxel: self.voxel.or(Some(found.voxel_m)),
+            azimuths: self.azimuths.or(Some(found.azimuths)),
+            sub_poses: self.sub_poses.or(Some(found.sub_poses)),
+            phase: self.phase.or(Some(found.phase)),
+            lambda: self.lambda.clone().or(Some(prices)),
+            least_distance: self.least_distance.or(Some(found.least_distance_m)),
+            registration_weight: self.registration_weight.or(Some(found.registration_weight)),
+            min_conditioning: self.min_conditioning.or(Some(found.least_conditioning)),
+            ..asked
+        }
+    }
+
+    /// The objective that was asked for; `roll` is the rule where none is given.
+    pub fn objective(&self, roll: Roll) -> anyhow::Result<Objective> {
+        self.made(None, roll).map_err(refused)
+    }
+
+    /// The same for the sensors of a mount file, which says what is not said here.
+    pub fn objective_for(&self, file: &MountFile, path: &std::path::Path) -> anyhow::Result<Objective> {
+        let is_silent = self.preset.is_empty()
+            && self.voxel.is_none()
+            && self.azimuths.is_none()
+            && self.sub_poses.is_none();
+        self.or_as_found(file).made(file.preset.as_deref(), Roll::Free).map_err(|error| match is_silent {
+            true => error.context(format!("mount file {}", path.display())),
+            false => refused(error),
+        })
+    }
+
+    /// `otherwise` names presets (with commas) where none are given.
+    fn made(&self, otherwise: Option<&str>, roll: Roll) -> anyhow::Result<Objective> {
+        let given = self.preset.iter().map(String::as_str);
+        let otherwise = otherwise.filter(|_| self.preset.is_empty());
+        let names = given.chain(otherwise.iter().flat_map(|names| names.split(',')));
+        let presets = names.map(|name| Preset::named(name.trim())).collect::<Result<Vec<_>, _>>()?;
+        let Some(preset) = presets.first() else {
+            refuse!("which experiment? Give --preset, one of {}", Preset::names());
+        };
+        let experiment = Experiment {
+            path: self.path.unwrap_or_default(),
+            voxel_m: self.voxel.unwrap_or(preset.voxel_m),
+            azimuths: self.azimuths.unwrap_or(preset.azimuths),
+            roll: self.roll.map_or(roll, |rule| rule.0),
+            mirror: !self.no_mirror,
+            sub_poses: self.sub_poses.unwrap_or(1),
+            phase: self.phase.unwrap_or_default(),
+            ..Experiment::mixed(&presets)?
+        };
+        let least_distance_m = self.least_distance.unwrap_or(0.0);
+        if !(least_distance_m.is_finite() && least_distance_m >= 0.0) {
+            refuse!("--least-distance {least_distance_m}, expected a finite number of at least 0");
+        }
+        let prices = self.lambda.clone().unwrap_or_default().of(&experiment).map_err(wrong_usage)?;
+        let registration = self.registration_weight.unwrap_or(0.0);
+        if !(registration.is_finite() && registration >= 0.0) {
+            refuse!("--registration-weight {registration}, expected a number of at least 0");
+        }
+        let least_conditioning = self.min_conditioning.unwrap_or(0.0);
+        if !(0.0..1.0 / 3.0).contains(&least_conditioning) {
+            refuse!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3");
+        }
+        let weights =
+            Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
+        let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;
+        Ok(objective.with_prices(prices))
+    }
+}
+
+/// What cannot be simulated was asked for.
+fn refused(error: anyhow::Error) -> anyhow::Error {
+    match error.downcast::<ExperimentError>() {
+        Ok(error) => wrong_usage(error),
+        Err(error) => error,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_roll_is_an_angle() {
+        assert!("fixed:NaN".parse::<RollArg>().is_err());
+    }
+}

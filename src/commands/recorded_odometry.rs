@@ -1,0 +1,131 @@
+//! Odometry of a recording: its options, and the passes over the recording.
+
+use anyhow::{bail, ensure};
+use sensors::Decoded;
+
+use super::compare::hearing;
+use super::compare::recorded::Recorded;
+use super::recording::Recording;
+use super::{Context, unread};
+use crate::base::geometry::Pose;
+use crate::verify::odometry::{Limits, OdometryPass, Settings, Walked};
+use crate::world::trajectory::suspicions;
+
+/// How odometry samples a recording.
+#[derive(clap::Args, Debug)]
+pub struct OdometryArgs {
+    /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
+    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M")]
+    voxel_m: Option<f64>,
+    /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
+    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5)]
+    nearest_m: f64,
+    /// Returns farther than this are not used by odometry.
+    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0)]
+    farthest_m: f64,
+}
+
+impl OdometryArgs {
+    /// Refuses what was typed about odometry where the way is not found by it.
+    pub fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
+        context.ensure_not_typed(
+            &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
+            "is about --trajectory odometry, which is not asked for",
+        )
+    }
+
+    pub fn check(&self) -> anyhow::Result<()> {
+        for (name, value) in
+            [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
+        {
+            if !(value.is_finite() && value > 0.0) {
+                refuse!("{name} {value}, expected above 0");
+            }
+        }
+        if !(0.0..self.farthest_m).contains(&self.nearest_m) {
+            refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
+        }
+        Ok(())
+    }
+
+    fn pass(&self, sensors: usize) -> OdometryPass {
+        let limits = Limits { nearest_m: self.nearest_m, farthest_m: self.farthest_m };
+        OdometryPass::new(sensors, limits, Settings { voxel_m: self.voxel_m, reach_m: 1.5 * self.farthest_m })
+    }
+}
+
+/// A trajectory by odometry, with what was lost on it.
+pub struct OdometryResult {
+    pub walked: Walked,
+    pub sensors: Vec<String>,
+    /// Begin of every revolution of the first sensor, ns.
+    pub revolutions_ns: Vec<u64>,
+    pub losses: Vec<String>,
+    /// What else is odd about its recording.
+    pub notices: Vec<String>,
+}
+
+/// Where a rig of known mounts went.
+pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+    args.check()?;
+    let rig = &recorded.rig;
+    let mut pass = args.pass(rig.sensors.len());
+    let mut fed = recorded.feed(&mut |taken| {
+        let body_from_sensor = taken.seat(&rig.sensors[taken.sensor].mount);
+        pass.add_frame(taken.sensor, taken.model, &body_from_sensor, taken.frame);
+    })?;
+    if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
+        bail!(
+            "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: one way needs sensors that were recorded \
+             at once, on one clock (PTP, or GPS)"
+        );
+    }
+    let contradicted = recorded.contradicted(&fed);
+    let (walked, revolutions_ns) = pass.finish(&mut fed.losses)?;
+    Ok(OdometryResult {
+        walked,
+        revolutions_ns,
+        sensors: rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
+        losses: fed.losses,
+        notices: contradicted.into_iter().chain(fed.faults.into_iter().map(|fault| fault.words)).collect(),
+    })
+}
+
+/// Where the only sensor of a recording went.
+pub fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+    let mut router = recording.router()?;
+    let mut pass = args.pass(1);
+    let mut sensors = 0;
+    let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
+        let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
+        sensors = sensors.max(at + 1);
+        if at == 0 {
+            pass.add_frame(0, model, &|_| Pose::IDENTITY, frame);
+        }
+    };
+    let ending = recording.each_packet(&mut |packet| {
+        router.push(packet, &mut hand);
+        Ok(())
+    })?;
+    router.finish(&mut hand);
+    ensure!(sensors > 0, "{}", unread::why_nothing(recording, &router, &ending));
+    ensure!(sensors == 1, "{} holds {sensors} sensors: --mount says where they sit", recording.name());
+    recording.ensure_given_fits(&router)?;
+    let mut losses = ending.losses();
+    let names: Vec<String> = router.sensors().iter().map(|sensor| sensor.product().to_string()).collect();
+    for (sensor, name) in router.sensors().iter().zip(&names) {
+        losses.extend(unread::sensor_losses(name, sensor));
+    }
+    let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
+    let (walked, revolutions_ns) = pass.finish(&mut losses)?;
+    Ok(OdometryResult { walked, sensors: names, revolutions_ns, losses, notices })
+}
+
+/// What is odd about a trajectory by odometry, in words.
+pub fn remarks(way: &OdometryResult) -> Vec<String> {
+    let mut remarks = way.losses.clone();
+    remarks.extend(way.walked.problems.iter().cloned());
+    remarks.extend(way.walked.open_direction());
+    remarks.extend(suspicions(&way.walked.trajectory, "way found"));
+    remarks
+}

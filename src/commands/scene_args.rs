@@ -1,0 +1,201 @@
+//! Arguments that the verbs about scenes share: the mesh with its unit and axis, its samples, the trajectory through it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use glam::DVec3;
+
+use crate::world::scene::{BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UpAxis};
+use crate::world::surface::{SurfaceSamples, read_points};
+use crate::world::trajectory::{PoseError, Trajectory, outside, suspicions};
+
+const UNITS: [(&str, MeshUnit); 3] =
+    [("m", MeshUnit::Metre), ("cm", MeshUnit::Centimetre), ("mm", MeshUnit::Millimetre)];
+
+/// One of some values, by its name.
+pub fn one_of<T: Copy + Send + Sync + 'static>(
+    values: &'static [(&'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let named = |name: String| values.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
+    PossibleValuesParser::new(values.iter().map(|(name, _)| *name))
+        .try_map(move |name| named(name).ok_or("no such value"))
+}
+
+/// What a mesh file does not say itself.
+#[derive(clap::Args, Debug, Clone, Copy, Default)]
+pub struct MeshArgs {
+    /// Unit of the mesh file [default: m, refused where the size makes that absurd].
+    #[arg(long, value_name = "UNIT", value_parser = one_of(&UNITS))]
+    mesh_unit: Option<MeshUnit>,
+    /// Axis of the mesh file that points up [default: z; y for glTF].
+    #[arg(long, value_name = "AXIS", value_parser = one_of(&[("z", UpAxis::Z), ("y", UpAxis::Y)]))]
+    up: Option<UpAxis>,
+}
+
+impl MeshArgs {
+    /// Reads a mesh; what is neither typed nor stated by the format is metres, z up.
+    pub fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
+        match MeshFile::read(path, self.mesh_unit, self.up) {
+            Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
+                bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
+            }
+            read => Ok(read?),
+        }
+    }
+}
+
+/// The unit in which an extent looks like a building.
+fn guess(extent_units: [f64; 3]) -> String {
+    let largest = extent_units.into_iter().fold(0.0, f64::max);
+    for (name, per_m) in [("mm", 1e3), ("cm", 1e2)] {
+        if (2.0..=500.0).contains(&(largest / per_m)) {
+            let [x, y, z] = extent_units.map(|units| units / per_m);
+            return format!(" (in {name} it would be {x:.2} x {y:.2} x {z:.2} m)");
+        }
+    }
+    String::new()
+}
+
+/// Way of the body.
+#[derive(clap::Args, Debug, Clone)]
+pub struct TrajectoryArgs {
+    /// Way of the body: TUM format, or KITTI poses with --rate.
+    #[arg(long, value_name = "FILE")]
+    trajectory: PathBuf,
+    /// Poses per second of a trajectory in KITTI format.
+    #[arg(long, value_name = "HZ")]
+    rate: Option<f64>,
+}
+
+impl TrajectoryArgs {
+    /// The file's name.
+    pub fn name(&self) -> String {
+        self.trajectory.display().to_string()
+    }
+
+    /// Reads the file.
+    pub fn read(&self) -> anyhow::Result<Trajectory> {
+        read_trajectory(&self.trajectory, self.rate).with_context(|| self.name())
+    }
+
+    /// What is odd about the trajectory, alone and within a scene.
+    pub fn doubts(&self, scene: &Scene, trajectory: &Trajectory) -> Vec<String> {
+        let name = self.name();
+        let mut doubts = suspicions(trajectory, &name);
+        let outside = outside(trajectory, scene.kind(), scene.bounds_m());
+        doubts.extend(outside.map(|words| format!("{name}: {words}")));
+        doubts
+    }
+}
+
+/// What a trajectory may be off by.
+#[derive(clap::Args, Debug, Clone, Copy)]
+pub struct PoseErrorArgs {
+    /// Standard deviation of the trajectory's position along each axis.
+    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    pose_sd: f64,
+    /// Standard deviation of the trajectory's attitude about each axis.
+    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
+    attitude_sd: f64,
+    /// Time in which an error of the trajectory is forgotten.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pose_memory: f64,
+}
+
+impl PoseErrorArgs {
+    /// The same in SI units.
+    pub fn error(&self) -> anyhow::Result<PoseError> {
+        for (name, value) in [
+            ("--pose-sd", self.pose_sd),
+            ("--attitude-sd", self.attitude_sd),
+            ("--pose-memory", self.pose_memory),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                refuse!("{name} {value}, expected above 0");
+            }
+        }
+        Ok(PoseError {
+            position_sd_m: self.pose_sd,
+            rotation_sd_rad: self.attitude_sd.to_radians(),
+            correlation_s: self.pose_memory,
+        })
+    }
+}
+
+/// Reads a trajectory: TUM, or KITTI where a rate is given.
+pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
+    let text = crate::base::files::read_text(path)?;
+    Ok(match rate_hz {
+        Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
+        None => Trajectory::from_tum(&text).map_err(|error| {
+            let is_kitti = Trajectory::from_kitti(&text, 1.0).is_ok();
+            let error = anyhow::Error::new(error);
+            if is_kitti { error.context("these are poses in KITTI format: give --rate") } else { error }
+        })?,
+    })
+}
+
+/// Where the samples of a surface come from.
+#[derive(clap::Args, Debug)]
+pub struct SampleArgs {
+    /// Surface samples: a NumPy file of floats, shape (n, 3), metres, in the frame of the trajectory.
+    #[arg(long, value_name = "FILE", conflicts_with = "sample_count")]
+    samples: Option<PathBuf>,
+    /// Samples drawn from the mesh, evenly over its area.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    sample_count: u32,
+}
+
+impl SampleArgs {
+    /// Reads or draws the samples.
+    pub fn samples(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
+        let Some(path) = &self.samples else {
+            return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
+        };
+        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
+        SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
+    }
+}
+
+/// So many finite numbers, separated by commas.
+#[derive(Clone, Copy, Debug)]
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> std::str::FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> =
+            text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+        let numbers = numbers.ok_or("every part must be a finite number")?;
+        let found = numbers.len();
+        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected {N}"))
+    }
+}
+
+/// A closed room by its least and its greatest corner.
+#[derive(Clone, Copy, Debug)]
+pub struct Room([DVec3; 2]);
+
+impl Room {
+    /// Six walls, seen from within.
+    pub fn scene(&self) -> Scene {
+        let Self([low_m, high_m]) = *self;
+        Scene::Box(BoxScene::closed(low_m, high_m))
+    }
+}
+
+impl std::str::FromStr for Room {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Numbers([x0, y0, z0, x1, y1, z1]) = text.parse()?;
+        let [low_m, high_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
+        if !low_m.cmplt(high_m).all() {
+            return Err("the first corner must lie below the second in x, y and z".into());
+        }
+        Ok(Self([low_m, high_m]))
+    }
+}

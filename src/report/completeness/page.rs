@@ -1,0 +1,98 @@
+//! The page of a completeness.
+
+use super::Document;
+use crate::report::chart::number;
+use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures};
+use crate::simulate::ideal::IdealSensors;
+use crate::world::coverage::VoxelGrid;
+use crate::world::surface::ObservableSurface;
+
+/// Edge of the cells in which uncovered samples are grouped, m.
+const SPOT_M: f64 = 0.25;
+
+/// How much of the surface is covered, by whom, and what is not.
+pub(crate) fn page(
+    document: &Document,
+    sensors: &IdealSensors,
+    surface: &ObservableSurface,
+    made_by: &str,
+) -> Report {
+    let covered = 100.0 * document.coverage.shares.main();
+    let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
+        format!(
+            ", {:.2} points more than the best single sensor",
+            baselines.best_single.seen.gain_points["0.05"]
+        )
+    });
+    let summary =
+        format!("{} sensors cover {covered:.2} % of the surface within 5 cm{gain}.", document.sensors);
+    let mut report = Report::new("Surface completeness", &summary, made_by);
+    for warning in &document.warnings {
+        report.paragraph(warning);
+    }
+    for pair in &document.conflicts.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
+    shares(&mut report, document);
+    pictures(&mut report, sensors, surface);
+    let path = &document.registration;
+    figures::registration_section(
+        &mut report,
+        path.registration.as_ref(),
+        "way, m",
+        path.least_translation(),
+    );
+    report
+}
+
+fn shares(report: &mut Report, document: &Document) {
+    let mut row = vec!["the mounts".to_owned(), "-".into()];
+    row.extend(document.coverage.shares.percent());
+    let mut rows = vec![row];
+    for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
+        let mut row = vec![name.to_owned(), number(single.pitch_deg, 1)];
+        row.extend(single.seen.coverage.shares.percent());
+        rows.push(row);
+    }
+    let header = ["covered within, %", "pitch, deg", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"];
+    match &document.baselines {
+        Some(baselines) => {
+            let y_label = "share covered on some revolutions";
+            figures::baselines_section(report, baselines, &header, &rows, y_label, None);
+        }
+        None => {
+            report.heading("Completeness of the surface");
+            report.table(&header, &rows);
+        }
+    }
+    report.paragraph(&format!(
+        "{:.2} % of {} samples can be seen from the way at all; {} rays over {:.1} m of way.",
+        100.0 * document.observable_share,
+        number(document.samples as f64, 0),
+        number(document.coverage.rays as f64, 0),
+        document.trajectory_length_m
+    ));
+}
+
+fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSurface) {
+    let covered = sensors.covered_by_sensor(surface);
+    let bounds_m = sensors.scene.bounds_m();
+    let grid = VoxelGrid::centred_on(bounds_m, SPOT_M);
+    let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES);
+    let mut unseen = Vec::new();
+    for (index, point_m) in surface.samples.points_m().iter().enumerate() {
+        let class = figures::who_saw(covered.iter().map(|flags| flags[index]));
+        if class != figures::UNSEEN || surface.is_observable[index] {
+            above.add(*point_m, class);
+        }
+        if class == figures::UNSEEN && surface.is_observable[index] {
+            unseen.extend(grid.index(*point_m));
+        }
+    }
+    let names: Vec<&str> = sensors.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let classes = figures::who_classes(&names, "can be seen, but has no hit within 5 cm");
+    report.heading("Who saw what");
+    figures::from_above(report, &above, &classes, "surface");
+    let spots = blind_spots(&grid, unseen.into_iter(), MAX_BLIND_SPOTS);
+    figures::blind_spot_table(report, &spots, SPOT_M);
+}

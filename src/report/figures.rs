@@ -1,0 +1,183 @@
+//! Sections that several pages share: who saw what, blind spots, registration along the path, baselines.
+
+use super::{BlindSpot, FromAbove, Report, unfold_mount_box};
+use crate::design::registration::{DEGENERATE, RegistrationQuality};
+use crate::report::chart::{CellClass, LineChart, Series, number};
+use crate::simulate::baselines::Baselines;
+use crate::world::coverage::Coverage;
+
+/// Number of classes of [`who_saw`].
+pub const WHO_CLASSES: usize = 5;
+/// The class of what nobody saw, in [`who_saw`].
+pub const UNSEEN: usize = 4;
+/// Steps of the share that nobody saw.
+const UNSEEN_STEPS: usize = 5;
+
+/// Classes by who saw a cell: several, the first sensor alone, the second alone, another alone, nobody.
+pub fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
+    let only = |sensor: usize| match names {
+        [_] => "seen".to_owned(),
+        _ => names.get(sensor).map_or("-".into(), |name| format!("{name} only")),
+    };
+    [
+        CellClass::new("c-both", if names.len() > 2 { "seen by several" } else { "seen by both" }),
+        CellClass::new("c-left", only(0)),
+        CellClass::new("c-right", only(1)),
+        CellClass::new("c-odd", "another one only"),
+        CellClass::new("c-bad", nobody),
+    ]
+}
+
+/// The class of a cell, from whether each sensor saw it.
+pub fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
+    let mut seeing = seen.enumerate().filter(|(_, seen)| *seen).map(|(sensor, _)| sensor);
+    match (seeing.next(), seeing.next()) {
+        (None, _) => UNSEEN,
+        (Some(_), Some(_)) => 0,
+        (Some(sensor), None) => 1 + sensor.min(2),
+    }
+}
+
+/// The class of a cell of a coverage.
+pub fn who_covers(coverage: &Coverage, cell: usize) -> usize {
+    who_saw((0..coverage.sensors()).map(|sensor| coverage.contains(sensor, cell)))
+}
+
+/// Who saw what on the walls of a box whose coverage is in the mount frame's axes.
+pub fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
+    report.heading("Who saw what");
+    report.maps(
+        "Voxels by who saw them",
+        &unfold_mount_box(coverage.grid(), &|cell| Some(who_covers(coverage, cell))),
+        &who_classes(names, "can be hit, but nobody saw it"),
+        "The box unfolded: floor and ceiling seen from above, the platform's front (+y) up the page; walls from inside.",
+    );
+}
+
+/// Who saw what from above, and where how much of it is seen by nobody.
+pub fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass], what: &str) {
+    report.maps(
+        &format!("Who saw what, {what} seen from above"),
+        &above.majority(),
+        classes,
+        "Seen from above in layers of height, world x up the page and y to the left; each square shows what holds for \
+         most of the surface in it.",
+    );
+    report.heading("Blind spots");
+    let steps = |step: usize| {
+        let percent = |step: usize| 100 * step / UNSEEN_STEPS;
+        format!("{} to {} % unseen", percent(step), percent(step + 1))
+    };
+    const CSS: [&str; UNSEEN_STEPS] = ["c-s0", "c-s1", "c-s2", "c-s3", "c-s4"];
+    let shares: Vec<_> = (0..UNSEEN_STEPS).map(|step| CellClass::new(CSS[step], steps(step))).collect();
+    report.maps(
+        &format!("Share of the {what} that nobody saw"),
+        &above.share(UNSEEN, UNSEEN_STEPS),
+        &shares,
+        "Share of the surface in each square that could be seen from the path and is not.",
+    );
+}
+
+/// The largest groups of cells that nobody saw.
+pub fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) {
+    if spots.is_empty() {
+        report.paragraph("Nothing that could be seen is missed.");
+        return;
+    }
+    let metres = |values: [f64; 3]| values.map(|value| number(value, 2)).join(", ");
+    let row = |spot: &BlindSpot| {
+        vec![
+            number(spot.cells as f64, 0),
+            number(spot.cells as f64 * voxel_m * voxel_m, 2),
+            metres(spot.centre_m),
+            metres(spot.extent_m),
+        ]
+    };
+    let rows: Vec<_> = spots.iter().map(row).collect();
+    report.table(&["voxels", "about, m2", "centre x, y, z, m", "extent x, y, z, m"], &rows);
+}
+
+/// The least translation eigenvalue along the way: `[x, eigenvalue]`.
+pub fn registration_section(
+    report: &mut Report,
+    quality: Option<&RegistrationQuality>,
+    x_label: &str,
+    least: Vec<[f64; 2]>,
+) {
+    let (Some(quality), Some(first), Some(last)) = (quality, least.first(), least.last()) else { return };
+    report.heading("How well scans are tied down");
+    report.table(
+        &["least eigenvalue per hit", "median", "5th percentile"],
+        &[
+            vec![
+                "translation".into(),
+                format!("{:.4}", quality.translation_median),
+                format!("{:.4}", quality.translation_p5),
+            ],
+            vec![
+                "rotation, m2".into(),
+                format!("{:.3}", quality.rotation_median_m2),
+                format!("{:.3}", quality.rotation_p5_m2),
+            ],
+        ],
+    );
+    let degenerate = vec![[first[0], DEGENERATE], [last[0], DEGENERATE]];
+    let chart = LineChart {
+        title: format!(
+            "Least translation eigenvalue per hit of {} scans along the way: median {:.4}, 5th percentile {:.4}, \
+             degenerate below {DEGENERATE}",
+            quality.scans, quality.translation_median, quality.translation_p5
+        ),
+        x_label: x_label.into(),
+        y_label: "least eigenvalue per hit".into(),
+        series: vec![
+            Series { name: "translation".into(), points: least },
+            Series { name: "degenerate".into(), points: degenerate },
+        ],
+        ..LineChart::default()
+    };
+    let direction = quality.weakest_direction.map_or(String::new(), |[x, y, z]| {
+        let [x, y, z] = [x, y, z].map(|value| number(value, 2));
+        format!(" The weakest direction of the worst scan is ({x}, {y}, {z}).")
+    });
+    report.figure(
+        &chart.svg(),
+        &format!(
+            "Degeneracy index: {:.1} % of {} scans have a direction of translation below {DEGENERATE}.{direction}",
+            100.0 * quality.degenerate_share,
+            quality.scans
+        ),
+    );
+}
+
+/// A table of single sensors, and what one sensor reaches at each pitch beside the mounts (`of_mounts`).
+pub fn baselines_section<T>(
+    report: &mut Report,
+    baselines: &Baselines<T>,
+    header: &[&str],
+    rows: &[Vec<String>],
+    y_label: &str,
+    of_mounts: Option<f64>,
+) {
+    report.heading("Beside single sensors");
+    report.table(header, rows);
+    let searched = baselines.pitch_search.clone();
+    let (Some(first), Some(last)) = (searched.first().copied(), searched.last().copied()) else { return };
+    let best_deg = baselines.best_single.pitch_deg;
+    let mut series = vec![Series { name: "one sensor".into(), points: searched }];
+    series.extend(of_mounts.map(|value| Series {
+        name: "the mounts".into(),
+        points: vec![[first[0], value], [last[0], value]],
+    }));
+    let chart = LineChart {
+        title: format!("{y_label} of one sensor over its pitch; best at {best_deg:.0} degrees"),
+        x_label: "pitch of the single sensor, degrees".into(),
+        y_label: y_label.into(),
+        series,
+        ..LineChart::default()
+    };
+    report.figure(
+        &chart.svg(),
+        &format!("One sensor in the middle of the mounts; best at a pitch of {best_deg:.0} degrees."),
+    );
+}

@@ -1,0 +1,237 @@
+//! What a mount will see of a site: the JSON document and its summary.
+
+mod page;
+
+pub(crate) use page::page;
+
+use serde::Serialize;
+
+use super::{BlindSpot, MAX_BLIND_SPOTS, blind_spots};
+use crate::design::registration::{PathRegistration, RegistrationQuality};
+use crate::rig::{Conflicts, MountedSensor};
+use crate::simulate::baselines::Baselines;
+use crate::simulate::prediction::{Omission, Prediction, SinglePrediction, Site, unknown_share};
+use crate::simulate::scan::Scanner;
+use crate::world::scene::{MapSummary, MeshSummary, Scene, VoxelMap};
+use crate::world::surface::{ObservableSurface, SurfaceShares};
+
+/// Union bitmaps are hashed up to this many cells.
+const HASHED_CELLS: usize = 1 << 33;
+
+/// The document of a prediction.
+#[derive(Serialize)]
+pub(crate) struct Document {
+    pub sensors: Vec<SensorDocument>,
+    pub unique_voxels: u64,
+    /// Voxels that could be seen from the path: the walls of a room; of a mesh what has an observable surface
+    /// sample; of a map its occupied cells with a line of sight.
+    pub reachable_voxels: u64,
+    pub overlap_ratio: f64,
+    /// Neighbouring voxels that could be seen and are not, the largest groups first.
+    pub blind_spots: Vec<BlindSpot>,
+    /// Null where they were left out.
+    pub baselines: Option<Baselines<SinglePrediction>>,
+    /// Of a mesh.
+    #[serde(flatten)]
+    pub surface: Option<SurfaceDocument>,
+    /// Of a recording or a cloud.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub map: Option<MapDocument>,
+    rays: u64,
+    returns: u64,
+    /// Returns beyond the scene's bounds by more than half a voxel: range noise.
+    outside_grid: u64,
+    grid: GridDocument,
+    /// Union bitmap; null for grids of more than 2^33 cells.
+    coverage_sha256: Option<String>,
+    #[serde(flatten)]
+    pub registration: PathRegistration,
+    /// Whether every pair of housings is apart.
+    feasible: bool,
+    #[serde(flatten)]
+    pub conflicts: Conflicts,
+    /// What the model leaves out; null unless asked for.
+    pub left_out: Option<Vec<Omission>>,
+    trajectory_length_m: f64,
+    pub warnings: Vec<String>,
+    /// Seconds that the rig's own scan took.
+    pub wall_s: f64,
+    /// With the single sensors beside it and what the model leaves out.
+    pub total_s: f64,
+}
+
+#[derive(Serialize)]
+pub(crate) struct SensorDocument {
+    pub name: String,
+    pub model: String,
+    pub columns: u32,
+    pub rays: u64,
+    pub returns: u64,
+    pub voxels: u64,
+    pub unique_voxels: u64,
+}
+
+#[derive(Serialize)]
+struct GridDocument {
+    origin_m: [f64; 3],
+    voxel_m: f64,
+    cells: [usize; 3],
+}
+
+/// How much of a mesh's surface is covered.
+#[derive(Serialize)]
+pub(crate) struct SurfaceDocument {
+    #[serde(flatten)]
+    pub shares: SurfaceShares,
+    pub observable_share: f64,
+    samples: usize,
+    pub mesh: MeshSummary,
+}
+
+/// What is known of the map.
+#[derive(Serialize)]
+pub(crate) struct MapDocument {
+    #[serde(flatten)]
+    pub summary: MapSummary,
+    /// Share of the beams that cross a cell of which the map knows nothing before they hit something, or leave the map;
+    /// null where the map does not tell free cells from unknown ones.
+    pub unknown_share: Option<f64>,
+}
+
+impl MapDocument {
+    fn new(scanner: &Scanner<'_>, map: &VoxelMap, summary: &MapSummary) -> Self {
+        let unknown_share = summary.knows_free().then(|| unknown_share(scanner, map));
+        Self { summary: summary.clone(), unknown_share }
+    }
+
+    /// In words.
+    pub fn line(&self) -> String {
+        let unknown = self.unknown_share.map_or(String::new(), |share| {
+            format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
+        });
+        self.summary.line() + &unknown
+    }
+}
+
+impl Document {
+    /// Counts everything. `observable` are the voxels that could be seen from the path, ascending.
+    pub fn new(
+        scanner: &Scanner<'_>,
+        site: &Site,
+        prediction: &Prediction,
+        surface: Option<&ObservableSurface>,
+        observable: &[usize],
+    ) -> Self {
+        let coverage = &prediction.coverage;
+        let counts = coverage.counts();
+        let sensor = |(index, sensor): (usize, &MountedSensor)| SensorDocument {
+            name: sensor.name.clone(),
+            model: sensor.model.name.clone(),
+            columns: scanner.spins[index].columns,
+            rays: scanner.columns(index) * sensor.model.channels() as u64,
+            returns: prediction.returns[index],
+            voxels: counts.per_sensor[index],
+            unique_voxels: counts.unique_per_sensor[index],
+        };
+        let sensors: Vec<_> = scanner.rig.sensors.iter().enumerate().map(sensor).collect();
+        let seen = coverage.union_cells();
+        let unseen = observable.iter().copied().filter(|cell| seen.binary_search(cell).is_err());
+        let conflicts = scanner.rig.conflicts();
+        let grid = coverage.grid();
+        let loaded = &site.loaded;
+        let shares = surface.zip(prediction.shares.clone()).zip(loaded.mesh.as_ref());
+        Self {
+            unique_voxels: counts.union,
+            reachable_voxels: observable.len() as u64,
+            overlap_ratio: counts.overlap_ratio(),
+            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS),
+            baselines: None,
+            surface: shares.map(|((surface, shares), mesh)| SurfaceDocument {
+                shares,
+                observable_share: surface.observable_share(),
+                samples: surface.samples.len(),
+                mesh: mesh.clone(),
+            }),
+            map: match (&loaded.scene, &loaded.map) {
+                (Scene::Voxels(map), Some(summary)) => Some(MapDocument::new(scanner, map, summary)),
+                _ => None,
+            },
+            rays: sensors.iter().map(|sensor| sensor.rays).sum(),
+            returns: prediction.returns.iter().sum(),
+            outside_grid: coverage.outside(),
+            grid: GridDocument {
+                origin_m: grid.origin_m.to_array(),
+                voxel_m: grid.voxel_m,
+                cells: grid.cells,
+            },
+            coverage_sha256: (grid.len() <= HASHED_CELLS).then(|| coverage.union_sha256()),
+            registration: PathRegistration::of_scanner(scanner),
+            feasible: conflicts.violations.is_empty(),
+            conflicts,
+            left_out: None,
+            trajectory_length_m: scanner.trajectory.length_m(),
+            warnings: loaded.warnings.clone(),
+            wall_s: 0.0,
+            total_s: 0.0,
+            sensors,
+        }
+    }
+
+    /// The result in words.
+    pub fn summary(&self) -> String {
+        let mut text = format!(
+            "{:.2} m of way, {} rays, {} returns\n\
+             voxels seen    {} of {} of {} m that can be seen, {:.2} % of them by two sensors or more\n\
+             sensor                 model      columns   returns   voxels    alone\n",
+            self.trajectory_length_m,
+            self.rays,
+            self.returns,
+            self.unique_voxels,
+            self.reachable_voxels,
+            self.grid.voxel_m,
+            100.0 * self.overlap_ratio,
+        );
+        for sensor in &self.sensors {
+            text += &format!(
+                "{:22} {:10}{:8}{:10}{:9}{:9}\n",
+                sensor.name,
+                sensor.model,
+                sensor.columns,
+                sensor.returns,
+                sensor.voxels,
+                sensor.unique_voxels
+            );
+        }
+        for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
+            text += &format!(
+                "{name:15}{} at pitch {:.0}: {} voxels; the rig sees {:+}\n",
+                single.model, single.pitch_deg, single.seen.unique_voxels, single.seen.gain_voxels
+            );
+        }
+        if let (Some(baselines), true) = (&self.baselines, self.surface.is_some()) {
+            text += &format!("{:15}best by {}\n", "", baselines.search_by);
+        }
+        if let Some(surface) = &self.surface {
+            text += &surface.mesh.line();
+            text += &format!(
+                "observable     {:.3} % of {} surface samples\n{:15}   2 cm    5 cm   10 cm  of observable at 5 cm (all in %)\n",
+                100.0 * surface.observable_share,
+                surface.samples,
+                ""
+            );
+            let line =
+                |name: &str, shares: &SurfaceShares| format!("{name:15}{}\n", shares.percent().join("  "));
+            text += &line("rig", &surface.shares);
+            for (name, single) in self.baselines.iter().flat_map(Baselines::named) {
+                text += &single.seen.shares.as_ref().map_or(String::new(), |shares| line(name, shares));
+            }
+        }
+        text += &self.map.as_ref().map_or(String::new(), MapDocument::line);
+        text += &self.registration.registration.as_ref().map_or(String::new(), RegistrationQuality::line);
+        for omission in self.left_out.iter().flatten() {
+            text += &format!("left out       {}\n", omission.words());
+        }
+        text += &self.conflicts.lines();
+        text + &format!("{:.2} s, {:.2} s of it for the rig\n", self.total_s, self.wall_s)
+    }
+}

@@ -1,0 +1,152 @@
+//! The page of a prediction.
+
+use super::{Document, SensorDocument};
+use crate::report::chart::number;
+use crate::report::{FromAbove, Report, figures, unfold_box};
+use crate::world::coverage::Coverage;
+use crate::world::scene::Scene;
+
+/// What the rig will see, and what it will not.
+pub(crate) fn page(
+    document: &Document,
+    scene: &Scene,
+    coverage: &Coverage,
+    observable: &[usize],
+    made_by: &str,
+) -> Report {
+    let count = |count: u64| number(count as f64, 0);
+    let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
+    let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
+        format!(
+            ", {} more than the best single sensor",
+            number(baselines.best_single.seen.gain_voxels as f64, 0)
+        )
+    });
+    let summary = format!(
+        "{} sensors will see {} of {} voxels of {} m that can be seen from the way ({share:.1} %){gain}.",
+        document.sensors.len(),
+        count(document.unique_voxels),
+        count(document.reachable_voxels),
+        coverage.grid().voxel_m,
+    );
+    let mut report = Report::new("Predicted coverage", &summary, made_by);
+    for warning in &document.warnings {
+        report.paragraph(warning);
+    }
+    for pair in &document.conflicts.violations {
+        report.paragraph(&format!("Cannot be built: {} and {} are too close.", pair.first, pair.second));
+    }
+    for pair in &document.conflicts.touching {
+        report.paragraph(&format!("Cannot be built: {pair}."));
+    }
+    sensors(&mut report, document);
+    surface(&mut report, document);
+    if let Some(map) = &document.map {
+        report.heading("The map");
+        report.paragraph(&map.line());
+    }
+    baselines(&mut report, document);
+    pictures(&mut report, document, scene, coverage, observable);
+    figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
+    if let Some(omissions) = &document.left_out {
+        report.heading("What the model leaves out");
+        omissions.iter().for_each(|omission| report.paragraph(&format!("{}.", omission.words())));
+    }
+    let path = &document.registration;
+    figures::registration_section(
+        &mut report,
+        path.registration.as_ref(),
+        "way, m",
+        path.least_translation(),
+    );
+    report
+}
+
+fn sensors(report: &mut Report, document: &Document) {
+    report.heading("The sensors");
+    let count = |count: u64| number(count as f64, 0);
+    let row = |sensor: &SensorDocument| {
+        vec![
+            sensor.name.clone(),
+            sensor.model.clone(),
+            sensor.columns.to_string(),
+            count(sensor.rays),
+            count(sensor.returns),
+            count(sensor.voxels),
+            count(sensor.unique_voxels),
+        ]
+    };
+    let rows: Vec<_> = document.sensors.iter().map(row).collect();
+    report.table(&["sensor", "model", "columns", "rays", "returns", "voxels", "alone"], &rows);
+    report.paragraph(&format!(
+        "{:.2} % of the voxels seen are seen by two sensors or more.",
+        100.0 * document.overlap_ratio
+    ));
+}
+
+fn surface(report: &mut Report, document: &Document) {
+    let Some(surface) = &document.surface else { return };
+    report.heading("Completeness of the surface");
+    let mut row = vec!["the rig".to_owned()];
+    row.extend(surface.shares.percent());
+    let mut rows = vec![row];
+    for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
+        let shares = single.seen.shares.iter().flat_map(|shares| shares.percent());
+        rows.push(std::iter::once(name.to_owned()).chain(shares).collect());
+    }
+    report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
+    report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
+    report.paragraph(&format!(
+        "{:.2} % of the surface can be seen from the way at all.",
+        100.0 * surface.observable_share
+    ));
+}
+
+fn baselines(report: &mut Report, document: &Document) {
+    let Some(baselines) = &document.baselines else { return };
+    let rig =
+        ["the rig".into(), "-".into(), "-".into(), number(document.unique_voxels as f64, 0), "-".into()];
+    let single = baselines.named().map(|(name, single)| {
+        vec![
+            name.into(),
+            single.model.clone(),
+            number(single.pitch_deg, 0),
+            number(single.seen.unique_voxels as f64, 0),
+            number(single.seen.gain_voxels as f64, 0),
+        ]
+    });
+    let rows: Vec<_> = std::iter::once(rig.to_vec()).chain(single).collect();
+    let header = ["", "model", "pitch, deg", "voxels seen", "the rig sees more"];
+    let y_label = match document.surface {
+        Some(_) => "share covered on some revolutions",
+        None => "voxels seen on some revolutions",
+    };
+    figures::baselines_section(report, baselines, &header, &rows, y_label, None);
+}
+
+fn pictures(
+    report: &mut Report,
+    document: &Document,
+    scene: &Scene,
+    coverage: &Coverage,
+    observable: &[usize],
+) {
+    let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+    let classes = figures::who_classes(&names, "can be seen, but nobody did");
+    report.heading("Who saw what");
+    if matches!(scene, Scene::Box(_)) {
+        report.maps(
+            "Voxels by who saw them",
+            &unfold_box(coverage.grid(), &|cell| Some(figures::who_covers(coverage, cell))),
+            &classes,
+            "The room unfolded: floor and ceiling seen from above with world x up the page, walls from inside.",
+        );
+        report.heading("Blind spots");
+        return;
+    }
+    let mut above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    for cell in observable {
+        above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
+    }
+    figures::from_above(report, &above, &classes, "surface");
+}
