@@ -78,7 +78,7 @@ impl Assembly {
         frame.column_time_ns.fill(0);
         frame.column_valid.fill(false);
         frame.packets = 0;
-        frame.restarts = line.stats.init_id_changes;
+        frame.restarts = output.stats.init_id_changes;
         frame.complete = false;
         frame.host_time_ns = [place.host_time_ns; 2];
         frame.health = Health::default();
