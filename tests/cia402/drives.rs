@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -152,7 +152,7 @@ impl Drives {
     }
 
     pub fn line(&self) -> MutexGuard<'_, Line> {
-        self.line.lock().unwrap()
+        self.line.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn address(&self) -> String {
@@ -163,7 +163,7 @@ impl Drives {
 impl Drop for Drives {
     fn drop(&mut self) {
         self.quit.store(true, Ordering::Relaxed);
-        self.thread.take().into_iter().for_each(|thread| thread.join().unwrap());
+        self.thread.take().into_iter().for_each(|thread| drop(thread.join()));
     }
 }
 
@@ -172,7 +172,7 @@ fn run(port: &mut TTYPort, shared: &Mutex<Line>, quit: &AtomicBool) {
     let mut stepped = Instant::now();
     while !quit.load(Ordering::Relaxed) {
         let count = port.read(&mut bytes).unwrap_or(0);
-        let mut line = shared.lock().unwrap();
+        let mut line = shared.lock().unwrap_or_else(PoisonError::into_inner);
         let elapsed = std::mem::replace(&mut stepped, Instant::now()).elapsed();
         line.drives.iter_mut().for_each(|drive| drive.go_on(elapsed));
         for byte in &bytes[..count] {

@@ -15,6 +15,8 @@ use crate::drive::LinkError;
 /// How long each step is watched, and how long the last may take to come to rest.
 const STEP: Duration = Duration::from_millis(40);
 const REST_WITHIN: Duration = Duration::from_millis(600);
+/// Readings of both axes after each step, at least.
+const FRESH: u32 = 3;
 
 /// Part of the first move that is gone in steps, µrad: one degree.
 const FIRST_URAD: i32 = 17_453;
@@ -194,11 +196,14 @@ impl<A: Actuators> Worker<A> {
         before: &Before,
         ordered_urad: [i32; 2],
     ) -> Result<(), LinkError> {
-        let end = Instant::now() + time;
-        while Instant::now() < end {
+        let (end, latest) = (Instant::now() + time, Instant::now() + REST_WITHIN);
+        let mut fresh = 0;
+        // a late answer tells of before the step: only some later show what it did
+        while Instant::now() < end || (fresh < FRESH && Instant::now() < latest) {
             std::thread::sleep(ROUND);
             self.listen(1)?;
             let moved = self.moved_urad(before);
+            fresh += u32::from(!moved.contains(&None));
             self.refuse_moved(moved, ordered_urad, went_astray)?;
         }
         self.refuse_witnessed(before, ordered_urad, went_astray)
