@@ -37,6 +37,7 @@ mod odometry;
 mod optimize;
 mod output;
 mod predict;
+mod ranges;
 mod record;
 mod recording;
 mod registration;

@@ -45,13 +45,13 @@ pub struct Args {
 #[derive(clap::Args, Debug)]
 pub struct OdometryArgs {
     /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
-    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M")]
+    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M", value_parser = crate::commands::ranges::within(0.01, 100.0))]
     voxel_m: Option<f64>,
     /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
-    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5)]
+    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5, value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     nearest_m: f64,
     /// Returns farther than this are not used by odometry.
-    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0)]
+    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0, value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     farthest_m: f64,
 }
 

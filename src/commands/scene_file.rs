@@ -16,7 +16,8 @@ use super::{Context, wrong_usage};
 use crate::recording::Session;
 use crate::rig::Rig;
 use crate::world::scene::{
-    CLOUD_ENDINGS, CloudPoint, MESH_ENDINGS, Mesh, MeshFileError, Scene, VoxelMap, is_cloud, read_cloud,
+    CLOUD_ENDINGS, CloudPoint, MESH_ENDINGS, Mesh, MeshFileError, Scene, Strays, VoxelMap, is_cloud,
+    read_cloud,
 };
 use crate::world::trajectory::Trajectory;
 
@@ -27,7 +28,7 @@ const LONGEST_RAY_M: f64 = 300.0;
 #[derive(clap::Args, Debug, Clone)]
 pub struct MapArgs {
     /// Edge of a cell of a map that is made of a recording or a cloud.
-    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     map_voxel: f64,
     /// Points that make a cell of such a map occupied.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
@@ -252,12 +253,24 @@ impl Making {
 
     /// The map, with what deserves a second look.
     pub fn finish(
-        self,
+        mut self,
         path: &Path,
         made_of: &'static str,
         warnings: &mut Vec<String>,
     ) -> anyhow::Result<(VoxelMap, MapTaken)> {
         let name = path.display();
+        ensure!(
+            !self.map.is_full(),
+            "{name}: a map of it takes more than 4 GiB in cells of {} m: give a larger --map-voxel",
+            self.map.voxel_m()
+        );
+        if let Some(Strays { cells, at_m }) = self.map.drop_strays(LONGEST_RAY_M) {
+            warnings.push(format!(
+                "{name}: {cells} cells further than {LONGEST_RAY_M} m from all the rest are left out, one at ({:.0}, {:.0}, \
+                 {:.0}) m: stray points?",
+                at_m.x, at_m.y, at_m.z
+            ));
+        }
         let [free_cells, occupied_cells] = self.map.counts();
         ensure!(
             occupied_cells > 0,

@@ -60,7 +60,7 @@ pub struct Args {
     #[command(flatten)]
     trajectory: TrajectoryArgs,
     /// Edge of a voxel.
-    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     voxel: f64,
     #[command(flatten)]
     sensing: sensing::SensingArgs,
@@ -203,21 +203,29 @@ fn place(args: &Args, context: Context) -> anyhow::Result<Place> {
     Ok(Place { scene, mesh, map, trajectory, grid, warnings })
 }
 
+/// Most voxels of the walls of a room, which are held one by one (half a GiB).
+const MOST_WALL_CELLS: f64 = 67_108_864.0;
+
 fn grid(voxel_m: f64, scene: &Scene) -> anyhow::Result<VoxelGrid> {
-    if !(voxel_m.is_finite() && voxel_m > 0.0) {
-        refuse!("--voxel {voxel_m}, expected above 0");
-    }
     let bounds_m = scene.bounds_m();
     let cells = (bounds_m[1] - bounds_m[0]) / voxel_m + 2.0;
     // bricks are numbered in 21 bits along each axis
     if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(60) {
         bail!("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered");
     }
-    Ok(match scene {
+    let grid = match scene {
         // the map's cells are where its points are: a cell of the grid is a cell of the map
         Scene::Voxels(map) => map_grid(map, voxel_m),
         Scene::Mesh(_) | Scene::Box(_) => VoxelGrid::centred_on(bounds_m, voxel_m),
-    })
+    };
+    let walls = grid.outer_count();
+    if matches!(scene, Scene::Box(_)) && walls > MOST_WALL_CELLS {
+        bail!(
+            "--voxel {voxel_m} makes {walls:.0} voxels of the walls of --room, expected {MOST_WALL_CELLS:.0} at most: give a \
+             larger --voxel"
+        );
+    }
+    Ok(grid)
 }
 
 /// Sensors of which nothing came back, and why most likely.

@@ -12,7 +12,7 @@ pub use box_scene::BoxScene;
 pub use cloud_file::{CLOUD_ENDINGS, CloudFileError, CloudPoint, is_cloud, read_cloud};
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MESH_ENDINGS, MeshFileError, MeshUnit, UpAxis, load_mesh};
-pub use voxels::{Cell, Sight, VoxelMap, VoxelMapError};
+pub use voxels::{Cell, Sight, Strays, VoxelMap, VoxelMapError};
 
 use std::sync::Arc;
 
