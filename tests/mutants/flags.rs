@@ -46,7 +46,7 @@ fn bases(kit: &Kit) -> Vec<(&'static str, Vec<String>)> {
         ["walk.tum", "mount.json", "room.obj", "session", "good.pcap", "meta.json", "out/made"]
             .map(|name| kit.path(name).display().to_string());
     let cloud = kit.path("cloud.pcd").display().to_string();
-    std::fs::write(&cloud, super::seeds::pcds().remove(0)).unwrap();
+    std::fs::write(&cloud, super::scene_seeds::pcds().remove(0)).unwrap();
     let room = "--room=-4,-3,0,4,3,3";
     let search = "optimize --preset paper-vlp-16 --evals 6 --method random --fidelity given";
     let scan = format!("--mount {mount} --trajectory {walk} --azimuths 8 --no-baselines");

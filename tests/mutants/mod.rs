@@ -1,11 +1,12 @@
 //! Files of others, changed where it hurts: the program reads each in a process of its own, with 1 GiB of memory and 10 s
 //! of processor. It may refuse and it may answer; it does not panic, abort, run on, or leave half a file behind.
 //!
-//! `MUTANTS` says how many there are of each format. One that fails is kept under `target/mutants`; made small it belongs
+//! `MUTANTS` says how many there are of each format, `MUTANTS_OF` of which one alone. One that fails is kept under `target/mutants`; made small it belongs
 //! into `tests/mutants/regressions/FORMAT`, from where it is read on every run.
 
 mod flags;
 mod mutate;
+mod scene_seeds;
 mod seeds;
 
 use std::path::{Path, PathBuf};
@@ -35,9 +36,10 @@ const PROCESSOR_S: u64 = 10;
 
 fn feed_all(group: &str) {
     let kit = Kit::new();
+    let only = std::env::var("MUTANTS_OF").ok();
     let outcomes: Vec<String> = FORMATS
         .iter()
-        .filter(|format| format.group == group)
+        .filter(|format| format.group == group && only.as_ref().is_none_or(|only| only == format.name))
         .filter_map(|format| feed(&kit, format))
         .collect();
     assert!(outcomes.is_empty(), "{}", outcomes.join("\n"));

@@ -7,8 +7,11 @@ use glam::DVec3;
 use super::VoxelMap;
 use crate::world::scene::bricks::EDGE;
 
-/// A group of cells is left out where it holds less than one in so many of those of the largest group.
+/// A group of cells is left out where it holds less than one in so many of those of the largest group; a few cells alone
+/// sooner.
 const ONE_IN: u64 = 100;
+const FEW: u64 = 3;
+const ONE_IN_OF_FEW: u64 = 10;
 
 /// What was left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,9 +41,10 @@ impl VoxelMap {
             }
         }
         let groups = groups(&blocks);
-        let largest = groups.values().map(|(_, cells)| *cells).max()?;
+        let largest = groups.values().copied().max()?;
         let is_stray = |brick: [i32; 3]| {
-            groups.get(&block(brick)).is_some_and(|(_, cells)| cells.saturating_mul(ONE_IN) < largest)
+            let one_in = |cells: u64| if cells <= FEW { ONE_IN_OF_FEW } else { ONE_IN };
+            groups.get(&block(brick)).is_some_and(|cells| cells * one_in(*cells) < largest)
         };
         let places: Vec<[i32; 3]> = self.index.bricks().to_vec();
         let stray: Vec<usize> =
@@ -73,8 +77,8 @@ impl VoxelMap {
     }
 }
 
-/// For each block the number of its group, of blocks that touch, and the cells of that group.
-fn groups(blocks: &HashMap<[i32; 3], u64>) -> HashMap<[i32; 3], (usize, u64)> {
+/// For each block the cells of its group, of blocks that touch.
+fn groups(blocks: &HashMap<[i32; 3], u64>) -> HashMap<[i32; 3], u64> {
     let mut of: HashMap<[i32; 3], usize> = HashMap::new();
     let mut cells = Vec::new();
     for start in blocks.keys() {
@@ -97,7 +101,7 @@ fn groups(blocks: &HashMap<[i32; 3], u64>) -> HashMap<[i32; 3], (usize, u64)> {
             }
         }
     }
-    of.into_iter().map(|(block, group)| (block, (group, cells[group]))).collect()
+    of.into_iter().map(|(block, group)| (block, cells[group])).collect()
 }
 
 #[cfg(test)]
