@@ -65,13 +65,6 @@ impl OdometryArgs {
     }
 
     fn check(&self) -> anyhow::Result<()> {
-        for (name, value) in
-            [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
-        {
-            if !(value.is_finite() && value > 0.0) {
-                refuse!("{name} {value}, expected above 0");
-            }
-        }
         if !(0.0..self.farthest_m).contains(&self.nearest_m) {
             refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
         }

@@ -358,7 +358,7 @@ fn session(kit: &Kit, _: &Path, which: usize) -> Vec<String> {
     match which {
         0 => words(&["inspect", &path]),
         1 => words(&["decode", &path, "--out", &kit.name("out/a.npy")]),
-        _ => predict(kit, &["--scene", &path]),
+        _ => predict(kit, &["--scene", &path, "--map-voxel", "0.4"]),
     }
 }
 

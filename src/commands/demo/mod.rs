@@ -49,7 +49,7 @@ pub struct Args {
     #[arg(long, default_value = "paper-os1-64")]
     preset: String,
     /// Evaluations of the search.
-    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     evals: u32,
     /// Seed of the search and of the mock rig.
     #[arg(long, value_name = "S", default_value_t = 1)]

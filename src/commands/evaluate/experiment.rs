@@ -22,7 +22,7 @@ pub struct ExperimentArgs {
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 5.0))]
     voxel: Option<f64>,
     /// Columns per revolution [default: the preset's 180].
-    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 65_536))]
+    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 8192))]
     azimuths: Option<usize>,
     /// Roll of every master: fixed:DEG, or free to take it as given [default: fixed:0; free for a mount file].
     #[arg(long, value_name = "RULE")]

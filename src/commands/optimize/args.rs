@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
     pub(super) space: Option<Corners>,
     /// Pitch and roll are whole multiples of this: the step of a servo.
-    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 180.0))]
+    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 360.0))]
     pub(super) tilt_step: Option<f64>,
     /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
     #[arg(long, value_enum, value_name = "CRITERION")]

@@ -108,9 +108,6 @@ pub fn field(args: &Args, placed: &[Placed]) -> anyhow::Result<(Field, Vec<Strin
 fn fan(args: &Args, unit: &Unit) -> anyhow::Result<BeamFan> {
     let columns = args.azimuths.unwrap_or(unit.columns);
     let rate_hz = args.spin_rate.unwrap_or(unit.rate_hz);
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        refuse!("--spin-rate {rate_hz}, expected above 0");
-    }
     let mut fan = BeamFan::nominal(&unit.model, columns as usize, rate_hz);
     fan.min_range_m = args.min_range;
     fan.max_range_m = args.max_range.unwrap_or(fan.max_range_m);
