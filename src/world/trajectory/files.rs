@@ -223,7 +223,7 @@ mod tests {
         let turn = DQuat::from_rotation_z(0.3) * DQuat::from_rotation_x(-0.1);
         let stamped = vec![
             (1_700_000_000_000_000_001, Pose::new(turn, DVec3::new(0.1, -2.0 / 3.0, 1e-9))),
-            (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(1e5, 0.0, 1.0))),
+            (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(5e3, 0.0, 1.0))),
         ];
         let trajectory = Trajectory::new(stamped).unwrap();
         let again = Trajectory::from_tum(&trajectory.to_tum()).unwrap();
