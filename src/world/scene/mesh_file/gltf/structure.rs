@@ -46,7 +46,7 @@ fn accessors(document: &Value) -> Result<(), Fault> {
         for (number, primitive) in list(value, "primitives").iter().enumerate() {
             let named = primitive.get("attributes").and_then(Value::as_object);
             for (attribute, accessor) in named.into_iter().flatten() {
-                if !accessor.as_u64().is_some_and(|accessor| accessor < there as u64) {
+                if accessor.as_u64().is_none_or(|accessor| accessor >= there as u64) {
                     let place = format!("mesh {mesh} primitive {number}");
                     let reason = format!(
                         "{attribute} is accessor {accessor}, expected one of the {there} of the file"
