@@ -131,7 +131,7 @@ fn damaged_metadata_does_no_harm() {
     assert!(outcome.is_ok(), "{}", outcome.unwrap_err());
 }
 
-fn frame(frame_id: u32, columns: usize, channels: usize) -> Frame {
+pub fn frame(frame_id: u32, columns: usize, channels: usize) -> Frame {
     let layer = Layer {
         range_mm: (0..columns * channels).map(|at| 800 + at as u32 % 5000).collect(),
         reflectivity: vec![7; columns * channels],

@@ -20,6 +20,7 @@ mod damaged_files;
 mod fuzz;
 mod inspect;
 mod maps;
+mod mutants;
 mod optimize;
 mod ouster;
 mod rig;
@@ -53,6 +54,7 @@ fn main() -> std::process::ExitCode {
         ("fuzz", fuzz::CASES),
         ("inspect", inspect::CASES),
         ("maps", maps::CASES),
+        ("mutants", mutants::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
         ("rig", rig::CASES),

@@ -60,7 +60,7 @@ struct Document {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
-    let error = args.pose_error.error()?;
+    let error = args.pose_error.error();
     if args.trajectory.as_ref().is_some_and(|way| way.as_os_str() != "odometry") {
         OdometryArgs::ensure_not_typed(context)?;
     }

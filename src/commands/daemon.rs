@@ -105,9 +105,7 @@ pub(super) fn check(config: &Config, context: super::Context) -> anyhow::Result<
 }
 
 fn parse_minutes(text: &str) -> Result<Duration, String> {
-    let minutes: f64 = text.parse().map_err(|error| format!("{error}"))?;
-    let time = Duration::try_from_secs_f64(60.0 * minutes).map_err(|error| format!("{text}: {error}"))?;
-    if time.is_zero() { Err(format!("{text}: expected minutes above zero")) } else { Ok(time) }
+    super::ranges::within(1e-6, 1e7)(text).map(|minutes| Duration::from_secs_f64(60.0 * minutes))
 }
 
 /// Says that the daemon was left out: its flags are known all the same, as one rig.toml serves every build.

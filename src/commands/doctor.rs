@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "MIB", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..=1024))]
     receive_buffer: u16,
     /// How long to listen for the sensors' packets.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = crate::commands::ranges::within(0.0, 3600.0))]
     listen_for: f64,
     /// The servo rig, as `rig --port` has it; that of [rig] in the rig.toml when not given.
     #[arg(long, env = "OUTRIGGER_RIG_PORT", value_name = "PATH")]

@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long, value_name = "RUNS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
     rescore: u32,
     /// Divergence of the re-score: standard deviation of each component of a ray's direction.
-    #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG)]
+    #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG, value_parser = crate::commands::ranges::within(0.0, 90.0))]
     divergence: f64,
     /// Seed of the re-score.
     #[arg(long, default_value_t = 0)]
@@ -58,7 +58,7 @@ pub struct Args {
     #[arg(long)]
     fidelity: Option<FidelityArg>,
     /// Error of J that auto may leave, percent of J.
-    #[arg(long, value_name = "PERCENT", default_value_t = 1.0)]
+    #[arg(long, value_name = "PERCENT", default_value_t = 1.0, value_parser = crate::commands::ranges::within(1e-9, 100.0))]
     tolerance: f64,
     /// Write a page with pictures.
     #[arg(long, value_name = "FILE.html")]
@@ -100,9 +100,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
 /// Refuses what cannot be meant, or has nothing to be about.
 fn check(args: &Args, context: Context) -> anyhow::Result<()> {
-    if !(args.tolerance > 0.0 && args.tolerance <= 100.0) {
-        refuse!("--tolerance {}, expected more than 0 and at most 100 percent", args.tolerance);
-    }
     if args.rescore == 0 {
         context.ensure_not_typed(&["divergence", "seed"], "is about --rescore, which is not asked for")?;
     }

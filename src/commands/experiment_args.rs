@@ -18,10 +18,10 @@ pub struct ExperimentArgs {
     #[arg(long, value_parser = one_of(&[("lateral", Path::Lateral), ("forward", Path::Forward)]))]
     path: Option<Path>,
     /// Edge of a voxel: 5 m divided by a whole number [default: the preset's 0.5].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 5.0))]
     voxel: Option<f64>,
     /// Columns per revolution [default: the preset's 180].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 8192))]
     azimuths: Option<usize>,
     /// Roll of every master: fixed:DEG, or free to take it as given [default: fixed:0; free for a mount file].
     #[arg(long, value_name = "RULE")]
@@ -30,7 +30,7 @@ pub struct ExperimentArgs {
     #[arg(long)]
     no_mirror: bool,
     /// Poses per metre of the walk [default: 1].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 1000))]
     sub_poses: Option<usize>,
     /// Where each revolution starts: locked at azimuth 0, or free (moved on from pose to pose, and no ray lost) [default:
     /// locked].
@@ -41,14 +41,14 @@ pub struct ExperimentArgs {
     #[arg(long, value_name = "J", allow_hyphen_values = true)]
     lambda: Option<Prices>,
     /// Least distance between sensor origins; the housings are always asked for [default: 0].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(0.0, 1000.0))]
     least_distance: Option<f64>,
     /// Adds to J this times log10(q / 0.003), q being the least translation eigenvalue per hit (5th percentile along
     /// the path): how well scans are tied down [default: 0].
-    #[arg(long, value_name = "J")]
+    #[arg(long, value_name = "J", value_parser = crate::commands::ranges::within(0.0, 1e12))]
     registration_weight: Option<f64>,
     /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
-    #[arg(long, value_name = "Q")]
+    #[arg(long, value_name = "Q", value_parser = crate::commands::ranges::within(0.0, 1.0))]
     min_conditioning: Option<f64>,
 }
 

@@ -36,6 +36,7 @@ mod odometry;
 mod optimize;
 mod output;
 mod predict;
+mod ranges;
 mod record;
 mod recorded_odometry;
 mod recording;

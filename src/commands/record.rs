@@ -419,8 +419,7 @@ fn parse_source(text: &str) -> Result<(String, IpAddr), String> {
 }
 
 fn parse_seconds(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|error| format!("{error}"))?;
-    Duration::try_from_secs_f64(seconds).map_err(|error| format!("{text}: {error}"))
+    super::ranges::within(0.0, 1e9)(text).map(Duration::from_secs_f64)
 }
 
 #[cfg(test)]

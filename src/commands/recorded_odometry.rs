@@ -15,13 +15,13 @@ use crate::world::trajectory::suspicions;
 #[derive(clap::Args, Debug)]
 pub struct OdometryArgs {
     /// Edge of a cell of odometry's map; by default a fifteenth of the median range, between 0.1 and 1 m.
-    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M")]
+    #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M", value_parser = crate::commands::ranges::within(0.01, 100.0))]
     voxel_m: Option<f64>,
     /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
-    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5)]
+    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5, value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     nearest_m: f64,
     /// Returns farther than this are not used by odometry.
-    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0)]
+    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0, value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     farthest_m: f64,
 }
 
@@ -35,13 +35,6 @@ impl OdometryArgs {
     }
 
     pub fn check(&self) -> anyhow::Result<()> {
-        for (name, value) in
-            [("--odometry-voxel", self.voxel_m.unwrap_or(1.0)), ("--odometry-max-range", self.farthest_m)]
-        {
-            if !(value.is_finite() && value > 0.0) {
-                refuse!("{name} {value}, expected above 0");
-            }
-        }
         if !(0.0..self.farthest_m).contains(&self.nearest_m) {
             refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
         }

@@ -64,7 +64,7 @@ pub struct TrajectoryArgs {
     #[arg(long, value_name = "FILE")]
     trajectory: PathBuf,
     /// Poses per second of a trajectory in KITTI format.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     rate: Option<f64>,
 }
 
@@ -93,33 +93,24 @@ impl TrajectoryArgs {
 #[derive(clap::Args, Debug, Clone, Copy)]
 pub struct PoseErrorArgs {
     /// Standard deviation of the trajectory's position along each axis.
-    #[arg(long, value_name = "M", default_value_t = 0.02)]
+    #[arg(long, value_name = "M", default_value_t = 0.02, value_parser = crate::commands::ranges::within(1e-9, 1000.0))]
     pose_sd: f64,
     /// Standard deviation of the trajectory's attitude about each axis.
-    #[arg(long, value_name = "DEG", default_value_t = 0.1)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-9, 180.0))]
     attitude_sd: f64,
     /// Time in which an error of the trajectory is forgotten.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = crate::commands::ranges::within(1e-3, 1e9))]
     pose_memory: f64,
 }
 
 impl PoseErrorArgs {
     /// The same in SI units.
-    pub fn error(&self) -> anyhow::Result<PoseError> {
-        for (name, value) in [
-            ("--pose-sd", self.pose_sd),
-            ("--attitude-sd", self.attitude_sd),
-            ("--pose-memory", self.pose_memory),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                refuse!("{name} {value}, expected above 0");
-            }
-        }
-        Ok(PoseError {
+    pub fn error(&self) -> PoseError {
+        PoseError {
             position_sd_m: self.pose_sd,
             rotation_sd_rad: self.attitude_sd.to_radians(),
             correlation_s: self.pose_memory,
-        })
+        }
     }
 }
 
@@ -153,7 +144,7 @@ impl SampleArgs {
         let Some(path) = &self.samples else {
             return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
         };
-        let bytes = std::fs::read(path).with_context(|| path.display().to_string())?;
+        let bytes = crate::base::files::read(path).with_context(|| path.display().to_string())?;
         let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
         SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
     }
@@ -175,6 +166,9 @@ impl<const N: usize> std::str::FromStr for Numbers<N> {
     }
 }
 
+/// Longest edge of a room, m: its walls are counted in voxels.
+const LONGEST_ROOM_M: f64 = 10_000.0;
+
 /// A closed room by its least and its greatest corner.
 #[derive(Clone, Copy, Debug)]
 pub struct Room([DVec3; 2]);
@@ -195,6 +189,11 @@ impl std::str::FromStr for Room {
         let [low_m, high_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
         if !low_m.cmplt(high_m).all() {
             return Err("the first corner must lie below the second in x, y and z".into());
+        }
+        if (high_m - low_m).max_element() > LONGEST_ROOM_M
+            || low_m.abs().max(high_m.abs()).max_element() > 1e8
+        {
+            return Err(format!("expected a room of {LONGEST_ROOM_M} m at most, within 1e8 m of 0"));
         }
         Ok(Self([low_m, high_m]))
     }

@@ -21,7 +21,7 @@ use crate::world::trajectory::Trajectory;
 #[derive(clap::Args, Debug, Clone)]
 pub struct MapArgs {
     /// Edge of a cell of a map that is made of a recording or a cloud.
-    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     map_voxel: f64,
     /// Points that make a cell of such a map occupied.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]

@@ -50,13 +50,13 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
     azimuths: Option<u32>,
     /// Revolutions per second [default: as the calibration says; else 10].
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(0.1, 200.0))]
     spin_rate: Option<f64>,
     /// Least range that counts.
-    #[arg(long, value_name = "M", default_value_t = 0.3)]
+    #[arg(long, value_name = "M", default_value_t = 0.3, value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     min_range: f64,
     /// Greatest range that counts [default: the model's].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     max_range: Option<f64>,
     #[command(flatten)]
     samples: SampleArgs,
@@ -173,9 +173,6 @@ fn fans(args: &Args, units: &[Unit], trajectory: &Trajectory) -> anyhow::Result<
 fn fan(args: &Args, unit: &Unit) -> anyhow::Result<BeamFan> {
     let columns = args.azimuths.unwrap_or(unit.columns);
     let rate_hz = args.spin_rate.unwrap_or(unit.rate_hz);
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        refuse!("--spin-rate {rate_hz}, expected above 0");
-    }
     let mut fan = BeamFan::nominal(&unit.model, columns as usize, rate_hz);
     fan.min_range_m = args.min_range;
     fan.max_range_m = args.max_range.unwrap_or(fan.max_range_m);

@@ -60,12 +60,21 @@ impl VoxelGrid {
         is_inside.then(|| i + nx * (j + ny * k))
     }
 
+    /// Number of the cells that touch the outside.
+    pub fn outer_count(&self) -> f64 {
+        let inner = |cells: usize| cells.saturating_sub(2) as f64;
+        let [all, within] = [self.cells.map(|cells| cells as f64), self.cells.map(inner)];
+        all.iter().product::<f64>() - within.iter().product::<f64>()
+    }
+
     /// The cells that touch the outside, ascending.
     pub fn outer_cells(&self) -> impl Iterator<Item = usize> + use<> {
-        let grid = self.clone();
-        (0..grid.len()).filter(move |cell| {
-            let place = grid.place(*cell);
-            (0..3).any(|axis| place[axis] == 0 || place[axis] + 1 == grid.cells[axis])
+        let [nx, ny, nz] = self.cells;
+        (0..nz).flat_map(move |k| (0..ny).map(move |j| (j, k))).flat_map(move |(j, k)| {
+            let is_wall = [(j, ny), (k, nz)].iter().any(|(at, cells)| *at == 0 || at + 1 == *cells);
+            // of a row within only the ends touch the outside
+            let step = if is_wall { 1 } else { nx.saturating_sub(1).max(1) };
+            (0..nx).step_by(step).map(move |i| i + nx * (j + ny * k))
         })
     }
 

@@ -430,7 +430,7 @@ pub fn a_walk_is_found_by_odometry() {
     std::fs::remove_file(&tum).unwrap();
     for (more, words) in [
         (vec![], "holds 2 sensors: --mount says where they sit"),
-        (vec!["--odometry-voxel", "0"], "--odometry-voxel 0, expected above 0"),
+        (vec!["--odometry-voxel", "0"], "'0' for '--odometry-voxel <M>': expected a number from 0.01 to 100"),
         (vec!["--odometry-min-range", "200"], "--odometry-min-range 200"),
     ] {
         let output = run(&[&more[..], &files[..]].concat());

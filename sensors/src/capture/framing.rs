@@ -79,8 +79,6 @@ pub(super) struct Framing {
     format: Format,
     /// Of the current section; pcap has one.
     interfaces: Vec<Interface>,
-    /// Drop counts of sections that are over.
-    dropped_before: u64,
     done: bool,
 }
 
@@ -115,7 +113,7 @@ impl Framing {
             buffer.consume(header.size());
             Format::Pcap { order: if header.is_bigendian() { Bytes::Big } else { Bytes::Little } }
         };
-        Ok(Self { buffer, name, format, interfaces, dropped_before: 0, done: false })
+        Ok(Self { buffer, name, format, interfaces, done: false })
     }
 
     pub(super) fn interfaces(&self) -> &[Interface] {
@@ -195,7 +193,6 @@ impl Framing {
                         return Err(self.damaged(found, "1a 2b 3c 4d in either order".into()));
                     }
                 }
-                self.dropped_before += self.interfaces.iter().map(|entry| entry.dropped).sum::<u64>();
                 self.interfaces.clear();
             }
             let Format::Pcapng { order } = self.format else { return Ok(None) };
@@ -258,14 +255,15 @@ impl Framing {
             }
             Body::Statistics { interface, dropped } => {
                 if let Some(entry) = self.interfaces.get_mut(interface as usize) {
-                    entry.dropped = entry.dropped.max(dropped);
+                    let more = dropped.saturating_sub(entry.dropped);
+                    entry.dropped += more;
+                    counters.dropped_by_recorder = counters.dropped_by_recorder.saturating_add(more);
                 }
                 None
             }
             Body::Packet(packet) => Some(packet),
         };
         let Some(packet) = packet else {
-            self.sum_drops(counters);
             self.buffer.consume(length);
             return Ok(None);
         };
@@ -276,9 +274,8 @@ impl Framing {
                 format!("one of the {known} interfaces described before it"),
             ));
         };
-        if packet.dropped > 0 {
-            interface.dropped += packet.dropped;
-        }
+        interface.dropped = interface.dropped.saturating_add(packet.dropped);
+        counters.dropped_by_recorder = counters.dropped_by_recorder.saturating_add(packet.dropped);
         let frame = LinkFrame {
             place: packet.data,
             link_type: interface.link_type,
@@ -286,16 +283,8 @@ impl Framing {
             time_ns: packet.ticks.map_or(0, |ticks| interface.clock.time_ns(ticks)),
             original_length: packet.original_length as usize,
         };
-        if packet.dropped > 0 {
-            self.sum_drops(counters);
-        }
         let at = self.buffer.consume(length) + 8;
         Ok(Some(LinkFrame { place: frame.place.start + at..frame.place.end + at, ..frame }))
-    }
-
-    fn sum_drops(&self, counters: &mut CaptureCounters) {
-        let here: u64 = self.interfaces.iter().map(|entry| entry.dropped).sum();
-        counters.dropped_by_recorder = self.dropped_before + here;
     }
 
     fn skip_block(&mut self, length: u32, counters: &mut CaptureCounters) -> Result<(), CaptureError> {

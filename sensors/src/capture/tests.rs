@@ -313,3 +313,25 @@ fn a_claimed_length_is_not_believed() {
     assert!(reader.next().unwrap_err().to_string().contains("4294967295 bytes"));
     assert!(reader.position() < 1 << 20);
 }
+
+/// 80,000 interfaces, statistics of the last one after each: drops are summed as they come, and once.
+#[test]
+fn many_interfaces_cost_no_more_each() {
+    let block = |kind: u32, body: &[u8]| {
+        let length = (12 + body.len() as u32).to_le_bytes();
+        [&kind.to_le_bytes(), &length[..], body, &length].concat()
+    };
+    let mut bytes =
+        block(0x0a0d_0d0a, &[0x4d, 0x3c, 0x2b, 0x1a, 1, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255]);
+    for number in 0..80_000_u32 {
+        bytes.extend(block(1, &[1, 0, 0, 0, 0, 0, 0, 0]));
+        // interface, stamp, then the option isb_ifdrop
+        let drops =
+            [&number.to_le_bytes()[..], &[0; 8], &[5, 0, 8, 0], &3_u64.to_le_bytes(), &[0; 4]].concat();
+        bytes.extend(block(5, &drops));
+    }
+    let mut reader = CaptureReader::new(std::io::Cursor::new(bytes), "test").unwrap();
+    assert!(reader.next().unwrap().is_none());
+    assert_eq!(reader.interfaces().len(), 80_000);
+    assert_eq!(reader.counters().dropped_by_recorder, 240_000);
+}

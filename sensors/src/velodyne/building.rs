@@ -58,6 +58,11 @@ impl Building {
         self.frame.column_time_ns.is_empty()
     }
 
+    /// Columns so far.
+    pub fn columns(&self) -> usize {
+        self.frame.column_time_ns.len()
+    }
+
     /// Device time of the first column, ns.
     pub fn first_time_ns(&self) -> Option<u64> {
         self.frame.column_time_ns.first().copied()

@@ -46,6 +46,10 @@ impl Layouts {
 /// A packet of an HDL-64E S1, ns: as seen by hosts; it has no clock.
 pub(crate) const S1_PACKET_NS: f64 = 384_300.0;
 
+/// Columns at which a frame ends without a whole turn, so that a sensor that stands still fills no memory: those of a
+/// second or more, and the slowest turn takes a fifth of that.
+const MOST_COLUMNS: usize = 1 << 15;
+
 /// A turn, counts.
 const TURN: f64 = AZIMUTH_COUNTS as f64;
 
@@ -273,8 +277,8 @@ impl Stream {
         };
         self.append(held, 0..self.heads.heads.len());
         self.building.spin.add(self.heads.spin);
-        if travelled >= TURN {
-            self.close(true, stats, completed);
+        if travelled >= TURN || self.building.columns() >= MOST_COLUMNS {
+            self.close(travelled >= TURN, stats, completed);
             travelled = 0.0;
         }
         self.remember(travelled);
@@ -312,6 +316,9 @@ impl Stream {
         }
         self.append(held, from..self.heads.heads.len());
         self.building.spin.add(self.heads.spin);
+        if self.building.columns() >= MOST_COLUMNS {
+            self.close(false, stats, completed);
+        }
         self.remember(start + self.heads.travelled_counts);
     }
 

@@ -42,7 +42,7 @@ pub struct PlaceArgs {
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format; the first pose is that of the first column.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     rate: Option<f64>,
     /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together, `search` looks
     /// for the one at which the rays end where the scene is: up to 2 s from 0, or, where the two have no time in common, up

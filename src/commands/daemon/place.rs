@@ -26,13 +26,13 @@ pub struct PlaceArgs {
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     pub(super) rate: Option<f64>,
     /// The trajectory begins when recording does, whatever times it names.
     #[arg(long)]
     pub(super) trajectory_starts_with_recording: bool,
     /// Edge of a cell of the live coverage, m.
-    #[arg(long, value_name = "M", default_value_t = 0.25)]
+    #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = crate::commands::ranges::within(0.01, 100.0))]
     pub(super) cell: f64,
 }
 

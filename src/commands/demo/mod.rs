@@ -11,7 +11,7 @@ mod walk;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, bail};
 use glam::DVec3;
 
 use super::{Context, Outcome, output, signals};
@@ -49,16 +49,16 @@ pub struct Args {
     #[arg(long, default_value = "paper-os1-64")]
     preset: String,
     /// Evaluations of the search.
-    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u32).range(1..=20_000))]
     evals: u32,
     /// Seed of the search and of the mock rig.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Walking speed, m/s.
-    #[arg(long, value_name = "M_PER_S", default_value_t = 2.0)]
+    #[arg(long, value_name = "M_PER_S", default_value_t = 2.0, value_parser = crate::commands::ranges::within(0.05, 50.0))]
     speed: f64,
     /// How many times faster than life the walk runs.
-    #[arg(long, value_name = "FACTOR", default_value_t = 4.0)]
+    #[arg(long, value_name = "FACTOR", default_value_t = 4.0, value_parser = crate::commands::ranges::within(0.01, 1000.0))]
     rate: f64,
     /// Break something half way, to see what happens.
     #[arg(long, value_enum)]
@@ -76,8 +76,6 @@ pub enum Fault {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    ensure!(args.speed.is_finite() && args.speed > 0.0, "--speed must be above 0, not {}", args.speed);
-    ensure!(args.rate.is_finite() && args.rate > 0.0, "--rate must be above 0, not {}", args.rate);
     let stop = signals::stop_flag()?;
     prepare_folder(&args.out)?;
     let mut progress = Progress::new();

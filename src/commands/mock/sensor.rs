@@ -55,10 +55,10 @@ pub struct Args {
     #[arg(long, value_name = "MODE", default_value = "strongest", value_parser = parse_returns)]
     returns: ReturnMode,
     /// Columns in a revolution of an Ouster.
-    #[arg(long, value_name = "N", default_value_t = 1024)]
+    #[arg(long, value_name = "N", default_value_t = 1024, value_parser = crate::commands::ranges::count(1, 65_536))]
     columns: usize,
     /// Revolutions per second.
-    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = parse_positive)]
+    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = crate::commands::ranges::within(0.5, 100.0))]
     rotation_hz: f64,
     /// Serial number of an Ouster; by default 992200000000 plus the port.
     #[arg(long, value_name = "N")]
@@ -95,7 +95,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
     /// Real pitch, degrees, where the servo did not reach that of the mount.
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, value_parser = crate::commands::ranges::within(-360.0, 360.0))]
     actual_pitch_deg: Option<f64>,
     /// End after this many seconds of the trajectory; without a trajectory file after a day.
     #[arg(long, value_name = "S", value_parser = parse_positive)]

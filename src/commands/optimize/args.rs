@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long)]
     pub(super) early_stop: bool,
     /// Points that a model (bayesian, staged) proposes at once.
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value = "1", value_parser = batch)]
     pub(super) batch: NonZeroUsize,
     /// By what a model chooses its next point; ei-plus is the published one.
     #[arg(long, value_enum, default_value_t)]
@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
     pub(super) space: Option<Corners>,
     /// Pitch and roll are whole multiples of this: the step of a servo.
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 360.0))]
     pub(super) tilt_step: Option<f64>,
     /// Maximise the expected or the worst J of rigs that are built with errors, in place of J as planned.
     #[arg(long, value_enum, value_name = "CRITERION")]
@@ -84,7 +84,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     pub(super) max_rays: Option<u64>,
     /// Then bound the J of all rigs of one master in at most N regions of mounts: a proof of how much better any could be.
-    #[arg(long, value_name = "N", conflicts_with = "robust")]
+    #[arg(long, value_name = "N", conflicts_with = "robust", value_parser = crate::commands::ranges::count(1, 1_000_000))]
     pub(super) certify: Option<usize>,
     /// Write the best mount to this file.
     #[arg(long, value_name = "FILE")]
@@ -185,6 +185,10 @@ impl FromStr for ClearanceArg {
             },
         }
     }
+}
+
+fn batch(text: &str) -> Result<NonZeroUsize, String> {
+    crate::commands::ranges::count(1, 1024)(text).map(|points| NonZeroUsize::MIN.saturating_add(points - 1))
 }
 
 fn percent(text: &str) -> Result<f64, String> {

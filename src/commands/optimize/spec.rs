@@ -107,9 +107,6 @@ pub fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::R
         (search.bounds.x_m, search.bounds.y_m, search.bounds.z_m) = ((x0, x1), (y0, y1), (z0, z1));
     }
     if let Some(step_deg) = args.tilt_step {
-        if !(step_deg.is_finite() && step_deg > 0.0) {
-            refuse!("--tilt-step {step_deg}, expected above 0");
-        }
         let roll = ("--roll-limits", args.roll_limits);
         let roll = search.fixed_roll_deg.is_none().then_some(roll);
         for (name, Range(low, high)) in [("--pitch-limits", args.pitch_limits)].into_iter().chain(roll) {

@@ -52,7 +52,7 @@ pub struct Args {
     #[command(flatten)]
     trajectory: TrajectoryArgs,
     /// Edge of a voxel.
-    #[arg(long, value_name = "M", default_value_t = 0.1)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     voxel: f64,
     #[command(flatten)]
     sensing: sensing::SensingArgs,
@@ -164,9 +164,6 @@ fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
     }
     let trajectory = args.trajectory.read()?;
     loaded.warnings.extend(args.trajectory.doubts(&loaded.scene, &trajectory));
-    if !(args.voxel.is_finite() && args.voxel > 0.0) {
-        refuse!("--voxel {}, expected above 0", args.voxel);
-    }
     let grid = grid_of(&loaded.scene, args.voxel)?;
     Ok(Site { loaded, trajectory, grid })
 }

@@ -17,29 +17,29 @@ pub struct SensingArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
     azimuths: Option<u32>,
     /// Revolutions per second [default: as the calibration says; else 10].
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(0.1, 200.0))]
     spin_rate: Option<f64>,
     /// Encoder azimuth of every sensor when the trajectory begins.
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_hyphen_values = true, value_parser = crate::commands::ranges::within(-3600.0, 3600.0))]
     spin_phase: f64,
     /// Least range that is reported [default: the model's].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     min_range: Option<f64>,
     /// Greatest range that is reported [default: the model's].
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     max_range: Option<f64>,
     /// Standard deviation of a range.
-    #[arg(long, value_name = "M", default_value_t = 0.0)]
+    #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = crate::commands::ranges::within(0.0, 100.0))]
     range_noise: f64,
     /// Surfaces seen more obliquely return nothing.
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", value_parser = crate::commands::ranges::within(1e-3, 90.0))]
     max_incidence: Option<f64>,
     /// Reflectivity of all surfaces, matt, above 0 and at most 1: dark, far and grazing ones then lose returns
     /// [default: every return is detected].
-    #[arg(long, value_name = "SHARE")]
+    #[arg(long, value_name = "SHARE", value_parser = crate::commands::ranges::within(1e-6, 1.0))]
     reflectivity: Option<f64>,
     /// Share of returns lost at random.
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = crate::commands::ranges::within(0.0, 0.999_999))]
     drop_out: f64,
     /// Rays spread over each beam's divergence; the median range counts.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=64))]
@@ -97,33 +97,6 @@ impl SensingArgs {
     }
 
     fn check(&self) -> anyhow::Result<()> {
-        for (name, value) in [
-            ("--spin-rate", self.spin_rate.unwrap_or(10.0)),
-            ("--max-incidence", self.max_incidence.unwrap_or(90.0)),
-            ("--max-range", self.max_range.unwrap_or(1.0)),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                refuse!("{name} {value}, expected above 0");
-            }
-        }
-        for (name, value) in
-            [("--range-noise", self.range_noise), ("--min-range", self.min_range.unwrap_or(0.0))]
-        {
-            if !(value.is_finite() && value >= 0.0) {
-                refuse!("{name} {value}, expected 0 or more");
-            }
-        }
-        if let Some(reflectivity) = self.reflectivity
-            && !(reflectivity > 0.0 && reflectivity <= 1.0)
-        {
-            refuse!("--reflectivity {reflectivity}, expected above 0 and at most 1");
-        }
-        if !self.spin_phase.is_finite() {
-            refuse!("--spin-phase {}, expected an angle", self.spin_phase);
-        }
-        if !(0.0..1.0).contains(&self.drop_out) {
-            refuse!("--drop-out {}, expected a share of at least 0 and below 1", self.drop_out);
-        }
         if let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range)
             && min_m >= max_m
         {

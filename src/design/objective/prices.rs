@@ -32,11 +32,14 @@ impl std::fmt::Display for Prices {
     }
 }
 
+/// Highest price: beyond it J loses the voxels that it counts.
+const HIGHEST: f64 = 1e12;
+
 impl FromStr for Prices {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|value| value.is_finite());
+        let number = |text: &str| text.trim().parse().ok().filter(|price: &f64| price.abs() <= HIGHEST);
         if let Some(price) = number(text) {
             return Ok(Self::Any(price));
         }
@@ -45,7 +48,7 @@ impl FromStr for Prices {
             Some((model.trim().to_owned(), number(price)?))
         };
         let prices: Option<Vec<_>> = text.split(',').map(priced).collect();
-        let prices = prices.ok_or("give a finite number, or MODEL=NUMBER,MODEL=NUMBER")?;
+        let prices = prices.ok_or("give a number from -1e12 to 1e12, or MODEL=NUMBER,MODEL=NUMBER")?;
         match prices.iter().enumerate().find(|(at, (model, _))| prices[..*at].iter().any(|p| p.0 == *model)) {
             Some((_, (model, _))) => Err(format!("{model} has two prices")),
             None => Ok(Self::ByModel(prices)),

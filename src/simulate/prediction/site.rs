@@ -14,12 +14,19 @@ pub(crate) struct Site {
     pub grid: VoxelGrid,
 }
 
+/// Most voxels of the walls of a room, which are held one by one (half a GiB).
+const MAX_WALL_VOXELS: f64 = 67_108_864.0;
+
 /// Why a scene has no such grid.
 #[derive(Debug, thiserror::Error)]
-#[error("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered")]
-pub(crate) struct TooManyVoxels {
-    voxel_m: f64,
-    cells: DVec3,
+pub(crate) enum TooManyVoxels {
+    #[error("--voxel {voxel_m} makes {cells:.0} cells of this scene, more than can be numbered")]
+    OfScene { voxel_m: f64, cells: DVec3 },
+    #[error(
+        "--voxel {voxel_m} makes {walls:.0} voxels of the walls of --room, expected {MAX_WALL_VOXELS:.0} at most: give a \
+         larger --voxel"
+    )]
+    OfWalls { voxel_m: f64, walls: f64 },
 }
 
 /// The grid of a scene: planes of its bounds run through voxel centres; of a map a voxel is one of its own.
@@ -28,12 +35,17 @@ pub(crate) fn grid_of(scene: &Scene, voxel_m: f64) -> Result<VoxelGrid, TooManyV
     let cells = (bounds_m[1] - bounds_m[0]) / voxel_m + 2.0;
     // bricks are numbered in 21 bits along each axis
     if cells.max_element() > f64::from(1 << 23) || cells.element_product() > 2f64.powi(60) {
-        return Err(TooManyVoxels { voxel_m, cells });
+        return Err(TooManyVoxels::OfScene { voxel_m, cells });
     }
-    Ok(match scene {
+    let grid = match scene {
         Scene::Voxels(_) => VoxelGrid::from_corner(bounds_m, voxel_m),
         Scene::Mesh(_) | Scene::Box(_) => VoxelGrid::centred_on(bounds_m, voxel_m),
-    })
+    };
+    let walls = grid.outer_count();
+    if matches!(scene, Scene::Box(_)) && walls > MAX_WALL_VOXELS {
+        return Err(TooManyVoxels::OfWalls { voxel_m, walls });
+    }
+    Ok(grid)
 }
 
 impl Site {

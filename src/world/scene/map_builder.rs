@@ -6,7 +6,7 @@ use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 use serde::Serialize;
 
-use super::{CloudFileError, CloudPoint, VoxelMap, VoxelMapError, read_cloud};
+use super::{CloudFileError, CloudPoint, Strays, VoxelMap, VoxelMapError, read_cloud};
 use crate::base::geometry::Pose;
 use crate::world::trajectory::Trajectory;
 
@@ -45,6 +45,8 @@ impl MapSummary {
 pub(crate) enum MapError {
     #[error(transparent)]
     Cloud(#[from] CloudFileError),
+    #[error("{name}: a map of it takes more than 4 GiB in cells of {voxel_m} m: give a larger --map-voxel")]
+    TooLarge { name: String, voxel_m: f64 },
     #[error("{name}: no cell of {voxel_m} m holds {min_hits} points or more, so there is nothing to hit")]
     Empty { name: String, voxel_m: f64, min_hits: u8 },
     #[error(
@@ -140,17 +142,28 @@ impl MapBuilder {
 
     /// The map, with its warnings.
     pub fn finish(
-        self,
+        mut self,
         path: &Path,
         made_of: &'static str,
     ) -> Result<(VoxelMap, MapSummary, Vec<String>), MapError> {
         let name = path.display();
-        let [free_cells, occupied_cells] = self.map.counts();
         let voxel_m = self.map.voxel_m();
+        if self.map.is_full() {
+            return Err(MapError::TooLarge { name: name.to_string(), voxel_m });
+        }
+        let strays = self.map.drop_strays(MAX_RANGE_M);
+        let [free_cells, occupied_cells] = self.map.counts();
         if occupied_cells == 0 {
             return Err(MapError::Empty { name: name.to_string(), voxel_m, min_hits: self.min_hits });
         }
         let mut warnings = Vec::new();
+        if let Some(Strays { cells, at_m }) = strays {
+            warnings.push(format!(
+                "{name}: {cells} cells further than {MAX_RANGE_M} m from all the rest are left out, one at ({:.0}, {:.0}, \
+                 {:.0}) m: stray points?",
+                at_m.x, at_m.y, at_m.z
+            ));
+        }
         if self.without_position > 0 {
             warnings.push(format!("{name}: {} points without a place are left out", self.without_position));
         }

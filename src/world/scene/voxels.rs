@@ -4,6 +4,10 @@
 //! A ray makes the cells that it crosses free and the cell in which it ends occupied. A cell that was hit often enough
 //! is occupied however many rays grazed it: far floor is crossed at a small angle by every ray that ends behind it.
 
+mod strays;
+
+pub use strays::Strays;
+
 use glam::DVec3;
 
 use super::Hit;
@@ -41,7 +45,11 @@ pub struct VoxelMap {
     /// Least and greatest cell that was hit.
     hit_cells: Option<[[i32; 3]; 2]>,
     rejected: u64,
+    is_full: bool,
 }
+
+/// Memory that a map may take: points far apart take a brick each.
+const MOST_BYTES: usize = 4 << 30;
 
 /// 512 cells.
 #[derive(Clone, Debug)]
@@ -84,6 +92,7 @@ impl VoxelMap {
             bricks_with_ends: 0,
             hit_cells: None,
             rejected: 0,
+            is_full: false,
         })
     }
 
@@ -111,10 +120,18 @@ impl VoxelMap {
         }
     }
 
+    /// Whether something is missing because the map would take more than 4 GiB.
+    pub fn is_full(&self) -> bool {
+        self.is_full
+    }
+
     fn occupy(&mut self, point_m: DVec3) {
         let cell = self.cell_at(point_m);
         let (brick, inside) = split(cell);
         let Some(number) = self.brick(brick, &mut LastRegion::default()) else { return };
+        if self.is_full && self.bricks[number].ends.is_none() {
+            return;
+        }
         self.bricks_with_ends += usize::from(self.bricks[number].ends.is_none());
         let ends = self.bricks[number].ends.get_or_insert_with(|| Box::new(Ends::NONE));
         let before = ends.hits[inside];
@@ -181,7 +198,7 @@ impl VoxelMap {
         [corner(low), corner(high) + self.voxel_m]
     }
 
-    /// First occupied cell along a ray (unit direction). The distance is that of the mean of the cell's hits, seen along
+    /// First occupied cell along a ray (unit direction), no further than twice the longest ray that is believed. The distance is that of the mean of the cell's hits, seen along
     /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
     /// occupied cell hits it.
     pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
@@ -207,7 +224,8 @@ impl VoxelMap {
         let start_m = origin_m + (enter_m + 1e-9 * self.voxel_m) * direction;
         let mut walk = CellWalk::new(start_m, direction, self.voxel_m);
         let mut last = LastRegion::default();
-        let length_m = leave_m - enter_m;
+        // no sensor sees further: one hit far off makes no ray cross all that lies between
+        let length_m = leave_m.min(2.0 * self.longest_ray_m) - enter_m;
         let mut entered_m = 0.0;
         let mut axis = direction.abs().max_position();
         while entered_m <= length_m {
@@ -299,6 +317,12 @@ impl VoxelMap {
     }
 
     fn brick(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<usize> {
+        let held =
+            std::mem::size_of_val(&self.bricks[..]) + self.bricks_with_ends * std::mem::size_of::<Ends>();
+        if held > MOST_BYTES {
+            self.is_full = true;
+            return self.index.find(brick).map(|number| number as usize);
+        }
         let number = self.index.find_or_add_near(brick, last)? as usize;
         if number == self.bricks.len() {
             self.bricks.push(Brick { crossed: [0; CELLS / 64], ends: None });

@@ -8,6 +8,15 @@ use glam::{DMat3, DQuat, DVec3};
 use super::{Trajectory, TrajectoryError};
 use crate::base::geometry::Pose;
 
+/// Longest time between two poses of a file, s: what lies between them is filled in, at the cost of its length.
+const LONGEST_GAP_S: f64 = 3600.0;
+/// Longest way between two poses of a file, m.
+const LONGEST_JUMP_M: f64 = 10_000.0;
+/// Coordinates beyond this are of no frame on this planet, m.
+const FARTHEST_M: f64 = 1e8;
+/// Rates of poses without times that are believed, Hz.
+const RATES_HZ: std::ops::RangeInclusive<f64> = 1e-3..=1e6;
+
 /// How far the norm of a quaternion may be from 1 (a file with 4 digits is well inside).
 const NORM_SLACK: f64 = 1e-2;
 /// How far `R R^T` may be from the identity in any element.
@@ -47,7 +56,7 @@ impl Trajectory {
             // a rotation written by this program keeps every bit
             let unit = (rotation.length_squared() - 1.0).abs() < 1e-14;
             let rotation = if unit { rotation } else { rotation.normalize() };
-            stamped.push((time_ns, Pose::new(rotation, DVec3::new(n[0], n[1], n[2]))));
+            push(&mut stamped, line, (time_ns, Pose::new(rotation, DVec3::new(n[0], n[1], n[2]))))?;
         }
         Self::new(stamped)
     }
@@ -57,10 +66,10 @@ impl Trajectory {
     /// # Errors
     /// The line of anything that is not twelve finite numbers with a rotation in them, or a rate that is not above 0.
     pub fn from_kitti(text: &str, rate_hz: f64) -> Result<Self, TrajectoryError> {
-        if !(rate_hz.is_finite() && rate_hz > 0.0) {
+        if !RATES_HZ.contains(&rate_hz) {
             return Err(TrajectoryError::Rate { rate_hz });
         }
-        let mut stamped = Vec::new();
+        let mut stamped: Vec<(u64, Pose)> = Vec::new();
         for (line, words) in data_lines(text) {
             let fields: Vec<&str> = words.split_whitespace().collect();
             if fields.len() != 12 {
@@ -85,7 +94,7 @@ impl Trajectory {
             }
             let time_ns = (stamped.len() as f64 * 1e9 / rate_hz).round() as u64;
             let rotation = DQuat::from_mat3(&rotation).normalize();
-            stamped.push((time_ns, Pose::new(rotation, DVec3::new(n[3], n[7], n[11]))));
+            push(&mut stamped, line, (time_ns, Pose::new(rotation, DVec3::new(n[3], n[7], n[11]))))?;
         }
         Self::new(stamped)
     }
@@ -155,6 +164,37 @@ fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
     Ok(values)
 }
 
+/// Adds a pose that can be of one walk with the pose before it: one wrong number is not worth a year of simulated rays.
+fn push(stamped: &mut Vec<(u64, Pose)>, line: usize, next: (u64, Pose)) -> Result<(), TrajectoryError> {
+    let at_m = next.1.translation_m;
+    if at_m.abs().max_element() > FARTHEST_M {
+        return Err(line_error(
+            line,
+            format!("a pose at {at_m} m, expected coordinates within {FARTHEST_M:e} m of 0"),
+        ));
+    }
+    if let Some((before_ns, before)) = stamped.last() {
+        let gap_s = next.0.saturating_sub(*before_ns) as f64 * 1e-9;
+        if gap_s > LONGEST_GAP_S {
+            let found = format!(
+                "{gap_s:.0} s after the pose before it, expected at most {LONGEST_GAP_S} s: correct the time, or cut the \
+                 file there"
+            );
+            return Err(line_error(line, found));
+        }
+        let jump_m = at_m.distance(before.translation_m);
+        if jump_m > LONGEST_JUMP_M {
+            let found = format!(
+                "{jump_m:.0} m from the pose before it, expected at most {LONGEST_JUMP_M} m: correct the position, or leave \
+                 the line out"
+            );
+            return Err(line_error(line, found));
+        }
+    }
+    stamped.push(next);
+    Ok(())
+}
+
 fn line_error(line: usize, found: String) -> TrajectoryError {
     TrajectoryError::Line { line, found }
 }
@@ -183,7 +223,7 @@ mod tests {
         let turn = DQuat::from_rotation_z(0.3) * DQuat::from_rotation_x(-0.1);
         let stamped = vec![
             (1_700_000_000_000_000_001, Pose::new(turn, DVec3::new(0.1, -2.0 / 3.0, 1e-9))),
-            (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(1e5, 0.0, 1.0))),
+            (1_700_000_000_005_000_000, Pose::new(turn.inverse(), DVec3::new(5e3, 0.0, 1.0))),
         ];
         let trajectory = Trajectory::new(stamped).unwrap();
         let again = Trajectory::from_tum(&trajectory.to_tum()).unwrap();
@@ -225,6 +265,25 @@ mod tests {
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 1\n", 10.0).contains("11 fields"));
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 -1 0\n", 10.0).contains("no rotation"));
         assert!(kitti("1 0 0 0 0 1 0 0 0 0 1 0\n", 0.0).contains("rate"));
+    }
+
+    #[test]
+    fn one_pose_far_off_is_refused_with_its_line() {
+        let walk = |line: &str| Trajectory::from_tum(&format!("10 0 0 0 0 0 0 1\n{line}\n"));
+        let refused = |line: &str| walk(line).unwrap_err().to_string();
+        let late = refused("1000000010 1 0 0 0 0 0 1");
+        assert!(late.contains("line 2: 1000000000 s after the pose before it"), "{late}");
+        let far = refused("11 1e7 0 0 0 0 0 1");
+        assert!(far.contains("line 2: 10000000 m from the pose before it"), "{far}");
+        assert!(refused("11 1e30 0 0 0 0 0 1").contains("within 1e8 m"));
+        // what one may have: an hour's rest, a map in UTM
+        assert!(walk("3610 9000 0 0 0 0 0 1").is_ok());
+        assert!(Trajectory::from_tum("1 412345 5567890 3e2 0 0 0 1\n2 412346 5567890 3e2 0 0 0 1\n").is_ok());
+        let still = "1 0 0 0 0 1 0 0 0 0 1 0\n";
+        for rate_hz in [0.0, -1.0, 1e-9, 1e9, f64::NAN, f64::INFINITY] {
+            let error = Trajectory::from_kitti(&still.repeat(2), rate_hz).unwrap_err().to_string();
+            assert!(error.contains("0.001 to 1000000"), "{error}");
+        }
     }
 
     #[test]

@@ -111,7 +111,7 @@ pub enum TrajectoryError {
         found: String,
     },
     /// Poses without times need a rate.
-    #[error("a rate of {rate_hz} poses per second, expected above 0")]
+    #[error("a rate of {rate_hz} poses per second, expected 0.001 to 1000000")]
     Rate {
         /// As given, Hz.
         rate_hz: f64,

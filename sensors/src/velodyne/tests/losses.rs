@@ -222,3 +222,27 @@ fn a_clock_that_is_set_ends_the_frame() {
     assert_eq!(outcome.stats.lost_packets, 0);
     assert_eq!(firings(&outcome.frames).len(), packets.len() * 24);
 }
+
+/// Its frames end all the same, and hold every column once.
+#[test]
+fn a_sensor_that_stands_still_fills_no_memory() {
+    let firings: Vec<_> = (0..100_000_u64)
+        .map(|number| Firing {
+            time_ns: 1_700_000_000_000_000_000 + number * 55_296,
+            azimuth_counts: 12_345.0,
+            first: vec![(3000, 9); 16],
+            second: None,
+        })
+        .collect();
+    let packets = encode(PRODUCT, ReturnMode::Strongest, &firings);
+    for cut in [Cut::Packets, Cut::Azimuth(0.0)] {
+        let each = packets.iter().map(|(time_ns, payload)| (*time_ns, &payload[..]));
+        let outcome = decode(each, Options { cut, ..Options::default() });
+        let longest = outcome.frames.iter().map(Frame::columns).max().unwrap();
+        assert!((32_768..32_768 + 24).contains(&longest), "{longest}");
+        assert!(outcome.frames.iter().all(|frame| !frame.complete));
+        let columns: usize = outcome.frames.iter().map(Frame::columns).sum();
+        assert_eq!(columns, 24 * packets.len());
+        assert_eq!(outcome.stats.lost_packets, 0);
+    }
+}

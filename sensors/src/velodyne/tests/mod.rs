@@ -5,7 +5,7 @@ mod round_trip;
 
 use std::net::SocketAddr;
 
-use super::{Column, Options, Product, ReturnMode, VelodyneDecoder, VelodyneEncoder};
+use super::{Column, Cut, Options, Product, ReturnMode, VelodyneDecoder, VelodyneEncoder};
 use crate::{DecodeStats, Decoded, Decoder, Frame, Packet, Rejected};
 
 /// One firing sequence with its samples.

@@ -4,6 +4,8 @@
 //! them), when from `timestamp`, `time` or `gps_time`, in seconds. The viewpoint in the header of a PCD file is passed
 //! over: programs write the origin there when they know of none.
 
+#[cfg(feature = "survey")]
+mod las_file;
 mod lzf;
 mod pcd;
 mod ply;
@@ -61,7 +63,7 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
         }
         "las" | "laz" => {
             let file = crate::base::files::open(path).map_err(unreadable)?;
-            read_las(file, &mut count).map_err(|error| malformed(Fault::at("LAS", error.to_string())))?;
+            las_file::read(file, &mut count).map_err(malformed)?;
         }
         _ => return Err(CloudFileError::UnknownFormat { path: path.to_owned() }),
     }
@@ -71,25 +73,13 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
     Ok(())
 }
 
+/// Stands in for the reader that was left out.
 #[cfg(not(feature = "survey"))]
-fn read_las(_: File, _: &mut dyn FnMut(CloudPoint)) -> Result<(), String> {
-    Err(crate::base::features::left_out("LAS and LAZ", "survey"))
-}
+mod las_file {
+    use super::{CloudPoint, Fault, File};
 
-#[cfg(feature = "survey")]
-fn read_las(file: File, take: &mut dyn FnMut(CloudPoint)) -> las::Result<()> {
-    const AT_ONCE: u64 = 1 << 16;
-    let mut reader = las::Reader::new(std::io::BufReader::new(file))?;
-    loop {
-        let points = reader.read_points(AT_ONCE)?;
-        if points.is_empty() {
-            return Ok(());
-        }
-        let mut times = points.gps_time();
-        for ((x, y), z) in points.x().zip(points.y()).zip(points.z()) {
-            let time_s = times.as_mut().and_then(Iterator::next);
-            take(CloudPoint { position_m: DVec3::new(x, y, z), seen_from_m: None, time_s });
-        }
+    pub(super) fn read(_: File, _: &mut dyn FnMut(CloudPoint)) -> Result<(), Fault> {
+        Err(Fault::at("LAS", crate::base::features::left_out("LAS and LAZ", "survey")))
     }
 }
 

@@ -1,7 +1,11 @@
 //! glTF 2.0, `.gltf` and `.glb` (Khronos specification, sections 3.5 to 3.7): triangles of every node of the scene,
 //! placed by the node transforms. Buffers are read by hand: the crate would also decode every image.
 
+mod structure;
+
+use std::collections::HashMap;
 use std::path::Path;
+use std::rc::Rc;
 
 use glam::{DMat4, DVec3, Mat4};
 use gltf::accessor::{DataType, Dimensions};
@@ -10,11 +14,12 @@ use gltf::{Accessor, Document, Gltf, Node, Semantic};
 
 use super::{Fault, Soup};
 
-/// Deepest nesting of nodes that is followed; the format forbids cycles, files may hold them.
-const DEEPEST: usize = 256;
+/// Corners that nodes may make of meshes beyond what the file itself holds: many nodes may place one mesh.
+const MOST_PLACED: usize = 1 << 24;
 
 /// Reads all triangles; `folder` is where the file lies, for its buffers.
 pub(super) fn read(bytes: &[u8], folder: &Path) -> Result<Soup, Fault> {
+    structure::check(bytes)?;
     let gltf = Gltf::from_slice(bytes).map_err(|error| Fault::at("document", error.to_string()))?;
     if let Some(extension) = gltf.extensions_required().find(|name| changes_geometry(name)) {
         return Err(Fault::at("extensionsRequired", format!("{extension} is not supported")));
@@ -23,20 +28,23 @@ pub(super) fn read(bytes: &[u8], folder: &Path) -> Result<Soup, Fault> {
     let mut soup = Soup::default();
     let scene = gltf.default_scene().or_else(|| gltf.scenes().next());
     let Some(scene) = scene else { return Err(Fault::at("scenes", "none, expected one")) };
-    let mut open: Vec<(Node, DMat4, usize)> = scene.nodes().map(|node| (node, DMat4::IDENTITY, 0)).collect();
-    while let Some((node, scene_from_parent, depth)) = open.pop() {
-        if depth > DEEPEST {
-            return Err(Fault::at(format!("node {}", node.index()), "nested too deep or in a circle"));
-        }
+    let most = MOST_PLACED + buffers.iter().map(|buffer| buffer.len()).sum::<usize>();
+    let mut open: Vec<(Node, DMat4)> = scene.nodes().map(|node| (node, DMat4::IDENTITY)).collect();
+    while let Some((node, scene_from_parent)) = open.pop() {
         let local = Mat4::from_cols_array_2d(&node.transform().matrix()).as_dmat4();
         let scene_from_node = scene_from_parent * local;
         if let Some(mesh) = node.mesh() {
             for primitive in mesh.primitives() {
                 let place = format!("mesh {} primitive {}", mesh.index(), primitive.index());
                 add_primitive(&mut soup, &primitive, &scene_from_node, &buffers, &place)?;
+                if soup.vertices.len().max(3 * soup.triangles.len()) > most {
+                    let reason =
+                        format!("its nodes place meshes of more than {most} corners in all, which is most");
+                    return Err(Fault::at(place, reason));
+                }
             }
         }
-        open.extend(node.children().map(|child| (child, scene_from_node, depth + 1)));
+        open.extend(node.children().map(|child| (child, scene_from_node)));
     }
     Ok(soup)
 }
@@ -49,7 +57,7 @@ fn add_primitive(
     soup: &mut Soup,
     primitive: &gltf::Primitive,
     scene_from_node: &DMat4,
-    buffers: &[Vec<u8>],
+    buffers: &[Rc<[u8]>],
     place: &str,
 ) -> Result<(), Fault> {
     if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
@@ -97,7 +105,7 @@ fn add_primitive(
     Ok(())
 }
 
-fn indices(accessor: &Accessor, buffers: &[Vec<u8>], place: &str) -> Result<Vec<u32>, Fault> {
+fn indices(accessor: &Accessor, buffers: &[Rc<[u8]>], place: &str) -> Result<Vec<u32>, Fault> {
     let size = match accessor.data_type() {
         DataType::U8 => 1,
         DataType::U16 => 2,
@@ -111,7 +119,7 @@ fn indices(accessor: &Accessor, buffers: &[Vec<u8>], place: &str) -> Result<Vec<
 /// The elements of an accessor, each `size` bytes.
 fn elements<'a>(
     accessor: &Accessor,
-    buffers: &'a [Vec<u8>],
+    buffers: &'a [Rc<[u8]>],
     size: usize,
     place: &str,
 ) -> Result<Vec<&'a [u8]>, Fault> {
@@ -140,22 +148,32 @@ fn elements<'a>(
     }
 }
 
-fn buffers(gltf: &Gltf, folder: &Path) -> Result<Vec<Vec<u8>>, Fault> {
+fn buffers(gltf: &Gltf, folder: &Path) -> Result<Vec<Rc<[u8]>>, Fault> {
     let document: &Document = gltf;
-    let mut all = Vec::new();
+    let mut all: Vec<Rc<[u8]>> = Vec::new();
+    let mut read: HashMap<&str, Rc<[u8]>> = HashMap::new(); // many buffers may name one file
     for buffer in document.buffers() {
         let place = format!("buffer {}", buffer.index());
         let bytes = match buffer.source() {
-            gltf::buffer::Source::Bin => {
-                gltf.blob.clone().ok_or_else(|| Fault::at(&place, "the file has no binary chunk"))?
+            // the chunk is that of the first buffer (section 3.6.1.2)
+            gltf::buffer::Source::Bin if buffer.index() > 0 => {
+                return Err(Fault::at(&place, "no uri; only buffer 0 may be the binary chunk of the file"));
             }
-            gltf::buffer::Source::Uri(uri) => match uri.split_once(";base64,") {
-                Some((_, text)) if uri.starts_with("data:") => {
-                    base64(text).ok_or_else(|| Fault::at(&place, "not base64"))?
+            gltf::buffer::Source::Bin => {
+                let chunk = gltf.blob.as_deref();
+                chunk.ok_or_else(|| Fault::at(&place, "the file has no binary chunk"))?.into()
+            }
+            gltf::buffer::Source::Uri(uri) => match (read.get(uri), uri.split_once(";base64,")) {
+                (Some(bytes), _) => bytes.clone(),
+                (None, Some((_, text))) if uri.starts_with("data:") => {
+                    base64(text).ok_or_else(|| Fault::at(&place, "not base64"))?.into()
                 }
-                _ => external(uri, folder).map_err(|reason| Fault::at(&place, reason))?,
+                _ => external(uri, folder).map_err(|reason| Fault::at(&place, reason))?.into(),
             },
         };
+        if let gltf::buffer::Source::Uri(uri) = buffer.source() {
+            read.insert(uri, bytes.clone());
+        }
         if bytes.len() < buffer.length() {
             let reason = format!("{} bytes, expected {}", bytes.len(), buffer.length());
             return Err(Fault::at(place, reason));

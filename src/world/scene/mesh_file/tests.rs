@@ -308,3 +308,43 @@ fn gltf_buffers_lie_beside_the_file_or_inside_it() {
     assert!(read("data:application/octet-stream;base64,AAAA").unwrap_err().to_string().contains("3 bytes"));
     assert!(read("data:application/octet-stream;base64,A?AA").unwrap_err().to_string().contains("base64"));
 }
+
+#[test]
+fn gltf_nodes_are_trees_and_accessors_are_there() {
+    let read = |nodes: &str, roots: &str, accessor: &str| {
+        let document = format!(
+            r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[{roots}]}}],"nodes":[{nodes}],
+                "meshes":[{{"primitives":[{{"attributes":{{"POSITION":{accessor}}}}}]}}]}}"#
+        );
+        gltf::read(document.as_bytes(), Path::new("")).unwrap_err().to_string()
+    };
+    // each of 40 nodes names the next one twice: 2^40 of the last
+    let chain: Vec<String> = (1..40).map(|next| format!(r#"{{"children":[{next},{next}]}}"#)).collect();
+    let twice = read(&(chain.join(",") + r#",{"mesh":0}"#), "0", "0");
+    assert!(twice.contains("accessor"), "what is not there is found first: {twice}");
+    let tree = |nodes: &str, roots: &str| {
+        let document =
+            format!(r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[{roots}]}}],"nodes":[{nodes}]}}"#);
+        gltf::read(document.as_bytes(), Path::new("")).map_err(|fault| fault.to_string())
+    };
+    let parent = |fault: Result<Soup, String>, words: &str| {
+        let fault = fault.unwrap_err();
+        assert!(fault.contains(words), "{fault}");
+    };
+    parent(tree(&(chain.join(",") + ",{}"), "0"), "node 1: child of node 0 and of node 0");
+    parent(tree(r#"{"children":[2]},{"children":[2]},{}"#, "0,1"), "node 2: child of node 0 and of node 1");
+    parent(
+        tree(r#"{"children":[1]},{"children":[0]}"#, "0"),
+        "node 0: a root of scene 0 and child of node 1",
+    );
+    parent(tree("{}", "0,0"), "node 0: named twice");
+    parent(tree(r#"{"children":[7]}"#, "0"), "child 7");
+    assert!(tree(r#"{"children":[1,2]},{},{}"#, "0").is_ok());
+    let glb = as_glb();
+    for (at, value) in [(8, 3_u32), (8, u32::MAX), (12, u32::MAX)] {
+        let mut bytes = glb.clone();
+        bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        let fault = gltf::read(&bytes, Path::new("")).unwrap_err().to_string();
+        assert!(fault.contains(&format!("byte {at}")), "{fault}");
+    }
+}
