@@ -69,6 +69,16 @@ pub fn folder_name_now() -> String {
     format!("session-{}Z", seconds.replace(':', ""))
 }
 
+/// Whether a name can be that of a file.
+fn check_name(name: &str) -> Result<(), SessionError> {
+    let allowed = |letter: char| letter.is_ascii_alphanumeric() || "._-".contains(letter);
+    if name.is_empty() || name.starts_with('.') || !name.chars().all(allowed) {
+        let reason = "use letters, digits, '.', '_' and '-', not '.' first";
+        return Err(SessionError::Name { name: name.to_owned(), reason });
+    }
+    Ok(())
+}
+
 /// Names of the files in a session.
 pub mod file {
     /// What the session holds.

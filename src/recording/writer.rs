@@ -16,7 +16,7 @@ use super::ticker::Ticker;
 use super::whereabouts::{Displaced, OPEN_FILES, Whereabouts};
 use super::whole_file::WholeFile;
 use super::{SessionError, check_name, disk, file};
-use crate::live::receive::{Datagram, Listen, Tally, now_ns};
+use crate::live::receive::{Datagram, Listen, Tally};
 use crate::rig::{CalibrationFile, MountFile};
 use crate::world::trajectory::Trajectory;
 

@@ -97,6 +97,7 @@ fn record(path: &Path, step_ns: i64, link_ns: u64, is_old: bool) {
             uncertainty_urad: Some(200),
             target_urad: (8_f64.to_radians() * 1e6).round() as i32,
             source: "measured".into(),
+            homed: Some(true),
             state: if stands { "holding" } else { "moving" }.into(),
             faults: Vec::new(),
         };

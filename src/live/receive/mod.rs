@@ -106,13 +106,3 @@ pub fn aside_of(sensor: &str) -> String {
 pub fn is_aside<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
     sensors.any(|sensor| aside_of(sensor) == name)
 }
-
-/// Whether a name can be that of a file.
-fn check_name(name: &str) -> Result<(), SessionError> {
-    let allowed = |letter: char| letter.is_ascii_alphanumeric() || "._-".contains(letter);
-    if name.is_empty() || name.starts_with('.') || !name.chars().all(allowed) {
-        let reason = "use letters, digits, '.', '_' and '-', not '.' first";
-        return Err(SessionError::Name { name: name.to_owned(), reason });
-    }
-    Ok(())
-}

@@ -10,7 +10,6 @@ mod lzf;
 mod pcd;
 mod ply;
 
-use std::fs::File;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
