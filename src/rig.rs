@@ -4,6 +4,7 @@ mod conflicts;
 mod found_with;
 mod mount_file;
 mod published_export;
+mod read_mount;
 mod touching;
 mod unit;
 

@@ -83,13 +83,13 @@ fn no_files_import_each_other_in_a_circle() {
 fn files_are_opened_for_reading_in_one_place() {
     // what the system has under /proc and /sys, the captures of a command line (pipes among them), a session being written
     const OTHERS: [&str; 7] = [
-        "files.rs",
+        "base/files.rs",
         "commands/doctor.rs",
         "commands/recording.rs",
         "daemon/engine/memory.rs",
         "mock/transmit.rs",
-        "record/whereabouts.rs",
-        "servo/usb.rs",
+        "recording/whereabouts.rs",
+        "drive/usb.rs",
     ];
     let mut offences = Vec::new();
     for file in rust_files(&root().join("src")) {
@@ -105,7 +105,7 @@ fn files_are_opened_for_reading_in_one_place() {
             }
         }
     }
-    assert!(offences.is_empty(), "use crate::files to read:\n{}", offences.join("\n"));
+    assert!(offences.is_empty(), "use crate::base::files to read:\n{}", offences.join("\n"));
 }
 
 /// Public fields of type f64 or u64 that measure something say in what: a bare `range: f64` is refused.

@@ -2,7 +2,7 @@
 
 use firmware_protocol::{Reading, Servo, Setpoint};
 
-use super::bus_servos::{MockBus, Table};
+use super::servo_table::{MockBus, Table};
 use crate::drive::bus_servos::{BROADCAST, TURN_COUNTS, counts, instruction, urad};
 use crate::drive::feetech::packet::{Packet, PacketReceiver};
 use crate::drive::feetech::table;

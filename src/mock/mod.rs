@@ -6,5 +6,6 @@ mod feetech;
 mod pty;
 pub mod rig;
 pub mod sensor;
+mod servo_table;
 pub mod transmit;
 pub mod web;

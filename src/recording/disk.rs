@@ -5,7 +5,7 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::{FileEntry, SessionError};
+use super::SessionError;
 use crate::base::files::{self, hexadecimal};
 
 /// Puts a file of a session under its name whole or not at all, and on the disk.
@@ -39,4 +39,38 @@ pub(super) fn entry_of(dir: &Path, relative: &str) -> Result<FileEntry, SessionE
 pub fn free_bytes(folder: &Path) -> io::Result<u64> {
     let state = nix::sys::statvfs::statvfs(folder)?;
     Ok(state.blocks_available() * state.fragment_size())
+}
+
+/// One file of a session.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct FileEntry {
+    /// Path in the session, with forward slashes.
+    pub path: String,
+    /// Length.
+    pub bytes: u64,
+    /// SHA-256, hexadecimal.
+    #[serde(default)]
+    pub sha256: String,
+}
+
+impl FileEntry {
+    /// Whether its content can be held against a digest.
+    pub(super) fn has_digest(&self) -> bool {
+        self.sha256.len() == 64 && self.sha256.bytes().all(|byte| byte.is_ascii_hexdigit())
+    }
+}
+
+/// Free space below which a warning is due.
+pub const LOW_DISK_BYTES: u64 = 512 << 20;
+
+/// The recording time left below which a warning is due, s.
+pub const LOW_DISK_SECONDS: f64 = 120.0;
+
+/// Space runs out.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct LowDisk {
+    /// Bytes still free.
+    pub free_bytes: u64,
+    /// How long they last at the present rate, s; none while nothing arrives.
+    pub seconds_left: Option<f64>,
 }

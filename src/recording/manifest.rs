@@ -6,6 +6,7 @@ use std::path::Path;
 
 use sensors::capture::Interface;
 
+use super::disk::FileEntry;
 use super::{SessionError, file};
 use crate::base::files;
 use crate::live::clocks::host::HostTime;
@@ -134,25 +135,6 @@ impl Losses {
         self.queue_dropped += other.queue_dropped;
         self.not_written += other.not_written;
         self.deleted += other.deleted;
-    }
-}
-
-/// One file of a session.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct FileEntry {
-    /// Path in the session, with forward slashes.
-    pub path: String,
-    /// Length.
-    pub bytes: u64,
-    /// SHA-256, hexadecimal.
-    #[serde(default)]
-    pub sha256: String,
-}
-
-impl FileEntry {
-    /// Whether its content can be held against a digest.
-    pub(super) fn has_digest(&self) -> bool {
-        self.sha256.len() == 64 && self.sha256.bytes().all(|byte| byte.is_ascii_hexdigit())
     }
 }
 

@@ -47,18 +47,19 @@ mod manifest;
 mod open;
 mod recording;
 mod session;
+mod shared;
 mod ticker;
 mod whereabouts;
 mod whole_file;
 mod writer;
 
 pub use clock::{ClockSource, HOST_CLOCK_STEP};
-pub use disk::free_bytes;
-pub use manifest::{FORMAT, FileEntry, Losses, Manifest, SensorEntry};
+pub use disk::{FileEntry, LOW_DISK_BYTES, LOW_DISK_SECONDS, free_bytes};
+pub use manifest::{FORMAT, Losses, Manifest, SensorEntry};
 pub use recording::Recording;
 pub use session::{Session, SessionPackets};
 pub use whereabouts::Displaced;
-pub use writer::{LOW_DISK_BYTES, LOW_DISK_SECONDS, SensorInfo, SessionWriter};
+pub use writer::{SensorInfo, SessionWriter};
 
 use std::path::{Path, PathBuf};
 

@@ -9,10 +9,10 @@ use sensors::Packet;
 use sensors::capture::{CaptureReader, PcapngWriter};
 
 use super::clock::SessionClock;
+use super::disk::{LOW_DISK_BYTES, LOW_DISK_SECONDS, LowDisk};
 use super::manifest::{Losses, Manifest};
 use super::whereabouts::{Displaced, Expected, OPEN_FILES, PacketsLeft, Whereabouts};
 use super::whole_file::WholeFile;
-use super::writer::{LOW_DISK_BYTES, LOW_DISK_SECONDS, LowDisk};
 use super::{FileEntry, SessionError, disk, file};
 use crate::live::receive::{Tally, now_ns};
 

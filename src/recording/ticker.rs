@@ -6,7 +6,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::writer::Shared;
+use super::shared::Shared;
 
 /// Half of the second that a crash may cost at most.
 const PERIOD: Duration = Duration::from_millis(500);

@@ -4,14 +4,16 @@ use std::fs::{self, File};
 use std::io;
 use std::net::{IpAddr, SocketAddr};
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use sensors::Packet;
 use sensors::capture::PcapngWriter;
 
 use super::clock::{ClockSource, SessionClock};
+use super::disk::LowDisk;
 use super::manifest::{Manifest, SensorEntry};
 use super::open::{Open, no_space, put, write_line};
+use super::shared::Shared;
 use super::ticker::Ticker;
 use super::whereabouts::{Displaced, OPEN_FILES, Whereabouts};
 use super::whole_file::WholeFile;
@@ -22,10 +24,6 @@ use crate::world::trajectory::Trajectory;
 
 /// Kept back on the disk for closing the session: statistics, manifest and some lines need far less.
 const RESERVE_BYTES: usize = 256 << 10;
-/// Free space below which a warning is due.
-pub const LOW_DISK_BYTES: u64 = 512 << 20;
-/// The recording time left below which a warning is due, s.
-pub const LOW_DISK_SECONDS: f64 = 120.0;
 
 /// What a session is told about a sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -52,15 +50,6 @@ impl SensorInfo {
 pub struct SessionWriter {
     shared: Arc<Shared>,
     ticker: Mutex<Option<Ticker>>,
-}
-
-/// Space runs out.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct LowDisk {
-    /// Bytes still free.
-    pub free_bytes: u64,
-    /// How long they last at the present rate, s; none while nothing arrives.
-    pub seconds_left: Option<f64>,
 }
 
 impl SessionWriter {
@@ -311,40 +300,6 @@ impl Drop for SessionWriter {
         if let Some(open) = self.shared.lock().as_mut() {
             open.flush();
         }
-    }
-}
-
-/// What the writer and its flushing thread share.
-#[derive(Debug)]
-pub(super) struct Shared {
-    files: Whereabouts,
-    displaced: OnceLock<Displaced>,
-    open: Mutex<Option<Open>>,
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Option<Open>> {
-        self.open.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Flushes, syncs, and looks at the free space and whether the files still lie where they were made. False once the
-    /// session is closed. A slow disk holds up nobody: it is waited for outside the lock.
-    pub(super) fn tick(&self) -> bool {
-        let expected = {
-            let mut guard = self.lock();
-            let Some(open) = guard.as_mut() else { return false };
-            open.look_at_clock(self.files.dir());
-            open.flush();
-            open.watch_space(self.files.dir());
-            open.expected()
-        };
-        if let Some(found) = self.files.check(&expected) {
-            self.displaced.get_or_init(|| found);
-        }
-        if let (Err(error), Some(open)) = (self.files.sync(), self.lock().as_mut()) {
-            open.failed(file::PACKETS, error);
-        }
-        true
     }
 }
 

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
-use super::{FoundWith, Mount, published_export};
+use super::{FoundWith, Mount};
 use crate::base::files;
 
 /// What `format` says.
@@ -119,19 +119,6 @@ impl MountFile {
         }
     }
 
-    /// Reads a file, or the published program's export. Everything in it is checked: format, frame, names, models,
-    /// finite numbers.
-    pub fn read(path: &Path) -> Result<Self, MountFileError> {
-        let text = crate::base::files::read_text(path)
-            .map_err(|source| MountFileError::Unreadable { path: path.to_owned(), source })?;
-        let mut file = Self::from_json(&text)
-            .map_err(|reason| MountFileError::Wrong { path: path.to_owned(), reason })?;
-        for calibration in file.calibrations.iter_mut().flat_map(BTreeMap::values_mut) {
-            *calibration = files::folder_of(path).join(&*calibration);
-        }
-        Ok(file)
-    }
-
     /// The same of a file that travels with its folder, from whoever made it: what it names lies in the folder, too.
     pub fn read_inside(folder: &Path, name: &str) -> Result<Self, MountFileError> {
         let path = folder.join(name);
@@ -193,26 +180,7 @@ impl MountFile {
         file
     }
 
-    fn from_json(text: &str) -> Result<Self, String> {
-        if published_export::is_published(text) {
-            let file = published_export::mount_file(text)?;
-            file.check()?;
-            return Ok(file);
-        }
-        let reader = &mut serde_json::Deserializer::from_str(text);
-        let file: Self = serde_path_to_error::deserialize(&mut *reader).map_err(|error| {
-            let place = match error.path().to_string() {
-                path if path == "." => String::new(),
-                path => format!("at {path}: "),
-            };
-            format!("{place}{}; the fields are described under `outrigger evaluate --help`", error.inner())
-        })?;
-        reader.end().map_err(|error| format!("{error}; a mount file is one JSON object"))?;
-        file.check()?;
-        Ok(file)
-    }
-
-    fn check(&self) -> Result<(), String> {
+    pub(super) fn check(&self) -> Result<(), String> {
         if self.format != FORMAT {
             return Err(format!("format is {:?}, this program reads {FORMAT:?}", self.format));
         }

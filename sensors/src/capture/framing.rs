@@ -10,6 +10,7 @@ use pcap_parser::pcap::{parse_pcap_frame, parse_pcap_frame_be, parse_pcap_header
 use pcap_parser::pcapng::SHB_MAGIC;
 
 use super::buffer::Buffer;
+use super::clock::Clock;
 use super::error::{CaptureCounters, CaptureError, Truncated};
 use super::identify::looks_like;
 use super::pcapng_blocks::{self as blocks, Body, Bytes};
@@ -44,33 +45,6 @@ pub struct Interface {
     pub dropped: u64,
     #[serde(skip)]
     clock: Clock,
-}
-
-/// What an interface's stamps count.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Clock {
-    pub(super) ticks_per_second: u128,
-    pub(super) offset_s: i64,
-}
-
-impl Default for Clock {
-    fn default() -> Self {
-        Self { ticks_per_second: 1_000_000, offset_s: 0 }
-    }
-}
-
-impl Clock {
-    fn time_ns(self, ticks: u64) -> u64 {
-        match (self.ticks_per_second, self.offset_s) {
-            // as nearly every file has it, without a wide division
-            (1_000_000_000, 0) => return ticks,
-            (1_000_000, 0) => return ticks.saturating_mul(1000),
-            _ => {}
-        }
-        let since_offset = u128::from(ticks) * 1_000_000_000 / self.ticks_per_second; // below 2^94
-        let time_ns = since_offset as i128 + i128::from(self.offset_s) * 1_000_000_000;
-        time_ns.clamp(0, i128::from(u64::MAX)) as u64
-    }
 }
 
 pub(super) struct Framing {

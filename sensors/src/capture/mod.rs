@@ -2,6 +2,7 @@
 //! written.
 
 mod buffer;
+mod clock;
 mod dissect;
 mod error;
 mod framing;

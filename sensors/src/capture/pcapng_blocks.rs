@@ -9,7 +9,7 @@ use pcap_parser::pcapng::{
     parse_block_be, parse_block_le,
 };
 
-use super::framing::Clock;
+use super::clock::Clock;
 
 /// The packet block that the enhanced one replaced; `pcap-parser` does not know it.
 const OLD_PACKET: u32 = 2;

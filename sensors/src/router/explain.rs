@@ -10,6 +10,36 @@ use crate::Packet;
 use crate::ouster::Metadata;
 use crate::ouster::imu::LEGACY_BYTES;
 
+impl Sensor {
+    /// What is wrong with its beams where they are others than its own and that moves points by decimetres, and what
+    /// would help.
+    pub fn beams_are_off(&self) -> Option<String> {
+        let Family::Velodyne(decoder) = &self.family else { return None };
+        let is_hdl_64e = decoder.identity().is_some_and(|identity| identity.product.is_hdl_64e());
+        is_hdl_64e.then(|| foreign_beams(self.beams(), self.stats().frames)).flatten()
+    }
+
+    /// Why it has no packets, where those of several units could be its own.
+    pub fn one_of_several(&self) -> Option<String> {
+        let of_several = self.streams.of_several().is_some()
+            || (self.stats().packets == 0 && self.imu_streams().len() > 1);
+        of_several.then(|| of_one_of_several(self))
+    }
+
+    /// That there is one, in words.
+    pub fn two_sources(&self) -> Option<String> {
+        self.rival().map(|rival| two_sources(self, rival))
+    }
+
+    pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
+        if self.first_damage.is_none() {
+            let other = other_setting(self, packet);
+            self.misread_bytes = other.is_some().then_some(packet.payload.len());
+            self.first_damage = Some(other.unwrap_or(reason));
+        }
+    }
+}
+
 /// Why a packet goes to none of so many sensors that it could be of.
 pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
     if packet.payload.len() == LEGACY_BYTES {
@@ -27,7 +57,7 @@ pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
 }
 
 /// Why packets that claim to be a sensor's are not taken: they come from two places at once.
-pub(super) fn two_sources(sensor: &Sensor, Rival { taken, other, .. }: &Rival) -> String {
+fn two_sources(sensor: &Sensor, Rival { taken, other, .. }: &Rival) -> String {
     let whose = match (sensor.serial(), sensor.metadata_name.as_deref()) {
         ("", name) => format!("of packets that fit {}", name.unwrap_or("one sensor")),
         (serial, _) => format!("with serial {serial}"),
@@ -203,7 +233,7 @@ pub(super) fn unused_calibration(sensors: &[Sensor], given: &GivenCalibration) -
 }
 
 /// What beams that are not a unit's own mean for an HDL-64E.
-pub(super) fn foreign_beams(beams: Beams<'_>, frames: u64) -> Option<String> {
+fn foreign_beams(beams: Beams<'_>, frames: u64) -> Option<String> {
     let placed = match beams {
         Beams::Nominal => format!(
             "its {frames} frames are placed by nominal beams, as no whole calibration of the unit's own is among its \
@@ -220,7 +250,7 @@ pub(super) fn foreign_beams(beams: Beams<'_>, frames: u64) -> Option<String> {
 }
 
 /// What is wrong with a packet of a sensor that its decoder calls malformed, where a wrong setting explains it.
-pub(super) fn other_setting(sensor: &Sensor, packet: &Packet<'_>) -> Option<String> {
+fn other_setting(sensor: &Sensor, packet: &Packet<'_>) -> Option<String> {
     let guess = Guess::of(packet.payload);
     let length = packet.payload.len();
     match (&sensor.family, &guess) {

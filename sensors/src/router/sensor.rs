@@ -3,10 +3,10 @@
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
+use super::is_evidence;
 use super::senders::{Rival, Senders};
 use super::streams::{Stream, Streams};
 use super::tie::{Named, Tie};
-use super::{explain, is_evidence};
 use crate::ouster::{Claim, OusterDecoder};
 use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
 use crate::{DecodeStats, Decoder, Packet, SensorModel};
@@ -27,8 +27,8 @@ pub struct Sensor {
     pub(super) senders: Senders,
     /// Where what it sends beside its lidar packets goes, where somebody says.
     aside_port: Option<u16>,
-    first_damage: Option<String>,
-    misread_bytes: Option<usize>,
+    pub(super) first_damage: Option<String>,
+    pub(super) misread_bytes: Option<usize>,
     calibrated: Option<(String, Result<SensorModel, CalibrationError>)>,
 }
 
@@ -214,14 +214,6 @@ impl Sensor {
         }
     }
 
-    /// What is wrong with its beams where they are others than its own and that moves points by decimetres, and what
-    /// would help.
-    pub fn beams_are_off(&self) -> Option<String> {
-        let Family::Velodyne(decoder) = &self.family else { return None };
-        let is_hdl_64e = decoder.identity().is_some_and(|identity| identity.product.is_hdl_64e());
-        is_hdl_64e.then(|| explain::foreign_beams(self.beams(), self.stats().frames)).flatten()
-    }
-
     /// Why the calibration that was given for it is not used: its name, and what is wrong.
     pub fn calibration_error(&self) -> Option<(&str, &CalibrationError)> {
         let (name, model) = self.calibrated.as_ref()?;
@@ -243,21 +235,9 @@ impl Sensor {
         self.misread_bytes
     }
 
-    /// Why it has no packets, where those of several units could be its own.
-    pub fn one_of_several(&self) -> Option<String> {
-        let of_several = self.streams.of_several().is_some()
-            || (self.stats().packets == 0 && self.imu_streams().len() > 1);
-        of_several.then(|| explain::of_one_of_several(self))
-    }
-
     /// Another source whose packets claim to be its own.
     pub fn rival(&self) -> Option<&Rival> {
         self.senders.rival()
-    }
-
-    /// That there is one, in words.
-    pub fn two_sources(&self) -> Option<String> {
-        self.rival().map(|rival| explain::two_sources(self, rival))
     }
 
     /// What its packets are said to have in common.
@@ -347,14 +327,6 @@ impl Sensor {
             && packet.payload.len() == decoder.lidar_bytes()
         {
             self.data_port.get_or_insert(packet.destination.port());
-        }
-    }
-
-    pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
-        if self.first_damage.is_none() {
-            let other = explain::other_setting(self, packet);
-            self.misread_bytes = other.is_some().then_some(packet.payload.len());
-            self.first_damage = Some(other.unwrap_or(reason));
         }
     }
 

@@ -4,7 +4,6 @@ use anyhow::ensure;
 use sensors::Frame;
 use serde::Serialize;
 
-use super::feed::Fed;
 use crate::drive::ServoReport;
 use crate::recording::Session;
 use crate::report::chart::signed;
@@ -171,7 +170,7 @@ impl Pitches {
 }
 
 /// What the axes measured while their sensors recorded.
-pub fn summaries(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<AxisSummary> {
+pub fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<AxisSummary> {
     let summary = |(sensor, pitches): (&MountedSensor, &Pitches)| {
         let [least_rad, greatest_rad] = pitches.span_rad?;
         let zero_rad = zeros.rad(&sensor.name);
@@ -184,12 +183,12 @@ pub fn summaries(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<AxisSummary> {
             reports: pitches.readings,
         })
     };
-    rig.sensors.iter().zip(&fed.pitches).filter_map(summary).collect()
+    rig.sensors.iter().zip(pitches).filter_map(summary).collect()
 }
 
 /// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
 /// knows.
-pub fn contradicted(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<String> {
+pub fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
     let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {
         let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, pitches.span_rad?);
         let is_typed = zeros.rad(&sensor.name) != 0.0;
@@ -205,5 +204,5 @@ pub fn contradicted(rig: &Rig, zeros: &AxisZeros, fed: &Fed) -> Vec<String> {
             )
         })
     };
-    rig.sensors.iter().zip(&fed.pitches).filter_map(words).collect()
+    rig.sensors.iter().zip(pitches).filter_map(words).collect()
 }

@@ -145,12 +145,12 @@ impl Recorded {
 
     /// What its axes measured while its sensors recorded, which a pass over it has found.
     pub fn axes(&self, fed: &Fed) -> Vec<AxisSummary> {
-        summaries(&self.rig, &self.zeros, fed)
+        summaries(&self.rig, &self.zeros, &fed.pitches)
     }
 
     /// Mounts that are not as their axes measured, in words.
     pub fn contradicted(&self, fed: &Fed) -> Vec<String> {
-        contradicted(&self.rig, &self.zeros, fed)
+        contradicted(&self.rig, &self.zeros, &fed.pitches)
     }
 
     /// What it is, in words.

@@ -72,6 +72,6 @@ pub fn compare(
         },
         &replayed,
     );
-    let axes = summaries(rig, &AxisZeros::default(), &fed);
+    let axes = summaries(rig, &AxisZeros::default(), &fed.pitches);
     Ok(Compared { replayed, rig: axes, sensors: fed.sensors, compare })
 }
