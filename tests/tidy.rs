@@ -9,6 +9,7 @@ mod circles;
 pub const CASES: &[Case] = &[
     case("wings_use_only_wings_above_them", wings_use_only_wings_above_them),
     case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
+    case("no_verb_imports_a_verb", no_verb_imports_a_verb),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
     case("no_path_of_one_machine", no_path_of_one_machine),
     case("files_are_opened_for_reading_in_one_place", files_are_opened_for_reading_in_one_place),
@@ -106,6 +107,38 @@ fn files_are_opened_for_reading_in_one_place() {
         }
     }
     assert!(offences.is_empty(), "use crate::base::files to read:\n{}", offences.join("\n"));
+}
+
+/// A verb is a module of `commands` with a public `run`.
+fn no_verb_imports_a_verb() {
+    let folder = root().join("src/commands");
+    let mut files: Vec<(String, String)> = Vec::new(); // module, its code
+    for file in rust_files(&folder) {
+        let relative = file.strip_prefix(&folder).unwrap();
+        let module = relative.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs").to_owned();
+        let text = std::fs::read_to_string(&file).unwrap();
+        files.push((module, text.split("#[cfg(test)]").next().unwrap().to_owned()));
+    }
+    let runs = |text: &str| text.contains("\npub fn run(") || text.contains("\npub async fn run(");
+    let mut verbs: Vec<&str> = Vec::new();
+    for (module, text) in &files {
+        if runs(text) && module != "mod" && !verbs.contains(&module.as_str()) {
+            verbs.push(module);
+        }
+    }
+    assert!(verbs.len() > 15, "{verbs:?}");
+    let mut offences = Vec::new();
+    for (module, text) in files.iter().filter(|(module, _)| verbs.contains(&module.as_str())) {
+        for path in ["crate::commands::", "super::super::"] {
+            for used in text.split(path).skip(1) {
+                let used: String = used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                if used != *module && verbs.contains(&used.as_str()) {
+                    offences.push(format!("{module} uses {used}"));
+                }
+            }
+        }
+    }
+    assert!(offences.is_empty(), "verbs that import a verb:\n{}", offences.join("\n"));
 }
 
 /// Public fields of type f64 or u64 that measure something say in what: a bare `range: f64` is refused.

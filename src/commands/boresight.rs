@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::compare::recorded::{Kept, Recorded, RecordedArgs};
+use super::recorded::{Kept, Recorded, RecordedArgs};
 use super::recorded_odometry::{self as odometry, OdometryArgs};
 use super::scene_args::PoseErrorArgs;
 use super::{Context, Outcome, output};

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use serde::Serialize;
 
-use super::compare::recorded::{Recorded, RecordedArgs};
+use super::recorded::{Recorded, RecordedArgs};
 use super::recorded_odometry::{OdometryArgs, of_one, of_rig, remarks};
 use super::recording::Recording;
 use super::{Context, Outcome, output};

@@ -10,13 +10,14 @@ use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use sensors::ouster::Metadata;
 
 use super::rig::by_axis;
+use super::sensor_metadata::{first_look, read_metadata};
 use super::signals::{self, Wishes};
 use super::{Context, Outcome, output};
 use crate::live::config::{SensorConfig, Stream};
 use crate::live::receive::{Listen, Monitor, Options, Receiver, Silence, now_ns};
 use crate::live::receive::{aside_of, is_aside};
 use crate::live::setup::{Sensor, warnings};
-use crate::live::watch::{FirstLook, FirstLooks};
+use crate::live::watch::FirstLooks;
 use crate::recording::{Losses, Manifest, Recording, SensorInfo, SessionError, SessionWriter};
 use crate::rig::{CalibrationFile, MountFile, Rig};
 
@@ -148,19 +149,6 @@ fn warn_unseated(rig: &Rig, listens: &[Listen]) {
     for error in names().filter(|name| !is_aside(name, names())).filter_map(|name| rig.seat(name).err()) {
         say(&format!("warning: {error}"));
     }
-}
-
-/// A look at what a sensor sends first; what it sends beside its lidar packets is nobody's to judge.
-pub(super) fn first_look(sensor: &Stream, metadata: Option<&str>, listens: &[Listen]) -> Option<FirstLook> {
-    if is_aside(&sensor.listen.name, listens.iter().map(|listen| listen.name.as_str())) {
-        return None;
-    }
-    let name = match (&sensor.metadata, &sensor.host) {
-        (Some(path), _) => path.display().to_string(),
-        (None, host) => host.clone().unwrap_or_default(),
-    };
-    let metadata = metadata.and_then(|text| Metadata::parse(text, &name).ok());
-    Some(FirstLook::new(sensor.model.clone(), metadata.map(|metadata| (metadata, name))))
 }
 
 fn unreadable(listens: &[Listen], (sensor, words): &(usize, String)) -> String {
@@ -373,12 +361,6 @@ pub(super) fn metadata_of(sensor: &Stream) -> anyhow::Result<Option<String>> {
         Metadata::parse(theirs, host)?;
     }
     Ok(file.or(state.metadata))
-}
-
-pub(super) fn read_metadata(path: &Path) -> anyhow::Result<String> {
-    let text = crate::base::files::read_text(path).with_context(|| format!("metadata {}", path.display()))?;
-    Metadata::parse(&text, &path.display().to_string())?;
-    Ok(text)
 }
 
 fn parse_listen(text: &str) -> Result<Stream, String> {

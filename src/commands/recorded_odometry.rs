@@ -3,8 +3,8 @@
 use anyhow::{bail, ensure};
 use sensors::Decoded;
 
-use super::compare::hearing;
-use super::compare::recorded::Recorded;
+use super::recorded::Recorded;
+use super::recorded::hearing;
 use super::recording::Recording;
 use super::{Context, unread};
 use crate::base::geometry::Pose;

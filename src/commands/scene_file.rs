@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
 
-use super::compare::axes::{AxisZeros, tilts};
-use super::compare::feed::{self, Seated, Taken};
-use super::compare::host_clock;
+use super::recorded::axes::{AxisZeros, tilts};
+use super::recorded::feed::{self, Seated, Taken};
+use super::recorded::host_clock;
 use super::scene_args::MeshArgs;
 use super::stage::Stage;
 use super::{Context, wrong_usage};

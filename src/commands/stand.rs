@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::compare::feed::Taken;
-use super::compare::recorded::{Recorded, RecordedArgs};
+use super::recorded::feed::Taken;
+use super::recorded::{Recorded, RecordedArgs};
 use super::stage::Stage;
 use super::{Context, Outcome, output};
 use crate::drive::ServoReport;

@@ -181,3 +181,13 @@ pub fn baselines_section<T>(
         &format!("One sensor in the middle of the mounts; best at a pitch of {best_deg:.0} degrees."),
     );
 }
+
+/// Classes of cells in the pictures.
+pub fn where_different() -> [CellClass; 4] {
+    [
+        CellClass::new("c-both", "predicted and recorded"),
+        CellClass::new("c-bad", "missed: predicted, not recorded"),
+        CellClass::new("c-odd", "unexpected: recorded, not predicted"),
+        CellClass::new("c-none", "neither"),
+    ]
+}

@@ -1,18 +1,7 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
-pub mod axes;
-mod beams;
-pub mod comparison;
-pub mod feed;
-pub mod hearing;
-mod homing;
-pub mod host_clock;
-pub mod judge;
 pub mod page;
 pub mod place;
-pub mod recorded;
-mod seats;
-mod verdict;
 
 use std::path::{Path, PathBuf};
 
@@ -32,12 +21,12 @@ use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
-use axes::AxisSummary;
-use comparison::{Comparison, Verdict};
-use feed::{Fed, SensorSummary};
-use judge::Given;
+use super::recorded::axes::AxisSummary;
+use super::recorded::feed::{Fed, SensorSummary};
+use super::recorded::judge::{self, Given};
+use super::recorded::{Recorded, RecordedArgs, hearing};
+use crate::verify::judgement::comparison::{Comparison, Verdict};
 use place::PlaceArgs;
-use recorded::{Recorded, RecordedArgs};
 
 /// Samples of the surface.
 const SAMPLES: usize = 200_000;

@@ -3,11 +3,12 @@
 use std::fmt::Write as _;
 
 use super::Document;
-use super::comparison::{Comparison, Verdict};
 use crate::commands::output;
 use crate::report::chart::{CellClass, CellMap, LineChart, Series, number, signed};
+use crate::report::figures::where_different;
 use crate::report::{Report, unfold_box};
 use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
+use crate::verify::judgement::comparison::{Comparison, Verdict};
 use crate::world::coverage::Coverage;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
@@ -308,16 +309,6 @@ fn strip(name: &str, breakdown: &Breakdown) -> CellMap {
         others.iter().enumerate().max_by_key(|(_, count)| **count).map(|(place, _)| place + 1)
     };
     CellMap { title: name.to_owned(), width: SECTORS, cells: breakdown.strip.iter().map(class).collect() }
-}
-
-/// Classes of cells in the pictures.
-pub fn where_different() -> [CellClass; 4] {
-    [
-        CellClass::new("c-both", "predicted and recorded"),
-        CellClass::new("c-bad", "missed: predicted, not recorded"),
-        CellClass::new("c-odd", "unexpected: recorded, not predicted"),
-        CellClass::new("c-none", "neither"),
-    ]
 }
 
 fn pictures(report: &mut Report, replayed: &Replayed, scene: &Scene, trajectory: &Trajectory) {

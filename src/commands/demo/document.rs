@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::commands::compare::axes::AxisSummary;
-use crate::commands::compare::comparison::Comparison;
-use crate::commands::compare::feed::SensorSummary;
+use crate::commands::recorded::axes::AxisSummary;
+use crate::commands::recorded::feed::SensorSummary;
+use crate::verify::judgement::comparison::Comparison;
 
 /// Format name, also what marks a folder as made by the demo.
 pub const FORMAT: &str = "outrigger-demo/1";

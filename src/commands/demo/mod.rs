@@ -16,10 +16,10 @@ use glam::DVec3;
 
 use super::{Context, Outcome, output, signals};
 use crate::base::files::write_json;
-use crate::commands::compare::comparison::Verdict;
-use crate::commands::compare::feed::SensorSummary;
+use crate::commands::recorded::feed::SensorSummary;
 use crate::live::receive::now_ns;
 use crate::recording::Session;
+use crate::verify::judgement::comparison::Verdict;
 use crate::world::coverage::VoxelGrid;
 use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::{Gait, Trajectory};

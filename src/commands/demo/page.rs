@@ -1,10 +1,10 @@
 //! The demo's report page.
 
-use crate::commands::compare::comparison::Verdict;
-use crate::commands::compare::page::where_different;
 use crate::report::chart::{CellClass, LineChart, Series, number};
+use crate::report::figures::where_different;
 use crate::report::{Report, unfold_box};
 use crate::verify::compare::{Agreement, CellKinds, RayClasses, Replayed, Table, cell_kinds};
+use crate::verify::judgement::comparison::Verdict;
 
 use super::document::Document;
 

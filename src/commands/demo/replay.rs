@@ -3,15 +3,15 @@
 
 use anyhow::{Context as _, ensure};
 
-use crate::commands::compare::axes::{AxisSummary, AxisZeros, summaries, tilts};
-use crate::commands::compare::comparison::Comparison;
-use crate::commands::compare::feed::{self, Seated, SensorSummary};
-use crate::commands::compare::hearing::silences;
-use crate::commands::compare::judge::{self, Given};
+use crate::commands::recorded::axes::{AxisSummary, AxisZeros, summaries, tilts};
+use crate::commands::recorded::feed::{self, Seated, SensorSummary};
+use crate::commands::recorded::hearing::silences;
+use crate::commands::recorded::judge::{self, Given};
 use crate::commands::stage::Stage;
 use crate::recording::Session;
 use crate::rig::Rig;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
+use crate::verify::judgement::comparison::Comparison;
 use crate::world::coverage::Coverage;
 use crate::world::scene::Scene;
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::{Args, Check, State};
-use crate::commands::record::first_look;
+use crate::commands::sensor_metadata::first_look;
 use crate::live::config::{Config, SensorConfig, Stream};
 use crate::live::receive::is_aside;
 use crate::live::receive::{Listen, Options, ReceiveError, Receiver};

@@ -100,7 +100,7 @@ impl Named {
             }
             return serial;
         };
-        let text = match record::read_metadata(path) {
+        let text = match crate::commands::sensor_metadata::read_metadata(path) {
             Ok(text) => text,
             Err(error) => {
                 let advice = "`outrigger sensor info HOST --save-metadata FILE.json` writes it";

@@ -7,7 +7,7 @@ use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
 use super::flows::{FlowReport, Flows};
-use crate::commands::compare::host_clock::inferred;
+use crate::commands::recorded::host_clock::inferred;
 use crate::commands::recording::{Ending, Recording};
 use crate::commands::{output::counted, sensor_ids, unread};
 use crate::live::watch::{SensorReport, Watch};

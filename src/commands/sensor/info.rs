@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail};
 use serde_json::json;
 
 use crate::base::files;
-use crate::commands::record::read_metadata;
+use crate::commands::sensor_metadata::read_metadata;
 use crate::commands::{Context, Outcome, output};
 use crate::live::setup::{Sensor, SensorState, warnings};
 

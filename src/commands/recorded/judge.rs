@@ -1,13 +1,15 @@
 //! From a replayed recording to what it comes to.
 
-use super::comparison::{CheckReport, Comparison, Measured, RayReport, SurfaceReport, Verdict};
-use super::verdict::{verdict, words};
 use crate::commands::stage::Stage;
 use crate::verify::calibrate::{self, MountCheck};
 use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
     RayClasses, Replayed, misread, surface_cells,
 };
+use crate::verify::judgement::comparison::{
+    CheckReport, Comparison, Measured, RayReport, SurfaceReport, Verdict,
+};
+use crate::verify::judgement::{verdict, words};
 use crate::world::coverage::Coverage;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;

@@ -1,13 +1,16 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
+pub mod comparison;
+mod seats;
+
 use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::comparison::{Comparison, Verdict};
-use super::seats::{off, off_in_range, off_its_seat};
-use crate::report::chart::number;
+use crate::base::numbers::number;
 use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
+use comparison::{Comparison, Verdict};
+use seats::{off, off_in_range, off_its_seat};
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.

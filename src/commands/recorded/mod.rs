@@ -1,5 +1,13 @@
 //! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
 
+pub mod axes;
+pub mod beams;
+pub mod feed;
+pub mod hearing;
+pub mod host_clock;
+pub mod judge;
+mod homing;
+
 use std::cell::OnceCell;
 use std::path::PathBuf;
 
@@ -7,9 +15,6 @@ use anyhow::{Context as _, ensure};
 use sensors::capture::CaptureReader;
 use sensors::router::{GivenCalibration, Tie, Whose};
 
-use super::axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
-use super::feed::{self, Fed, Seated, Taken};
-use super::host_clock;
 use crate::base::files::is_same;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
@@ -22,6 +27,8 @@ use crate::recording::Session;
 use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
+use axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
+use feed::{Fed, Seated, Taken};
 
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
