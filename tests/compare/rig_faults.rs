@@ -339,7 +339,7 @@ pub fn what_is_wrong_with_the_input_is_said() {
         assert!(output.status.code() != Some(0) && output.stdout.is_empty(), "{said}");
         assert!(said.contains(words), "{said}");
     };
-    fails(&["--room=-4,-3,0,5,3.5,3"], &["--gate", "0"], "--gate 0");
+    fails(&["--room=-4,-3,0,5,3.5,3"], &["--gate", "0"], "--gate <M>");
     fails(&["--room=5,3,3,-4,-3,0"], &[], "first corner must lie below");
     let out = recorded.path("out");
     fails(&["--scene", "none.ply"], &["--out", out.to_str().unwrap()], "none.ply");

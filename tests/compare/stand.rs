@@ -18,6 +18,7 @@ use serde_json::Value;
 
 const START_NS: u64 = 1_763_722_223_000_000_000;
 const HELD_NS: u64 = 1_500_000_000;
+const MOVING_NS: u64 = 100_000_000;
 const SETTINGS_DEG: [f64; 7] = [-20.0, -8.0, 6.0, 20.0, 7.0, -6.0, -18.0];
 
 /// Turned by `scale` times what is measured, and `zero_deg`; `play_deg` less when it comes from below.
@@ -38,6 +39,13 @@ impl Servo {
         self.zero_deg + self.scale * SETTINGS_DEG[setting] - if from_below { self.play_deg } else { 0.0 }
     }
 
+    /// At a time after the beginning, ns: the axis takes a tenth of a second from one setting to the next.
+    fn on_the_way_deg(after_ns: u64, setting: usize, deg: impl Fn(usize) -> f64) -> f64 {
+        let share = ((after_ns % HELD_NS) as f64 / MOVING_NS as f64).min(1.0);
+        let before = deg(setting.saturating_sub(1));
+        before + share * (deg(setting) - before)
+    }
+
     fn record(&self, session: &Path, settings: usize) {
         let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.4), DVec3::new(5.0, 3.5, 1.6)));
         let end_ns = START_NS + settings as u64 * HELD_NS;
@@ -50,7 +58,9 @@ impl Servo {
             scene: &scene,
             trajectory: &stands,
             body_from_sensor: &|time_ns| {
-                let pitch_rad = self.true_deg(at(time_ns)).to_radians();
+                let setting = at(time_ns);
+                let true_deg = |setting| self.true_deg(setting);
+                let pitch_rad = Self::on_the_way_deg(time_ns - START_NS, setting, true_deg).to_radians();
                 Mount { z_m: 0.1, pitch_rad, ..Mount::default() }.body_from_sensor()
             },
             noise_m: 0.01,
@@ -66,13 +76,15 @@ impl Servo {
             .unwrap();
         for time_ns in (START_NS..end_ns).step_by(20_000_000) {
             let urad = |deg: f64| (deg.to_radians() * 1e6).round() as i32;
-            let target_urad = urad(SETTINGS_DEG[at(time_ns)]);
-            let homed = at(time_ns) >= self.not_homed;
-            let is_new = (time_ns - START_NS) % HELD_NS < 100_000_000;
+            let setting = at(time_ns);
+            let target_urad = urad(SETTINGS_DEG[setting]);
+            let counted = Self::on_the_way_deg(time_ns - START_NS, setting, |setting| SETTINGS_DEG[setting]);
+            let homed = setting >= self.not_homed;
+            let is_new = (time_ns - START_NS) % HELD_NS < MOVING_NS;
             let report = ServoReport {
                 time_ns,
                 axis: 0,
-                position_urad: if homed { target_urad + 40 } else { 500_000 },
+                position_urad: if homed { urad(counted) + 40 } else { 500_000 },
                 uncertainty_urad: homed.then_some(200),
                 target_urad,
                 source: if homed { "measured" } else { "not_homed" }.into(),

@@ -114,10 +114,10 @@ mod tests {
             assert!(error.contains(words), "{text}: {error}");
         }
         for (text, words) in [
-            ("NaN", "finite"),
+            ("NaN", "from -1e12 to 1e12"),
             ("os1-64=x", "MODEL=NUMBER"),
             ("vlp-16=1,vlp-16=2", "two prices"),
-            ("", "finite"),
+            ("", "from -1e12 to 1e12"),
         ] {
             let error = text.parse::<Prices>().unwrap_err();
             assert!(error.contains(words), "{text}: {error}");
