@@ -1,8 +1,8 @@
 //! Outrigger designs, drives and verifies rigs of spinning LiDARs.
 //!
-//! Modules stand in order: each uses only modules above it (`tests/tidy.rs` holds the order). The common currency is
+//! Fourteen wings stand in order: each uses only wings above it (`tests/tidy.rs` holds the order). The common currency is
 //! the **return** (channel, azimuth, range, time): decoder and simulator both yield returns, and
-//! [`coverage::Coverage::add`] is the only way into coverage, so predicted and recorded are never counted differently.
+//! [`world::coverage::Coverage::add`] is the only way into coverage, so predicted and recorded are never counted differently.
 //!
 //! A pair of sensors, and what it would see of a room on a walk of three metres:
 //!

@@ -130,7 +130,9 @@ fn what_shuts_down_is_a_fault() {
 /// Nothing was written before, so nothing turned.
 fn a_servo_that_no_goal_reaches_is_refused_when_opened() {
     let middle = [2048, 2100];
-    let cases: [(Make, [i32; 2], u16, &[u8], &[&str]); 19] = [
+    /// Make, positions, register, its value, words of the refusal.
+    type Refused = (Make, [i32; 2], u16, &'static [u8], &'static [&'static str]);
+    let cases: [Refused; 19] = [
         (
             Make::Feetech,
             [2048, 5000],

@@ -203,7 +203,8 @@ pub fn what_is_no_file_in_a_session_is_named_and_not_waited_for() {
     let folder = tempfile::tempdir().unwrap();
     let outside = folder.path().join("outside");
     fs::write(&outside, "{}").unwrap();
-    let places: [(&str, fn(&Path, &Path), &str); 4] = [
+    type Placed = fn(&Path, &Path);
+    let places: [(&str, Placed, &str); 4] = [
         ("pipe", |path, _| mkfifo(path, Mode::S_IRWXU).unwrap(), "it is a pipe, expected a file"),
         ("folder", |path, _| fs::create_dir(path).unwrap(), "it is a folder, expected a file"),
         (

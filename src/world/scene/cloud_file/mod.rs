@@ -75,7 +75,9 @@ pub fn read_cloud(path: &Path, mut take: impl FnMut(CloudPoint)) -> Result<(), C
 /// Stands in for the reader that was left out.
 #[cfg(not(feature = "survey"))]
 mod las_file {
-    use super::{CloudPoint, Fault, File};
+    use std::fs::File;
+
+    use super::{CloudPoint, Fault};
 
     pub(super) fn read(_: File, _: &mut dyn FnMut(CloudPoint)) -> Result<(), Fault> {
         Err(Fault::at("LAS", crate::base::features::left_out("LAS and LAZ", "survey")))
