@@ -45,12 +45,17 @@ fn feed_all(group: &str) {
     assert!(outcomes.is_empty(), "{}", outcomes.join("\n"));
 }
 
+/// Mutants of each format that are asked for.
+fn wanted() -> u64 {
+    std::env::var("MUTANTS").ok().and_then(|count| count.parse().ok()).unwrap_or(MUTANTS)
+}
+
 /// Reads the whole seed, the regressions and the mutants of a format; what went wrong.
 fn feed(kit: &Kit, format: &Format) -> Option<String> {
     let start = Instant::now();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let kept = root.join("target/mutants").join(format.name);
-    let wanted = std::env::var("MUTANTS").ok().and_then(|count| count.parse().ok()).unwrap_or(MUTANTS);
+    let wanted = wanted();
     let seeds = (format.seeds)(kit);
     let mut faults = Vec::new();
     for (at, seed) in seeds.iter().enumerate() {
