@@ -21,6 +21,8 @@ const LONGEST_LINE: usize = 1 + 8 + 1 + 16 + 4;
 const BEL: u8 = 0x07;
 /// How long an adapter may take to answer a command; there are some that answer none.
 const ANSWER_WITHIN: Duration = Duration::from_millis(200);
+/// No answer is on its way after so long a silence: three times the latency of a usual USB serial port.
+const QUIET: Duration = Duration::from_millis(50);
 /// Messages that were refused, and none taken, for this long mean that none will be.
 const REFUSED_FOR: Duration = Duration::from_millis(100);
 
@@ -66,6 +68,7 @@ pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Res
     // a half line is an error, and a channel that is closed cannot be closed: these may be refused
     for command in ["\r\r", "C"] {
         ask(port, name, command)?;
+        wait_for_quiet(port, name)?; // two half lines have two answers: none is left for the next command
     }
     let set = format!("S{}", rate.0);
     if ask(port, name, &set)? == Some(BEL) {
@@ -77,6 +80,26 @@ pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Res
             "it takes no part in the bus: another program has it open, or it is at fault; plug it in again";
         return Err(refused("O", format!("open the channel at {rate}"), advice));
     }
+    Ok(())
+}
+
+/// Reads until nothing came for a while: no answer on its way is taken for that to a later command.
+fn wait_for_quiet(port: &mut TTYPort, name: &str) -> Result<(), LinkError> {
+    let hung_up =
+        |error: std::io::Error| LinkError::HungUp { path: name.to_owned(), reason: error.to_string() };
+    let before = port.timeout();
+    let end = Instant::now() + ANSWER_WITHIN;
+    let _ = port.set_timeout(QUIET); // kept in memory: cannot fail
+    while Instant::now() < end {
+        match port.read(&mut [0; 256]) {
+            Ok(0) => return Err(hung_up(ErrorKind::UnexpectedEof.into())),
+            Ok(_) => {}
+            Err(error) if error.kind() == ErrorKind::TimedOut => break,
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(hung_up(error)),
+        }
+    }
+    let _ = port.set_timeout(before);
     Ok(())
 }
 
