@@ -85,48 +85,48 @@ pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Res
 
 /// Reads until nothing came for a while: no answer on its way is taken for that to a later command.
 fn wait_for_quiet(port: &mut TTYPort, name: &str) -> Result<(), LinkError> {
-    let hung_up =
-        |error: std::io::Error| LinkError::HungUp { path: name.to_owned(), reason: error.to_string() };
-    let before = port.timeout();
     let end = Instant::now() + ANSWER_WITHIN;
-    let _ = port.set_timeout(QUIET); // kept in memory: cannot fail
-    while Instant::now() < end {
-        match port.read(&mut [0; 256]) {
-            Ok(0) => return Err(hung_up(ErrorKind::UnexpectedEof.into())),
-            Ok(_) => {}
-            Err(error) if error.kind() == ErrorKind::TimedOut => break,
-            Err(error) if error.kind() == ErrorKind::Interrupted => {}
-            Err(error) => return Err(hung_up(error)),
-        }
-    }
-    let _ = port.set_timeout(before);
+    let mut bytes = [0; 256];
+    while Instant::now() < end && read_within(port, name, QUIET, &mut bytes)? > 0 {}
     Ok(())
 }
 
 /// Sends one command; what it was answered with, `None` for nothing in time.
 fn ask(port: &mut TTYPort, name: &str, command: &str) -> Result<Option<u8>, LinkError> {
-    let hung_up =
-        |error: std::io::Error| LinkError::HungUp { path: name.to_owned(), reason: error.to_string() };
-    let before = port.timeout();
     let _ = port.clear(serialport::ClearBuffer::Input); // messages of a channel that was left open
-    port.write_all(format!("{command}\r").as_bytes()).map_err(hung_up)?;
+    port.write_all(format!("{command}\r").as_bytes()).map_err(|error| hung_up(name, &error))?;
     let end = Instant::now() + ANSWER_WITHIN;
-    let mut answer = None;
-    while answer.is_none() && Instant::now() < end {
-        let _ = port.set_timeout(end.saturating_duration_since(Instant::now())); // kept in memory: cannot fail
-        let mut bytes = [0; 256];
-        match port.read(&mut bytes) {
-            Ok(0) => return Err(hung_up(ErrorKind::UnexpectedEof.into())),
-            // what follows the message of another is the answer
-            Ok(count) => {
-                answer = bytes[..count].iter().rev().copied().find(|byte| [b'\r', BEL].contains(byte))
-            }
-            Err(error) if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
-            Err(error) => return Err(hung_up(error)),
+    let mut bytes = [0; 256];
+    loop {
+        let left = end.saturating_duration_since(Instant::now());
+        let count = if left.is_zero() { 0 } else { read_within(port, name, left, &mut bytes)? };
+        // what follows the message of another is the answer
+        let answer = bytes[..count].iter().rev().copied().find(|byte| [b'\r', BEL].contains(byte));
+        if answer.is_some() || count == 0 {
+            return Ok(answer);
         }
     }
-    let _ = port.set_timeout(before);
-    Ok(answer)
+}
+
+/// Bytes that came within a time, 0 for none.
+fn read_within(port: &mut TTYPort, name: &str, time: Duration, bytes: &mut [u8]) -> Result<usize, LinkError> {
+    let usual = port.timeout();
+    let _ = port.set_timeout(time); // kept in memory: cannot fail
+    let outcome = loop {
+        match port.read(bytes) {
+            Ok(0) => break Err(hung_up(name, &ErrorKind::UnexpectedEof.into())),
+            Ok(count) => break Ok(count),
+            Err(error) if error.kind() == ErrorKind::TimedOut => break Ok(0),
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => break Err(hung_up(name, &error)),
+        }
+    };
+    let _ = port.set_timeout(usual);
+    outcome
+}
+
+fn hung_up(name: &str, error: &std::io::Error) -> LinkError {
+    LinkError::HungUp { path: name.to_owned(), reason: error.to_string() }
 }
 
 /// One message on the bus.
