@@ -30,7 +30,7 @@ fn connect(drives: &Drives) -> Result<Rig, RigError> {
     Rig::connect_with(drives.address(), patient())
 }
 
-/// What is said instead of connecting.
+/// What is message instead of connecting.
 fn refusal(drives: &Drives) -> String {
     connect(drives).err().expect("refused").to_string()
 }
@@ -113,8 +113,8 @@ fn a_unit_that_contradicts_itself_is_refused() {
         (Drive::new(&[feed(36_000, 1)], &[(0x60B0, 500)]), &["0x60b0", "500"]),
     ];
     for (drive, words) in refused {
-        let said = refusal(&Drives::start([Drive::usual(), drive]));
-        assert!(said.contains("node 2") && words.iter().all(|word| said.contains(word)), "{said}");
+        let message = refusal(&Drives::start([Drive::usual(), drive]));
+        assert!(message.contains("node 2") && words.iter().all(|word| message.contains(word)), "{message}");
     }
 }
 
@@ -164,8 +164,8 @@ fn a_drive_that_cannot_go_there_is_refused() {
         (limited(0x607D, 700, 700), &["0x607d", "700 to 700"]),
     ];
     for (drive, words) in refused {
-        let said = refusal(&Drives::start([Drive::usual(), drive]));
-        assert!(said.contains("node 2") && words.iter().all(|word| said.contains(word)), "{said}");
+        let message = refusal(&Drives::start([Drive::usual(), drive]));
+        assert!(message.contains("node 2") && words.iter().all(|word| message.contains(word)), "{message}");
     }
     // a modulo axis has nothing below its zero, and limits of 0 and 0 are none
     let drives = Drives::start([limited(0x607D, 0, 0), limited(0x607B, 0, 35_999)]);
@@ -194,8 +194,8 @@ fn an_adapter_is_set_to_its_bit_rate() {
         ("cia402:can0@500000:1,2".to_owned(), ["bit rate 500000", "ip link set can0"]),
         (format!("cia402:slcan:{}@500000:1,1", drives.path), ["two different nodes", "BITRATE"]),
     ] {
-        let said = Rig::connect(&address).err().expect("refused").to_string();
-        assert!(words.iter().all(|word| said.contains(word)), "{address}: {said}");
+        let message = Rig::connect(&address).err().expect("refused").to_string();
+        assert!(words.iter().all(|word| message.contains(word)), "{address}: {message}");
     }
 }
 
@@ -206,8 +206,8 @@ fn what_an_adapter_refuses_is_named() {
         ("t", ["in a row", "bit rate"]),
     ] {
         let drives = Drives::behind([Drive::usual(), Drive::usual()], letter);
-        let said = refusal(&drives);
-        assert!(said.contains("BEL") && words.iter().all(|word| said.contains(word)), "{said}");
+        let message = refusal(&drives);
+        assert!(message.contains("BEL") && words.iter().all(|word| message.contains(word)), "{message}");
     }
     // a channel that was closed cannot be closed
     drop(connect(&Drives::behind([Drive::usual(), Drive::usual()], "C")).unwrap());

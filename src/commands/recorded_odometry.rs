@@ -64,7 +64,7 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Odomet
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
     let mut fed = recorded.feed(&mut |taken| {
-        let body_from_sensor = taken.seat(&rig.sensors[taken.sensor].mount);
+        let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
         pass.add_frame(taken.sensor, taken.model, &body_from_sensor, taken.frame);
     })?;
     if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
@@ -115,10 +115,10 @@ pub fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Odom
 }
 
 /// What is odd about a trajectory by odometry, in words.
-pub fn remarks(way: &OdometryResult) -> Vec<String> {
-    let mut remarks = way.losses.clone();
-    remarks.extend(way.walked.problems.iter().cloned());
-    remarks.extend(way.walked.open_direction());
-    remarks.extend(suspicions(&way.walked.trajectory, "way found"));
+pub fn remarks(result: &OdometryResult) -> Vec<String> {
+    let mut remarks = result.losses.clone();
+    remarks.extend(result.walked.problems.iter().cloned());
+    remarks.extend(result.walked.open_direction());
+    remarks.extend(suspicions(&result.walked.trajectory, "way found"));
     remarks
 }

@@ -116,7 +116,7 @@ impl Making {
 
     /// Adds the returns of a recorded frame that fall into the trajectory's time.
     pub fn add_frame(&mut self, rig: &Rig, trajectory: &Trajectory, time_offset_ns: i64, taken: &Taken<'_>) {
-        let body_from_sensor = taken.seat(&rig.sensors[taken.sensor].mount);
+        let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
         self.0.add_frame(taken.model, &body_from_sensor, trajectory, time_offset_ns, taken.frame);
     }
 

@@ -1,4 +1,4 @@
-//! The log on its way to stderr. Whoever logs never waits: a thread of its own writes, and lines that nobody takes (a
+//! The log to stderr. Whoever logs never waits: a thread of its own writes, and lines that find no reader (a
 //! closed pipe, a full disk, a reader that stands still) are dropped and counted.
 
 use std::io::{self, ErrorKind, Write};
@@ -35,7 +35,7 @@ struct Shared {
     /// Lines that found no room, and those that the output refused.
     dropped: AtomicU64,
     refused: AtomicU64,
-    /// Since when the write under way waits, ms since `begun`, plus one; 0 while none does.
+    /// Since when the present write waits, ms since `begun`, plus one; 0 while none does.
     writing_since_ms: AtomicU64,
     /// Why the newest line could not be written.
     error: Mutex<Option<String>>,
@@ -107,13 +107,13 @@ impl Write for Log {
 
 impl Shared {
     fn run(&self, waiting: &Receiver<Line>, mut output: impl Write) {
-        let mut told = 0;
+        let mut reported = 0;
         for (dropped, line) in waiting {
             let lost = dropped + self.refused.load(Ordering::Relaxed);
-            if lost > told {
-                let words = format!("{} lines of this log were lost here\n", lost - told);
+            if lost > reported {
+                let words = format!("{} lines of this log were lost here\n", lost - reported);
                 if self.put(&mut output, words.as_bytes()).is_ok() {
-                    told = lost;
+                    reported = lost;
                 }
             }
             let written = self.put(&mut output, &line);

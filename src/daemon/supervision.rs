@@ -1,5 +1,5 @@
-//! Who watches the threads: each of the daemon's has a name here, and one that ends before it was told to is either the
-//! end of the daemon, in order, or said on the page. Panics of threads and tasks that others start come in by
+//! Who watches the threads: each of the daemon's has a name here, and one that ends unasked is either the
+//! end of the daemon, in order, or reported on the page. Panics of threads and tasks that others start come in by
 //! [`Supervision::panicked`].
 
 use std::any::Any;
@@ -14,15 +14,15 @@ use tokio::sync::watch;
 
 use super::status::{Component, ComponentState};
 
-/// Components kept: a defect that strikes with every request must not fill the memory.
+/// Components that are listed: a defect that strikes with every request must not fill the memory.
 const MOST: usize = 64;
 /// A component that is to be broken is broken after this time.
 const BREAK_AFTER: Duration = Duration::from_secs(2);
 
-/// What it means when a component ends before it was told to.
+/// What it means when a component ends unasked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Role {
-    /// Without it nothing is recorded or nobody sees what happens: the daemon ends in order.
+    /// Without it nothing is recorded or no one can see what happens: the daemon ends in order.
     Essential,
     /// The daemon goes on without it and says so.
     Dispensable,
@@ -38,7 +38,7 @@ thread_local! {
 #[derive(Debug, Default)]
 pub struct Supervision {
     components: Mutex<Vec<Component>>,
-    /// The daemon ends: whoever returns was told to.
+    /// The daemon ends: threads may return.
     is_ending: AtomicBool,
     /// The first essential component that died, and how.
     death: watch::Sender<Option<String>>,
@@ -63,7 +63,7 @@ impl Pulse<'_> {
 }
 
 impl Supervision {
-    /// Of nobody yet; the component with this name will panic after two seconds, to be tested with.
+    /// No component yet; the component with this name will panic after two seconds, to be tested with.
     pub fn new(to_be_broken: Option<String>) -> Self {
         Self { to_be_broken, ..Self::default() }
     }
@@ -110,7 +110,7 @@ impl Supervision {
         self.died(thread, role, format!("it panicked: {what}"));
     }
 
-    /// From now on whoever ends was told to.
+    /// From now on threads may end.
     pub(super) fn end(&self) {
         self.is_ending.store(true, Ordering::SeqCst);
     }

@@ -33,7 +33,7 @@ const WAITING_FRAMES: usize = 4096;
 /// Rounds in which actuators that were reset get their torque back and are seen to have it.
 const RECOVERY_ROUNDS: u32 = 8;
 
-/// What an actuator said, and between which times its encoder was sampled: the question left, the answer was there. The
+/// What an actuator reported, and between which times its encoder was sampled: the question left, the answer was there. The
 /// state machine judges motion by these, so a round that took long elsewhere is no leap.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
@@ -68,7 +68,7 @@ pub(super) trait Actuators: Send + 'static {
     /// Errors that each device tells of itself, in words.
     fn errors(&self) -> [Vec<String>; 2];
 
-    /// What was heard.
+    /// Frames and damage so far.
     fn counters(&self) -> LinkCounters;
 }
 
@@ -95,7 +95,7 @@ pub(super) struct Make {
 const NOISE_COUNTS: i32 = 5;
 
 impl Make {
-    /// What the state machine is told of one axis.
+    /// The configuration of one axis for the state machine.
     fn axis(&self, axis: usize) -> AxisConfig {
         let usual = AxisConfig::default();
         let (low, high) = self.ranges_urad[axis];
@@ -118,7 +118,7 @@ impl Make {
     }
 }
 
-/// One actuator, as last heard and as told.
+/// One actuator, with its last reading and its set point.
 #[derive(Clone, Copy, Debug)]
 struct Actuator {
     sense: Sense,
@@ -315,13 +315,14 @@ impl<A: Actuators> Worker<A> {
                 self.tell()?;
             }
         }
-        let way = self.way(&command);
+        let planned = self.planned_move(&command);
         let (now_us, reports) = (self.now_us(), &mut self.reports);
         self.controller.handle(now_us, &command, &mut |report| reports.push(report));
-        if let Some(way) = way.filter(|_| self.controller.state() == State::Moving && !self.is_tried) {
+        if let Some(planned) = planned.filter(|_| self.controller.state() == State::Moving && !self.is_tried)
+        {
             self.send_reports()?;
             self.set_busy(true);
-            self.try_scale(way)?;
+            self.try_scale(planned)?;
         }
         Ok(())
     }
@@ -354,7 +355,7 @@ impl<A: Actuators> Worker<A> {
 
     fn tell(&mut self) -> Result<(), LinkError> {
         let mut setpoints = [None; 2];
-        for (axis, told) in setpoints.iter_mut().enumerate() {
+        for (axis, goal) in setpoints.iter_mut().enumerate() {
             let Some(servo) = self.controller.servo_mut(axis) else { continue };
             let Some(mut setpoint) = servo.setpoint.filter(|setpoint| setpoint.torque) else { continue };
             if let (false, Some(urad)) = (setpoint.home, servo.measured_urad) {
@@ -362,7 +363,7 @@ impl<A: Actuators> Worker<A> {
                 let (low, high) = (urad.saturating_sub(lead_urad), urad.saturating_add(lead_urad));
                 setpoint.position_urad = setpoint.position_urad.clamp(low, high);
             }
-            *told = Some(setpoint);
+            *goal = Some(setpoint);
         }
         self.actuators.tell(setpoints)
     }

@@ -21,7 +21,7 @@ const LONGEST_LINE: usize = 1 + 8 + 1 + 16 + 4;
 const BEL: u8 = 0x07;
 /// How long an adapter may take to answer a command; there are some that answer none.
 const ANSWER_WITHIN: Duration = Duration::from_millis(200);
-/// No answer is on its way after so long a silence: three times the latency of a usual USB serial port.
+/// No answer still comes after so long a silence: three times the latency of a usual USB serial port.
 const QUIET: Duration = Duration::from_millis(50);
 /// Messages that were refused, and none taken, for this long mean that none will be.
 const REFUSED_FOR: Duration = Duration::from_millis(100);
@@ -83,7 +83,7 @@ pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Res
     Ok(())
 }
 
-/// Reads until nothing came for a while: no answer on its way is taken for that to a later command.
+/// Reads until nothing came for a while: no late answer is taken for that to the next command.
 fn wait_for_quiet(port: &mut TTYPort, name: &str) -> Result<(), LinkError> {
     let end = Instant::now() + ANSWER_WITHIN;
     let mut bytes = [0; 256];
@@ -111,7 +111,7 @@ fn ask(port: &mut TTYPort, name: &str, command: &str) -> Result<Option<u8>, Link
 /// Bytes that came within a time, 0 for none.
 fn read_within(port: &mut TTYPort, name: &str, time: Duration, bytes: &mut [u8]) -> Result<usize, LinkError> {
     let usual = port.timeout();
-    let _ = port.set_timeout(time); // kept in memory: cannot fail
+    let _ = port.set_timeout(time); // a setting of this program: cannot fail
     let outcome = loop {
         match port.read(bytes) {
             Ok(0) => break Err(hung_up(name, &ErrorKind::UnexpectedEof.into())),
@@ -298,8 +298,8 @@ mod tests {
         let line = encode_standard(0x581, &[0x43, 0, 0x10]);
         assert_eq!(line, b"t5813430010\r");
         let mut receiver = SlcanReceiver::default();
-        let heard: Vec<_> = line.iter().filter_map(|byte| receiver.push(*byte)).collect();
-        assert_eq!(heard, [Message { identifier: 0x581, extended: false, data: vec![0x43, 0, 0x10] }]);
+        let messages: Vec<_> = line.iter().filter_map(|byte| receiver.push(*byte)).collect();
+        assert_eq!(messages, [Message { identifier: 0x581, extended: false, data: vec![0x43, 0, 0x10] }]);
     }
 
     #[test]
@@ -311,10 +311,10 @@ mod tests {
         receiver.refuse_refusals("slcan:a").unwrap();
         std::thread::sleep(REFUSED_FOR);
         hear(&mut receiver, b"\x07");
-        let said = receiver.refuse_refusals("slcan:a").unwrap_err().to_string();
+        let message = receiver.refuse_refusals("slcan:a").unwrap_err().to_string();
         assert!(
-            said.contains("slcan:a") && said.contains("3 messages") && said.contains("bit rate"),
-            "{said}"
+            message.contains("slcan:a") && message.contains("3 messages") && message.contains("bit rate"),
+            "{message}"
         );
     }
 
@@ -322,8 +322,8 @@ mod tests {
     fn bit_rates_are_those_of_the_protocol() {
         let digits = ["10000", "125000", "500000", "1000000"].map(|text| text.parse::<BitRate>().unwrap().0);
         assert_eq!(digits, [0, 4, 6, 8]);
-        let said = "300000".parse::<BitRate>().unwrap_err();
-        assert!(said.contains("`300000`") && said.contains("250000, 500000"), "{said}");
+        let message = "300000".parse::<BitRate>().unwrap_err();
+        assert!(message.contains("`300000`") && message.contains("250000, 500000"), "{message}");
     }
 
     proptest! {

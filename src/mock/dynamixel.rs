@@ -37,7 +37,7 @@ impl DynamixelBus {
 
 impl MockBus for DynamixelBus {
     fn hear(&mut self, now_us: u64, bytes: &[u8]) -> Vec<(u16, Vec<u8>)> {
-        let mut heard = Vec::new();
+        let mut replies = Vec::new();
         for packet in self.receiver.push(bytes) {
             let mut answers: Vec<Packet> =
                 self.servos.iter_mut().filter_map(|servo| servo.answer(now_us, &packet)).collect();
@@ -49,9 +49,9 @@ impl MockBus for DynamixelBus {
                 [low, high, ..] => u16::from_le_bytes([low, high]),
                 _ => 0,
             };
-            heard.extend(answers.iter().map(|answer| (address, answer.encode())));
+            replies.extend(answers.iter().map(|answer| (address, answer.encode())));
         }
-        heard
+        replies
     }
 
     fn step(&mut self, now_us: u64) {

@@ -28,7 +28,7 @@ impl FeetechBus {
 
 impl MockBus for FeetechBus {
     fn hear(&mut self, _now_us: u64, bytes: &[u8]) -> Vec<(u16, Vec<u8>)> {
-        let mut heard = Vec::new();
+        let mut replies = Vec::new();
         for packet in self.receiver.push(bytes) {
             let asked = match packet.code {
                 instruction::SYNC_READ => packet.parameters.get(2..).unwrap_or_default().to_vec(),
@@ -39,10 +39,10 @@ impl MockBus for FeetechBus {
                 let servo = self.servos.iter_mut().find(|(id, _)| *id == asked_id);
                 let answer = servo.and_then(|(id, table)| answer(*id, table, &packet));
                 let address = packet.parameters.first().copied().unwrap_or(0);
-                heard.extend(answer.map(|answer| (address.into(), answer.encode())));
+                replies.extend(answer.map(|answer| (address.into(), answer.encode())));
             }
         }
-        heard
+        replies
     }
 
     fn step(&mut self, now_us: u64) {

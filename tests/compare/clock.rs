@@ -136,8 +136,9 @@ fn record(path: &Path, step_ns: i64, link_ns: u64, is_old: bool) {
 fn run(arguments: &[&str]) -> (Option<i32>, Value) {
     let output =
         Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).arg("--json").output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{arguments:?}: {said}"));
+    let message = String::from_utf8_lossy(&output.stderr);
+    let document =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{arguments:?}: {message}"));
     (output.status.code(), document)
 }
 
@@ -145,7 +146,7 @@ fn compare(path: &str) -> (Option<i32>, Value) {
     run(&["compare", path, ROOM, "--trajectory", "still", "--nulls", "0"])
 }
 
-/// The rays agree, and the axis is said to be what it was while packets came.
+/// The rays agree, and the axis is message to be what it was while packets came.
 fn is_right(document: &Value) {
     let rays = &document["rays"]["left"];
     assert!(rays["agree_share"].as_f64().unwrap() > 0.99, "{rays}");
@@ -288,8 +289,8 @@ pub fn months_between_two_packets_take_no_memory() {
             file("meta.json")
         );
         let output = Command::new("sh").args(["-c", &line]).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code().is_some_and(|code| [0, 1, 3].contains(&code)), "{verb}: {said}");
-        assert!(!said.contains("memory allocation"), "{verb}: {said}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code().is_some_and(|code| [0, 1, 3].contains(&code)), "{verb}: {message}");
+        assert!(!message.contains("memory allocation"), "{verb}: {message}");
     }
 }

@@ -118,15 +118,15 @@ fn run(arguments: &[String], wait_s: u64) -> Output {
 }
 
 fn verdict(kit: &Kit, output: &Output) -> Result<(), String> {
-    let said = String::from_utf8_lossy(&output.stderr);
-    let last = said.lines().rev().take(3).collect::<Vec<_>>().join(" | ");
+    let message = String::from_utf8_lossy(&output.stderr);
+    let last = message.lines().rev().take(3).collect::<Vec<_>>().join(" | ");
     // told to end, as a shell says it
     let code = output.status.code().map(|code| if code == 130 { 0 } else { code });
     let Some(code) = code else { return Err(format!("{}: {last}", output.status)) };
-    if !(0..=3).contains(&code) || said.contains("panicked") {
-        return Err(format!("exit code {code}: {said}"));
+    if !(0..=3).contains(&code) || message.contains("panicked") {
+        return Err(format!("exit code {code}: {message}"));
     }
-    if code != 0 && said.trim().is_empty() && output.stdout.is_empty() {
+    if code != 0 && message.trim().is_empty() && output.stdout.is_empty() {
         return Err(format!("exit code {code} without a word"));
     }
     let left: Vec<PathBuf> =

@@ -257,10 +257,10 @@ pub fn a_pipe_without_a_writer_is_said_and_not_waited_for() {
         vec!["compare", &capture, "--mount", &pipe("mount.json"), "--room=-1,-1,0,1,1,1"],
     ] {
         let output = outrigger(&arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
+        let message = String::from_utf8_lossy(&output.stderr);
         assert!(
-            !output.status.success() && said.contains("pipe that nobody writes to"),
-            "{arguments:?}: {said}"
+            !output.status.success() && message.contains("pipe that nobody writes to"),
+            "{arguments:?}: {message}"
         );
     }
     for name in ["room.ply", "room.obj", "room.gltf"] {

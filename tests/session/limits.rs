@@ -16,7 +16,7 @@ fn limited(limit: &str) -> Command {
     command
 }
 
-fn said(output: &Output) -> String {
+fn message(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
@@ -34,10 +34,10 @@ pub fn a_file_that_may_not_grow_ends_the_session_in_order() {
         }
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
-    let (code, _, said) = recorder.end();
-    assert_eq!(code, Some(1), "an error, and no signal: {said}");
+    let (code, _, message) = recorder.end();
+    assert_eq!(code, Some(1), "an error, and no signal: {message}");
     let path = dir.join(file::PACKETS);
-    assert!(said.contains(&format!("{} is as large as a file may be", path.display())), "{said}");
+    assert!(message.contains(&format!("{} is as large as a file may be", path.display())), "{message}");
     let session = Session::open(&dir).unwrap();
     let manifest = session.manifest();
     assert!(!manifest.complete && manifest.losses.not_written > 0, "{manifest:?}");
@@ -60,33 +60,33 @@ pub fn what_cannot_be_written_is_an_error_of_every_verb() {
         vec!["mock", "rig", "--faults"],
     ] {
         let output = write(&arguments);
-        let said = said(&output);
-        assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {:?} {said}", output.status);
-        assert!(!said.contains("panicked"), "{arguments:?}: {said}");
+        let message = message(&output);
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {:?} {message}", output.status);
+        assert!(!message.contains("panicked"), "{arguments:?}: {message}");
     }
     assert!(!folder.path().join("walk").exists() && !folder.path().join("rig.toml").exists());
 }
 
 fn ended_in_order(dir: &Path, output: &Output, limit: u32) -> bool {
-    let said = said(output);
-    assert!(!said.contains("panicked"), "{limit} files: {said}");
+    let message = message(output);
+    assert!(!message.contains("panicked"), "{limit} files: {message}");
     match output.status.code() {
         // no packet came: what the recorder says with 3
         Some(0 | 3) => {
-            assert!(Manifest::read(dir).unwrap().complete, "{limit} files: {said}");
+            assert!(Manifest::read(dir).unwrap().complete, "{limit} files: {message}");
             true
         }
         Some(1) => {
-            assert!(said.contains("files") || said.contains("os error 24"), "{limit} files: {said}");
+            assert!(message.contains("files") || message.contains("os error 24"), "{limit} files: {message}");
             assert!(
                 !dir.exists() || !Session::open(dir).unwrap().manifest().complete,
-                "{limit} files: {said}"
+                "{limit} files: {message}"
             );
             false
         }
         // not even the libraries of the program could be opened
         Some(127) if limit < 5 => false,
-        other => panic!("{limit} files: {other:?} {said}"),
+        other => panic!("{limit} files: {other:?} {message}"),
     }
 }
 

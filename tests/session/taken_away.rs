@@ -55,10 +55,10 @@ pub fn a_folder_moved_while_recording_is_closed_there_and_recording_goes_on() {
     wait_until("a session has the name again", || Session::is_session(&dir));
     wait_until("the one before is closed", || Manifest::read(&moved).unwrap().complete);
     send(&recorder, &sent[100..]);
-    let (code, stdout, said) = interrupt(recorder);
-    assert_eq!((code, stdout.trim()), (Some(3), dir.to_str().unwrap()), "{said}");
+    let (code, stdout, message) = interrupt(recorder);
+    assert_eq!((code, stdout.trim()), (Some(3), dir.to_str().unwrap()), "{message}");
     let words = format!("{} was moved to {} while recording", dir.display(), moved.display());
-    assert!(said.contains(&words) && said.contains("recording goes on in"), "{said}");
+    assert!(message.contains(&words) && message.contains("recording goes on in"), "{message}");
     let [before, after] = [&moved, &dir].map(|dir| Session::open(dir).unwrap());
     assert_eq!((before.problems(), after.problems()), (&[][..], &[][..]));
     assert!(before.manifest().complete && after.manifest().complete);
@@ -87,10 +87,10 @@ pub fn a_folder_deleted_while_recording_is_counted_and_recording_goes_on() {
         Manifest::read(&dir).is_ok_and(|manifest| manifest.follows.is_some())
     });
     send(&recorder, &sent[100..]);
-    let (code, stdout, said) = interrupt(recorder);
-    assert_eq!((code, stdout.trim()), (Some(3), dir.to_str().unwrap()), "{said}");
+    let (code, stdout, message) = interrupt(recorder);
+    assert_eq!((code, stdout.trim()), (Some(3), dir.to_str().unwrap()), "{message}");
     let words = format!("{} was deleted while recording", dir.display());
-    assert!(said.contains(&words) && said.contains("100 whose file was taken away"), "{said}");
+    assert!(message.contains(&words) && message.contains("100 whose file was taken away"), "{message}");
     let session = Session::open(&dir).unwrap();
     let manifest = session.manifest();
     assert_eq!((manifest.sensors[0].packets, manifest.sensors[0].losses.deleted), (50, 100));
@@ -115,8 +115,8 @@ pub fn a_link_in_place_of_the_folder_is_not_followed() {
     let next = folder.path().join("walk-2");
     wait_until("recording goes on beside the link", || Session::is_session(&next));
     send(&recorder, &sent[40..]);
-    let (code, stdout, said) = interrupt(recorder);
-    assert_eq!((code, stdout.trim()), (Some(3), next.to_str().unwrap()), "{said}");
+    let (code, stdout, message) = interrupt(recorder);
+    assert_eq!((code, stdout.trim()), (Some(3), next.to_str().unwrap()), "{message}");
     assert_eq!(fs::read_dir(&other).unwrap().count(), 0);
     assert_eq!([packets_in(&moved).unwrap(), packets_in(&next).unwrap()].concat(), sent);
     // a link that leads to where the folder is now takes nothing away
@@ -125,8 +125,8 @@ pub fn a_link_in_place_of_the_folder_is_not_followed() {
     symlink(folder.path().join("store"), folder.path().join("again")).unwrap();
     std::thread::sleep(std::time::Duration::from_millis(1200)); // two ticks
     send(&recorder, &sent[10..20]);
-    let (_, _, said) = interrupt(recorder);
-    assert_eq!(packets_in(&folder.path().join("again")).map(|found| found.len()), Some(20), "{said}");
+    let (_, _, message) = interrupt(recorder);
+    assert_eq!(packets_in(&folder.path().join("again")).map(|found| found.len()), Some(20), "{message}");
 }
 
 /// A session of two sensors with 30 packets, flushed.
@@ -269,8 +269,8 @@ pub fn an_unmounted_disk_is_closed_through_what_is_open() {
     send(&recorder, &sent[..20]);
     wait_until("recording goes on below the disk", || Session::is_session(&disk.join("walk")));
     send(&recorder, &sent[20..]);
-    let (code, _, said) = interrupt(recorder);
-    assert!(code == Some(3) && said.contains("its disk was unmounted"), "{code:?} {said}");
+    let (code, _, message) = interrupt(recorder);
+    assert!(code == Some(3) && message.contains("its disk was unmounted"), "{code:?} {message}");
     let before = Session::open(&folder.path().join("saved.copy")).unwrap();
     assert!(before.manifest().complete && before.problems().is_empty(), "{:?}", before.problems());
     let found = packets_of(&before).remove(&0).unwrap_or_default();

@@ -36,7 +36,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     say_panics(&supervision);
     let ended = run_logged(args, config, context, &log, supervision);
     if !log.flush(LAST_WORDS) && ended.is_err() {
-        std::process::exit(1); // nobody takes the words of the error either
+        std::process::exit(1); // the error cannot be written either
     }
     ended
 }
@@ -66,7 +66,7 @@ fn run_logged(
     let wishes = runtime.block_on(async { Wishes::new() }).context("signals cannot be caught")?;
     let daemon = Arc::new(Daemon::start(settings)?);
     let ending = runtime.block_on(serve(web, Arc::clone(&daemon), wishes, context));
-    runtime.shutdown_timeout(Duration::from_secs(1)); // a thread may still wait for a stdout that nobody reads
+    runtime.shutdown_timeout(Duration::from_secs(1)); // a thread may still wait for a stdout without a reader
     Ok(conclude(&ending?))
 }
 
@@ -113,7 +113,7 @@ async fn serve(
 /// Says where the page is once everything runs. A stdout that takes nothing is no reason to stop, nor to wait.
 async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) {
     let mut states = daemon.states();
-    let _ = states.changed().await; // what died meanwhile is said by whoever watches it
+    let _ = states.changed().await; // the supervision reports what died meanwhile
     let status = states.borrow().clone();
     tracing::info!("the page is at http://{address}/");
     for sensor in &status.sensors {
@@ -121,7 +121,7 @@ async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) {
             tracing::info!(sensor = sensor.name, "listening on {address}");
         }
     }
-    let said = if context.json {
+    let line = if context.json {
         let sensors: Vec<_> = status
             .sensors
             .iter()
@@ -137,7 +137,7 @@ async fn announce(daemon: &Daemon, address: SocketAddr, context: Context) {
         format!("http://{address}/\n")
     };
     tokio::task::spawn_blocking(move || {
-        if let Err(error) = output::print_text(&said) {
+        if let Err(error) = output::print_text(&line) {
             tracing::warn!("{error:#}");
         }
     });

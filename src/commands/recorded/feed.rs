@@ -55,7 +55,7 @@ impl Taken<'_> {
     }
 
     /// Where it sat on the body at each time of its sensor's clock, the mount as said but for the pitch.
-    pub fn seat(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
+    pub fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
         let (pitch, nominal) = (self.pitch_or(nominal), *nominal);
         // most axes stand
         let standing = Mount { pitch_rad: pitch.mean_rad(), ..nominal }.body_from_sensor();

@@ -117,7 +117,7 @@ pub fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
     } else {
         "never homed".into()
     };
-    let told = match counted.iter().any(|report| report.homed.is_none()) {
+    let doubt = match counted.iter().any(|report| report.homed.is_none()) {
         true => {
             " (the session does not say so: it is from before that was recorded, and its readings look like it)"
         }
@@ -125,7 +125,7 @@ pub fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
     };
     let degrees = |rad: f64| signed(rad.to_degrees(), 2);
     Some(format!(
-        "{}: its axis was {when}{told}: the {} to {} degrees that it counted have no zero and measure nothing; \
+        "{}: its axis was {when}{doubt}: the {} to {} degrees that it counted have no zero and measure nothing; \
          in their place counts the pitch of the mount file, {} degrees. Home the rig before it records, or give --mount with the \
          pitch at which the sensor stood",
         sensor.name,

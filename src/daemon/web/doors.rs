@@ -3,8 +3,8 @@
 //! - A connection that has not brought a whole request yet costs little. There is room for so many of one address and so
 //!   many of all other machines, and where there is none, the oldest one of whoever has the most is closed for the new
 //!   one: who asks at once is heard, however many others wait.
-//! - A request under way needs a seat. Those of other machines without the token get a part of the seats, and each address
-//!   a part of that; nobody, known or not, gets all of them. Stops need no seat.
+//! - A request under way needs a slot. Those of other machines without the token get a part of the slots, and each address
+//!   a part of that; no address, known or not, gets all of them. Stops need no slot.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -17,7 +17,7 @@ const WAITING_OF_ONE: usize = 64;
 /// The same of all addresses but those of this machine, which so has a room of its own.
 const WAITING_OF_OTHERS: usize = 192;
 
-/// Whose a connection is, as far as limits go.
+/// Where a connection comes from, as far as limits go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Origin {
     /// This machine, by any of its loopback addresses.
@@ -120,60 +120,59 @@ pub(super) struct Limits {
     pub all: usize,
     /// Of one address that is known: this machine, or one that showed the token.
     pub of_one: usize,
-    /// Of all strangers together, and of one of them.
-    pub of_strangers: usize,
-    pub of_one_stranger: usize,
+    /// Of all unknown addresses together, and of one of them.
+    pub of_unknown: usize,
+    pub of_one_unknown: usize,
 }
 
 /// Requests that are carried out.
-pub(super) const REQUESTS: Limits = Limits { all: 96, of_one: 64, of_strangers: 24, of_one_stranger: 8 };
-/// Streams; a stranger gets none.
-pub(super) const STREAMS: Limits = Limits { all: 80, of_one: 64, of_strangers: 0, of_one_stranger: 0 };
+pub(super) const REQUESTS: Limits = Limits { all: 96, of_one: 64, of_unknown: 24, of_one_unknown: 8 };
+/// Streams; an unknown address gets none.
+pub(super) const STREAMS: Limits = Limits { all: 80, of_one: 64, of_unknown: 0, of_one_unknown: 0 };
 
-/// Seats, and who has them.
+/// Slots for requests or streams, and who has them.
 #[derive(Debug)]
-pub(super) struct Seats {
+pub(super) struct Slots {
     limits: Limits,
     /// By origin and whether it is known.
-    taken: Mutex<HashMap<(Origin, bool), usize>>,
+    used: Mutex<HashMap<(Origin, bool), usize>>,
 }
 
-impl Seats {
+impl Slots {
     pub fn new(limits: Limits) -> Self {
-        Self { limits, taken: Mutex::default() }
+        Self { limits, used: Mutex::default() }
     }
 
-    /// A seat, if there is one for this origin.
-    pub fn take(self: &Arc<Self>, origin: Origin, is_known: bool) -> Option<Seat> {
-        let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
-        let all: usize = taken.values().sum();
-        let strangers: usize = taken.iter().filter(|((_, known), _)| !known).map(|(_, count)| count).sum();
-        let Limits { all: most, of_one, of_strangers, of_one_stranger } = self.limits;
-        let mine = taken.get(&(origin, is_known)).copied().unwrap_or(0);
-        let has_room =
-            if is_known { mine < of_one } else { strangers < of_strangers && mine < of_one_stranger };
+    /// A slot, if there is one for this origin.
+    pub fn take(self: &Arc<Self>, origin: Origin, is_known: bool) -> Option<Slot> {
+        let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: usize = used.values().sum();
+        let unknown: usize = used.iter().filter(|((_, known), _)| !known).map(|(_, count)| count).sum();
+        let Limits { all: most, of_one, of_unknown, of_one_unknown } = self.limits;
+        let mine = used.get(&(origin, is_known)).copied().unwrap_or(0);
+        let has_room = if is_known { mine < of_one } else { unknown < of_unknown && mine < of_one_unknown };
         if all >= most || !has_room {
             return None;
         }
-        *taken.entry((origin, is_known)).or_default() += 1;
-        Some(Seat { seats: Arc::clone(self), whose: (origin, is_known) })
+        *used.entry((origin, is_known)).or_default() += 1;
+        Some(Slot { slots: Arc::clone(self), owner: (origin, is_known) })
     }
 }
 
-/// A seat, until this is dropped.
+/// A slot, until this is dropped.
 #[derive(Debug)]
-pub(super) struct Seat {
-    seats: Arc<Seats>,
-    whose: (Origin, bool),
+pub(super) struct Slot {
+    slots: Arc<Slots>,
+    owner: (Origin, bool),
 }
 
-impl Drop for Seat {
+impl Drop for Slot {
     fn drop(&mut self) {
-        let mut taken = self.seats.taken.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(count) = taken.get_mut(&self.whose) {
+        let mut used = self.slots.used.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = used.get_mut(&self.owner) {
             *count -= 1;
             if *count == 0 {
-                taken.remove(&self.whose);
+                used.remove(&self.owner);
             }
         }
     }
@@ -256,21 +255,21 @@ mod tests {
     }
 
     #[test]
-    fn strangers_get_a_part_of_the_seats_and_nobody_gets_all() {
-        let seats = Arc::new(Seats::new(REQUESTS));
-        let take = |address: &str, is_known| seats.take(origin(address), is_known);
+    fn unknown_addresses_get_a_part_of_the_slots_and_none_gets_all() {
+        let slots = Arc::new(Slots::new(REQUESTS));
+        let take = |address: &str, is_known| slots.take(origin(address), is_known);
         let mut held = Vec::new();
         for address in ["10.0.0.1", "10.0.0.2", "10.0.0.3", "10.0.0.4"] {
             held.extend((0..50).map_while(|_| take(address, false)));
         }
-        assert_eq!(held.len(), REQUESTS.of_strangers);
+        assert_eq!(held.len(), REQUESTS.of_unknown);
         assert!(take("10.0.0.5", false).is_none(), "strangers have had theirs");
         held.extend((0..200).map_while(|_| take("10.0.0.1", true)));
-        assert_eq!(held.len(), REQUESTS.of_strangers + REQUESTS.of_one, "of one who knows the token");
+        assert_eq!(held.len(), REQUESTS.of_unknown + REQUESTS.of_one, "of one who knows the token");
         assert!(take("127.0.0.1", true).is_some(), "this machine is not shut out");
         drop(held);
-        assert!(seats.taken.lock().unwrap().is_empty());
-        let streams = Arc::new(Seats::new(STREAMS));
+        assert!(slots.used.lock().unwrap().is_empty());
+        let streams = Arc::new(Slots::new(STREAMS));
         assert!(streams.take(origin("10.0.0.1"), false).is_none());
     }
 }

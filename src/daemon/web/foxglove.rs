@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use tokio::sync::broadcast::error::RecvError;
 
 use super::App;
-use super::doors::Seat;
+use super::doors::Slot;
 use super::guard::Peer;
 use super::refusal::Refusal;
 use super::server::told;
@@ -66,14 +66,14 @@ pub(super) async fn open(
         let words = format!("this speaks the WebSocket protocol {}: ask for it", PROTOCOLS[0]);
         return Refusal::new(StatusCode::BAD_REQUEST, words).into_response();
     }
-    let seat = match app.streams.seat(peer) {
-        Ok(seat) => seat,
+    let slot = match app.streams.slot(peer) {
+        Ok(slot) => slot,
         Err(problem) => return problem.into_response(),
     };
     upgrade
         .max_message_size(MESSAGE_BYTES)
         .max_frame_size(MESSAGE_BYTES)
-        .on_upgrade(move |socket| run(socket, app.daemon, app.streams, seat))
+        .on_upgrade(move |socket| run(socket, app.daemon, app.streams, slot))
 }
 
 /// One client with its subscriptions.
@@ -86,7 +86,7 @@ struct Client {
     cells_sent: Option<u64>,
 }
 
-async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _seat: Seat) {
+async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _slot: Slot) {
     let (sink, mut source) = socket.split();
     let (mut states, mut poured, mut stop) = (daemon.states(), daemon.hub().listen(), streams.stop());
     let channels = channels(&daemon);

@@ -1,7 +1,7 @@
 //! The daemon over HTTP: a page for people, REST and a WebSocket for programs, metrics for Prometheus.
 //!
 //! What comes in is checked in this order: time and size of a request, number of requests under way (stops of the rig go
-//! first and need no seat), the `Host` it asks for (a name that points here by DNS tricks is refused), the page it comes
+//! first and need no slot), the `Host` it asks for (a name that points here by DNS tricks is refused), the page it comes
 //! from (`Origin`), the rate, the token. Nothing in a request names a file.
 
 mod api;

@@ -18,7 +18,7 @@ use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpStream;
 use tokio::sync::{Notify, Semaphore, watch};
 
-use super::doors::{Doors, Origin, REQUESTS, Seats, Wait};
+use super::doors::{Doors, Origin, REQUESTS, Slots, Wait};
 use super::guard::{Guard, Peer, STOPS};
 use super::refusal::Refusal;
 
@@ -47,7 +47,7 @@ struct Hall {
     router: Router,
     guard: Arc<Guard>,
     doors: Arc<Doors>,
-    seats: Arc<Seats>,
+    slots: Arc<Slots>,
     /// One for each of [`STOPS`].
     stops: [Semaphore; STOPS.len()],
     stop: watch::Receiver<bool>,
@@ -65,7 +65,7 @@ pub(super) async fn serve(
         router,
         guard,
         doors: Arc::default(),
-        seats: Arc::new(Seats::new(REQUESTS)),
+        slots: Arc::new(Slots::new(REQUESTS)),
         stops: std::array::from_fn(|_| Semaphore::new(STOPS_AT_ONCE)),
         stop: stop.clone(),
     });
@@ -178,7 +178,7 @@ impl Hall {
         };
         idle.set(None);
         let is_known = origin == Origin::Here || self.guard.shows_token(&parts.headers);
-        let Some(_seat) = self.seats.take(origin, is_known) else {
+        let Some(_slot) = self.slots.take(origin, is_known) else {
             let mut refusal = refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests are under way");
             refusal.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
             return refusal;

@@ -15,7 +15,7 @@ use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::watch;
 
 use super::App;
-use super::doors::{Origin, STREAMS, Seat, Seats};
+use super::doors::{Origin, STREAMS, Slot, Slots};
 use super::guard::Peer;
 use super::refusal::Refusal;
 use super::server::told;
@@ -31,7 +31,7 @@ const REPEAT: Duration = Duration::from_secs(1);
 
 /// What all streams share.
 pub(super) struct Streams {
-    seats: Arc<Seats>,
+    slots: Arc<Slots>,
     missed: AtomicU64,
     /// The newest state as text, with the moment that it is of: one for all pages.
     text: Mutex<Option<(Instant, Utf8Bytes)>>,
@@ -40,14 +40,14 @@ pub(super) struct Streams {
 
 impl Streams {
     pub fn new(stop: watch::Receiver<bool>) -> Self {
-        let seats = Arc::new(Seats::new(STREAMS));
-        Self { seats, missed: AtomicU64::new(0), text: Mutex::default(), stop }
+        let slots = Arc::new(Slots::new(STREAMS));
+        Self { slots, missed: AtomicU64::new(0), text: Mutex::default(), stop }
     }
 
-    /// A seat for one more, if there is one. Whoever may ask for a stream is known: by the token, or as of this machine.
-    pub fn seat(&self, Peer(peer): Peer) -> Result<Seat, Refusal> {
-        let seat = self.seats.take(Origin::of(peer.ip()), true);
-        seat.ok_or_else(|| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
+    /// A slot for one more, if there is one. Whoever may ask for a stream is known: by the token, or as of this machine.
+    pub fn slot(&self, Peer(peer): Peer) -> Result<Slot, Refusal> {
+        let slot = self.slots.take(Origin::of(peer.ip()), true);
+        slot.ok_or_else(|| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
     }
 
     /// The state as a message.
@@ -87,17 +87,17 @@ pub(super) async fn open(
     Extension(peer): Extension<Peer>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    let seat = match app.streams.seat(peer) {
-        Ok(seat) => seat,
+    let slot = match app.streams.slot(peer) {
+        Ok(slot) => slot,
         Err(problem) => return problem.into_response(),
     };
     upgrade
         .max_message_size(MESSAGE_BYTES)
         .max_frame_size(MESSAGE_BYTES)
-        .on_upgrade(move |socket| run(socket, app.daemon, app.streams, seat))
+        .on_upgrade(move |socket| run(socket, app.daemon, app.streams, slot))
 }
 
-async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _seat: Seat) {
+async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _slot: Slot) {
     let (mut sink, mut source) = socket.split();
     let mut states = daemon.states();
     let (cells, mut picture) = daemon.picture();

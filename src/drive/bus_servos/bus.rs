@@ -26,11 +26,11 @@ pub mod instruction {
     pub const READ: u8 = 0x02;
     /// Write registers.
     pub const WRITE: u8 = 0x03;
-    /// Start again: the only way out of a Dynamixel's shutdown.
+    /// Start again: the only exit from a Dynamixel's shutdown.
     pub const REBOOT: u8 = 0x08;
     /// Read the same registers of many servos; they answer in turn.
     pub const SYNC_READ: u8 = 0x82;
-    /// Write the same registers of many servos; nobody answers.
+    /// Write the same registers of many servos; none answers.
     pub const SYNC_WRITE: u8 = 0x83;
 }
 
@@ -63,7 +63,7 @@ pub trait Wire: Default + Send + 'static {
     /// Forgets half an answer.
     fn clear(&mut self);
 
-    /// Damaged packets heard.
+    /// Damaged packets received.
     fn damaged(&self) -> u32;
 }
 
@@ -76,7 +76,7 @@ pub struct Bus<W> {
     patience: Duration,
     /// Servos that owe an answer, which may still come.
     owing: Vec<u8>,
-    /// Answers heard.
+    /// Answers received.
     pub answers: u32,
 }
 
@@ -104,7 +104,7 @@ impl<W: Wire> Bus<W> {
         self.port.path()
     }
 
-    /// Damaged packets heard.
+    /// Damaged packets received.
     pub fn damaged(&self) -> u32 {
         self.wire.damaged()
     }
@@ -208,7 +208,7 @@ impl<W: Wire> Bus<W> {
         Ok(None)
     }
 
-    /// Sets a register; the error that the servo answers, `None` when nobody does.
+    /// Sets a register; the error that the servo answers, `None` when none comes.
     pub fn write(&mut self, id: u8, (address, _): Register, values: &[u8]) -> Result<Option<u8>, LinkError> {
         let parameters = [W::number(address), values.to_vec()].concat();
         Ok(self.ask(id, instruction::WRITE, parameters, 0)?.map(|answer| answer.error))
@@ -257,7 +257,7 @@ impl<W: Wire> Bus<W> {
         Ok(found)
     }
 
-    /// Sets the same register of several servos; nobody answers.
+    /// Sets the same register of several servos; none answers.
     pub fn sync_write(&mut self, register: Register, values: &[(u8, Vec<u8>)]) -> Result<(), LinkError> {
         let mut parameters = address_and_length::<W>(register);
         for (id, value) in values {

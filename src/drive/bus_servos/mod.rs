@@ -59,7 +59,7 @@ fn degrees(counts: i32) -> f64 {
     f64::from(urad(counts)) * 1e-6f64.to_degrees()
 }
 
-/// The registers of a make, and one servo of it as it was found and last heard. Each register that is read has a length of
+/// The registers of a make, and one servo of it as it was found and last read. Each register that is read has a length of
 /// its own, see [`bus`].
 pub trait Table: Sized + Send + 'static {
     /// How the make packs questions.
@@ -87,7 +87,7 @@ pub trait Table: Sized + Send + 'static {
     /// What to look at when a servo stands where no goal leads.
     const OUTSIDE: &'static str;
 
-    /// Looks at one servo before anything is told to it. What this program cannot work with is refused.
+    /// Looks at one servo before anything is written to it. What this program cannot work with is refused.
     fn find(bus: &mut Bus<Self::Wire>, id: u8) -> Result<Self, LinkError>;
 
     /// Its own lowest and highest position, counts.
@@ -153,14 +153,14 @@ fn supply_minimum_mv((low, high): (u16, u16)) -> u16 {
     if (1..=usual_mv).contains(&high_mv) { low.saturating_mul(100) } else { usual_mv }
 }
 
-/// One servo, as last heard.
+/// One servo, as last read.
 struct BusServo<T> {
     id: u8,
     table: T,
     sense: Sense,
     /// Where it was last seen within its turn, counts.
     position: i32,
-    /// Where it is said to be, when that is no place of its turn.
+    /// The position that it reports, where that lies outside its turn.
     outside: Option<i32>,
     between: [Instant; 2],
     /// Why it is not driven, or what it last answered to a write that it refused.
@@ -231,7 +231,7 @@ struct BusServos<T: Table> {
 }
 
 impl<T: Table> BusServos<T> {
-    /// Whether the servo took the value; a refusal is kept for those who ask.
+    /// Whether the servo took the value; a refusal is listed among its errors.
     fn write(&mut self, axis: usize, register: Register, values: &[u8]) -> Result<bool, LinkError> {
         let servo = &mut self.servos[axis];
         if !servo.table.answers_writes() {
@@ -283,7 +283,7 @@ impl<T: Table> Actuators for BusServos<T> {
         let ids = self.servos.each_ref().map(|servo| servo.id);
         let asked = Instant::now();
         let measured = self.bus.sync_read(ids, T::MEASURED)?;
-        let heard = Instant::now();
+        let answered = Instant::now();
         let slow = if round.is_multiple_of(SLOW_ROUNDS) {
             self.bus.sync_read(ids, T::TORQUE)?
         } else {
@@ -292,7 +292,7 @@ impl<T: Table> Actuators for BusServos<T> {
         for ((servo, measured), slow) in self.servos.iter_mut().zip(&measured).zip(&slow) {
             servo.take(measured.as_ref(), slow.as_ref());
             if measured.is_some() {
-                servo.between = [asked, heard];
+                servo.between = [asked, answered];
             }
         }
         Ok(self.servos.each_ref().map(|servo| Sample { sense: servo.sense, between: servo.between }))

@@ -82,12 +82,16 @@ impl fmt::Display for Factors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratios =
             [(0x608F, self.encoder), (0x6091, self.gear), (0x6092, self.feed), (0x6093, self.factor)];
-        let mut said = Vec::new();
+        let mut objects = Vec::new();
         for (object, ratio) in ratios {
-            said.extend(ratio.map(|ratio| format!("0x{object:04x} = {ratio}")));
+            objects.extend(ratio.map(|ratio| format!("0x{object:04x} = {ratio}")));
         }
-        said.extend(self.si.map(|si| format!("0x60a8 = 0x{si:08x}")));
-        if said.is_empty() { f.write_str("no object of its units") } else { f.write_str(&said.join(", ")) }
+        objects.extend(self.si.map(|si| format!("0x60a8 = 0x{si:08x}")));
+        if objects.is_empty() {
+            f.write_str("no object of its units")
+        } else {
+            f.write_str(&objects.join(", "))
+        }
     }
 }
 
@@ -217,8 +221,8 @@ mod tests {
             (Factors { si: Some(0xF741_0000), ..GEARED }, &["32 bits"]),
         ];
         for (factors, words) in refused {
-            let said = factors.unit().unwrap_err();
-            assert!(words.iter().all(|word| said.contains(word)), "{said}");
+            let objects = factors.unit().unwrap_err();
+            assert!(words.iter().all(|word| objects.contains(word)), "{objects}");
         }
     }
 }

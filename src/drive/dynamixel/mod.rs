@@ -32,14 +32,14 @@ pub(super) const READ: [Register; 8] = [
     table::FENCE,
 ];
 
-/// One servo, as found and as last heard.
+/// One servo, as found and as last read.
 pub(super) struct Dynamixel {
     model: &'static Model,
     limits: (i32, i32),
     supply_limits: (u16, u16),
-    /// What its hardware error register said last.
+    /// What its hardware error register had last.
     error: u8,
-    /// What its status return level was last; it is kept in RAM, and others may change it.
+    /// What its status return level was last; it is in RAM, and others may change it.
     status_return_level: u8,
 }
 
@@ -178,7 +178,7 @@ impl Table for Dynamixel {
 fn find_level(bus: &mut Bus<PacketWire>, id: u8, model: &Model) -> Result<u8, LinkError> {
     let level = bus.read_patiently(id, table::STATUS_RETURN_LEVEL)?.map(|values| values[0]);
     let name = format!("register 68 (status return level) of this {}", model.name);
-    let (register, found, heard) = match level {
+    let (register, found, symptom) = match level {
         Some(2) => return Ok(2),
         Some(level) => (name, level, ""),
         None if bus.ping(id, table::PING.1)?.is_some() => {
@@ -192,8 +192,9 @@ fn find_level(bus: &mut Bus<PacketWire>, id: u8, model: &Model) -> Result<u8, Li
             });
         }
     };
-    let advice =
-        format!("{heard}set it to 2 (DYNAMIXEL Wizard), or switch the servo off and on, which sets it to 2");
+    let advice = format!(
+        "{symptom}set it to 2 (DYNAMIXEL Wizard), or switch the servo off and on, which sets it to 2"
+    );
     Err(refuse(bus.path(), id, &register, found.into(), "2 (answers pings, reads and writes)", &advice))
 }
 

@@ -23,7 +23,7 @@ const TOOL: &str = "with Feetech's FD program, torque off";
 #[cfg(test)]
 pub(super) const READ: [Register; 4] = [table::FENCE, table::SETUP, table::TORQUE_ENABLE, table::MEASURED];
 
-/// One servo, as found and as last heard.
+/// One servo, as found and as last read.
 pub(super) struct Feetech {
     limits: (i32, i32),
     supply_limits: (u16, u16),

@@ -1,7 +1,7 @@
 //! The first move of a rig: in small steps, each held against what was measured, and back again.
 //!
 //! A position unit that is wrong shows in nothing that a device says at rest. So the first time a pair is told to go
-//! somewhere it goes a degree of that way in steps that begin small; where it went farther than it was told, the other way,
+//! somewhere it goes the first degree in steps that begin small; where it went farther than ordered, in the other direction,
 //! or much less, it is left where it stands and driven no more.
 
 use std::sync::mpsc::TryRecvError;
@@ -46,7 +46,7 @@ impl Witness {
     }
 }
 
-/// Shares of the way, from the first step to the last.
+/// Shares of the travel, from the first step to the last.
 fn shares(longest_urad: i32) -> Vec<f64> {
     let whole = f64::from(longest_urad.unsigned_abs().min(FIRST_URAD.unsigned_abs()));
     let steps = std::iter::successors(Some(SMALLEST_URAD), |step| Some(step * GROWTH));
@@ -56,7 +56,7 @@ fn shares(longest_urad: i32) -> Vec<f64> {
     shares
 }
 
-/// Whether a shaft that was told to go so far went much farther, or the other way, beyond what play and noise may be.
+/// Whether a shaft went much farther than ordered, or in the other direction, beyond what play and noise may be.
 fn went_astray(ordered_urad: i32, moved_urad: i32, noise_urad: i32) -> bool {
     let noise = f64::from(noise_urad.max(REST_URAD));
     let (ordered, moved) = (f64::from(ordered_urad), f64::from(moved_urad));
@@ -64,7 +64,7 @@ fn went_astray(ordered_urad: i32, moved_urad: i32, noise_urad: i32) -> bool {
     moved > TOO_FAR * ordered.abs() + noise || moved < -noise
 }
 
-/// Whether a shaft that came to rest moved, and much less than it was told to. One that did not move at all is stuck, which
+/// Whether a shaft that came to rest moved, and much less than ordered. One that did not move at all is stuck, which
 /// is another's business.
 fn fell_short(ordered_urad: i32, moved_urad: i32, noise_urad: i32) -> bool {
     let noise = f64::from(noise_urad.max(REST_URAD));
@@ -74,7 +74,7 @@ fn fell_short(ordered_urad: i32, moved_urad: i32, noise_urad: i32) -> bool {
 
 /// Where a move begins and how far it leads, µrad.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way {
+pub(super) struct PlannedMove {
     from_urad: [i32; 2],
     travel_urad: [i32; 2],
 }
@@ -86,8 +86,8 @@ struct Before {
 }
 
 impl<A: Actuators> Worker<A> {
-    /// The way of an order that moves.
-    pub(super) fn way(&mut self, command: &Command) -> Option<Way> {
+    /// What an order that moves asks for.
+    pub(super) fn planned_move(&mut self, command: &Command) -> Option<PlannedMove> {
         let mut from_urad = [0; 2];
         for (axis, from_urad) in from_urad.iter_mut().enumerate() {
             *from_urad = self.controller.servo_mut(axis)?.setpoint?.position_urad;
@@ -100,13 +100,16 @@ impl<A: Actuators> Worker<A> {
             }
             _ => return None,
         }
-        Some(Way { from_urad, travel_urad: [0, 1].map(|axis| to_urad[axis].saturating_sub(from_urad[axis])) })
+        Some(PlannedMove {
+            from_urad,
+            travel_urad: [0, 1].map(|axis| to_urad[axis].saturating_sub(from_urad[axis])),
+        })
     }
 
-    /// Goes the first part of a way in steps and back again; an error where a shaft moved otherwise than ordered. Ends early,
+    /// Goes the first part of a move in steps and back again; an error where a shaft moved otherwise than ordered. Ends early,
     /// to be tried again, when a reading stays away or a command to stop came.
-    pub(super) fn try_scale(&mut self, way: Way) -> Result<(), LinkError> {
-        self.go_in_steps(way)?;
+    pub(super) fn try_scale(&mut self, planned: PlannedMove) -> Result<(), LinkError> {
+        self.go_in_steps(planned)?;
         // the state machine read nothing meanwhile: its next look is to find something, or that time counts as silence
         let end = Instant::now() + REST_WITHIN;
         while self.readings_urad().contains(&None) && Instant::now() < end {
@@ -115,37 +118,37 @@ impl<A: Actuators> Worker<A> {
         Ok(())
     }
 
-    fn go_in_steps(&mut self, way: Way) -> Result<(), LinkError> {
+    fn go_in_steps(&mut self, planned: PlannedMove) -> Result<(), LinkError> {
         self.listen(0)?;
         let before = Before { readings_urad: self.readings_urad(), witnesses: self.actuators.witnesses()? };
-        let longest_urad = way.travel_urad.map(i32::saturating_abs).into_iter().max().unwrap_or(0);
-        let ordered_by = |share: f64| way.travel_urad.map(|travel| (f64::from(travel) * share) as i32);
+        let longest_urad = planned.travel_urad.map(i32::saturating_abs).into_iter().max().unwrap_or(0);
+        let ordered_by = |share: f64| planned.travel_urad.map(|travel| (f64::from(travel) * share) as i32);
         let shares = shares(longest_urad);
         for share in &shares {
             let ordered_urad = ordered_by(*share);
-            self.step_to(&way, ordered_urad)?;
+            self.step_to(&planned, ordered_urad)?;
             self.watch_for(STEP, &before, ordered_urad)?;
-            if self.is_told_to_stop() || self.readings_urad().contains(&None) {
+            if self.is_stop_ordered() || self.readings_urad().contains(&None) {
                 return Ok(());
             }
         }
         let ordered_urad = ordered_by(shares.last().copied().unwrap_or(0.0));
         self.come_to_rest(&before, ordered_urad)?;
         for share in shares.iter().rev().skip(1).chain([&0.0]) {
-            self.step_to(&way, ordered_by(*share))?;
+            self.step_to(&planned, ordered_by(*share))?;
             std::thread::sleep(ROUND);
             self.listen(1)?;
         }
-        // a way shorter than this proves little
+        // a shorter move proves little
         self.is_tried = longest_urad >= FIRST_URAD / 2;
         Ok(())
     }
 
-    fn step_to(&mut self, way: &Way, ordered_urad: [i32; 2]) -> Result<(), LinkError> {
+    fn step_to(&mut self, planned: &PlannedMove, ordered_urad: [i32; 2]) -> Result<(), LinkError> {
         for (axis, ordered_urad) in ordered_urad.into_iter().enumerate() {
             let setpoint = self.controller.servo_mut(axis).and_then(|servo| servo.setpoint.as_mut());
             setpoint.into_iter().for_each(|setpoint| {
-                setpoint.position_urad = way.from_urad[axis].saturating_add(ordered_urad);
+                setpoint.position_urad = planned.from_urad[axis].saturating_add(ordered_urad);
             });
         }
         self.tell()
@@ -159,7 +162,7 @@ impl<A: Actuators> Worker<A> {
         })
     }
 
-    /// Waits until the shafts are where they were told to be or stand elsewhere, and refuses what fell short.
+    /// Waits until the shafts are at their goals or stand elsewhere, and refuses what fell short.
     fn come_to_rest(&mut self, before: &Before, ordered_urad: [i32; 2]) -> Result<(), LinkError> {
         let end = Instant::now() + REST_WITHIN;
         let mut earlier = self.moved_urad(before);
@@ -230,7 +233,7 @@ impl<A: Actuators> Worker<A> {
         Ok(())
     }
 
-    /// The same by the witnesses, which may count the other way.
+    /// The same by the witnesses, which may count the other planned.
     fn refuse_witnessed(
         &mut self,
         before: &Before,
@@ -269,8 +272,8 @@ impl<A: Actuators> Worker<A> {
         }
     }
 
-    /// Whether a command came that is not to wait; commands are kept in their order.
-    fn is_told_to_stop(&mut self) -> bool {
+    /// Whether a command came that is not to wait; commands stay in their order.
+    fn is_stop_ordered(&mut self) -> bool {
         loop {
             match self.commands.try_recv() {
                 Ok(frame) => self.waiting.push_back(frame),
@@ -320,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_as_told_passes() {
+    fn a_move_as_ordered_passes() {
         for ordered in [-17_453, -300, 0, 300, 17_453] {
             assert!(!went_astray(ordered, ordered, 0) && !fell_short(ordered, ordered, 0));
         }

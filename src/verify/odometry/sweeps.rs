@@ -88,12 +88,12 @@ impl Sweeps {
         }
     }
 
-    /// Adds a frame of a sensor; `seat` says where it sat on the body at a time of its clock.
+    /// Adds a frame of a sensor; `body_from_sensor_at`: at a time of its clock, ns.
     pub fn add_frame(
         &mut self,
         sensor: usize,
         model: &SensorModel,
-        seat: &dyn Fn(u64) -> Pose,
+        body_from_sensor_at: &dyn Fn(u64) -> Pose,
         frame: &Frame,
     ) {
         let Some([first_ns, last_ns]) = frame.time_span_ns() else { return };
@@ -109,7 +109,7 @@ impl Sweeps {
         let (mut of_column, mut body_from_sensor) = (usize::MAX, Pose::IDENTITY);
         for (column, channel, range_mm) in returns(model, frame) {
             if column != of_column {
-                (of_column, body_from_sensor) = (column, seat(frame.column_time_ns[column]));
+                (of_column, body_from_sensor) = (column, body_from_sensor_at(frame.column_time_ns[column]));
             }
             let range_m = f64::from(range_mm) * 1e-3;
             if range_m < nearest_m || range_m > self.limits.farthest_m {
