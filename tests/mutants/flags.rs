@@ -114,9 +114,10 @@ pub fn feed() {
             flags += 1;
             let flag = format!("--{}", argument.get_long().unwrap());
             for (number, value) in VALUES.iter().enumerate() {
-                // a seed may be any number, and a whole demo is no small input; so many regions are minutes of work
-                let is_long =
-                    (names == "demo" && flag == "--seed") || (flag == "--certify" && *value == "65535");
+                // a seed may be any number, and a whole demo is no small input; so many regions or mounts are minutes
+                // of work that was asked for
+                let is_long = (names == "demo" && flag == "--seed")
+                    || (["--certify", "--evals"].contains(&flag.as_str()) && *value == "65535");
                 if is_long || !(all || (number + flags) % VALUES.len() < 2) {
                     continue;
                 }
