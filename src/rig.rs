@@ -58,12 +58,12 @@ impl Mount {
     }
 
     /// Position in the mount frame, m.
-    pub fn position_m(&self) -> DVec3 {
+    pub(crate) fn position_m(&self) -> DVec3 {
         DVec3::new(self.x_m, self.y_m, self.z_m)
     }
 
     /// Rotation in mount-frame axes: `Rx(roll) * Ry(pitch)`.
-    pub fn rotation(&self) -> DMat3 {
+    pub(crate) fn rotation(&self) -> DMat3 {
         DMat3::from_rotation_x(self.roll_rad) * DMat3::from_rotation_y(self.pitch_rad)
     }
 
@@ -88,14 +88,14 @@ pub struct MountedSensor {
 impl MountedSensor {
     /// Where the beams meet, in the mount frame, m: the lidar origin, within 2 mm the middle of the housing of every
     /// model with a drawing.
-    pub fn lidar_origin_m(&self) -> DVec3 {
+    pub(crate) fn lidar_origin_m(&self) -> DVec3 {
         let lidar_origin = self.model.sensor_from_lidar().translation;
         let in_mount_axes = BODY_FROM_MOUNT_FRAME.transpose() * lidar_origin;
         self.mount.position_m() + self.mount.rotation() * in_mount_axes
     }
 
     /// The spin axis (+z of the sensor) in the mount frame.
-    pub fn spin_axis(&self) -> DVec3 {
+    pub(crate) fn spin_axis(&self) -> DVec3 {
         self.mount.rotation() * DVec3::Z
     }
 }
@@ -117,7 +117,8 @@ pub struct NoSeat {
 
 impl Rig {
     /// Each sensor followed by its mirror image across the platform's plane of symmetry.
-    pub fn mirrored(masters: Vec<MountedSensor>) -> Self {
+    #[cfg(test)]
+    pub(crate) fn mirrored(masters: Vec<MountedSensor>) -> Self {
         let pair = |master: MountedSensor| {
             let image = MountedSensor {
                 name: format!("{}-mirrored", master.name),
@@ -133,7 +134,7 @@ impl Rig {
     ///
     /// # Errors
     /// No sensor has it.
-    pub fn seat(&self, name: &str) -> Result<usize, NoSeat> {
+    pub(crate) fn seat(&self, name: &str) -> Result<usize, NoSeat> {
         self.sensors.iter().position(|sensor| sensor.name == name).ok_or_else(|| NoSeat {
             name: name.to_owned(),
             known: self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", "),
@@ -147,7 +148,7 @@ impl Rig {
 
     /// Distances between sensor origins beside what the pair needs, every pair once: the sum of both housing radii, or
     /// `least_distance_m` where that is more (the published d_min; 0 asks for the housings only).
-    pub fn clearances(&self, least_distance_m: f64) -> Vec<Clearance> {
+    pub(crate) fn clearances(&self, least_distance_m: f64) -> Vec<Clearance> {
         let mut pairs = Vec::new();
         for (index, first) in self.sensors.iter().enumerate() {
             for second in &self.sensors[index + 1..] {
@@ -179,7 +180,7 @@ pub struct Clearance {
 
 impl Clearance {
     /// Whether the pair can be built.
-    pub fn is_kept(&self) -> bool {
+    pub(crate) fn is_kept(&self) -> bool {
         self.distance_m >= self.needed_m
     }
 }

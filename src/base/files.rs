@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 
 /// A nameless file in the folder of `path`, as readable as the user's umask makes other files; persist it to `path`
 /// when it is whole.
-pub fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
+pub(crate) fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".outrigger-");
     #[cfg(unix)]
@@ -28,7 +28,7 @@ fn as_the_system_says(error: io::Error) -> io::Error {
 }
 
 /// Looks whether a file could be put under its name, before the work is done that it is to hold.
-pub fn check_place(path: &Path) -> io::Result<()> {
+pub(crate) fn check_place(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Err(io::Error::new(
             io::ErrorKind::IsADirectory,
@@ -39,13 +39,13 @@ pub fn check_place(path: &Path) -> io::Result<()> {
 }
 
 /// Looks whether files could be put into a folder, which is made when there is something to put there.
-pub fn check_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn check_folder(folder: &Path) -> io::Result<()> {
     let nearest = folder.ancestors().find(|at| at.exists()).unwrap_or(Path::new("."));
     temporary_beside(&nearest.join("file")).map(drop)
 }
 
 /// Puts a file under its name whole or not at all, and on the disk.
-pub fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
+pub(crate) fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
     let mut file = temporary_beside(path)?;
     file.as_file_mut().write_all(content)?;
     file.as_file().sync_all()?;
@@ -64,7 +64,7 @@ pub fn open(path: &Path) -> io::Result<File> {
 
 /// Reads a file, or a pipe that someone writes to (a shell's `<(command)`); a pipe without a writer would be waited for
 /// for ever, and a device may never end.
-pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
     let (mut file, kind) = open_at_once(path)?;
     let mut content = Vec::new();
     if kind.is_fifo() {
@@ -99,7 +99,7 @@ fn open_at_once(path: &Path) -> io::Result<(File, FileType)> {
 
 /// The path of a file that another file in `folder` names. Who wrote that may be anyone: the name may not lead out of the
 /// folder, be it by itself or by a link.
-pub fn inside(folder: &Path, named: &Path) -> io::Result<PathBuf> {
+pub(crate) fn inside(folder: &Path, named: &Path) -> io::Result<PathBuf> {
     ensure_inside(named)?;
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let path = folder.join(named);
@@ -113,7 +113,7 @@ pub fn inside(folder: &Path, named: &Path) -> io::Result<PathBuf> {
 }
 
 /// Whether a name can be that of a file in a folder: it is no absolute path and has no `..`.
-pub fn ensure_inside(named: &Path) -> io::Result<()> {
+pub(crate) fn ensure_inside(named: &Path) -> io::Result<()> {
     let is_inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
     if named.as_os_str().is_empty() || !named.components().all(is_inside) {
         let words =
@@ -124,12 +124,12 @@ pub fn ensure_inside(named: &Path) -> io::Result<()> {
 }
 
 /// Opens the file that another file in `folder` names, as [`inside`] and [`open`] allow.
-pub fn open_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<File> {
+pub(crate) fn open_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<File> {
     open(&inside(folder, named.as_ref())?)
 }
 
 /// Reads that file.
-pub fn read_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<Vec<u8>> {
+pub(crate) fn read_inside(folder: &Path, named: impl AsRef<Path>) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     open_inside(folder, named)?.read_to_end(&mut content)?;
     Ok(content)
@@ -157,7 +157,7 @@ pub fn text(bytes: Vec<u8>) -> io::Result<String> {
 }
 
 /// Puts a JSON document under its name whole or not at all.
-pub fn write_json(path: &Path, document: &impl serde::Serialize) -> io::Result<()> {
+pub(crate) fn write_json(path: &Path, document: &impl serde::Serialize) -> io::Result<()> {
     let mut text = serde_json::to_vec_pretty(document).map_err(io::Error::other)?;
     text.push(b'\n');
     write_whole(path, &text)
@@ -167,7 +167,7 @@ pub fn write_json(path: &Path, document: &impl serde::Serialize) -> io::Result<(
 const DESCRIPTORS: usize = 16;
 
 /// Refuses to go on where hardly any file can be opened any more: the library that waits for sockets and signals panics then.
-pub fn ensure_descriptors() -> io::Result<()> {
+pub(crate) fn ensure_descriptors() -> io::Result<()> {
     let opened: io::Result<Vec<File>> = (0..DESCRIPTORS).map(|_| File::open("/dev/null")).collect();
     opened.map(drop).map_err(|error| {
         let words = format!(
@@ -178,28 +178,28 @@ pub fn ensure_descriptors() -> io::Result<()> {
 }
 
 /// Brings the names in a folder to the disk.
-pub fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
 /// What a file's name says about its format: the extension in small letters, empty where there is none.
-pub fn ending(path: &Path) -> String {
+pub(crate) fn ending(path: &Path) -> String {
     path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase()
 }
 
 /// Whether two paths lead to one file that is there.
-pub fn is_same(one: &Path, other: &Path) -> bool {
+pub(crate) fn is_same(one: &Path, other: &Path) -> bool {
     let real = std::fs::canonicalize(one).ok();
     real.is_some() && real == std::fs::canonicalize(other).ok()
 }
 
 /// The folder a path lies in; the current one for a bare name.
-pub fn folder_of(path: &Path) -> &Path {
+pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Bytes as hexadecimal digits.
-pub fn hexadecimal(bytes: &[u8]) -> String {
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
         let _ = write!(text, "{byte:02x}"); // a String takes everything

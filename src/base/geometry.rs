@@ -27,8 +27,8 @@ impl Pose {
         Self { rotation, translation_m }
     }
 
-    /// A translation.
-    pub fn from_translation(translation_m: DVec3) -> Self {
+    #[cfg(test)]
+    pub(crate) fn from_translation(translation_m: DVec3) -> Self {
         Self { rotation: DQuat::IDENTITY, translation_m }
     }
 
@@ -49,7 +49,7 @@ impl Pose {
     }
 
     /// Between two poses: `share` 0 gives `self`, 1 gives `to`; slerp and straight line.
-    pub fn interpolate(&self, to: &Self, share: f64) -> Self {
+    pub(crate) fn interpolate(&self, to: &Self, share: f64) -> Self {
         Self {
             rotation: self.rotation.slerp(to.rotation, share),
             translation_m: self.translation_m.lerp(to.translation_m, share),

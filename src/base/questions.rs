@@ -14,7 +14,7 @@ pub struct Difference {
 
 /// The first place where two questions differ: of `foremost`, JSON pointers, or else of all places, those of `then` before
 /// those that only `now` has.
-pub fn first_difference(then: &Value, now: &Value, foremost: &[&str]) -> Option<Difference> {
+pub(crate) fn first_difference(then: &Value, now: &Value, foremost: &[&str]) -> Option<Difference> {
     let mut places: Vec<String> = foremost.iter().map(|place| (*place).to_owned()).collect();
     leaves(then, "", &mut places);
     leaves(now, "", &mut places);

@@ -2,7 +2,7 @@
 
 /// Quantile of sorted values, by straight lines between them (Hyndman and Fan's type 7, doi:10.1080/00031305.1996.10473566).
 /// NaN without values.
-pub fn quantile(sorted: &[f64], share: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     let place = share.clamp(0.0, 1.0) * last as f64;
     let below = place.floor() as usize;
@@ -11,30 +11,30 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
 }
 
 /// The values in ascending order.
-pub fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
+pub(crate) fn sorted(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
     values
 }
 
 /// The middle value, the upper one of two; none of nothing. Puts the values into another order.
-pub fn median(values: &mut [f64]) -> Option<f64> {
+pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// 1.4826 times the median size of errors: their standard deviation if they are normal, whatever a few of them are.
-pub fn robust_deviation(sizes: &mut [f64]) -> Option<f64> {
+pub(crate) fn robust_deviation(sizes: &mut [f64]) -> Option<f64> {
     median(sizes).map(|middle| 1.4826 * middle)
 }
 
 /// Place of the greatest value, the first of equals; 0 without values.
-pub fn greatest(values: &[f64]) -> usize {
+pub(crate) fn greatest(values: &[f64]) -> usize {
     (1..values.len()).fold(0, |best, at| if values[at] > values[best] { at } else { best })
 }
 
 /// Mean and standard deviation of a sample; the deviation is 0 for fewer than two values, both NaN without any.
-pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
+pub(crate) fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     if values.len() < 2 {
@@ -46,7 +46,7 @@ pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
 
 /// Chance of a value of Student's t at least this far from zero, either side, for whole degrees of freedom (Abramowitz and
 /// Stegun, 26.7.3 and 26.7.4).
-pub fn student_two_sided(t: f64, freedom: usize) -> f64 {
+pub(crate) fn student_two_sided(t: f64, freedom: usize) -> f64 {
     if !t.is_finite() || freedom == 0 {
         return if t.is_infinite() && freedom > 0 { 0.0 } else { 1.0 };
     }
@@ -63,7 +63,7 @@ pub fn student_two_sided(t: f64, freedom: usize) -> f64 {
 }
 
 /// Where [`student_two_sided`] falls to this chance.
-pub fn student_quantile(chance: f64, freedom: usize) -> f64 {
+pub(crate) fn student_quantile(chance: f64, freedom: usize) -> f64 {
     let (mut low, mut high) = (0.0, 1e6);
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
@@ -78,7 +78,7 @@ pub fn student_quantile(chance: f64, freedom: usize) -> f64 {
 
 /// Spearman's rank correlation of two lists of the same length, equal values sharing their mean rank
 /// (doi:10.2307/1412159). None where one of the lists does not vary.
-pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
+pub(crate) fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     let (a, b) = (ranks(a), ranks(b));
     let (mean_a, mean_b) = (mean_and_deviation(&a).0, mean_and_deviation(&b).0);
     let sum = |product: &dyn Fn(f64, f64) -> f64| -> f64 {

@@ -15,7 +15,7 @@ use crate::drive::is_no_path;
 use crate::live::config::{Config, ConfigError, Section, Setting};
 
 /// The file that the command line or the environment names.
-pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {
+pub(crate) fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {
     // a command line that asks for help or is wrong is dealt with later, with the whole command
     let matches = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok()?;
     let mut level = Some(&matches);
@@ -29,7 +29,11 @@ pub fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> 
 
 /// The command with the file's settings as defaults. Where one of several flags is needed, the file may name it, unless
 /// another of them is among the arguments.
-pub fn apply(mut command: Command, config: &Config, arguments: &[OsString]) -> Result<Command, ConfigError> {
+pub(crate) fn apply(
+    mut command: Command,
+    config: &Config,
+    arguments: &[OsString],
+) -> Result<Command, ConfigError> {
     let typed = command.clone().ignore_errors(true).try_get_matches_from(arguments).ok();
     for section in config.sections.iter().cloned().chain(inherited(config)) {
         let mut verb = &mut command;
@@ -127,7 +131,7 @@ fn inherited(config: &Config) -> impl Iterator<Item = Section> + '_ {
 }
 
 /// Adds to an error about a value that the value stands in the file.
-pub fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
+pub(crate) fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
     let text = |kind: ContextKind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         _ => None,
@@ -152,7 +156,7 @@ pub fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
 }
 
 /// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.
-pub fn section<T>(
+pub(crate) fn section<T>(
     config: &Config,
     words: &[&str],
     of_verb: impl FnOnce(Verb) -> Option<T>,
@@ -206,7 +210,7 @@ fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
 }
 
 /// The flag of an argument that is named as its field is, without dashes before it.
-pub fn long_name(key: &str) -> String {
+pub(crate) fn long_name(key: &str) -> String {
     key.replace('_', "-")
 }
 

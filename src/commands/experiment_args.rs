@@ -63,7 +63,7 @@ pub enum FidelityArg {
 
 impl FidelityArg {
     /// Where nothing is said: a published experiment is looked at as it was published.
-    pub fn for_scene(is_new: bool) -> Self {
+    pub(crate) fn for_scene(is_new: bool) -> Self {
         if is_new { Self::Auto } else { Self::Given }
     }
 }
@@ -88,7 +88,7 @@ impl FromStr for RollArg {
 
 impl ExperimentArgs {
     /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
-    pub fn is_new_scene(&self) -> bool {
+    pub(crate) fn is_new_scene(&self) -> bool {
         let is_fineness_said = self.azimuths.is_some()
             || self.sub_poses.is_some_and(|poses| poses != 1)
             || self.phase == Some(Phase::Free);
@@ -119,12 +119,16 @@ impl ExperimentArgs {
     }
 
     /// The objective that was asked for; `roll` is the rule where none is given.
-    pub fn objective(&self, roll: Roll) -> anyhow::Result<Objective> {
+    pub(crate) fn objective(&self, roll: Roll) -> anyhow::Result<Objective> {
         self.made(None, roll).map_err(refused)
     }
 
     /// The same for the sensors of a mount file, which says what is not said here.
-    pub fn objective_for(&self, file: &MountFile, path: &std::path::Path) -> anyhow::Result<Objective> {
+    pub(crate) fn objective_for(
+        &self,
+        file: &MountFile,
+        path: &std::path::Path,
+    ) -> anyhow::Result<Objective> {
         let is_silent = self.preset.is_empty()
             && self.voxel.is_none()
             && self.azimuths.is_none()

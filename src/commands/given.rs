@@ -36,7 +36,7 @@ pub struct SensorArgs {
 
 impl SensorArgs {
     /// Without what the rig.toml says of metadata, where the capture is a session that has its own.
-    pub fn of(&self, context: Context, capture: &Path) -> Self {
+    pub(crate) fn of(&self, context: Context, capture: &Path) -> Self {
         let mut sensors = self.clone();
         if !context.is_typed("meta") && session_metadata(capture).is_ok_and(|files| !files.is_empty()) {
             sensors.meta.clear();
@@ -45,7 +45,7 @@ impl SensorArgs {
     }
 
     /// The same, with the metadata of the rig.toml's sensors, where nothing else names any and the capture is no session.
-    pub fn or_of(&self, context: Context, capture: &Path) -> Self {
+    pub(crate) fn or_of(&self, context: Context, capture: &Path) -> Self {
         let mut sensors = self.of(context, capture);
         let config = context.config;
         if sensors.meta.is_empty() && !Session::is_session(capture) {
@@ -57,13 +57,13 @@ impl SensorArgs {
     }
 
     /// The calibrations, read.
-    pub fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
+    pub(crate) fn calibrations(&self) -> anyhow::Result<Vec<GivenCalibration>> {
         self.calibration.iter().map(calibration).collect()
     }
 }
 
 /// The port that the sensor of a metadata file of a session was recorded from.
-pub fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie> {
+pub(crate) fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie> {
     let is_of =
         |entry: &&SensorEntry| entry.metadata.as_ref().is_some_and(|relative| dir.join(relative) == file);
     let mut entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry)).filter(is_of);
@@ -74,7 +74,7 @@ pub fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie
 }
 
 /// The metadata in some files; what describes a unit as another file does counts once. What cannot be read is told of.
-pub fn metadata_of(
+pub(crate) fn metadata_of(
     files: &[TiedFile],
     tell: &mut dyn FnMut(anyhow::Error) -> anyhow::Result<()>,
 ) -> anyhow::Result<Vec<Given>> {
@@ -112,7 +112,7 @@ pub fn metadata_of(
 }
 
 /// What decoding takes from metadata: not when it was switched on, what it runs and where it sends.
-pub fn as_decoded(metadata: &Metadata) -> Metadata {
+pub(crate) fn as_decoded(metadata: &Metadata) -> Metadata {
     let firmware = String::new();
     let (lidar_port, imu_port, zone_port, destination) = (None, None, None, None);
     Metadata { init_id: 0, firmware, lidar_port, imu_port, zone_port, destination, ..metadata.clone() }
@@ -131,7 +131,7 @@ fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
 }
 
 /// Refuses a calibration for a name that no sensor of a recording has; captures know no names.
-pub fn ensure_named(
+pub(crate) fn ensure_named(
     calibrations: &[GivenCalibration],
     session: Option<&Manifest>,
     recording: &Path,
@@ -157,11 +157,11 @@ pub fn ensure_named(
 }
 
 /// The metadata files of a session; none of what is no session.
-pub fn session_metadata(session: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(crate) fn session_metadata(session: &Path) -> anyhow::Result<Vec<PathBuf>> {
     json_files(&session.join(crate::recording::file::METADATA))
 }
 
-pub fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
+pub(crate) fn json_files(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }

@@ -47,7 +47,7 @@ pub struct CompletionsArgs {
 }
 
 /// Prints a completion script.
-pub fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
+pub(crate) fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
     let mut script = Vec::new(); // what writes to stdout itself panics where its reader went away
     clap_complete::generate(args.shell, &mut Cli::command(), "outrigger", &mut script);
     output::print_text(&String::from_utf8(script)?)?;
@@ -70,7 +70,7 @@ pub struct ManualArgs {
 }
 
 /// Prints a manual page in roff: outrigger(1), or outrigger-VERB(1).
-pub fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
+pub(crate) fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
     let mut program = Cli::command();
     if let Some(folder) = &args.pages {
         return pages(program, folder);

@@ -34,7 +34,7 @@ impl FromStr for Masters {
 
 impl Masters {
     /// The masters where the sensors are said elsewhere; none may name a model.
-    pub fn without_models(&self) -> anyhow::Result<Vec<Placement>> {
+    pub(crate) fn without_models(&self) -> anyhow::Result<Vec<Placement>> {
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| match model {
             Some(model) => refuse!("master {}: model {model} is not said here", index + 1),
             None => Ok(*placement),
@@ -43,7 +43,7 @@ impl Masters {
     }
 
     /// The masters in an experiment: of its only type, or of the type that is named.
-    pub fn of(&self, experiment: &Experiment) -> anyhow::Result<Vec<Placement>> {
+    pub(crate) fn of(&self, experiment: &Experiment) -> anyhow::Result<Vec<Placement>> {
         let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| {
             let known = |name: &String| models.iter().position(|model| model.eq_ignore_ascii_case(name));

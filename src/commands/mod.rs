@@ -141,7 +141,7 @@ pub struct Context {
 
 impl Context {
     /// Whether an argument (named as its field is) was typed: a default, also one of the rig's file, was not.
-    pub fn is_typed(&self, argument: &str) -> bool {
+    pub(crate) fn is_typed(&self, argument: &str) -> bool {
         let within = |matches: &&'static ArgMatches| matches.subcommand().map(|(_, within)| within);
         std::iter::successors(Some(self.typed), within).any(|matches| {
             matches.try_contains_id(argument).is_ok()
@@ -150,7 +150,11 @@ impl Context {
     }
 
     /// Refuses arguments (named as their fields are) that were typed and are of no use: `why` goes on after their flag.
-    pub fn ensure_not_typed(&self, arguments: &[&str], why: impl std::fmt::Display) -> anyhow::Result<()> {
+    pub(crate) fn ensure_not_typed(
+        &self,
+        arguments: &[&str],
+        why: impl std::fmt::Display,
+    ) -> anyhow::Result<()> {
         if let Some(argument) = arguments.iter().find(|argument| self.is_typed(argument)) {
             refuse!("--{} {why}", defaults::long_name(argument));
         }
@@ -159,7 +163,7 @@ impl Context {
 }
 
 /// What was typed cannot be meant: exit code 2.
-pub fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
+pub(crate) fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
     clap::Error::raw(ErrorKind::ArgumentConflict, what).into()
 }
 

@@ -10,13 +10,13 @@ use crate::report::chart::signed;
 use crate::verify::calibrate::Estimate;
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
-pub fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
+pub(crate) fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(document).context("the result does not fit JSON")?;
     print_text(&format!("{text}\n"))
 }
 
 /// Prints text on stdout. A reader that went away (a closed pipe) is not an error.
-pub fn print_text(text: &str) -> anyhow::Result<()> {
+pub(crate) fn print_text(text: &str) -> anyhow::Result<()> {
     let mut stdout = std::io::stdout();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
@@ -27,7 +27,7 @@ pub fn print_text(text: &str) -> anyhow::Result<()> {
 }
 
 /// Prints a result: the document where JSON is asked for, otherwise its text; then what is odd or was lost.
-pub fn print_result(
+pub(crate) fn print_result(
     is_json: bool,
     document: &impl serde::Serialize,
     text: impl FnOnce() -> String,
@@ -43,33 +43,33 @@ pub fn print_result(
 }
 
 /// Looks, before the work is done, whether the files that were asked for could be written.
-pub fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> anyhow::Result<()> {
+pub(crate) fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> anyhow::Result<()> {
     let mut asked = paths.into_iter().flatten();
     asked.try_for_each(|path| check_place(path).with_context(|| format!("cannot write {}", path.display())))
 }
 
 /// A value and half of its 95 % interval, for a text or a page; `-` where it is not known.
-pub fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
+pub(crate) fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
     estimate.map_or("-".into(), |told| format!("{} +- {:.decimals$}", signed(told.value, decimals), told.u95))
 }
 
 /// A p value, for a text or a page: none is nothing.
-pub fn p_value(p_value: f64) -> String {
+pub(crate) fn p_value(p_value: f64) -> String {
     if p_value < 0.0005 { "p < 0.001".into() } else { format!("p {p_value:.3}") }
 }
 
 /// So many of something: `1 frame`, `2 frames`.
-pub fn counted(count: u64, of_one: &str) -> String {
+pub(crate) fn counted(count: u64, of_one: &str) -> String {
     format!("{count} {of_one}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Prints a notice on stderr: done as asked, with something the user may not expect.
-pub fn say_notice(notice: &str) {
+pub(crate) fn say_notice(notice: &str) {
     let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");
 }
 
 /// Prints an error and its causes on stderr.
-pub fn say_error(error: &anyhow::Error) {
+pub(crate) fn say_error(error: &anyhow::Error) {
     let _ = writeln!(std::io::stderr(), "outrigger: {}", said_once(error));
 }
 
@@ -86,7 +86,7 @@ fn said_once(error: &anyhow::Error) -> String {
 }
 
 /// The command line of this run, for a shell, with the environment that speaks into it.
-pub fn again() -> String {
+pub(crate) fn again() -> String {
     const ABOUT_THE_RUN: [&str; 2] = ["OUTRIGGER_JSON", "OUTRIGGER_SHARED"];
     let environment = std::env::vars_os().filter_map(|(name, value)| {
         let name = name.into_string().ok().filter(|name| name.starts_with("OUTRIGGER_"))?;

@@ -2,7 +2,10 @@
 //! of it is taken.
 
 /// A finite number of a range, which is named where it is left. NaN lies in no range.
-pub fn within(least: f64, most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+pub(crate) fn within(
+    least: f64,
+    most: f64,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
     move |text| {
         let number = text.trim().parse().ok().filter(|number: &f64| (least..=most).contains(number));
         number.ok_or_else(|| format!("expected a number from {least} to {most}"))
@@ -10,7 +13,7 @@ pub fn within(least: f64, most: f64) -> impl Fn(&str) -> Result<f64, String> + C
 }
 
 /// A whole number of a range.
-pub fn count(
+pub(crate) fn count(
     least: usize,
     most: usize,
 ) -> impl Fn(&str) -> Result<usize, String> + Clone + Send + Sync + 'static {

@@ -27,14 +27,14 @@ pub struct OdometryArgs {
 
 impl OdometryArgs {
     /// Refuses what was typed about odometry where the way is not found by it.
-    pub fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
+    pub(crate) fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
         context.ensure_not_typed(
             &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
             "is about --trajectory odometry, which is not asked for",
         )
     }
 
-    pub fn check(&self) -> anyhow::Result<()> {
+    pub(crate) fn check(&self) -> anyhow::Result<()> {
         if !(0.0..self.farthest_m).contains(&self.nearest_m) {
             refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
         }
@@ -59,7 +59,7 @@ pub struct OdometryResult {
 }
 
 /// Where a rig of known mounts went.
-pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+pub(crate) fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
     args.check()?;
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
@@ -85,7 +85,7 @@ pub fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<Odomet
 }
 
 /// Where the only sensor of a recording went.
-pub fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+pub(crate) fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
     let mut router = recording.router()?;
     let mut pass = args.pass(1);
     let mut sensors = 0;
@@ -115,7 +115,7 @@ pub fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<Odom
 }
 
 /// What is odd about a trajectory by odometry, in words.
-pub fn remarks(result: &OdometryResult) -> Vec<String> {
+pub(crate) fn remarks(result: &OdometryResult) -> Vec<String> {
     let mut remarks = result.losses.clone();
     remarks.extend(result.walked.problems.iter().cloned());
     remarks.extend(result.walked.open_direction());

@@ -24,7 +24,7 @@ const LEARN_PACKETS: usize = 20_000;
 const MEET_PACKETS: usize = 1000;
 
 /// Refuses a folder that is no session.
-pub fn ensure_recording(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn ensure_recording(path: &Path) -> anyhow::Result<()> {
     ensure!(
         !path.is_dir() || Session::is_session(path),
         "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
@@ -35,7 +35,7 @@ pub fn ensure_recording(path: &Path) -> anyhow::Result<()> {
 }
 
 /// The packets of a session: a file that lies in its folder.
-pub fn packets_of(session: &Path) -> anyhow::Result<PathBuf> {
+pub(crate) fn packets_of(session: &Path) -> anyhow::Result<PathBuf> {
     let path = session.join(crate::recording::file::PACKETS);
     inside_of(session, &path).with_context(|| path.display().to_string())?;
     Ok(path)
@@ -48,7 +48,7 @@ fn inside_of(folder: &Path, path: &Path) -> std::io::Result<()> {
 
 /// Looks at packets before any is decoded: `look` learns from one and says whether nothing is left to learn; none at the
 /// end of the packets.
-pub fn look_first(mut look: impl FnMut() -> Option<bool>) {
+pub(crate) fn look_first(mut look: impl FnMut() -> Option<bool>) {
     for looked_at in 1..=LEARN_PACKETS {
         match look() {
             Some(is_all) if !is_all || looked_at < MEET_PACKETS => {}
@@ -94,7 +94,7 @@ pub struct Ending {
 impl Recording {
     /// Finds the packets (a session folder names them, and brings its metadata along) and reads the metadata.
     /// `-` is standard input.
-    pub fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+    pub(crate) fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
         ensure_recording(capture)?;
@@ -149,7 +149,7 @@ impl Recording {
     }
 
     /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
-    pub fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+    pub(crate) fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         let mut recording = Self::open(capture, sensors)?;
         recording.spooled = spool(&recording.path)?;
         if let Some(file) = &recording.spooled {
@@ -159,22 +159,22 @@ impl Recording {
     }
 
     /// The session that is read, each of its files held against the manifest: reads all of them.
-    pub fn checked_session(&self) -> Option<Session> {
+    pub(crate) fn checked_session(&self) -> Option<Session> {
         self.session.clone().map(|(dir, manifest)| Session::of(&dir, manifest))
     }
 
     /// The file that is read.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         self.name.clone()
     }
 
     /// Whether this is the file that is read.
-    pub fn is_read_from(&self, path: &Path) -> bool {
+    pub(crate) fn is_read_from(&self, path: &Path) -> bool {
         crate::base::files::is_same(path, &self.path)
     }
 
     /// The session that the file was taken out of, without what belongs to it.
-    pub fn session_around(&self) -> Option<&Path> {
+    pub(crate) fn session_around(&self) -> Option<&Path> {
         let folder = self.path.parent().filter(|folder| Session::is_session(folder));
         let has_metadata = |folder: &&Path| session_metadata(folder).is_ok_and(|files| !files.is_empty());
         folder.filter(|_| self.metadata.is_empty()).filter(has_metadata)
@@ -182,7 +182,7 @@ impl Recording {
 
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
     /// of one of these lengths, where any is known, and none of whom others are given. What says the same counts once.
-    pub fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
+    pub(crate) fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
         let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let Ok(files) = json_files(folder.unwrap_or(Path::new("."))) else { return Vec::new() };
@@ -223,7 +223,7 @@ impl Recording {
     }
 
     /// A router that knows the sensors of the metadata, and where they send from if that is needed.
-    pub fn router(&self) -> anyhow::Result<Router> {
+    pub(crate) fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
         router.set_names(self.names());
         for Given { metadata, name, tie } in &self.metadata {
@@ -243,7 +243,7 @@ impl Recording {
     }
 
     /// Refuses a calibration that does not fit the sensor that it was given for.
-    pub fn ensure_calibrations_fit(router: &Router) -> anyhow::Result<()> {
+    pub(crate) fn ensure_calibrations_fit(router: &Router) -> anyhow::Result<()> {
         for sensor in router.sensors() {
             if let Some((name, error)) = sensor.calibration_error() {
                 let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
@@ -254,7 +254,7 @@ impl Recording {
     }
 
     /// The same, and metadata tied to who sends nothing.
-    pub fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
+    pub(crate) fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
         Self::ensure_calibrations_fit(router)?;
         for sensor in router.sensors() {
             let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name) else { continue };
@@ -298,7 +298,7 @@ impl Recording {
     }
 
     /// Hands every datagram to `take`. A file that is cut off or damaged ends the pass early; the [`Ending`] says so.
-    pub fn each_packet(
+    pub(crate) fn each_packet(
         &self,
         take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
     ) -> anyhow::Result<Ending> {
@@ -356,7 +356,7 @@ impl Recording {
 
 impl Ending {
     /// Data that is missing because of the file or its recorder, in words.
-    pub fn losses(&self) -> Vec<String> {
+    pub(crate) fn losses(&self) -> Vec<String> {
         let mut losses = self.missing.clone();
         let unread = self.unread.as_ref().map_or(String::new(), |unread| format!("; {unread}"));
         losses.extend(self.damage.as_ref().map(|damage| format!("{damage}{unread}")));
@@ -366,7 +366,7 @@ impl Ending {
 }
 
 /// Data that a capture lacks, in words.
-pub fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
+pub(crate) fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
     let counted = [
         (counters.fragments_incomplete, "datagrams lack a fragment"),
         (
@@ -381,7 +381,7 @@ pub fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
 }
 
 /// What can be read but once (standard input as `-`, a pipe), kept in a temporary file; none of another file.
-pub fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
+pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     let is_standard_input = path.as_os_str() == "-";
     let is_pipe = std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir());
     if !is_standard_input && !is_pipe {

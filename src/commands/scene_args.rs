@@ -14,7 +14,7 @@ const UNITS: [(&str, MeshUnit); 3] =
     [("m", MeshUnit::Metre), ("cm", MeshUnit::Centimetre), ("mm", MeshUnit::Millimetre)];
 
 /// One of some values, by its name.
-pub fn one_of<T: Copy + Send + Sync + 'static>(
+pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     values: &'static [(&'static str, T)],
 ) -> impl TypedValueParser<Value = T> {
     let named = |name: String| values.iter().find(|(known, _)| *known == name).map(|(_, value)| *value);
@@ -35,7 +35,7 @@ pub struct MeshArgs {
 
 impl MeshArgs {
     /// Reads a mesh; what is neither typed nor stated by the format is metres, z up.
-    pub fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
+    pub(crate) fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
         match MeshFile::read(path, self.mesh_unit, self.up) {
             Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
                 bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
@@ -70,17 +70,17 @@ pub struct TrajectoryArgs {
 
 impl TrajectoryArgs {
     /// The file's name.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         self.trajectory.display().to_string()
     }
 
     /// Reads the file.
-    pub fn read(&self) -> anyhow::Result<Trajectory> {
+    pub(crate) fn read(&self) -> anyhow::Result<Trajectory> {
         read_trajectory(&self.trajectory, self.rate).with_context(|| self.name())
     }
 
     /// What is odd about the trajectory, alone and within a scene.
-    pub fn doubts(&self, scene: &Scene, trajectory: &Trajectory) -> Vec<String> {
+    pub(crate) fn doubts(&self, scene: &Scene, trajectory: &Trajectory) -> Vec<String> {
         let name = self.name();
         let mut doubts = suspicions(trajectory, &name);
         let outside = outside(trajectory, scene.kind(), scene.bounds_m());
@@ -105,7 +105,7 @@ pub struct PoseErrorArgs {
 
 impl PoseErrorArgs {
     /// The same in SI units.
-    pub fn error(&self) -> PoseError {
+    pub(crate) fn error(&self) -> PoseError {
         PoseError {
             position_sd_m: self.pose_sd,
             rotation_sd_rad: self.attitude_sd.to_radians(),
@@ -115,7 +115,7 @@ impl PoseErrorArgs {
 }
 
 /// Reads a trajectory: TUM, or KITTI where a rate is given.
-pub fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
+pub(crate) fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
     let text = crate::base::files::read_text(path)?;
     Ok(match rate_hz {
         Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
@@ -140,7 +140,7 @@ pub struct SampleArgs {
 
 impl SampleArgs {
     /// Reads or draws the samples.
-    pub fn samples(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
+    pub(crate) fn samples(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
         let Some(path) = &self.samples else {
             return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
         };
@@ -175,7 +175,7 @@ pub struct Room([DVec3; 2]);
 
 impl Room {
     /// Six walls, seen from within.
-    pub fn scene(&self) -> Scene {
+    pub(crate) fn scene(&self) -> Scene {
         let Self([low_m, high_m]) = *self;
         Scene::Box(BoxScene::closed(low_m, high_m))
     }

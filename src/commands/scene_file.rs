@@ -38,7 +38,7 @@ const OF_A_MESH: [&str; 2] = ["mesh_unit", "up"];
 const OF_A_MAP: [&str; 3] = ["map_voxel", "map_hits", "map_path"];
 
 /// Refuses what was typed about a mesh or a map where the scene is neither; `what` it is, in words.
-pub fn ensure_none_typed(context: Context, what: &str) -> anyhow::Result<()> {
+pub(crate) fn ensure_none_typed(context: Context, what: &str) -> anyhow::Result<()> {
     context.ensure_not_typed(&OF_A_MESH, format!("is about the mesh behind --scene, and {what}"))?;
     context.ensure_not_typed(
         &OF_A_MAP,
@@ -47,7 +47,7 @@ pub fn ensure_none_typed(context: Context, what: &str) -> anyhow::Result<()> {
 }
 
 /// Refuses what was typed about a scene behind `--scene` where the map is made of frames of the recording itself.
-pub fn ensure_of_frames(context: Context) -> anyhow::Result<()> {
+pub(crate) fn ensure_of_frames(context: Context) -> anyhow::Result<()> {
     let of_another = ["mesh_unit", "up", "map_path"];
     context.ensure_not_typed(
         &of_another,
@@ -56,7 +56,7 @@ pub fn ensure_of_frames(context: Context) -> anyhow::Result<()> {
 }
 
 /// Reads whatever the path names.
-pub fn read(
+pub(crate) fn read(
     path: &Path,
     mesh_args: &MeshArgs,
     map_args: &MapArgs,
@@ -109,13 +109,19 @@ fn trajectory(path: &Path) -> anyhow::Result<Trajectory> {
 pub struct Making(MapBuilder);
 
 impl Making {
-    pub fn new(args: &MapArgs) -> anyhow::Result<Self> {
+    pub(crate) fn new(args: &MapArgs) -> anyhow::Result<Self> {
         let builder = MapBuilder::new(args.map_voxel, args.map_hits);
         Ok(Self(builder.map_err(|error| wrong_usage(format!("--map-voxel: {error}")))?))
     }
 
     /// Adds the returns of a recorded frame that fall into the trajectory's time.
-    pub fn add_frame(&mut self, rig: &Rig, trajectory: &Trajectory, time_offset_ns: i64, taken: &Taken<'_>) {
+    pub(crate) fn add_frame(
+        &mut self,
+        rig: &Rig,
+        trajectory: &Trajectory,
+        time_offset_ns: i64,
+        taken: &Taken<'_>,
+    ) {
         let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
         self.0.add_frame(taken.model, &body_from_sensor, trajectory, time_offset_ns, taken.frame);
     }
@@ -144,7 +150,7 @@ impl Making {
     }
 
     /// The map alone, of frames that a caller chose.
-    pub fn into_map(self) -> VoxelMap {
+    pub(crate) fn into_map(self) -> VoxelMap {
         self.0.into_map()
     }
 }

@@ -3,7 +3,7 @@
 use sensors::router::{Router, Sensor};
 
 /// One name per sensor, in order; no two the same.
-pub fn ids(router: &Router) -> Vec<String> {
+pub(crate) fn ids(router: &Router) -> Vec<String> {
     let mut taken = Vec::new();
     for sensor in router.sensors() {
         next_id(sensor, &mut taken);
@@ -13,7 +13,7 @@ pub fn ids(router: &Router) -> Vec<String> {
 
 /// As the recording calls it, or by product and serial number (or sender, where there is none); numbered where that is
 /// taken.
-pub fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
+pub(crate) fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
     let tail = match (sensor.serial(), sensor.source()) {
         ("", Some(source)) => source.ip().to_string(),
         (serial, _) => serial.to_owned(),

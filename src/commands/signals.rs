@@ -34,14 +34,14 @@ fn is_hangup_ignored() -> bool {
 
 impl Wishes {
     /// From now on signals end the program no more. In a runtime.
-    pub fn new() -> std::io::Result<Self> {
+    pub(crate) fn new() -> std::io::Result<Self> {
         let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
         let hangup = if is_hangup_ignored() { None } else { Some(signal(SignalKind::hangup())?) };
         Ok(Self { interrupt, terminate, hangup, last: None })
     }
 
     /// Waits for the next one; may be dropped while it waits.
-    pub async fn next(&mut self) {
+    pub(crate) async fn next(&mut self) {
         loop {
             let hangup = async {
                 match &mut self.hangup {
@@ -67,13 +67,13 @@ impl Wishes {
 }
 
 /// A runtime on this thread that can wait for signals.
-pub fn runtime() -> anyhow::Result<Runtime> {
+pub(crate) fn runtime() -> anyhow::Result<Runtime> {
     crate::base::files::ensure_descriptors()?;
     tokio::runtime::Builder::new_current_thread().enable_all().build().context("no runtime can be made")
 }
 
 /// One message for each [wish](Wishes) from now on, in place of ending the program.
-pub fn interrupts() -> anyhow::Result<Receiver<()>> {
+pub(crate) fn interrupts() -> anyhow::Result<Receiver<()>> {
     let runtime = runtime()?;
     let (sender, receiver) = channel();
     let (ready, is_ready) = channel();
@@ -120,7 +120,7 @@ fn flag_then(follows: impl FnOnce(&Receiver<()>) + Send + 'static) -> anyhow::Re
 
 /// A flag that the first Ctrl-C (or SIGTERM) sets, for work of which nothing is lost but what is under way: what has not
 /// ended by itself within `grace` is ended with these last words. A second one ends the program at once.
-pub fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
+pub(crate) fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
     flag_then(move |later| {
         if later.recv_timeout(grace).is_ok() {
             std::process::exit(130);
@@ -131,7 +131,7 @@ pub fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<
 }
 
 /// A flag that the first Ctrl-C (or SIGTERM) sets; the second one ends the program at once.
-pub fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
+pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     flag_then(|later| {
         output::say_notice("stopping in good order; Ctrl-C again ends at once and writes nothing more");
         if later.recv().is_ok() {

@@ -16,7 +16,7 @@ const COUNTED: &str = "{bar:24} {percent:>3} %, {eta} left: {wide_msg}";
 
 impl Stage {
     /// Begins the first part of the work.
-    pub fn begin(what: impl Into<String>) -> Self {
+    pub(crate) fn begin(what: impl Into<String>) -> Self {
         let is_seen = std::io::stderr().is_terminal();
         let stage = Self(if is_seen { ProgressBar::new_spinner() } else { ProgressBar::hidden() });
         stage.next(what);
@@ -27,18 +27,18 @@ impl Stage {
     }
 
     /// Goes on to the next part, of which nobody knows how much there is to do.
-    pub fn next(&self, what: impl Into<String>) {
+    pub(crate) fn next(&self, what: impl Into<String>) {
         self.style(UNCOUNTED);
         self.say(what);
     }
 
     /// Says it in other words.
-    pub fn say(&self, what: impl Into<String>) {
+    pub(crate) fn say(&self, what: impl Into<String>) {
         self.0.set_message(what.into());
     }
 
     /// How much there is to do in this part, `done` of it already.
-    pub fn counts(&self, all: u64, done: u64) {
+    pub(crate) fn counts(&self, all: u64, done: u64) {
         self.0.set_length(all);
         self.0.set_position(done);
         self.0.reset_eta();
@@ -46,17 +46,17 @@ impl Stage {
     }
 
     /// How much of it is done.
-    pub fn at(&self, done: u64) {
+    pub(crate) fn at(&self, done: u64) {
         self.0.set_position(done);
     }
 
     /// So much more of it is done.
-    pub fn more(&self, done: u64) {
+    pub(crate) fn more(&self, done: u64) {
         self.0.inc(done);
     }
 
     /// Follows what a library reports.
-    pub fn progress(&self) -> impl Fn(Progress) + Sync + '_ {
+    pub(crate) fn progress(&self) -> impl Fn(Progress) + Sync + '_ {
         |progress| match progress {
             Progress::Total(all) => self.counts(all, 0),
             Progress::Done(more) => self.more(more),
@@ -64,7 +64,7 @@ impl Stage {
     }
 
     /// Leaves a line above, on a terminal.
-    pub fn leave(&self, line: impl AsRef<str>) {
+    pub(crate) fn leave(&self, line: impl AsRef<str>) {
         self.0.println(line);
     }
 

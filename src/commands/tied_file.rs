@@ -18,7 +18,7 @@ pub struct TiedFile {
 
 impl TiedFile {
     /// For a flag.
-    pub fn parser() -> impl TypedValueParser<Value = Self> {
+    pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         OsStringValueParser::new().try_map(Self::read)
     }
 
@@ -33,7 +33,7 @@ impl TiedFile {
     }
 
     /// The name before the equals sign of `NAME=FILE`, and the file behind it; none where there is a file of the whole name.
-    pub fn of_name(&self) -> Option<(String, PathBuf)> {
+    pub(crate) fn of_name(&self) -> Option<(String, PathBuf)> {
         let text = self.path.to_str().filter(|_| !self.path.exists())?;
         let (before, file) = text.split_once('=')?;
         let (folder, name) = before.rsplit_once('/').map_or(("", before), |(folder, name)| (folder, name));
@@ -41,7 +41,7 @@ impl TiedFile {
     }
 
     /// The same text with the file as seen from a folder; what is wrong stays as it is, to be told of.
-    pub fn text_in(text: &str, folder: &Path) -> OsString {
+    pub(crate) fn text_in(text: &str, folder: &Path) -> OsString {
         let Ok(Self { tie, path }) = Self::read(text.into()) else { return text.into() };
         let mut seen = tie.map_or_else(OsString::new, |tie| format!("{tie}=").into());
         seen.push(folder.join(path));

@@ -10,7 +10,7 @@ use super::recording::{Ending, Recording};
 use super::sensor_ids;
 
 /// Lists what the file holds, and says what to do.
-pub fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
+pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
     let counters = &ending.counters;
     let mut text = format!("{}: no LiDAR data was decoded.", recording.name());
     let unclaimed: Vec<&Unclaimed> = router.unclaimed().collect();
@@ -70,7 +70,7 @@ fn needs_metadata(router: &Router) -> bool {
 
 /// Metadata files that lie beside a recording and would read what those given do not, of sensors with serial numbers that
 /// nobody took or named like the recording.
-pub fn metadata_beside(recording: &Recording, router: &Router) -> Vec<PathBuf> {
+pub(crate) fn metadata_beside(recording: &Recording, router: &Router) -> Vec<PathBuf> {
     if !needs_metadata(router) {
         return Vec::new();
     }
@@ -84,7 +84,7 @@ pub fn metadata_beside(recording: &Recording, router: &Router) -> Vec<PathBuf> {
 }
 
 /// Calibrations that serve no sensor, and sensors that are nothing without one.
-pub fn beam_notices(router: &Router) -> Vec<String> {
+pub(crate) fn beam_notices(router: &Router) -> Vec<String> {
     let ids = sensor_ids::ids(router);
     let off =
         router.sensors().iter().zip(&ids).filter_map(|(sensor, id)| Some((id, sensor.beams_are_off()?)));
@@ -93,7 +93,7 @@ pub fn beam_notices(router: &Router) -> Vec<String> {
 }
 
 /// Sensor data that no sensor took.
-pub fn strangers(router: &Router) -> impl Iterator<Item = String> {
+pub(crate) fn strangers(router: &Router) -> impl Iterator<Item = String> {
     router.unclaimed().filter(|entry| entry.is_sensor_data).map(|entry| {
         let Unclaimed { port, length, packets, reason, .. } = entry;
         format!("{packets} packets of {length} bytes to port {port}: {reason}")
@@ -101,7 +101,7 @@ pub fn strangers(router: &Router) -> impl Iterator<Item = String> {
 }
 
 /// What a file holds beside UDP datagrams; losses are [`Ending::losses`].
-pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'static str)> {
+pub(crate) fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'static str)> {
     [
         (counters.not_ip, "frames that are not IP"),
         (counters.not_udp, "IP packets that are not UDP"),
@@ -114,7 +114,7 @@ pub fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'stat
 }
 
 /// Packets of a sensor that its decoder could not use.
-pub fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
+pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
     let rival = sensor.rival().zip(sensor.two_sources());
     let rival = rival.map(|(rival, words)| format!("{id}: {} packets: {words}", rival.packets));

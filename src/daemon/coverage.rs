@@ -47,7 +47,7 @@ struct Inner {
 
 impl LiveCoverage {
     /// Nothing seen yet.
-    pub fn new(seen: Coverage, pose: &'static str, predicting: bool) -> Self {
+    pub(crate) fn new(seen: Coverage, pose: &'static str, predicting: bool) -> Self {
         let counted = (u64::MAX, CoverageStatus::default());
         let inner = Inner {
             seen,
@@ -62,7 +62,7 @@ impl LiveCoverage {
     }
 
     /// The prediction is ready.
-    pub fn promise(&self, predicted: Option<&Coverage>) {
+    pub(crate) fn promise(&self, predicted: Option<&Coverage>) {
         let cells = predicted.map(Coverage::union_cells);
         let mut inner = self.lock();
         inner.predicted = cells;
@@ -71,7 +71,7 @@ impl LiveCoverage {
     }
 
     /// A sensor saw these points, world, m; so many more had no pose.
-    pub fn add(&self, sensor: usize, points_m: &[DVec3], without_pose: u64) {
+    pub(crate) fn add(&self, sensor: usize, points_m: &[DVec3], without_pose: u64) {
         let mut inner = self.lock();
         points_m.iter().for_each(|point_m| inner.seen.add(sensor, *point_m));
         inner.without_pose += without_pose;
@@ -82,7 +82,7 @@ impl LiveCoverage {
     }
 
     /// Begins anew.
-    pub fn clear(&self) {
+    pub(crate) fn clear(&self) {
         let mut inner = self.lock();
         inner.seen = Coverage::new(inner.seen.grid().clone(), inner.seen.sensors());
         (inner.without_pose, inner.last_point) = (0, None);
@@ -90,23 +90,23 @@ impl LiveCoverage {
     }
 
     /// Memory of the cells, bytes.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         let inner = self.lock();
         inner.seen.bytes() + inner.predicted.as_ref().map_or(0, |cells| std::mem::size_of_val(&cells[..]))
     }
 
     /// Where the platform is taken to be.
-    pub fn pose(&self) -> &'static str {
+    pub(crate) fn pose(&self) -> &'static str {
         self.pose
     }
 
     /// Grows when there is something new to draw.
-    pub fn version(&self) -> u64 {
+    pub(crate) fn version(&self) -> u64 {
         self.lock().version
     }
 
     /// In numbers.
-    pub fn status(&self) -> CoverageStatus {
+    pub(crate) fn status(&self) -> CoverageStatus {
         let mut inner = self.lock();
         if inner.counted.0 != inner.version {
             let union = inner.seen.union();
@@ -131,7 +131,7 @@ impl LiveCoverage {
     }
 
     /// As the page draws it.
-    pub fn message(&self, time_ns: u64) -> Vec<u8> {
+    pub(crate) fn message(&self, time_ns: u64) -> Vec<u8> {
         let (origin_m, edge_m, cells) = self.merged(|cells| cells.len() <= MOST_CELLS);
         let mut cells: Vec<_> = cells.into_iter().take(MOST_CELLS).collect();
         cells.sort_unstable();
@@ -139,7 +139,7 @@ impl LiveCoverage {
     }
 
     /// As Foxglove draws it: the block of cells around all that was seen or promised.
-    pub fn voxels(&self) -> Voxels {
+    pub(crate) fn voxels(&self) -> Voxels {
         let (origin_m, edge_m, cells) = self.merged(|cells| {
             let [low, high] = bounds(cells);
             (0..3).map(|axis| usize::from(high[axis] - low[axis]) + 1).product::<usize>() <= MOST_VOXELS

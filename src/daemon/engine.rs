@@ -151,7 +151,7 @@ pub(super) struct Core {
 
 impl Daemon {
     /// Binds every port, finds the rig, opens the folder of sessions; all or nothing.
-    pub fn start(settings: Settings) -> Result<Self, DaemonError> {
+    pub(crate) fn start(settings: Settings) -> Result<Self, DaemonError> {
         let Settings { sensors, receive, recorder, rig, place, config, supervision, log } = settings;
         let (journal, lines) = Journal::new();
         let journal = Arc::new(journal);
@@ -268,7 +268,7 @@ impl Daemon {
     }
 
     /// The state, put together at most a fifth of a second ago; its ages, components and log are those of now.
-    pub fn status(&self) -> Status {
+    pub(crate) fn status(&self) -> Status {
         let core = &self.core;
         let mut status = core.status.borrow().aged();
         status.components = core.supervision.components();
@@ -278,22 +278,22 @@ impl Daemon {
     }
 
     /// Waits until something dies that the daemon cannot be without: what, and how.
-    pub async fn death(&self) -> String {
+    pub(crate) async fn death(&self) -> String {
         self.core.supervision.death().await
     }
 
     /// Every new state.
-    pub fn states(&self) -> watch::Receiver<Arc<Status>> {
+    pub(crate) fn states(&self) -> watch::Receiver<Arc<Status>> {
         self.core.status.subscribe()
     }
 
     /// Since the state was last put together: a daemon that hangs does not.
-    pub fn last_look(&self) -> Duration {
+    pub(crate) fn last_look(&self) -> Duration {
         self.core.status.borrow().as_of.elapsed()
     }
 
     /// Begins to record; the session's name.
-    pub fn begin_recording(&self, label: String) -> Result<String, RecorderError> {
+    pub(crate) fn begin_recording(&self, label: String) -> Result<String, RecorderError> {
         let name = self.recorder.begin(label)?;
         self.core.coverage.clear();
         begin_way(&self.core.place, &self.core.motion);
@@ -303,7 +303,7 @@ impl Daemon {
     }
 
     /// Ends the recording.
-    pub fn end_recording(&self) -> Result<LastSession, RecorderError> {
+    pub(crate) fn end_recording(&self) -> Result<LastSession, RecorderError> {
         let last = self.recorder.end()?;
         self.core.survey.end();
         self.core.proposals.forget();
@@ -329,17 +329,17 @@ impl Daemon {
     }
 
     /// The rig now, not as of the last look.
-    pub fn rig_state(&self) -> Option<RigState> {
+    pub(crate) fn rig_state(&self) -> Option<RigState> {
         self.core.rig.as_ref().map(RigHost::state)
     }
 
     /// Latency from the kernel's stamp to the points' way to the page, by sensor.
-    pub fn picture_latency(&self) -> Vec<super::Percentiles> {
+    pub(crate) fn picture_latency(&self) -> Vec<super::Percentiles> {
         self.core.inlets().iter().map(|inlet| inlet.latency().percentiles()).collect()
     }
 
     /// Ends everything: what was received is written, the session closed, the rig disarmed.
-    pub fn stop(&self) -> Ending {
+    pub(crate) fn stop(&self) -> Ending {
         self.core.supervision.end();
         self.core.journal.tell("stopping", "the daemon ends");
         self.core.intake.stop();

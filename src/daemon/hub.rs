@@ -37,39 +37,39 @@ pub(super) struct Wanted {
 
 impl Hub {
     /// Nobody listens yet.
-    pub fn new(names: impl Iterator<Item = String>) -> Self {
+    pub(crate) fn new(names: impl Iterator<Item = String>) -> Self {
         let (poured, _) = broadcast::channel(BACKLOG);
         Self { sensors: names.map(|name| (name, AtomicUsize::new(0))).collect(), poured }
     }
 
     /// Names of the sensors, in the order of the configuration.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.sensors.iter().map(|(name, _)| name.as_str())
     }
 
     /// Name of a sensor.
-    pub fn name(&self, sensor: usize) -> &str {
+    pub(crate) fn name(&self, sensor: usize) -> &str {
         &self.sensors[sensor].0
     }
 
     /// Whether anybody listens to a sensor.
-    pub fn is_wanted(&self, sensor: usize) -> bool {
+    pub(crate) fn is_wanted(&self, sensor: usize) -> bool {
         self.sensors[sensor].1.load(Ordering::Relaxed) > 0
     }
 
     /// Says that somebody listens to a sensor.
-    pub fn want(self: &Arc<Self>, sensor: usize) -> Wanted {
+    pub(crate) fn want(self: &Arc<Self>, sensor: usize) -> Wanted {
         self.sensors[sensor].1.fetch_add(1, Ordering::Relaxed);
         Wanted { hub: Arc::clone(self), sensor }
     }
 
     /// Hands a message to whoever listens.
-    pub fn put(&self, sensor: usize, time_ns: u64, message: Vec<u8>) {
+    pub(crate) fn put(&self, sensor: usize, time_ns: u64, message: Vec<u8>) {
         let _ = self.poured.send(Poured { sensor, time_ns, message: message.into() }); // the last may just have gone
     }
 
     /// Every message from now on.
-    pub fn listen(&self) -> broadcast::Receiver<Poured> {
+    pub(crate) fn listen(&self) -> broadcast::Receiver<Poured> {
         self.poured.subscribe()
     }
 }

@@ -41,7 +41,7 @@ struct Bound {
 
 impl Intake {
     /// Binds every socket, all or none, and starts to receive. `inlets` has the live thread of each stream, `names` its sensor.
-    pub fn start(
+    pub(crate) fn start(
         listens: &[Listen],
         sensor_of: &[usize],
         options: Options,
@@ -65,19 +65,19 @@ impl Intake {
     }
 
     /// Local address of a stream.
-    pub fn address(&self, stream: usize) -> std::net::SocketAddr {
+    pub(crate) fn address(&self, stream: usize) -> std::net::SocketAddr {
         let (lane, place) = self.places[stream];
         self.lanes[lane].monitor.address(place)
     }
 
     /// Counters of each stream.
-    pub fn counters(&self) -> Vec<SensorCounters> {
+    pub(crate) fn counters(&self) -> Vec<SensorCounters> {
         let lanes: Vec<_> = self.lanes.iter().map(|lane| lane.monitor.sensors()).collect();
         self.places.iter().map(|(lane, place)| lanes[*lane][*place]).collect()
     }
 
     /// What was lost so far, by stream, and every socket.
-    pub fn tally(&self) -> Tally {
+    pub(crate) fn tally(&self) -> Tally {
         let lanes: Vec<Tally> = self.lanes.iter().map(Lane::tally).collect();
         Tally {
             sensors: self.places.iter().map(|(lane, place)| lanes[*lane].sensors[*place]).collect(),
@@ -86,7 +86,7 @@ impl Intake {
     }
 
     /// Memory of all lanes' packets.
-    pub fn memory(&self) -> Memory {
+    pub(crate) fn memory(&self) -> Memory {
         let lanes = self.lanes.iter().map(|lane| lane.monitor.memory());
         lanes.fold(Memory::default(), |sum, lane| Memory {
             held_bytes: sum.held_bytes + lane.held_bytes,
@@ -96,12 +96,12 @@ impl Intake {
     }
 
     /// The most bytes of packets that can wait for the recorder in all lanes.
-    pub fn queue_limit_bytes(&self) -> usize {
+    pub(crate) fn queue_limit_bytes(&self) -> usize {
         self.lanes.len() * self.queue_bytes
     }
 
     /// How long the longest write under way has taken so far, s.
-    pub fn stalled_s(&self) -> f64 {
+    pub(crate) fn stalled_s(&self) -> f64 {
         let now = now_ns();
         let since = |lane: &Lane| lane.writing_since_ns.load(Ordering::Relaxed);
         let begun = self.lanes.iter().map(since).filter(|since_ns| *since_ns > 0);
@@ -109,7 +109,7 @@ impl Intake {
     }
 
     /// Ends receiving with what the kernel holds now, and waits until everything received was handed on.
-    pub fn stop(&self) {
+    pub(crate) fn stop(&self) {
         self.lanes.iter().for_each(|lane| lane.stop.stop());
         let take = |lane: &Lane| lane.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         for thread in self.lanes.iter().filter_map(take) {

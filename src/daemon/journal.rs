@@ -62,30 +62,30 @@ pub(super) struct Journal {
 
 impl Journal {
     /// The journal, and the lines that the recorder is to write.
-    pub fn new() -> (Self, Receiver<Line>) {
+    pub(crate) fn new() -> (Self, Receiver<Line>) {
         let (lines, waiting) = sync_channel(WAITING);
         (Self { newest: Mutex::default(), lines }, waiting)
     }
 
     /// Something happened to the daemon, the rig or the recorder.
-    pub fn tell(&self, event: &'static str, words: impl Into<String>) {
+    pub(crate) fn tell(&self, event: &'static str, words: impl Into<String>) {
         self.take(Event { time_ns: now_ns(), event, sensor: None, words: words.into() });
     }
 
     /// Something happened to a sensor.
-    pub fn tell_of(&self, sensor: &str, event: &'static str, words: impl Into<String>) {
+    pub(crate) fn tell_of(&self, sensor: &str, event: &'static str, words: impl Into<String>) {
         let words = words.into();
         self.take(Event { time_ns: now_ns(), event, sensor: Some(sensor.to_owned()), words });
     }
 
     /// A reading of the rig, for the session only.
-    pub fn servo(&self, report: ServoReport) {
+    pub(crate) fn servo(&self, report: ServoReport) {
         // a recorder that is that far behind is stalled by its disk, and says so
         let _ = self.lines.try_send(Line::Servo(report));
     }
 
     /// Writes down that an axis has no zero, and that it has one again; `known` has what a session was told of each so far.
-    pub fn tell_homing(&self, report: &ServoReport, known: &mut BTreeMap<usize, bool>) {
+    pub(crate) fn tell_homing(&self, report: &ServoReport, known: &mut BTreeMap<usize, bool>) {
         let (axis, has_zero) = match report.source.as_str() {
             "measured" => (report.axis, true),
             "not_homed" => (report.axis, false),
@@ -106,7 +106,7 @@ impl Journal {
     }
 
     /// The newest events, oldest first.
-    pub fn newest(&self) -> Vec<Event> {
+    pub(crate) fn newest(&self) -> Vec<Event> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }
 

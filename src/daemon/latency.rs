@@ -34,14 +34,14 @@ impl Default for Latency {
 
 impl Latency {
     /// Adds the time from one moment to another; a clock that was set back counts as no time.
-    pub fn add(&self, from_ns: u64, to_ns: u64) {
+    pub(crate) fn add(&self, from_ns: u64, to_ns: u64) {
         let us = to_ns.saturating_sub(from_ns) as f64 * 1e-3;
         let bucket = if us <= 1.0 { 0.0 } else { (us.log2() * PER_OCTAVE).ceil() };
         self.buckets[(bucket as usize).min(BUCKETS - 1)].fetch_add(1, Ordering::Relaxed);
     }
 
     /// What was added so far.
-    pub fn percentiles(&self) -> Percentiles {
+    pub(crate) fn percentiles(&self) -> Percentiles {
         let counts: Vec<u64> = self.buckets.iter().map(|bucket| bucket.load(Ordering::Relaxed)).collect();
         let count: u64 = counts.iter().sum();
         let upper_ms = |bucket: usize| (bucket as f64 / PER_OCTAVE).exp2() * 1e-3;
@@ -59,7 +59,7 @@ impl Latency {
     }
 
     /// Forgets everything.
-    pub fn clear(&self) {
+    pub(crate) fn clear(&self) {
         self.buckets.iter().for_each(|bucket| bucket.store(0, Ordering::Relaxed));
     }
 }

@@ -90,7 +90,7 @@ pub(super) struct Numbers {
 
 impl Inlet {
     /// Takes a packet if there is room; counts it otherwise.
-    pub fn offer(&self, datagram: Datagram) {
+    pub(crate) fn offer(&self, datagram: Datagram) {
         let (shared, held) = (&self.shared, datagram.held_bytes());
         // a sensor has one lane: nobody else adds meanwhile
         let bytes = shared.waiting_bytes.load(Ordering::Relaxed) + held;
@@ -106,22 +106,22 @@ impl Inlet {
     }
 
     /// The most bytes of packets that ever waited here.
-    pub fn most_waiting_bytes(&self) -> usize {
+    pub(crate) fn most_waiting_bytes(&self) -> usize {
         self.shared.most_waiting_bytes.load(Ordering::Relaxed)
     }
 
     /// Packets that were left out.
-    pub fn dropped(&self) -> u64 {
+    pub(crate) fn dropped(&self) -> u64 {
         self.shared.dropped.load(Ordering::Relaxed)
     }
 
     /// What the thread found out.
-    pub fn numbers(&self) -> Numbers {
+    pub(crate) fn numbers(&self) -> Numbers {
         self.shared.numbers.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// From the kernel's stamp until points were handed to the page's connections.
-    pub fn latency(&self) -> &Latency {
+    pub(crate) fn latency(&self) -> &Latency {
         &self.shared.latency
     }
 }

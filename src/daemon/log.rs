@@ -43,7 +43,7 @@ struct Shared {
 
 impl Log {
     /// Starts the thread that writes to `output`.
-    pub fn start(output: impl Write + Send + 'static) -> io::Result<Self> {
+    pub(crate) fn start(output: impl Write + Send + 'static) -> io::Result<Self> {
         let (queue, waiting) = sync_channel(WAITING);
         let shared = Arc::new(Shared {
             begun: Instant::now(),
@@ -61,7 +61,7 @@ impl Log {
 
     /// Waits until all lines were written or refused, so long at most: a reader that stands still holds up no end. Whether
     /// they were.
-    pub fn flush(&self, patience: Duration) -> bool {
+    pub(crate) fn flush(&self, patience: Duration) -> bool {
         let until = Instant::now() + patience;
         let shared = &self.shared;
         loop {

@@ -35,7 +35,7 @@ pub(super) struct Painter {
 
 impl Painter {
     /// Of a sensor by number and name.
-    pub fn new(sensor: usize, name: &str, around: Surroundings) -> Self {
+    pub(crate) fn new(sensor: usize, name: &str, around: Surroundings) -> Self {
         let axis = around.place.mounted(name).map(|(axis, _)| axis);
         Self {
             sensor,
@@ -51,7 +51,7 @@ impl Painter {
     }
 
     /// Takes a whole revolution.
-    pub fn draw(&mut self, sensor: &Sensor, model: &SensorModel, frame: &Frame) {
+    pub(crate) fn draw(&mut self, sensor: &Sensor, model: &SensorModel, frame: &Frame) {
         self.frames += 1;
         let Surroundings { place, motion, .. } = &self.around;
         let mount = self.axis.and_then(|axis| Some((axis, place.rig.sensors.get(axis)?)));

@@ -37,13 +37,13 @@ pub struct Place {
 
 impl Place {
     /// The cells that coverage is counted in.
-    pub fn grid(&self) -> VoxelGrid {
+    pub(crate) fn grid(&self) -> VoxelGrid {
         let bounds_m = self.scene.as_ref().map_or([-HALF_SIZE_M, HALF_SIZE_M], Scene::bounds_m);
         VoxelGrid::centred_on(bounds_m, self.voxel_m)
     }
 
     /// What the mounts promise; none without mounts and scene.
-    pub fn predict(&self) -> Option<Coverage> {
+    pub(crate) fn predict(&self) -> Option<Coverage> {
         let scene = self.scene.as_ref().filter(|_| !self.rig.sensors.is_empty())?;
         let standing = Trajectory::new(vec![(0, Pose::IDENTITY), (STANDING_NS, Pose::IDENTITY)]).ok()?;
         let trajectory = self.trajectory.as_ref().unwrap_or(&standing);
@@ -74,33 +74,33 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub fn new(axes: usize) -> Self {
+    pub(crate) fn new(axes: usize) -> Self {
         let unknown = || AtomicU64::new(f64::NAN.to_bits());
         Self { pitches_rad: (0..axes).map(|_| unknown()).collect(), offset_ns: AtomicI64::new(0) }
     }
 
     /// An axis was measured.
-    pub fn set_pitch_rad(&self, axis: usize, pitch_rad: f64) {
+    pub(crate) fn set_pitch_rad(&self, axis: usize, pitch_rad: f64) {
         if let Some(place) = self.pitches_rad.get(axis) {
             place.store(pitch_rad.to_bits(), Ordering::Relaxed);
         }
     }
 
     /// Body from sensor now: as mounted, at the angle that its axis measures.
-    pub fn body_from_sensor(&self, axis: usize, mount: &Mount) -> Pose {
+    pub(crate) fn body_from_sensor(&self, axis: usize, mount: &Mount) -> Pose {
         let measured = self.pitches_rad.get(axis).map(|place| f64::from_bits(place.load(Ordering::Relaxed)));
         let pitch_rad = measured.filter(|pitch_rad| pitch_rad.is_finite()).unwrap_or(mount.pitch_rad);
         Mount { pitch_rad, ..*mount }.body_from_sensor()
     }
 
     /// The way begins at this moment of the host's clock.
-    pub fn begin(&self, trajectory: &Trajectory, host_ns: u64) {
+    pub(crate) fn begin(&self, trajectory: &Trajectory, host_ns: u64) {
         let offset_ns = trajectory.time_span_ns()[0] as i64 - host_ns as i64;
         self.offset_ns.store(offset_ns, Ordering::Relaxed);
     }
 
     /// Where the platform is at a moment of the host's clock.
-    pub fn world_from_body(&self, trajectory: Option<&Trajectory>, host_ns: u64) -> Option<Pose> {
+    pub(crate) fn world_from_body(&self, trajectory: Option<&Trajectory>, host_ns: u64) -> Option<Pose> {
         let Some(trajectory) = trajectory else { return Some(Pose::IDENTITY) };
         trajectory.at(host_ns.checked_add_signed(self.offset_ns.load(Ordering::Relaxed))?)
     }

@@ -96,7 +96,7 @@ pub(super) struct Recorder {
 
 impl Recorder {
     /// Makes the folder and starts the thread.
-    pub fn start(
+    pub(crate) fn start(
         settings: RecorderSettings,
         papers: Papers,
         intake: Arc<Intake>,
@@ -138,27 +138,27 @@ impl Recorder {
     }
 
     /// Begins a session; its name. The label goes into its events, never into a path.
-    pub fn begin(&self, label: String) -> Result<String, RecorderError> {
+    pub(crate) fn begin(&self, label: String) -> Result<String, RecorderError> {
         self.ask(|reply| Order::Start(label, reply))
     }
 
     /// Closes the session.
-    pub fn end(&self) -> Result<LastSession, RecorderError> {
+    pub(crate) fn end(&self) -> Result<LastSession, RecorderError> {
         self.ask(Order::Stop)
     }
 
     /// Goes on in a new session with this mount; its name.
-    pub fn split(&self, mount: Option<MountFile>) -> Result<String, RecorderError> {
+    pub(crate) fn split(&self, mount: Option<MountFile>) -> Result<String, RecorderError> {
         self.ask(|reply| Order::Split(mount, reply))
     }
 
     /// What it does now.
-    pub fn status(&self) -> RecorderStatus {
+    pub(crate) fn status(&self) -> RecorderStatus {
         self.reader()()
     }
 
     /// Reads its state from another thread.
-    pub fn reader(&self) -> impl Fn() -> RecorderStatus + Send + use<> {
+    pub(crate) fn reader(&self) -> impl Fn() -> RecorderStatus + Send + use<> {
         let status = Arc::clone(&self.status);
         move || {
             let mut status = status.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -168,7 +168,7 @@ impl Recorder {
     }
 
     /// Closes the session if one is open and ends the thread; what it did last.
-    pub fn quit(&self) -> RecorderStatus {
+    pub(crate) fn quit(&self) -> RecorderStatus {
         let _ = self.orders.send(Order::Quit); // a thread that is gone has ended
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(thread) = thread {

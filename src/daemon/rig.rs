@@ -66,7 +66,7 @@ struct Shared {
 
 impl RigHost {
     /// Connects. A rig in use by another program is an error; one that is not there may still come.
-    pub fn start(
+    pub(crate) fn start(
         settings: RigSettings,
         journal: Arc<Journal>,
         motion: Arc<Motion>,
@@ -106,7 +106,7 @@ impl RigHost {
     }
 
     /// What it does now.
-    pub fn state(&self) -> RigState {
+    pub(crate) fn state(&self) -> RigState {
         let mut state = lock(&self.shared.state).clone();
         if state.status.as_ref().is_some_and(|status| status.armed) {
             let idle = lock(&self.shared.last_command).elapsed();
@@ -118,17 +118,17 @@ impl RigHost {
     }
 
     /// The configured limits of an axis, rad.
-    pub fn limits_rad(&self, axis: usize) -> Option<(f64, f64)> {
+    pub(crate) fn limits_rad(&self, axis: usize) -> Option<(f64, f64)> {
         self.shared.settings.options.limits_rad.get(axis).copied()
     }
 
     /// The configured region that a pair of pitches keeps out of.
-    pub fn keep_out(&self) -> KeepOut {
+    pub(crate) fn keep_out(&self) -> KeepOut {
         self.shared.settings.options.keep_out
     }
 
     /// Allows motion, or forbids it.
-    pub fn arm(&self, armed: bool) -> Result<(), RigCommandError> {
+    pub(crate) fn arm(&self, armed: bool) -> Result<(), RigCommandError> {
         let word = if armed { "arm" } else { "disarm" };
         self.shared.command(word, false, |rig| {
             if armed { rig.arm() } else { rig.disarm() }?;
@@ -142,12 +142,12 @@ impl RigHost {
     }
 
     /// Makes positions trusted.
-    pub fn home(&self) -> Result<(), RigCommandError> {
+    pub(crate) fn home(&self) -> Result<(), RigCommandError> {
         self.shared.command("home", true, Rig::home)
     }
 
     /// Moves every axis to its pitch.
-    pub fn apply(&self, pitches_deg: &[f64]) -> Result<(), RigCommandError> {
+    pub(crate) fn apply(&self, pitches_deg: &[f64]) -> Result<(), RigCommandError> {
         let pitches_rad: Vec<f64> = pitches_deg.iter().map(|pitch_deg| pitch_deg.to_radians()).collect();
         let shared = &self.shared;
         shared.command("apply", true, |rig| {
@@ -158,7 +158,7 @@ impl RigHost {
     }
 
     /// Moves every axis to the pitch of the configured mount.
-    pub fn apply_mount(&self) -> Result<(), RigCommandError> {
+    pub(crate) fn apply_mount(&self) -> Result<(), RigCommandError> {
         let pitches_deg = &self.shared.settings.mount_pitches_deg;
         if pitches_deg.is_empty() {
             return Err(RigCommandError::NoMount);
@@ -167,27 +167,27 @@ impl RigHost {
     }
 
     /// From now on sessions have a mount with these pitches.
-    pub fn record_with(&self, pitches_deg: &[f64]) {
+    pub(crate) fn record_with(&self, pitches_deg: &[f64]) {
         lock(&self.shared.state).recorded_pitches_deg = pitches_deg.to_vec();
     }
 
     /// Decelerates and holds, whatever is under way.
-    pub fn hold(&self) -> Result<(), RigCommandError> {
+    pub(crate) fn hold(&self) -> Result<(), RigCommandError> {
         self.shared.stop(1)
     }
 
     /// Stops as fast as the rig can and latches that.
-    pub fn e_stop(&self) -> Result<(), RigCommandError> {
+    pub(crate) fn e_stop(&self) -> Result<(), RigCommandError> {
         self.shared.stop(2)
     }
 
     /// Takes latched faults away whose causes are gone.
-    pub fn clear(&self) -> Result<(), RigCommandError> {
+    pub(crate) fn clear(&self) -> Result<(), RigCommandError> {
         self.shared.command("clear", false, Rig::clear_faults)
     }
 
     /// Disarms and lets go of the line.
-    pub fn quit(&self) {
+    pub(crate) fn quit(&self) {
         self.shared.quit.store(true, Ordering::Relaxed);
         if let (Some(_), Some(interrupt)) = (self.state().busy, &*lock(&self.shared.interrupt)) {
             interrupt.raise(); // what is under way ends with a hold

@@ -347,14 +347,9 @@ impl LastSession {
 }
 
 impl SensorLosses {
-    /// Packets that are missing in a recording because of this host.
-    pub fn here(&self) -> u64 {
-        self.kernel_dropped + self.queue_dropped
-    }
-
     /// What was added since.
     #[must_use]
-    pub fn since(&self, before: &Self) -> Self {
+    pub(crate) fn since(&self, before: &Self) -> Self {
         Self {
             kernel_dropped: self.kernel_dropped.saturating_sub(before.kernel_dropped),
             queue_dropped: self.queue_dropped.saturating_sub(before.queue_dropped),

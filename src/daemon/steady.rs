@@ -15,12 +15,12 @@ pub struct HostClock {
 
 impl HostClock {
     /// From a pair of readings taken at once.
-    pub fn new(steady: Instant, unix_ns: u64) -> Self {
+    pub(crate) fn new(steady: Instant, unix_ns: u64) -> Self {
         Self { begun: steady, offset_ns: i128::from(unix_ns) }
     }
 
     /// How far the system's time was set forward since the last look, s; none where it was not.
-    pub fn look(&mut self, steady: Instant, unix_ns: u64) -> Option<f64> {
+    pub(crate) fn look(&mut self, steady: Instant, unix_ns: u64) -> Option<f64> {
         let since: Duration = steady.saturating_duration_since(self.begun);
         let offset_ns = i128::from(unix_ns) - since.as_nanos() as i128;
         let moved_s = (offset_ns - self.offset_ns) as f64 * 1e-9;

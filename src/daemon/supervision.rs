@@ -54,7 +54,7 @@ pub(super) struct Pulse<'a> {
 
 impl Pulse<'_> {
     /// Once per turn of its loop.
-    pub fn beat(&self) {
+    pub(crate) fn beat(&self) {
         let is_due = self.breaks_at.is_some_and(|at| Instant::now() >= at);
         if is_due && !self.supervision.is_ending() {
             panic!("told to, as a test");
@@ -64,7 +64,7 @@ impl Pulse<'_> {
 
 impl Supervision {
     /// No component yet; the component with this name will panic after two seconds, to be tested with.
-    pub fn new(to_be_broken: Option<String>) -> Self {
+    pub(crate) fn new(to_be_broken: Option<String>) -> Self {
         Self { to_be_broken, ..Self::default() }
     }
 
@@ -100,7 +100,7 @@ impl Supervision {
     }
 
     /// A thread or task that is not under watch by name has panicked; from the panic hook.
-    pub fn panicked(&self, thread: &str, what: &str) {
+    pub(crate) fn panicked(&self, thread: &str, what: &str) {
         if IS_WATCHED.get() {
             return; // whoever watches it says so
         }
@@ -120,7 +120,7 @@ impl Supervision {
     }
 
     /// Waits until an essential component dies: which, and how.
-    pub async fn death(&self) -> String {
+    pub(crate) async fn death(&self) -> String {
         let mut deaths = self.death.subscribe();
         match deaths.wait_for(Option::is_some).await {
             Ok(death) => death.clone().unwrap_or_default(),

@@ -36,14 +36,14 @@ struct Inner {
 
 impl Survey {
     /// Of cells with this edge, m.
-    pub fn new(voxel_m: f64) -> Result<Self, VoxelMapError> {
+    pub(crate) fn new(voxel_m: f64) -> Result<Self, VoxelMapError> {
         let map = empty(voxel_m)?;
         let inner = Inner { map, way: Vec::new(), apart_m: APART_M, is_full: false, is_open: false };
         Ok(Self { inner: Mutex::new(inner) })
     }
 
     /// Recording began: the map begins anew.
-    pub fn begin(&self) {
+    pub(crate) fn begin(&self) {
         let mut inner = self.lock();
         if let Ok(map) = empty(inner.map.voxel_m()) {
             inner.map = map; // the edge was good before
@@ -53,17 +53,17 @@ impl Survey {
     }
 
     /// Recording ended: the map stays as it is.
-    pub fn end(&self) {
+    pub(crate) fn end(&self) {
         self.lock().is_open = false;
     }
 
     /// Whether returns are wanted now.
-    pub fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         self.lock().is_open
     }
 
     /// Returns of a revolution, each as the sensor's place and the point, world, m, with the last pose of the body.
-    pub fn add(&self, rays_m: &[[DVec3; 2]], world_from_body: &Pose) {
+    pub(crate) fn add(&self, rays_m: &[[DVec3; 2]], world_from_body: &Pose) {
         let mut inner = self.lock();
         if !inner.is_open || rays_m.is_empty() {
             return;
@@ -89,13 +89,13 @@ impl Survey {
     }
 
     /// The map and the way as they are now, and whether the map is full.
-    pub fn now(&self) -> (VoxelMap, Vec<Pose>, bool) {
+    pub(crate) fn now(&self) -> (VoxelMap, Vec<Pose>, bool) {
         let inner = self.lock();
         (inner.map.clone(), inner.way.clone(), inner.is_full)
     }
 
     /// Memory of the map, bytes.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         self.lock().map.bytes()
     }
 

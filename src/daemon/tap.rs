@@ -25,12 +25,12 @@ pub(super) struct Tap {
 
 impl Tap {
     /// Without a session.
-    pub fn new(held_up: Duration) -> Self {
+    pub(crate) fn new(held_up: Duration) -> Self {
         Self { held_up, ..Self::default() }
     }
 
     /// Writes packets to the session; without one they are not recorded.
-    pub fn take(&self, datagrams: &[Datagram]) {
+    pub(crate) fn take(&self, datagrams: &[Datagram]) {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
         let Some(writer) = &*session else { return };
         if !self.held_up.is_zero() {
@@ -49,7 +49,7 @@ impl Tap {
     }
 
     /// Puts another session in the place of the present one and returns that: every packet is in one of them.
-    pub fn exchange(&self, session: Option<Arc<SessionWriter>>) -> Option<Arc<SessionWriter>> {
+    pub(crate) fn exchange(&self, session: Option<Arc<SessionWriter>>) -> Option<Arc<SessionWriter>> {
         let mut place = self.session.write().unwrap_or_else(PoisonError::into_inner);
         self.failed.store(false, Ordering::Relaxed);
         self.packets.store(0, Ordering::Relaxed);
@@ -58,17 +58,17 @@ impl Tap {
     }
 
     /// Whether the session refused packets.
-    pub fn has_failed(&self) -> bool {
+    pub(crate) fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Relaxed)
     }
 
     /// Packets and payload bytes of the present session.
-    pub fn counts(&self) -> [u64; 2] {
+    pub(crate) fn counts(&self) -> [u64; 2] {
         [self.packets.load(Ordering::Relaxed), self.bytes.load(Ordering::Relaxed)]
     }
 
     /// From the kernel's stamp until a session took a packet.
-    pub fn latency(&self) -> &Latency {
+    pub(crate) fn latency(&self) -> &Latency {
         &self.latency
     }
 }

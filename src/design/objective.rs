@@ -94,7 +94,7 @@ impl Weights {
     }
 
     /// The greatest value of that term: three eigenvalues share a trace of 1.
-    pub fn best_registration_term(&self) -> f64 {
+    pub(crate) fn best_registration_term(&self) -> f64 {
         self.registration * (1.0 / 3.0 / DEGENERATE).log10()
     }
 }
@@ -210,7 +210,7 @@ pub enum Violation {
 
 impl Evaluation {
     /// What is to be said when coverage no longer tells mounts apart.
-    pub fn saturation(&self) -> Option<String> {
+    pub(crate) fn saturation(&self) -> Option<String> {
         let left = self.reachable_voxels.saturating_sub(self.unique_voxels);
         (self.reachable_voxels > 0 && left * SATURATED_WITHIN <= self.reachable_voxels).then(|| {
             format!(
@@ -266,7 +266,7 @@ impl Objective {
     }
 
     /// Price of a sensor of each type of the experiment.
-    pub fn prices(&self) -> &[f64] {
+    pub(crate) fn prices(&self) -> &[f64] {
         &self.prices
     }
 
@@ -284,12 +284,12 @@ impl Objective {
     }
 
     /// The coefficients of J.
-    pub fn weights(&self) -> &Weights {
+    pub(crate) fn weights(&self) -> &Weights {
         &self.weights
     }
 
     /// The terms of J of sensors whose coverage is counted already, without the rest of an evaluation.
-    pub fn terms(
+    pub(crate) fn terms(
         &self,
         sensors: &[Placement],
         counts: &Counts,
@@ -302,24 +302,24 @@ impl Objective {
     }
 
     /// J of physical sensors as they are, without the rest of an evaluation.
-    pub fn score_sensors(&self, sensors: &[Placement]) -> Result<f64, ExperimentError> {
+    pub(crate) fn score_sensors(&self, sensors: &[Placement]) -> Result<f64, ExperimentError> {
         let counts = self.simulator.count(sensors)?;
         Ok(self.terms(sensors, &counts, self.registration(sensors).as_ref()).objective())
     }
 
     /// The same objective in another experiment with the same sensor types.
-    pub fn with_simulator(&self, simulator: Simulator) -> Self {
+    pub(crate) fn with_simulator(&self, simulator: Simulator) -> Self {
         Self { simulator, ..self.clone() }
     }
 
     /// How well the hits tie scans down, where weight or constraint asks: it costs as much as a coverage.
-    pub fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
+    pub(crate) fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
         let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;
         asked.then(|| RegistrationQuality::of_scans(&along_published(&self.simulator, sensors)))?
     }
 
     /// By what share the conditioning falls short of what is needed; 0 when it does not.
-    pub fn conditioning_shortfall(&self, quality: Option<&RegistrationQuality>) -> f64 {
+    pub(crate) fn conditioning_shortfall(&self, quality: Option<&RegistrationQuality>) -> f64 {
         let needed = self.weights.least_conditioning;
         if needed <= 0.0 {
             return 0.0;
@@ -335,7 +335,7 @@ impl Objective {
     }
 
     /// The least distance asked for beside the housings, m.
-    pub fn least_distance_m(&self) -> f64 {
+    pub(crate) fn least_distance_m(&self) -> f64 {
         self.least_distance_m
     }
 
@@ -355,7 +355,7 @@ impl Objective {
     }
 
     /// Scores sensors whose coverage is counted already.
-    pub fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
+    pub(crate) fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
         let min_angle_deg = min_angle_deg(&axes);
         let registration = self.registration(sensors);
@@ -395,7 +395,7 @@ impl Objective {
     }
 
     /// The sensors with their housings, named by their numbers.
-    pub fn rig(&self, sensors: &[Placement]) -> Rig {
+    pub(crate) fn rig(&self, sensors: &[Placement]) -> Rig {
         let mounted = |(index, sensor): (usize, &Placement)| MountedSensor {
             name: format!("sensor {}", index + 1),
             mount: sensor.mount(),

@@ -53,7 +53,7 @@ pub struct Outlook {
 
 impl Outlook {
     /// What is counted.
-    pub fn score(&self) -> u64 {
+    pub(crate) fn score(&self) -> u64 {
         self.surface + self.frontier
     }
 }
@@ -94,7 +94,7 @@ pub enum ReconfigureError {
 }
 
 /// What a rig at these pitches, rad, sees of the map along the way.
-pub fn outlook(question: &Question<'_>, pitches_rad: &[f64]) -> Outlook {
+pub(crate) fn outlook(question: &Question<'_>, pitches_rad: &[f64]) -> Outlook {
     let mut seen: [HashSet<[i32; 3]>; 2] = Default::default();
     let poses = evenly(question.poses, POSES);
     for (sensor, pitch_rad) in question.rig.sensors.iter().zip(pitches_rad) {
@@ -133,7 +133,11 @@ fn sights_m(model: &SensorModel) -> Vec<[DVec3; 2]> {
 ///
 /// # Errors
 /// There is nothing to look at, or nothing to choose from.
-pub fn propose(question: &Question<'_>, seed: u64, evaluations: usize) -> Result<Answer, ReconfigureError> {
+pub(crate) fn propose(
+    question: &Question<'_>,
+    seed: u64,
+    evaluations: usize,
+) -> Result<Answer, ReconfigureError> {
     let (sensors, limits) = (question.rig.sensors.len(), question.limits_rad.len());
     if sensors == 0 || sensors != limits {
         return Err(ReconfigureError::Axes { sensors, limits });

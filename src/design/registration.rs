@@ -35,7 +35,7 @@ impl Default for Information {
 
 impl Information {
     /// Adds a hit: place relative to the body, m, and unit normal, both in axes that stay the same over the hits.
-    pub fn add(&mut self, from_body_m: DVec3, normal: DVec3) {
+    pub(crate) fn add(&mut self, from_body_m: DVec3, normal: DVec3) {
         let turn = from_body_m.cross(normal);
         let row = Vector6::new(normal.x, normal.y, normal.z, turn.x, turn.y, turn.z);
         self.sum.syger(1.0, &row, &row, 1.0);
@@ -43,18 +43,18 @@ impl Information {
     }
 
     /// Adds the hits of another sum in the same axes.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         self.sum += other.sum;
         self.hits += other.hits;
     }
 
     /// Number of hits.
-    pub fn hits(&self) -> u64 {
+    pub(crate) fn hits(&self) -> u64 {
         self.hits
     }
 
     /// What the hits tie down; none without hits.
-    pub fn conditioning(&self) -> Option<Conditioning> {
+    pub(crate) fn conditioning(&self) -> Option<Conditioning> {
         if self.hits == 0 {
             return None;
         }
@@ -102,7 +102,7 @@ impl Axes {
     }
 
     /// The least eigenvalue.
-    pub fn least(&self) -> f64 {
+    pub(crate) fn least(&self) -> f64 {
         self.eigenvalues[0]
     }
 }
@@ -130,7 +130,7 @@ const COLUMN_STEP: usize = 8;
 
 /// One sum of hits per looked-at pose of a published experiment: every 5 m, every 8th column, all sensors together, in
 /// the axes of the mount frame.
-pub fn along_published(simulator: &Simulator, sensors: &[Placement]) -> Vec<Information> {
+pub(crate) fn along_published(simulator: &Simulator, sensors: &[Placement]) -> Vec<Information> {
     let experiment = simulator.experiment();
     let poses = (0..experiment.poses()).step_by(POSE_STEP_M * experiment.sub_poses);
     let scan = |pose: usize| {
@@ -165,14 +165,14 @@ pub struct RegistrationQuality {
 }
 
 /// Least eigenvalues per hit of translation and of rotation (m^2), scan by scan; 0 for a scan without hits.
-pub fn least_along(scans: &[Information]) -> Vec<[f64; 2]> {
+pub(crate) fn least_along(scans: &[Information]) -> Vec<[f64; 2]> {
     let least = |scan: Conditioning| [scan.translation.least(), scan.rotation_m2.least()];
     scans.iter().map(|scan| scan.conditioning().map_or([0.0; 2], least)).collect()
 }
 
 impl RegistrationQuality {
     /// From one sum of hits per scan. None without scans.
-    pub fn of_scans(scans: &[Information]) -> Option<Self> {
+    pub(crate) fn of_scans(scans: &[Information]) -> Option<Self> {
         if scans.is_empty() {
             return None;
         }
@@ -200,7 +200,7 @@ impl RegistrationQuality {
     }
 
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         format!(
             "registration   least translation eigenvalue per hit: median {:.4}, 5th percentile {:.4}; {:.1} % of {} scans \
              have a loose direction\n",

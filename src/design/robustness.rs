@@ -102,7 +102,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Tolerances below 0 or not finite, no draws, or an experiment that cannot be made.
-    pub fn new(
+    pub(crate) fn new(
         objective: &Objective,
         tolerance: Tolerance,
         draws: usize,
@@ -129,7 +129,7 @@ impl Robustness {
     }
 
     /// How many draws.
-    pub fn draws(&self) -> usize {
+    pub(crate) fn draws(&self) -> usize {
         self.draws
     }
 
@@ -158,7 +158,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn scores(&self, sensors: &[Placement]) -> Result<Vec<f64>, ExperimentError> {
+    pub(crate) fn scores(&self, sensors: &[Placement]) -> Result<Vec<f64>, ExperimentError> {
         self.some_scores(sensors, 1)
     }
 
@@ -178,7 +178,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn choose(
+    pub(crate) fn choose(
         &self,
         candidates: &[Vec<Placement>],
         criterion: Criterion,
@@ -226,7 +226,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn judge(&self, sensors: &[Placement], criterion: Criterion) -> Result<f64, ExperimentError> {
+    pub(crate) fn judge(&self, sensors: &[Placement], criterion: Criterion) -> Result<f64, ExperimentError> {
         Ok(self.spread(sensors)?.counts(criterion))
     }
 
@@ -234,7 +234,7 @@ impl Robustness {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn spread(&self, sensors: &[Placement]) -> Result<Spread, ExperimentError> {
+    pub(crate) fn spread(&self, sensors: &[Placement]) -> Result<Spread, ExperimentError> {
         Ok(Spread::of(&self.scores(sensors)?))
     }
 }

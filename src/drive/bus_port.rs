@@ -18,7 +18,7 @@ pub(super) struct BusPort {
 
 impl BusPort {
     /// Opens an adapter, for this program alone.
-    pub fn open(path: &Path, baud: u32) -> Result<Self, LinkError> {
+    pub(crate) fn open(path: &Path, baud: u32) -> Result<Self, LinkError> {
         let path = path.display().to_string();
         let failed = |error| LinkError::refused(&path, &error);
         let port = serialport::new(&path, baud).timeout(WRITE_TIMEOUT).open_native().map_err(failed)?;
@@ -27,22 +27,22 @@ impl BusPort {
     }
 
     /// The adapter's path.
-    pub fn path(&self) -> &str {
+    pub(crate) fn path(&self) -> &str {
         &self.path
     }
 
     /// The port itself.
-    pub fn tty(&mut self) -> &mut TTYPort {
+    pub(crate) fn tty(&mut self) -> &mut TTYPort {
         &mut self.port
     }
 
     /// Drops what came and was not read.
-    pub fn forget(&mut self) -> Result<(), LinkError> {
+    pub(crate) fn forget(&mut self) -> Result<(), LinkError> {
         self.port.clear(serialport::ClearBuffer::Input).map_err(|error| self.hung_up(&error.to_string()))
     }
 
     /// Sends one question.
-    pub fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+    pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
         let _ = self.port.set_timeout(WRITE_TIMEOUT); // cannot fail: it is kept in memory
         self.port.write_all(bytes).map_err(|error| match error.kind() {
             ErrorKind::TimedOut => LinkError::WriteTimeout { path: self.path.clone(), after: WRITE_TIMEOUT },
@@ -55,7 +55,7 @@ impl BusPort {
     }
 
     /// What came; `None` when nothing came before `end`.
-    pub fn read(&mut self, end: Instant) -> Result<Option<Vec<u8>>, LinkError> {
+    pub(crate) fn read(&mut self, end: Instant) -> Result<Option<Vec<u8>>, LinkError> {
         loop {
             let left = end.saturating_duration_since(Instant::now());
             if left.is_zero() {

@@ -28,7 +28,7 @@ pub struct CanLink {
 
 impl CanLink {
     /// Opens an interface (`can0`) that is up; its bit rate is the system's business.
-    pub fn open(interface: &str) -> Result<Self, LinkError> {
+    pub(crate) fn open(interface: &str) -> Result<Self, LinkError> {
         let name = format!("can:{interface}");
         let failed =
             |error: std::io::Error| LinkError::Open { path: name.clone(), reason: error.to_string() };

@@ -24,7 +24,7 @@ pub(super) struct Held {
 
 impl Held {
     /// Takes a reading; an axis that moves, or has another target, begins anew.
-    pub fn hear(&mut self, holds: bool, target_urad: i32, position_urad: i32) {
+    pub(crate) fn hear(&mut self, holds: bool, target_urad: i32, position_urad: i32) {
         if !holds || target_urad != self.target_urad {
             self.readings.clear();
         }
@@ -38,23 +38,23 @@ impl Held {
     }
 
     /// Forgets what was read before now.
-    pub fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.readings.clear();
     }
 
     /// How many readings there are.
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.readings.len()
     }
 
     /// Their mean, µrad.
-    pub fn mean_urad(&self) -> Option<f64> {
+    pub(crate) fn mean_urad(&self) -> Option<f64> {
         let sum: i64 = self.readings.iter().map(|reading| i64::from(*reading)).sum();
         (!self.readings.is_empty()).then(|| sum as f64 / self.readings.len() as f64)
     }
 
     /// Half the distance between the lowest and the highest, µrad, rounded up.
-    pub fn scatter_urad(&self) -> i32 {
+    pub(crate) fn scatter_urad(&self) -> i32 {
         match (self.readings.iter().min(), self.readings.iter().max()) {
             (Some(low), Some(high)) => (high - low + 1) / 2,
             _ => 0,
@@ -63,7 +63,7 @@ impl Held {
 
     /// Half the width in which the true angle lies around the mean (around a single reading while it moves), µrad. Angles
     /// are those of an axis that came from below; one that may have come from above may stand off by the whole play.
-    pub fn uncertainty_urad(&self, encoder: Encoder, from_below: bool) -> i32 {
+    pub(crate) fn uncertainty_urad(&self, encoder: Encoder, from_below: bool) -> i32 {
         let play_urad = if from_below { 0 } else { encoder.lost_motion_urad };
         [(encoder.resolution_urad + 1) / 2, self.scatter_urad(), play_urad]
             .into_iter()

@@ -67,7 +67,7 @@ impl From<ServoReport> for WatchedAxis {
 
 impl WatchedAxis {
     /// An axis of which no reading comes any more: its last one, and what is known beside it.
-    pub fn last_of(status: &AxisStatus, now_ns: u64) -> Self {
+    pub(crate) fn last_of(status: &AxisStatus, now_ns: u64) -> Self {
         Self {
             time_ns: now_ns.saturating_sub((status.age_ms * 1e6) as u64),
             axis: status.axis,

@@ -72,7 +72,7 @@ impl Rig {
     }
 
     /// Connects over any line.
-    pub fn connect_over(link: Box<dyn Link>, options: Options) -> Result<Self, RigError> {
+    pub(crate) fn connect_over(link: Box<dyn Link>, options: Options) -> Result<Self, RigError> {
         let mut controller = RigController::connect(link, options)?;
         let (interrupt, axes) = (controller.interrupt(), controller.axis_count());
         let (jobs, waiting) = channel();
@@ -96,12 +96,12 @@ impl Rig {
     }
 
     /// How many axes it has.
-    pub fn axis_count(&self) -> usize {
+    pub(crate) fn axis_count(&self) -> usize {
         self.axes
     }
 
     /// Stops what is under way, from any thread.
-    pub fn interrupt(&self) -> Interrupt {
+    pub(crate) fn interrupt(&self) -> Interrupt {
         self.interrupt.clone()
     }
 
@@ -121,7 +121,7 @@ impl Rig {
     }
 
     /// Forbids motion; the axes hold.
-    pub fn disarm(&self) -> Result<(), RigError> {
+    pub(crate) fn disarm(&self) -> Result<(), RigError> {
         self.simple(RigController::disarm)
     }
 
@@ -136,28 +136,28 @@ impl Rig {
     }
 
     /// Decelerates, holds, disarms.
-    pub fn stop(&self) -> Result<(), RigError> {
+    pub(crate) fn stop(&self) -> Result<(), RigError> {
         self.simple(RigController::stop)
     }
 
     /// Stops as fast as the rig can and latches that.
-    pub fn e_stop(&self) -> Result<(), RigError> {
+    pub(crate) fn e_stop(&self) -> Result<(), RigError> {
         self.simple(RigController::e_stop)
     }
 
     /// The same for whoever has raised the [interrupt](Interrupt) since `asked`: answers as soon as the rig is seen to have
     /// stopped. The fault that this latches comes with a later status.
-    pub fn e_stop_since(&self, asked: Instant) -> Result<RigStatus, RigError> {
+    pub(crate) fn e_stop_since(&self, asked: Instant) -> Result<RigStatus, RigError> {
         self.ask(|reply| Job::EmergencyStop(asked, reply))
     }
 
     /// Takes latched faults away whose causes are gone.
-    pub fn clear_faults(&self) -> Result<(), RigError> {
+    pub(crate) fn clear_faults(&self) -> Result<(), RigError> {
         self.simple(RigController::clear_faults)
     }
 
     /// Whether these pitches may be applied.
-    pub fn check(&self, pitches_rad: &[f64]) -> Result<(), RigError> {
+    pub(crate) fn check(&self, pitches_rad: &[f64]) -> Result<(), RigError> {
         self.ask(|reply| Job::Check(pitches_rad.to_vec(), reply))
     }
 

@@ -141,12 +141,12 @@ pub struct Message {
 }
 
 /// The line that sends a frame.
-pub fn encode(frame: &Frame) -> Vec<u8> {
+pub(crate) fn encode(frame: &Frame) -> Vec<u8> {
     line(format!("T{:08X}", frame.id.encode()), frame.data())
 }
 
 /// The line that sends a message with an 11-bit identifier.
-pub fn encode_standard(identifier: u16, data: &[u8]) -> Vec<u8> {
+pub(crate) fn encode_standard(identifier: u16, data: &[u8]) -> Vec<u8> {
     line(format!("t{identifier:03X}"), data)
 }
 
@@ -171,7 +171,7 @@ pub struct SlcanReceiver {
 
 impl SlcanReceiver {
     /// What was seen so far. The bus has its own checksum; what fails here is text that is none.
-    pub fn counters(&self) -> LinkCounters {
+    pub(crate) fn counters(&self) -> LinkCounters {
         self.counters
     }
 
@@ -192,7 +192,7 @@ impl SlcanReceiver {
     }
 
     /// The same for a rig's frames; messages of others are passed over.
-    pub fn push_frame(&mut self, byte: u8) -> Option<Frame> {
+    pub(crate) fn push_frame(&mut self, byte: u8) -> Option<Frame> {
         let message = self.push(byte).filter(|message| message.extended)?;
         let frame = Frame::from_can(message.identifier, &message.data)?;
         self.counters.frames += 1;
@@ -200,7 +200,7 @@ impl SlcanReceiver {
     }
 
     /// Takes one byte; a message when it closed the line of one.
-    pub fn push(&mut self, byte: u8) -> Option<Message> {
+    pub(crate) fn push(&mut self, byte: u8) -> Option<Message> {
         match byte {
             b'\r' => {
                 let line = std::mem::take(&mut self.line);

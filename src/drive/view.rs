@@ -87,7 +87,7 @@ pub(super) struct View {
 
 impl View {
     /// Takes what was heard; a report line when it was a position that is due.
-    pub fn hear(
+    pub(crate) fn hear(
         &mut self,
         received: &Received,
         node: u8,
@@ -208,7 +208,7 @@ impl View {
     }
 
     /// A question for the rig's clock leaves.
-    pub fn ask_clock(&mut self, sequence: u16, now_ns: u64) {
+    pub(crate) fn ask_clock(&mut self, sequence: u16, now_ns: u64) {
         if self.asked_clocks.len() == ASKED_CLOCKS {
             self.asked_clocks.pop_front();
         }
@@ -216,7 +216,7 @@ impl View {
     }
 
     /// Whether the rig's clock was compared with the host's.
-    pub fn has_clock(&self) -> bool {
+    pub(crate) fn has_clock(&self) -> bool {
         !self.clocks.is_empty()
     }
 
@@ -245,7 +245,7 @@ impl View {
     }
 
     /// Names of latched faults of an axis; a fault whose axis was not heard belongs to all.
-    pub fn faults_of(&self, axis: usize) -> Vec<String> {
+    pub(crate) fn faults_of(&self, axis: usize) -> Vec<String> {
         let faults = self.heartbeat.map_or(Faults::default(), |heartbeat| heartbeat.faults);
         faults
             .iter()
@@ -258,7 +258,7 @@ impl View {
     }
 
     /// How an angle is known now: a measured one that has not come again is stale.
-    pub fn source_now(source: Source, read_ns: u64, now_ns: u64) -> Source {
+    pub(crate) fn source_now(source: Source, read_ns: u64, now_ns: u64) -> Source {
         if source == Source::Measured && now_ns.saturating_sub(read_ns) > STALE_NS {
             Source::Stale
         } else {
@@ -267,7 +267,7 @@ impl View {
     }
 
     /// Half the width in which the true angle lies around the readings, µrad; none where it is not measured.
-    pub fn uncertainty_urad(&self, axis: usize, source: Source) -> Option<i32> {
+    pub(crate) fn uncertainty_urad(&self, axis: usize, source: Source) -> Option<i32> {
         let view = self.axes.get(axis).filter(|_| source == Source::Measured)?;
         let told = |limit| self.limit(axis, limit).unwrap_or(0);
         let encoder = Encoder {
@@ -278,7 +278,7 @@ impl View {
         Some(view.held.uncertainty_urad(encoder, self.from_below))
     }
 
-    pub fn limit(&self, axis: usize, limit: Limit) -> Option<i32> {
+    pub(crate) fn limit(&self, axis: usize, limit: Limit) -> Option<i32> {
         self.axes.get(axis)?.limits[usize::from(limit.code())]
     }
 }

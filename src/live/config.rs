@@ -75,7 +75,7 @@ pub struct Stream {
 
 impl SensorConfig {
     /// Its lidar packets, and what it sends beside them.
-    pub fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
+    pub(crate) fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
         let Self { name, model, listen, listen_aside, source, metadata, host } = self.clone();
         let aside = listen_aside.map(|address| {
             let listen = Listen { name: crate::live::receive::aside_of(&name), address, source };
@@ -165,7 +165,7 @@ impl Config {
     }
 
     /// The same from its text; `path` is for messages and relative paths.
-    pub fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
+    pub(crate) fn parse(text: &str, path: &Path) -> Result<Self, ConfigError> {
         let reader = Reader { text, path };
         let table = DeTable::parse(text).map_err(|error| reader.toml_error(&error))?;
         let mut config = Self { path: path.to_owned(), sensors: Vec::new(), sections: Vec::new() };

@@ -29,7 +29,7 @@ pub(super) struct DynamixelBus {
 }
 
 impl DynamixelBus {
-    pub fn new([first, second]: [Table; 2]) -> Self {
+    pub(crate) fn new([first, second]: [Table; 2]) -> Self {
         let servos = [MockServo::new(1, first), MockServo::new(2, second)];
         Self { receiver: PacketReceiver::default(), servos }
     }

@@ -16,7 +16,7 @@ pub(super) struct FeetechBus {
 }
 
 impl FeetechBus {
-    pub fn new(tables: [Table; 2]) -> Self {
+    pub(crate) fn new(tables: [Table; 2]) -> Self {
         let [first, second] = tables.map(|mut table| {
             FACTORY.iter().for_each(|(address, value)| table.bytes[usize::from(*address)] = *value);
             table.set((table::HIGHEST, 2), *TURN_COUNTS.end());

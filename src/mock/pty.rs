@@ -21,7 +21,7 @@ pub struct Pty {
 
 impl Pty {
     /// A new line that passes every byte as it is.
-    pub fn open() -> io::Result<Self> {
+    pub(crate) fn open() -> io::Result<Self> {
         let pty = nix::pty::openpty(None, None)?;
         let mut settings = tcgetattr(&pty.slave)?;
         cfmakeraw(&mut settings); // a line discipline would echo the device's own words back to it
@@ -35,7 +35,7 @@ impl Pty {
     }
 
     /// What came since the last call; 0 when nothing did.
-    pub fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+    pub(crate) fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         match self.master.read(bytes) {
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
             result => result,
@@ -43,12 +43,12 @@ impl Pty {
     }
 
     /// Sends bytes. A host that does not read loses what a serial line would lose.
-    pub fn write(&mut self, bytes: &[u8]) {
+    pub(crate) fn write(&mut self, bytes: &[u8]) {
         let _ = self.master.write_all(bytes);
     }
 
     /// Waits about a millisecond, less when bytes come meanwhile.
-    pub fn wait_a_millisecond(&self) {
+    pub(crate) fn wait_a_millisecond(&self) {
         let mut interest = [PollFd::new(self.master.as_fd(), PollFlags::POLLIN)];
         let _ = poll(&mut interest, PollTimeout::from(1u8)); // an interrupted wait is a short wait
         std::thread::sleep(Duration::from_micros(100)); // a host that never stops talking leaves time for others

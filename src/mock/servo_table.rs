@@ -25,30 +25,30 @@ pub(super) struct Table {
 }
 
 impl Table {
-    pub fn new(seed: u64, position: i32) -> Self {
+    pub(crate) fn new(seed: u64, position: i32) -> Self {
         let mut axis = SimulatedAxis::new(seed + 1, urad(position), 0);
         axis.range_urad = (urad(-8192), urad(12_288));
         axis.encoder_step_urad = 1; // its registers count 4096 to the turn
         Self { axis, bytes: [0; TABLE_BYTES], position, goals: Vec::new() }
     }
 
-    pub fn set(&mut self, (address, length): Register, value: i32) {
+    pub(crate) fn set(&mut self, (address, length): Register, value: i32) {
         let (start, length) = (usize::from(address), usize::from(length));
         self.bytes[start..start + length].copy_from_slice(&value.to_le_bytes()[..length]);
     }
 
-    pub fn get(&self, (address, length): Register) -> i32 {
+    pub(crate) fn get(&self, (address, length): Register) -> i32 {
         let mut bytes = [0; 4];
         let (start, length) = (usize::from(address), usize::from(length));
         bytes[..length].copy_from_slice(&self.bytes[start..start + length]);
         i32::from_le_bytes(bytes)
     }
 
-    pub fn slice(&self, address: u16, length: u16) -> Option<&[u8]> {
+    pub(crate) fn slice(&self, address: u16, length: u16) -> Option<&[u8]> {
         self.bytes.get(usize::from(address)..usize::from(address) + usize::from(length))
     }
 
-    pub fn keep_goal(&mut self, goal: i32, torque: bool) {
+    pub(crate) fn keep_goal(&mut self, goal: i32, torque: bool) {
         self.goals.push(GoalWrite { goal, position: self.position, torque });
     }
 }

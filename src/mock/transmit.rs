@@ -61,7 +61,7 @@ impl Clock {
     }
 
     /// The same clock, started so much later.
-    pub fn starting_in(self, wait: Duration) -> Self {
+    pub(crate) fn starting_in(self, wait: Duration) -> Self {
         Self { begun: self.begun + wait, ..self }
     }
 
@@ -114,18 +114,18 @@ impl Transmitter {
     }
 
     /// Opens one more socket on this address; its number is for [`Self::send_from`].
-    pub fn add_socket(&mut self, from: IpAddr) -> io::Result<usize> {
+    pub(crate) fn add_socket(&mut self, from: IpAddr) -> io::Result<usize> {
         self.others.push(UdpSocket::bind(SocketAddr::new(from, 0))?);
         Ok(self.others.len())
     }
 
     /// Goes on by another clock, from the same port.
-    pub fn set_clock(&mut self, clock: Clock) {
+    pub(crate) fn set_clock(&mut self, clock: Clock) {
         self.clock = clock;
     }
 
     /// The address packets come from.
-    pub fn local_addr(&self) -> io::Result<SocketAddr> {
+    pub(crate) fn local_addr(&self) -> io::Result<SocketAddr> {
         self.socket.local_addr()
     }
 
@@ -135,7 +135,7 @@ impl Transmitter {
     }
 
     /// The same from a socket that was added; 0 is the first.
-    pub fn send_from(
+    pub(crate) fn send_from(
         &mut self,
         socket: usize,
         time_ns: u64,

@@ -38,7 +38,7 @@ pub(super) struct SessionClock {
 }
 
 impl SessionClock {
-    pub fn start(source: ClockSource, sensors: usize) -> Self {
+    pub(crate) fn start(source: ClockSource, sensors: usize) -> Self {
         let begin = (source.read)();
         let shift_ns = begin.unix_ns.wrapping_sub((source.rig_ns)(&begin)) as i64;
         let is_same = shift_ns.unsigned_abs() <= SAME_NS + begin.apart_ns;
@@ -52,12 +52,12 @@ impl SessionClock {
     }
 
     /// What the host's clocks showed when it began.
-    pub fn begin(&self) -> HostTime {
+    pub(crate) fn begin(&self) -> HostTime {
         self.line.begin()
     }
 
     /// Looks whether the host's clock was set: the event that says so.
-    pub fn look(&mut self) -> Option<Value> {
+    pub(crate) fn look(&mut self) -> Option<Value> {
         let step = self.line.look((self.read)())?;
         Some(serde_json::json!({
             "time_ns": step.between_ns[1], "event": HOST_CLOCK_STEP, "step_ns": step.step_ns,
@@ -66,17 +66,17 @@ impl SessionClock {
     }
 
     /// The steps so far.
-    pub fn steps(&self) -> &[HostStep] {
+    pub(crate) fn steps(&self) -> &[HostStep] {
         self.line.steps()
     }
 
     /// The session's time of a packet that the kernel stamped, ns.
-    pub fn packet_ns(&mut self, sensor: usize, stamp_ns: u64) -> u64 {
+    pub(crate) fn packet_ns(&mut self, sensor: usize, stamp_ns: u64) -> u64 {
         self.sensors.get_mut(sensor).map_or(stamp_ns, |stream| self.line.place(stamp_ns, stream))
     }
 
     /// A line about the rig, with the session's time; none where it is right as it is.
-    pub fn servo(&self, report: &impl Serialize) -> Option<Value> {
+    pub(crate) fn servo(&self, report: &impl Serialize) -> Option<Value> {
         if self.rig_shift_ns == 0 {
             return None;
         }
@@ -84,7 +84,7 @@ impl SessionClock {
     }
 
     /// The same for an event, which the host's clock stamped.
-    pub fn event(&mut self, event: &impl Serialize) -> Option<Value> {
+    pub(crate) fn event(&mut self, event: &impl Serialize) -> Option<Value> {
         if self.line.steps().is_empty() {
             return None;
         }

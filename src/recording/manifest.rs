@@ -56,14 +56,14 @@ impl Manifest {
     }
 
     /// Why the session is not whole, where it is not.
-    pub fn ended_early(&self) -> Option<String> {
+    pub(crate) fn ended_early(&self) -> Option<String> {
         let unclosed =
             "the session was not closed: everything up to the last flush is there, losses are unknown";
         self.failure.clone().or_else(|| (!self.complete).then(|| unclosed.into()))
     }
 
     /// What its recorder knows to be missing, in words.
-    pub fn missing(&self) -> Vec<String> {
+    pub(crate) fn missing(&self) -> Vec<String> {
         let lost = |entry: &SensorEntry| {
             let words = entry.losses.words();
             (!words.is_empty()).then(|| format!("{}: packets lost while recording: {words}", entry.name))
@@ -130,7 +130,7 @@ impl Losses {
     }
 
     /// Adds those of another part.
-    pub fn add(&mut self, other: &Self) {
+    pub(crate) fn add(&mut self, other: &Self) {
         self.kernel_dropped += other.kernel_dropped;
         self.queue_dropped += other.queue_dropped;
         self.not_written += other.not_written;
@@ -247,7 +247,7 @@ impl Manifest {
     }
 
     /// Sensors of which nothing was recorded, though they were listened to.
-    pub fn silent(&self, found: &[u64]) -> Vec<String> {
+    pub(crate) fn silent(&self, found: &[u64]) -> Vec<String> {
         let is_silent = |(at, entry): &(usize, &SensorEntry)| {
             entry.packets == 0 && found.get(*at).is_none_or(|packets| *packets == 0) && !self.is_aside(entry)
         };

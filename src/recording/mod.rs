@@ -64,7 +64,7 @@ pub use writer::{SensorInfo, SessionWriter};
 use std::path::{Path, PathBuf};
 
 /// A folder name that says when: `session-2026-11-21T111500Z`.
-pub fn folder_name_now() -> String {
+pub(crate) fn folder_name_now() -> String {
     let time = manifest::rfc3339(crate::live::receive::now_ns());
     let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
     format!("session-{}Z", seconds.replace(':', ""))

@@ -38,7 +38,7 @@ impl std::fmt::Debug for Open {
 }
 
 impl Open {
-    pub fn new(
+    pub(crate) fn new(
         manifest: Manifest,
         clock: SessionClock,
         packets: PcapngWriter<WholeFile<File>>,
@@ -49,14 +49,18 @@ impl Open {
         Self { manifest, clock, packets, servo, events, low_disk: None, carried, failure: None, rate: None }
     }
 
-    pub fn look_at_clock(&mut self, dir: &Path) {
+    pub(crate) fn look_at_clock(&mut self, dir: &Path) {
         if let Some(step) = self.clock.look() {
             // a failure shows in the next flush
             let _ = write_line(&mut self.events, &dir.join(file::EVENTS), &step);
         }
     }
 
-    pub fn write_event(&mut self, dir: &Path, event: &impl serde::Serialize) -> Result<(), SessionError> {
+    pub(crate) fn write_event(
+        &mut self,
+        dir: &Path,
+        event: &impl serde::Serialize,
+    ) -> Result<(), SessionError> {
         let path = dir.join(file::EVENTS);
         match self.clock.event(event) {
             Some(restamped) => write_line(&mut self.events, &path, &restamped),
@@ -64,7 +68,7 @@ impl Open {
         }
     }
 
-    pub fn write_packet(
+    pub(crate) fn write_packet(
         &mut self,
         dir: &Path,
         sensor: usize,
@@ -101,7 +105,7 @@ impl Open {
         }
     }
 
-    pub fn flush(&mut self) {
+    pub(crate) fn flush(&mut self) {
         let outcomes = [self.packets.flush(), self.servo.flush(), self.events.flush()];
         for (name, outcome) in OPEN_FILES.into_iter().zip(outcomes) {
             if let Err(error) = outcome {
@@ -111,7 +115,7 @@ impl Open {
     }
 
     /// Keeps the first failure and counts what was gathered and is lost with it.
-    pub fn failed(&mut self, name: &'static str, error: io::Error) {
+    pub(crate) fn failed(&mut self, name: &'static str, error: io::Error) {
         for head in self.packets.get_mut().take_lost() {
             // an enhanced packet block (type 6) has its interface behind type and length
             if let (Some([6, 0, 0, 0]), Some(interface)) = (head.first_chunk::<4>(), head.get(8..12)) {
@@ -129,13 +133,13 @@ impl Open {
         self.manifest.sensors.iter().map(|sensor| sensor.losses.not_written).sum()
     }
 
-    pub fn check(&self, dir: &Path) -> Result<(), SessionError> {
+    pub(crate) fn check(&self, dir: &Path) -> Result<(), SessionError> {
         let Some((name, failure)) = &self.failure else { return Ok(()) };
         let error = SessionError::io(&dir.join(name), "cannot be written", io::Error::from(failure.kind()));
         Err(no_space(dir, self.packets.get_ref().bytes(), self.not_written(), error))
     }
 
-    pub fn watch_space(&mut self, dir: &Path) {
+    pub(crate) fn watch_space(&mut self, dir: &Path) {
         let written = self.packets.get_ref().bytes();
         let last = self.rate.map(|(since, before)| (since.elapsed().as_secs_f64(), before));
         if last.is_some_and(|(seconds, _)| seconds < 1.0) {

@@ -27,7 +27,7 @@ impl Recording {
     }
 
     /// The same; what is written is shown to someone else, too, on the thread that writes.
-    pub fn start_beside(
+    pub(crate) fn start_beside(
         mut receiver: Receiver,
         session: SessionWriter,
         mut show: impl FnMut(&[Datagram]) + Send + 'static,
@@ -57,13 +57,13 @@ impl Recording {
     }
 
     /// The session being written, for servo reports, events and copies of mounts and trajectory.
-    pub fn session(&self) -> Arc<SessionWriter> {
+    pub(crate) fn session(&self) -> Arc<SessionWriter> {
         self.session.read().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Goes on in another session with the same sensors: every packet is in one of the two. How the one before was
     /// closed; what was lost with it without a trace is counted in the other one.
-    pub fn go_on_in(&mut self, next: SessionWriter) -> Result<Manifest, SessionError> {
+    pub(crate) fn go_on_in(&mut self, next: SessionWriter) -> Result<Manifest, SessionError> {
         let mut place = self.session.write().unwrap_or_else(PoisonError::into_inner);
         let before = std::mem::replace(&mut *place, Arc::new(next));
         let next = Arc::clone(&place);
@@ -74,12 +74,12 @@ impl Recording {
     }
 
     /// What was received and lost so far.
-    pub fn monitor(&self) -> &Monitor {
+    pub(crate) fn monitor(&self) -> &Monitor {
         &self.monitor
     }
 
     /// Whether recording ended by itself: the disk is full or broken. [`Recording::stop`] says why.
-    pub fn has_ended(&self) -> bool {
+    pub(crate) fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
 

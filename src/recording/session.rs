@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use sensors::Packet;
-use sensors::capture::{CaptureCounters, CaptureReader};
+use sensors::capture::CaptureReader;
 
 use super::manifest::Manifest;
 use super::{SessionError, clock, disk, file};
@@ -29,7 +29,7 @@ impl Session {
     }
 
     /// The same of a folder whose manifest was read already.
-    pub fn of(dir: &Path, manifest: Manifest) -> Self {
+    pub(crate) fn of(dir: &Path, manifest: Manifest) -> Self {
         let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
         problems.extend(manifest.uncovered());
         for expected in &manifest.files {
@@ -63,7 +63,7 @@ impl Session {
     }
 
     /// Sensors that the mount file of the session has, and that nobody listened to.
-    pub fn unheard(&self) -> Vec<String> {
+    pub(crate) fn unheard(&self) -> Vec<String> {
         let mount = match self.mount() {
             Ok(mount) => mount,
             Err(error) => return vec![error.to_string()],
@@ -82,7 +82,7 @@ impl Session {
     }
 
     /// Path of the packets.
-    pub fn packets_path(&self) -> PathBuf {
+    pub(crate) fn packets_path(&self) -> PathBuf {
         self.dir.join(file::PACKETS)
     }
 
@@ -99,7 +99,7 @@ impl Session {
     }
 
     /// Takes steps that the host's clock made, ns, out of the stamps of packets: for sessions in which they are.
-    pub fn undo_clock_steps(&mut self, steps_ns: Vec<i64>) {
+    pub(crate) fn undo_clock_steps(&mut self, steps_ns: Vec<i64>) {
         self.steps_ns = steps_ns;
     }
 
@@ -115,7 +115,7 @@ impl Session {
 
     /// Every time that the host's clock was set while it was recorded; packets, servo reports and events are on one clock all
     /// the same. None for a session from before that was so.
-    pub fn clock_steps(&self) -> Result<Option<Vec<HostStep>>, SessionError> {
+    pub(crate) fn clock_steps(&self) -> Result<Option<Vec<HostStep>>, SessionError> {
         if self.manifest.clock.is_none() {
             return Ok(None);
         }
@@ -211,12 +211,7 @@ impl SessionPackets {
     }
 
     /// Where the manifest contradicts the packets; at their end.
-    pub fn contradictions(&self, manifest: &Manifest) -> Vec<String> {
+    pub(crate) fn contradictions(&self, manifest: &Manifest) -> Vec<String> {
         manifest.contradictions(&self.found, self.reader.interfaces())
-    }
-
-    /// What the reader met, truncation included.
-    pub fn counters(&self) -> &CaptureCounters {
-        self.reader.counters()
     }
 }

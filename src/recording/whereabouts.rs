@@ -56,24 +56,24 @@ pub(super) enum PacketsLeft {
 
 impl Whereabouts {
     /// Of a folder and its files, just made.
-    pub fn new(dir: &Path, files: [File; 3]) -> io::Result<Self> {
+    pub(crate) fn new(dir: &Path, files: [File; 3]) -> io::Result<Self> {
         let mut made =
             Self { dir: dir.to_owned(), folder: File::open(dir)?, files, has_stable_numbers: true };
         made.has_stable_numbers = made.check(&Expected { bytes: [0; 3], closed: Vec::new() }).is_none();
         Ok(made)
     }
 
-    pub fn dir(&self) -> &Path {
+    pub(crate) fn dir(&self) -> &Path {
         &self.dir
     }
 
     /// Asks the disk to have what was written.
-    pub fn sync(&self) -> io::Result<()> {
+    pub(crate) fn sync(&self) -> io::Result<()> {
         self.files.iter().try_for_each(File::sync_data)
     }
 
     /// What was taken away, if anything was.
-    pub fn check(&self, expected: &Expected) -> Option<Displaced> {
+    pub(crate) fn check(&self, expected: &Expected) -> Option<Displaced> {
         if !self.has_stable_numbers {
             return None;
         }

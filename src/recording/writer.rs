@@ -139,7 +139,7 @@ impl SessionWriter {
     }
 
     /// The session's folder.
-    pub fn dir(&self) -> &Path {
+    pub(crate) fn dir(&self) -> &Path {
         self.shared.files.dir()
     }
 
@@ -152,7 +152,7 @@ impl SessionWriter {
     }
 
     /// Writes received datagrams. After an error the remaining ones are counted as not written.
-    pub fn write_datagrams(&self, datagrams: &[Datagram]) -> Result<(), SessionError> {
+    pub(crate) fn write_datagrams(&self, datagrams: &[Datagram]) -> Result<(), SessionError> {
         self.with(|open, dir| {
             open.look_at_clock(dir);
             let mut outcome = Ok(());
@@ -184,7 +184,7 @@ impl SessionWriter {
     }
 
     /// Every time that the host's clock was set meanwhile, in words.
-    pub fn clock_steps(&self) -> Vec<String> {
+    pub(crate) fn clock_steps(&self) -> Vec<String> {
         let words = |open: &Open| {
             let begin_ns = open.clock.begin().unix_ns;
             open.clock.steps().iter().map(|step| step.words(begin_ns)).collect()
@@ -214,7 +214,7 @@ impl SessionWriter {
     }
 
     /// Keeps a copy of the configuration, a `rig.toml`.
-    pub fn put_config(&self, text: &str) -> Result<(), SessionError> {
+    pub(crate) fn put_config(&self, text: &str) -> Result<(), SessionError> {
         self.put(file::CONFIG, text.as_bytes())
     }
 
@@ -241,12 +241,12 @@ impl SessionWriter {
     }
 
     /// Whether space runs out.
-    pub fn low_disk(&self) -> Option<LowDisk> {
+    pub(crate) fn low_disk(&self) -> Option<LowDisk> {
         self.shared.lock().as_ref().and_then(|open| open.low_disk)
     }
 
     /// Bytes of packets in the file, gathered ones not counted.
-    pub fn packet_bytes(&self) -> u64 {
+    pub(crate) fn packet_bytes(&self) -> u64 {
         self.shared.lock().as_ref().map_or(0, |open| open.packets.get_ref().bytes())
     }
 

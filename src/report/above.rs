@@ -26,7 +26,7 @@ pub struct FromAbove {
 
 impl FromAbove {
     /// Nothing counted yet, for points within these bounds. Columns are at least `column_m` wide.
-    pub fn new(bounds_m: [DVec3; 2], column_m: f64, classes: usize) -> Self {
+    pub(crate) fn new(bounds_m: [DVec3; 2], column_m: f64, classes: usize) -> Self {
         let [low_m, high_m] = bounds_m;
         let extent_m = high_m - low_m;
         let column_m = column_m.max(extent_m.x.max(extent_m.y) / MOST_COLUMNS);
@@ -41,7 +41,7 @@ impl FromAbove {
     }
 
     /// Counts a point.
-    pub fn add(&mut self, point_m: DVec3, class: usize) {
+    pub(crate) fn add(&mut self, point_m: DVec3, class: usize) {
         let at = (point_m - self.low_m) / self.column_m;
         let within = |value: f64, count: usize| (value.max(0.0) as usize).min(count - 1);
         let (i, j) = (within(at.x, self.size[0]), within(at.y, self.size[1]));
@@ -50,12 +50,12 @@ impl FromAbove {
     }
 
     /// Of each layer the class that most points of each column have; of equals the last, which is the worse.
-    pub fn majority(&self) -> Vec<CellMap> {
+    pub(crate) fn majority(&self) -> Vec<CellMap> {
         self.maps(&|counts| (0..self.classes).max_by_key(|class| counts[*class]))
     }
 
     /// Of each layer the share of a class in each column, in `steps` steps of equal width.
-    pub fn share(&self, class: usize, steps: usize) -> Vec<CellMap> {
+    pub(crate) fn share(&self, class: usize, steps: usize) -> Vec<CellMap> {
         self.maps(&|counts| {
             let share = f64::from(counts[class]) / f64::from(counts.iter().sum::<u32>());
             Some(((share * steps as f64) as usize).min(steps - 1))

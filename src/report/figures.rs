@@ -14,7 +14,7 @@ pub const UNSEEN: usize = 4;
 const UNSEEN_STEPS: usize = 5;
 
 /// Classes by who saw a cell: several, the first sensor alone, the second alone, another alone, nobody.
-pub fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
+pub(crate) fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
     let only = |sensor: usize| match names {
         [_] => "seen".to_owned(),
         _ => names.get(sensor).map_or("-".into(), |name| format!("{name} only")),
@@ -29,7 +29,7 @@ pub fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
 }
 
 /// The class of a cell, from whether each sensor saw it.
-pub fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
+pub(crate) fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
     let mut seeing = seen.enumerate().filter(|(_, seen)| *seen).map(|(sensor, _)| sensor);
     match (seeing.next(), seeing.next()) {
         (None, _) => UNSEEN,
@@ -39,12 +39,12 @@ pub fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
 }
 
 /// The class of a cell of a coverage.
-pub fn who_covers(coverage: &Coverage, cell: usize) -> usize {
+pub(crate) fn who_covers(coverage: &Coverage, cell: usize) -> usize {
     who_saw((0..coverage.sensors()).map(|sensor| coverage.contains(sensor, cell)))
 }
 
 /// Who saw what on the walls of a box whose coverage is in the mount frame's axes.
-pub fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
+pub(crate) fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
     report.heading("Who saw what");
     report.maps(
         "Voxels by who saw them",
@@ -55,7 +55,7 @@ pub fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
 }
 
 /// Who saw what from above, and where how much of it is seen by nobody.
-pub fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass], what: &str) {
+pub(crate) fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass], what: &str) {
     report.maps(
         &format!("Who saw what, {what} seen from above"),
         &above.majority(),
@@ -79,7 +79,7 @@ pub fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass],
 }
 
 /// The largest groups of cells that nobody saw.
-pub fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) {
+pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) {
     if spots.is_empty() {
         report.paragraph("Nothing that could be seen is missed.");
         return;
@@ -98,7 +98,7 @@ pub fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) 
 }
 
 /// The least translation eigenvalue along the way: `[x, eigenvalue]`.
-pub fn registration_section(
+pub(crate) fn registration_section(
     report: &mut Report,
     quality: Option<&RegistrationQuality>,
     x_label: &str,
@@ -151,7 +151,7 @@ pub fn registration_section(
 }
 
 /// A table of single sensors, and what one sensor reaches at each pitch beside the mounts (`of_mounts`).
-pub fn baselines_section<T>(
+pub(crate) fn baselines_section<T>(
     report: &mut Report,
     baselines: &Baselines<T>,
     header: &[&str],
@@ -183,7 +183,7 @@ pub fn baselines_section<T>(
 }
 
 /// Classes of cells in the pictures.
-pub fn where_different() -> [CellClass; 4] {
+pub(crate) fn where_different() -> [CellClass; 4] {
     [
         CellClass::new("c-both", "predicted and recorded"),
         CellClass::new("c-bad", "missed: predicted, not recorded"),

@@ -33,23 +33,23 @@ pub struct Report {
 
 impl Report {
     /// An empty page; `summary` is the one sentence a reader takes away, `made_by` the command that makes it again.
-    pub fn new(title: &str, summary: &str, made_by: &str) -> Self {
+    pub(crate) fn new(title: &str, summary: &str, made_by: &str) -> Self {
         let body = format!("<h1>{}</h1><p class=\"summary\">{}</p>", escape(title), escape(summary));
         Self { title: title.to_owned(), body, made_by: made_by.to_owned() }
     }
 
     /// A heading.
-    pub fn heading(&mut self, text: &str) {
+    pub(crate) fn heading(&mut self, text: &str) {
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
     }
 
     /// A paragraph.
-    pub fn paragraph(&mut self, text: &str) {
+    pub(crate) fn paragraph(&mut self, text: &str) {
         let _ = write!(self.body, "<p>{}</p>", escape(text));
     }
 
     /// A table; the first column is text, numbers stand right.
-    pub fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
+    pub(crate) fn table(&mut self, header: &[&str], rows: &[Vec<String>]) {
         self.body.push_str("<div class=\"scroll table\"><table><thead><tr>");
         let classes: Vec<&str> = (0..header.len())
             .map(|column| if is_of_numbers(rows, column) { "" } else { " class=\"words\"" })
@@ -70,13 +70,13 @@ impl Report {
     }
 
     /// A chart made by [`crate::report::chart`], with its caption and the command that makes it again.
-    pub fn figure(&mut self, svg: &str, caption: &str) {
+    pub(crate) fn figure(&mut self, svg: &str, caption: &str) {
         let _ = write!(self.body, "<figure><div class=\"scroll\">{svg}</div>");
         self.close_figure(caption);
     }
 
     /// Maps beside each other, as many as fit the page, with a legend of the classes and a caption.
-    pub fn maps(&mut self, label: &str, maps: &[CellMap], classes: &[CellClass], caption: &str) {
+    pub(crate) fn maps(&mut self, label: &str, maps: &[CellMap], classes: &[CellClass], caption: &str) {
         self.body.push_str("<figure><div class=\"maps\">");
         for map in &maps.iter().map(|map| map.coarse(MOST_SQUARES)).collect::<Vec<_>>() {
             let _ = write!(
@@ -112,7 +112,7 @@ impl Report {
     }
 
     /// The whole page.
-    pub fn html(&self) -> String {
+    pub(crate) fn html(&self) -> String {
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
@@ -123,7 +123,7 @@ impl Report {
     }
 
     /// Writes the page; it appears under its name only when whole.
-    pub fn write(&self, path: &Path) -> std::io::Result<()> {
+    pub(crate) fn write(&self, path: &Path) -> std::io::Result<()> {
         crate::base::files::write_whole(path, self.html().as_bytes())
     }
 }

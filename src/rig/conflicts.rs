@@ -20,7 +20,7 @@ impl Rig {
 
 impl Conflicts {
     /// A line per pair of sensors.
-    pub fn lines(&self) -> String {
+    pub(crate) fn lines(&self) -> String {
         let near = self.violations.iter().map(|pair| {
             format!(
                 "cannot be built: {} and {} are {:.4} m apart, needed are {:.4} m\n",

@@ -120,7 +120,7 @@ impl MountFile {
     }
 
     /// The same of a file that travels with its folder, from whoever made it: what it names lies in the folder, too.
-    pub fn read_inside(folder: &Path, name: &str) -> Result<Self, MountFileError> {
+    pub(crate) fn read_inside(folder: &Path, name: &str) -> Result<Self, MountFileError> {
         let path = folder.join(name);
         let text = files::read_inside(folder, name).and_then(files::text);
         let text = text.map_err(|source| MountFileError::Unreadable { path: path.clone(), source })?;
@@ -138,7 +138,7 @@ impl MountFile {
     ///
     /// # Errors
     /// A name that it does not have, or has been given before; in words.
-    pub fn by_axis(mut self, names: &[String]) -> Result<Self, String> {
+    pub(crate) fn by_axis(mut self, names: &[String]) -> Result<Self, String> {
         let known = self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", ");
         for (axis, name) in names.iter().enumerate() {
             if names[..axis].contains(name) {
@@ -154,7 +154,7 @@ impl MountFile {
 
     /// Pitch of each axis, degrees, of a file in the order of axes: of the sensors with these names, or of all where none is
     /// named.
-    pub fn axis_pitches_deg(&self, names: &[String]) -> Vec<f64> {
+    pub(crate) fn axis_pitches_deg(&self, names: &[String]) -> Vec<f64> {
         let turned = if names.is_empty() { self.sensors.len() } else { names.len() };
         self.sensors.iter().take(turned).map(|sensor| sensor.pitch_deg).collect()
     }

@@ -112,7 +112,7 @@ impl From<Mount> for PublishedMount {
 
 impl PublishedMount {
     /// The mount with this position and rotation; none where it takes a yaw that no mount has.
-    pub fn mount(&self) -> Option<Mount> {
+    pub(crate) fn mount(&self) -> Option<Mount> {
         let [roll, pitch, yaw] = self.euler_deg.map(f64::to_radians);
         let rotation = DMat3::from_euler(EulerRot::ZYX, yaw, pitch, roll);
         let [x_m, y_m, z_m] = self.position;

@@ -27,7 +27,7 @@ impl std::fmt::Display for Touching {
 
 impl Rig {
     /// The pairs of sensors whose housings, as round as the models say and tilted with them, touch or lie in each other.
-    pub fn touching(&self) -> Vec<Touching> {
+    pub(crate) fn touching(&self) -> Vec<Touching> {
         let mut pairs = Vec::new();
         for (index, first) in self.sensors.iter().enumerate() {
             for second in &self.sensors[index + 1..] {
@@ -41,7 +41,7 @@ impl Rig {
 
     /// 0 where no housings touch; otherwise how much farther apart the centres of those that do would have to be for no
     /// tilt to let them touch, summed over pairs, m.
-    pub fn housing_shortfall_m(&self) -> f64 {
+    pub(crate) fn housing_shortfall_m(&self) -> f64 {
         let mut missing_m = 0.0;
         for (index, first) in self.sensors.iter().enumerate() {
             for second in &self.sensors[index + 1..] {

@@ -94,7 +94,7 @@ impl FileKind {
 
 impl Unit {
     /// The nominal sensor of a catalogue name: Ouster models turn in 1024 columns, others in 1800, 10 times a second.
-    pub fn nominal(name: &str) -> Result<Self, UnitError> {
+    pub(crate) fn nominal(name: &str) -> Result<Self, UnitError> {
         let model = catalogue::nominal(name)?;
         let columns = if Product::from_name(name).is_some() { 1800 } else { 1024 };
         Ok(Self { model, columns, rate_hz: 10.0, notice: None })
@@ -105,7 +105,7 @@ impl Unit {
     ///
     /// # Errors
     /// A file that cannot be read or is malformed, a stated model with other channels, or no model to take limits from.
-    pub fn calibrated(path: &Path, stated: Option<&str>) -> Result<Self, UnitError> {
+    pub(crate) fn calibrated(path: &Path, stated: Option<&str>) -> Result<Self, UnitError> {
         let unreadable = |source| UnitError::Unreadable { path: path.to_owned(), source };
         match FileKind::of(path) {
             Some(FileKind::Ouster) => {
@@ -194,7 +194,7 @@ impl MountFile {
     ///
     /// # Errors
     /// As [`Unit::calibrated`], and a choice for a sensor that the rig has not.
-    pub fn units(&self, choices: &[UnitChoice]) -> Result<Vec<Unit>, UnitError> {
+    pub(crate) fn units(&self, choices: &[UnitChoice]) -> Result<Vec<Unit>, UnitError> {
         let has = |name: &str| self.sensors.iter().any(|sensor| sensor.name == name);
         if let Some(name) = choices.iter().filter_map(|c| c.sensor.as_deref()).find(|name| !has(name)) {
             let known: Vec<_> = self.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
@@ -220,7 +220,7 @@ impl MountFile {
     /// The rig that the file describes, each sensor as calibrated there.
     ///
     /// # Errors
-    /// As [`Unit::calibrated`].
+    /// As `Unit::calibrated`.
     pub fn rig(&self) -> Result<Rig, UnitError> {
         Ok(self.rig_of(&self.units(&[])?))
     }
@@ -239,7 +239,7 @@ impl MountFile {
     }
 
     /// The rig with these units on its mounts.
-    pub fn rig_of(&self, units: &[Unit]) -> Rig {
+    pub(crate) fn rig_of(&self, units: &[Unit]) -> Rig {
         let mounted = self.sensors.iter().zip(units).map(|(entry, unit)| MountedSensor {
             name: entry.name.clone(),
             model: unit.model.clone(),

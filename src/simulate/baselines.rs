@@ -35,7 +35,7 @@ pub(crate) struct Single<T> {
 
 impl<T> Single<T> {
     /// A sensor and what it sees.
-    pub fn new(model: &str, mount: &Mount, seen: T) -> Self {
+    pub(crate) fn new(model: &str, mount: &Mount, seen: T) -> Self {
         Self {
             model: model.into(),
             x_m: mount.x_m,
@@ -50,7 +50,7 @@ impl<T> Single<T> {
 
 impl<T> Baselines<T> {
     /// The baselines by name, for tables.
-    pub fn named(&self) -> impl Iterator<Item = (&'static str, &Single<T>)> {
+    pub(crate) fn named(&self) -> impl Iterator<Item = (&'static str, &Single<T>)> {
         let first = self.first_single.as_ref().map(|single| ("first single", single));
         [("level single", &self.level_single), ("best single", &self.best_single)].into_iter().chain(first)
     }

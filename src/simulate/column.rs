@@ -17,14 +17,14 @@ pub struct ColumnCaster<'a> {
 
 impl<'a> ColumnCaster<'a> {
     /// For a model.
-    pub fn new(model: &'a SensorModel) -> Self {
+    pub(crate) fn new(model: &'a SensorModel) -> Self {
         Self { model, order: by_elevation(model) }
     }
 
     /// Ranges of one column as the sensor reports them, m, by channel; none where nothing is hit within the model's
     /// limits. `azimuth_rad` is the encoder's at the column's time stamp, `spin_rad_s` moves it on for channels that
     /// fire later.
-    pub fn cast(
+    pub(crate) fn cast(
         &self,
         scene: &Scene,
         world_from_sensor: Pose,

@@ -23,7 +23,7 @@ const WIDTH_DB: f64 = 0.720_74;
 
 impl Detection {
     /// Share of returns that are detected at a range, for a surface met at this cosine of incidence.
-    pub fn probability(&self, range_m: f64, cos_incidence: f64, max_range_m: f64) -> f64 {
+    pub(crate) fn probability(&self, range_m: f64, cos_incidence: f64, max_range_m: f64) -> f64 {
         if !max_range_m.is_finite() {
             return 1.0;
         }

@@ -61,17 +61,17 @@ impl BeamFan {
     }
 
     /// Columns per revolution.
-    pub fn columns(&self) -> usize {
+    pub(crate) fn columns(&self) -> usize {
         self.columns.len()
     }
 
     /// Beams.
-    pub fn beams(&self) -> usize {
+    pub(crate) fn beams(&self) -> usize {
         self.beams.len()
     }
 
     /// Rays of one revolution.
-    pub fn rays_per_scan(&self) -> u64 {
+    pub(crate) fn rays_per_scan(&self) -> u64 {
         (self.columns.len() * self.beams.len()) as u64
     }
 
@@ -83,7 +83,7 @@ impl BeamFan {
     }
 
     /// The voxels that each of these mounts sees along the whole trajectory, and the rays cast.
-    pub fn coverage(
+    pub(crate) fn coverage(
         &self,
         scene: &Scene,
         trajectory: &Trajectory,
@@ -124,7 +124,7 @@ impl BeamFan {
     }
 
     /// Casts some columns of one revolution, by number.
-    pub fn cast_columns(
+    pub(crate) fn cast_columns(
         &self,
         scene: &Scene,
         trajectory: &Trajectory,

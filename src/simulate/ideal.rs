@@ -47,7 +47,7 @@ impl IdealSensors {
     }
 
     /// Flags of the samples that each sensor covers at 5 cm.
-    pub fn covered_by_sensor(&self, surface: &ObservableSurface) -> Vec<Vec<bool>> {
+    pub(crate) fn covered_by_sensor(&self, surface: &ObservableSurface) -> Vec<Vec<bool>> {
         self.mounted_fans().map(|fan| self.cast(&[fan], surface).1.covered(MAIN_RANK)).collect()
     }
 
@@ -74,7 +74,7 @@ impl IdealSensors {
     }
 
     /// One level sensor, the best single one, and the first of several without the others.
-    pub fn baselines(
+    pub(crate) fn baselines(
         &self,
         surface: &ObservableSurface,
         of_mounts: &IdealCoverage,
@@ -102,7 +102,7 @@ impl IdealSensors {
     }
 
     /// The same sensors with their own beams and spins.
-    pub fn scanner(&self) -> Scanner<'_> {
+    pub(crate) fn scanner(&self) -> Scanner<'_> {
         let mut scanner = Scanner::new(&self.scene, &self.trajectory, &self.rig, Spin::default());
         for (spin, fan) in scanner.spins.iter_mut().zip(&self.fans) {
             (spin.rate_hz, spin.columns) = (fan.rate_hz, fan.columns() as u32);

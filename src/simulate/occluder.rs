@@ -31,7 +31,7 @@ pub enum Occluder {
 
 impl Occluder {
     /// The housing of a mounted sensor: a cylinder about its spin axis, its middle at the lidar origin.
-    pub fn housing(sensor: &MountedSensor) -> Self {
+    pub(crate) fn housing(sensor: &MountedSensor) -> Self {
         let body_from_sensor = sensor.mount.body_from_sensor();
         let lidar_origin_m = sensor.model.sensor_from_lidar().translation;
         Self::Cylinder {
@@ -43,13 +43,13 @@ impl Occluder {
     }
 
     /// The housings of every other sensor of a rig.
-    pub fn other_housings(rig: &Rig, sensor: usize) -> Vec<Self> {
+    pub(crate) fn other_housings(rig: &Rig, sensor: usize) -> Vec<Self> {
         let others = rig.sensors.iter().enumerate().filter(|(index, _)| *index != sensor);
         others.map(|(_, other)| Self::housing(other)).collect()
     }
 
     /// Distance at which a ray (unit direction) enters the solid, 0 when it starts inside; none when it passes.
-    pub fn distance_m(&self, origin_m: DVec3, direction: DVec3) -> Option<f64> {
+    pub(crate) fn distance_m(&self, origin_m: DVec3, direction: DVec3) -> Option<f64> {
         match *self {
             Self::Cylinder { centre_m, axis, radius_m, half_height_m } => {
                 cylinder(origin_m - centre_m, direction, axis, radius_m, half_height_m)

@@ -36,19 +36,19 @@ impl Default for Spin {
 
 impl Spin {
     /// Angular rate of the encoder azimuth, rad/s.
-    pub fn rad_s(&self) -> f64 {
+    pub(crate) fn rad_s(&self) -> f64 {
         if self.clockwise { TAU * self.rate_hz } else { -TAU * self.rate_hz }
     }
 
     /// Encoder azimuth of a column, rad in [0, 2 pi).
-    pub fn azimuth_rad(&self, column: u64) -> f64 {
+    pub(crate) fn azimuth_rad(&self, column: u64) -> f64 {
         let share = (column % u64::from(self.columns)) as f64 / f64::from(self.columns);
         let turn = if self.clockwise { share } else { -share };
         (self.phase_rad + TAU * turn).rem_euclid(TAU)
     }
 
     /// Time from the start to a column, ns.
-    pub fn offset_ns(&self, column: u64) -> u64 {
+    pub(crate) fn offset_ns(&self, column: u64) -> u64 {
         (column as f64 / (self.rate_hz * f64::from(self.columns)) * 1e9).round() as u64
     }
 }
@@ -139,7 +139,7 @@ impl<'a> Scanner<'a> {
     }
 
     /// Columns of a sensor within the trajectory's span.
-    pub fn columns(&self, sensor: usize) -> u64 {
+    pub(crate) fn columns(&self, sensor: usize) -> u64 {
         let [start_ns, end_ns] = self.trajectory.time_span_ns();
         let spin = &self.spins[sensor];
         let last = (end_ns - start_ns) as f64 * 1e-9 * spin.rate_hz * f64::from(spin.columns);

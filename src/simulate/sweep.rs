@@ -50,12 +50,12 @@ struct Scratch {
 
 impl Scanner<'_> {
     /// A sensor made ready for many columns.
-    pub fn sweep(&self, sensor: usize) -> Sweep<'_> {
+    pub(crate) fn sweep(&self, sensor: usize) -> Sweep<'_> {
         Sweep::new(self, sensor, false)
     }
 
     /// One column of a sensor; nothing past the trajectory's end.
-    pub fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
+    pub(crate) fn column(&self, sensor: usize, column: u64) -> Option<SimulatedColumn> {
         let mut made = None;
         Sweep::new(self, sensor, true).columns(column..column + 1, |column| made = Some(column));
         made
@@ -112,7 +112,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Hands columns over, in order; those past the trajectory's end never come.
-    pub fn columns(&self, columns: Range<u64>, mut take: impl FnMut(SimulatedColumn)) {
+    pub(crate) fn columns(&self, columns: Range<u64>, mut take: impl FnMut(SimulatedColumn)) {
         let mut scratch = Scratch::default();
         let mut first = columns.start;
         while first < columns.end {
@@ -123,7 +123,7 @@ impl<'a> Sweep<'a> {
     }
 
     /// Origin (m) and direction, world, of the beams of a column that leave the rig; none past the trajectory's end.
-    pub fn rays(&self, column: u64) -> Vec<(DVec3, DVec3)> {
+    pub(crate) fn rays(&self, column: u64) -> Vec<(DVec3, DVec3)> {
         let scanner = self.scanner;
         let start_ns = scanner.trajectory.time_span_ns()[0];
         let time_ns = start_ns + scanner.spins[self.sensor].offset_ns(column);

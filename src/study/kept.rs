@@ -24,7 +24,7 @@ pub(super) struct Kept {
 
 impl Kept {
     /// What a folder holds; nothing where no plan was ever changed.
-    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+    pub(crate) fn read(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("kept.json");
         let text = match files::read_text(&path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -45,17 +45,17 @@ impl Kept {
     }
 
     /// Keeps the rows of a task.
-    pub fn keep(&mut self, task: &Value, rows: Vec<Row>) {
+    pub(crate) fn keep(&mut self, task: &Value, rows: Vec<Row>) {
         self.rows.insert(task.to_string(), rows);
     }
 
     /// The rows of a task that was done.
-    pub fn of(&self, task: &Value) -> Option<&Vec<Row>> {
+    pub(crate) fn of(&self, task: &Value) -> Option<&Vec<Row>> {
         self.rows.get(&task.to_string())
     }
 
     /// Writes it, whole or not at all.
-    pub fn write(mut self, folder: &Path) -> Result<(), StudyError> {
+    pub(crate) fn write(mut self, folder: &Path) -> Result<(), StudyError> {
         self.rows_sha256 = sha256_of(&self.rows);
         let path = folder.join("kept.json");
         files::write_json(&path, &self).map_err(|error| StudyError::at(&path, error))

@@ -97,7 +97,7 @@ pub const STUDIES: &[&dyn Study] = &[
 ///
 /// # Errors
 /// There is none; the message lists those there are.
-pub fn named(name: &str) -> Result<&'static dyn Study, StudyError> {
+pub(crate) fn named(name: &str) -> Result<&'static dyn Study, StudyError> {
     STUDIES.iter().copied().find(|study| study.name() == name).ok_or_else(|| {
         let known: Vec<_> = STUDIES.iter().map(|study| study.name()).collect();
         StudyError(format!("no study is named {name:?}: there are {}", known.join(", ")))
@@ -141,7 +141,7 @@ const FEW_SEEDS: u64 = 5;
 
 impl Findings {
     /// As far as they hold when made at this size: a quick study or one of few seeds decides no claim.
-    pub fn at_size(mut self, study: &dyn Study, size: &Size) -> Self {
+    pub(crate) fn at_size(mut self, study: &dyn Study, size: &Size) -> Self {
         let too_small = if size.quick {
             "--quick: this shows what the study writes, not what it finds.".to_owned()
         } else if study.rests_on_seeds() && size.seeds < FEW_SEEDS {
@@ -189,7 +189,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Stands => "stands",
             Self::DoesNotStand => "does not stand",

@@ -59,7 +59,7 @@ pub struct Found {
 
 impl SearchTask {
     /// The published setting: path lateral, roll 0, lambda 2000, 1 to 5 masters.
-    pub fn published(part: &str, preset: &str, method: Kind, seed: u64) -> Self {
+    pub(crate) fn published(part: &str, preset: &str, method: Kind, seed: u64) -> Self {
         Self {
             part: part.into(),
             preset: preset.into(),
@@ -77,7 +77,7 @@ impl SearchTask {
     }
 
     /// The experiment.
-    pub fn experiment(&self) -> Result<Experiment, StudyError> {
+    pub(crate) fn experiment(&self) -> Result<Experiment, StudyError> {
         let preset = Preset::named(&self.preset).map_err(StudyError::of)?;
         let path = match self.path.as_str() {
             "lateral" => Path::Lateral,
@@ -89,7 +89,7 @@ impl SearchTask {
     }
 
     /// The objective in this or another experiment.
-    pub fn objective(&self, experiment: &Experiment) -> Result<Objective, StudyError> {
+    pub(crate) fn objective(&self, experiment: &Experiment) -> Result<Objective, StudyError> {
         let mut weights = Weights { sensor_cost: self.lambda, ..Weights::default() };
         if let Some(angle_deg) = self.least_angle_deg {
             // an angle of nothing is always kept
@@ -100,7 +100,7 @@ impl SearchTask {
     }
 
     /// Searches.
-    pub fn run(&self) -> Result<Found, StudyError> {
+    pub(crate) fn run(&self) -> Result<Found, StudyError> {
         let experiment = self.experiment()?;
         let objective = self.objective(&experiment)?;
         let [masters_min, masters_max] = self.masters;
@@ -153,19 +153,19 @@ fn improvements(search: &Search) -> Vec<(usize, f64)> {
 }
 
 /// The best J after so many evaluations of a row's history.
-pub fn best_after(row: &Row, evaluations: f64) -> Option<f64> {
+pub(crate) fn best_after(row: &Row, evaluations: f64) -> Option<f64> {
     let history = row.get("history")?.as_array()?;
     let steps = history.iter().filter_map(|step| Some((step.get(0)?.as_f64()?, step.get(1)?.as_f64()?)));
     steps.take_while(|(evaluation, _)| *evaluation <= evaluations).last().map(|(_, best)| best)
 }
 
 /// Tasks as plain data.
-pub fn values(tasks: &[SearchTask]) -> Vec<serde_json::Value> {
+pub(crate) fn values(tasks: &[SearchTask]) -> Vec<serde_json::Value> {
     tasks.iter().map(|task| serde_json::Value::Object(row_of(task))).collect()
 }
 
 /// A task of a search from plain data.
-pub fn task(value: &serde_json::Value) -> Result<SearchTask, StudyError> {
+pub(crate) fn task(value: &serde_json::Value) -> Result<SearchTask, StudyError> {
     serde_json::from_value(value.clone())
         .map_err(|error| StudyError(format!("the task is no search: {error}")))
 }

@@ -108,7 +108,7 @@ enum Unusable {
 
 impl Plan {
     /// Plans a study.
-    pub fn new(study: &dyn Study, size: Size) -> Result<Self, StudyError> {
+    pub(crate) fn new(study: &dyn Study, size: Size) -> Result<Self, StudyError> {
         let tasks = study.tasks(&size)?;
         Ok(Self { format: PLAN_FORMAT.into(), study: study.name().into(), size, tasks })
     }
@@ -120,7 +120,7 @@ impl Plan {
 
     /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be of the same study and size;
     /// where only tasks came or went, what was done of the others is kept, and how many these are is told.
-    pub fn write(&self, folder: &Path) -> Result<Option<usize>, StudyError> {
+    pub(crate) fn write(&self, folder: &Path) -> Result<Option<usize>, StudyError> {
         std::fs::create_dir_all(folder).map_err(|error| StudyError::at(folder, error))?;
         let path = folder.join("plan.json");
         let mut done = None;
@@ -169,7 +169,7 @@ impl Plan {
     }
 
     /// Reads `plan.json`.
-    pub fn read(folder: &Path) -> Result<Self, StudyError> {
+    pub(crate) fn read(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("plan.json");
         let text = crate::base::files::read_text(&path).map_err(|error| {
             StudyError(format!("{}: {error}; `outrigger study plan` makes it", path.display()))
@@ -191,7 +191,7 @@ impl Plan {
 
     /// Runs one shard's tasks and writes its file; one that lies there whole is left as it is, a damaged one is replaced.
     /// `progress` is told how many tasks are done.
-    pub fn run_shard(
+    pub(crate) fn run_shard(
         &self,
         folder: &Path,
         shard: Shard,
@@ -268,7 +268,7 @@ impl Plan {
     }
 
     /// The rows of all shards that lie in the folder, in the order of the tasks.
-    pub fn rows(&self, folder: &Path) -> Result<Vec<Row>, StudyError> {
+    pub(crate) fn rows(&self, folder: &Path) -> Result<Vec<Row>, StudyError> {
         let mut by_task: Vec<Option<Vec<Row>>> = vec![None; self.tasks.len()];
         let shards = self.shards(folder)?;
         let count = shards.len();
@@ -297,7 +297,7 @@ impl Plan {
 
     /// Writes `rows.csv` (without times: the same bytes however the study was cut), `times.csv` where any was measured, a CSV per table,
     /// `findings.json` and `report.html`.
-    pub fn merge(&self, folder: &Path) -> Result<Findings, StudyError> {
+    pub(crate) fn merge(&self, folder: &Path) -> Result<Findings, StudyError> {
         let study = named(&self.study)?;
         let rows = self.rows(folder)?;
         let findings = study.findings(&rows).at_size(study, &self.size);

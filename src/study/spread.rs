@@ -27,7 +27,7 @@ pub struct Spread {
 
 impl Spread {
     /// Of these values; none without any.
-    pub fn of(values: &[f64]) -> Option<Self> {
+    pub(crate) fn of(values: &[f64]) -> Option<Self> {
         let sorted = sorted(values.iter().copied());
         let (&least, &greatest) = (sorted.first()?, sorted.last()?);
         let mut rng = Rng::new(sorted.len() as u64, 0);
@@ -52,7 +52,7 @@ impl Spread {
     }
 
     /// Median, then the range from least to greatest.
-    pub fn words(&self, decimals: usize) -> String {
+    pub(crate) fn words(&self, decimals: usize) -> String {
         let [least, median, greatest] =
             [self.least, self.median, self.greatest].map(|value| chart::number(value, decimals));
         if self.count == 1 { median } else { format!("{median} ({least} to {greatest})") }

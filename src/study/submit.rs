@@ -26,7 +26,13 @@ pub struct Script {
 }
 
 /// The scripts of a planned study; the first one starts the others. `program` and `folder` are absolute.
-pub fn scripts(plan: &Plan, engine: Engine, shards: usize, program: &Path, folder: &Path) -> Vec<Script> {
+pub(crate) fn scripts(
+    plan: &Plan,
+    engine: Engine,
+    shards: usize,
+    program: &Path,
+    folder: &Path,
+) -> Vec<Script> {
     let shards = shards.clamp(1, plan.tasks.len().max(1));
     let program = quoted(program);
     let out = quoted(folder);

@@ -47,7 +47,7 @@ impl Walk {
     pub const ALL: [Self; 4] = [Self::Straight, Self::Loop, Self::StopAndGo, Self::Stairs];
 
     /// The walk through a scene, along the longest free line that is found or around its middle.
-    pub fn through(self, scene: &Scene) -> Result<Trajectory, StudyError> {
+    pub(crate) fn through(self, scene: &Scene) -> Result<Trajectory, StudyError> {
         let [from_m, to_m] = longest_line(scene).ok_or_else(|| {
             StudyError(format!("no place to stand with {SHORTEST_M} m of free way was found in it"))
         })?;

@@ -49,7 +49,7 @@ impl VoxelGrid {
 
     /// Linear index of the cell around a point, x fastest; none outside.
     #[inline]
-    pub fn index(&self, point_m: DVec3) -> Option<usize> {
+    pub(crate) fn index(&self, point_m: DVec3) -> Option<usize> {
         let cell = (point_m - self.origin_m) / self.voxel_m;
         let [nx, ny, nz] = self.cells;
         let is_inside = (cell.x >= 0.0 && cell.x < nx as f64)
@@ -61,14 +61,14 @@ impl VoxelGrid {
     }
 
     /// Number of the cells that touch the outside.
-    pub fn outer_count(&self) -> f64 {
+    pub(crate) fn outer_count(&self) -> f64 {
         let inner = |cells: usize| cells.saturating_sub(2) as f64;
         let [all, within] = [self.cells.map(|cells| cells as f64), self.cells.map(inner)];
         all.iter().product::<f64>() - within.iter().product::<f64>()
     }
 
     /// The cells that touch the outside, ascending.
-    pub fn outer_cells(&self) -> impl Iterator<Item = usize> + use<> {
+    pub(crate) fn outer_cells(&self) -> impl Iterator<Item = usize> + use<> {
         let [nx, ny, nz] = self.cells;
         (0..nz).flat_map(move |k| (0..ny).map(move |j| (j, k))).flat_map(move |(j, k)| {
             let is_wall = [(j, ny), (k, nz)].iter().any(|(at, cells)| *at == 0 || at + 1 == *cells);
@@ -85,13 +85,13 @@ impl VoxelGrid {
     }
 
     /// i, j, k of a cell.
-    pub fn place(&self, cell: usize) -> [usize; 3] {
+    pub(crate) fn place(&self, cell: usize) -> [usize; 3] {
         let [nx, ny, _] = self.cells;
         [cell % nx, cell / nx % ny, cell / (nx * ny)]
     }
 
     /// Centre of a cell, m.
-    pub fn centre_m(&self, index: usize) -> DVec3 {
+    pub(crate) fn centre_m(&self, index: usize) -> DVec3 {
         let [i, j, k] = self.place(index);
         self.origin_m + self.voxel_m * (DVec3::new(i as f64, j as f64, k as f64) + 0.5)
     }
@@ -133,7 +133,7 @@ impl Coverage {
 
     /// Coverage from whole bitmaps, one per sensor, for kernels that mark many cells at once. Bits beyond the grid must
     /// be zero.
-    pub fn from_bitmaps(grid: VoxelGrid, sensors: Vec<Vec<u64>>) -> Self {
+    pub(crate) fn from_bitmaps(grid: VoxelGrid, sensors: Vec<Vec<u64>>) -> Self {
         let words = grid.len().div_ceil(64);
         let last = grid.len() % 64;
         for bitmap in &sensors {
@@ -189,7 +189,7 @@ impl Coverage {
     }
 
     /// Bitmap of one sensor over the whole grid; made for the purpose where the grid is large.
-    pub fn sensor_bitmap(&self, sensor: usize) -> Cow<'_, [u64]> {
+    pub(crate) fn sensor_bitmap(&self, sensor: usize) -> Cow<'_, [u64]> {
         match &self.sensors[sensor] {
             Cells::Whole(bitmap) => Cow::Borrowed(bitmap),
             cells => {
@@ -210,7 +210,7 @@ impl Coverage {
     }
 
     /// Cells hit by any sensor, ascending.
-    pub fn union_cells(&self) -> Vec<usize> {
+    pub(crate) fn union_cells(&self) -> Vec<usize> {
         let mut all = Vec::new();
         for cells in &self.sensors {
             cells.for_each(&self.grid, |cell| all.push(cell));
@@ -226,7 +226,7 @@ impl Coverage {
     }
 
     /// Adds what another coverage of the same grid and sensors has seen.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         assert!(
             self.grid == other.grid && self.sensors.len() == other.sensors.len(),
             "the same grid and sensors"
@@ -365,7 +365,7 @@ pub struct Counts {
 impl Counts {
     /// From one bitmap per sensor, all of one length; a bit is a cell.
     #[inline(always)] // so that callers with better instructions count with them
-    pub fn of_bitmaps(sensors: &[&[u64]]) -> Self {
+    pub(crate) fn of_bitmaps(sensors: &[&[u64]]) -> Self {
         let mut counts = Self {
             union: 0,
             overlap: 0,

@@ -126,7 +126,7 @@ impl ZeroOffer {
     }
 
     /// In words.
-    pub fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let (sensor, measured) = (&self.sensor, signed(self.measured_deg, 3));
         if (self.add_deg - self.typed_deg).abs() <= self.u95_deg {
             let typed = match self.typed_deg == 0.0 {

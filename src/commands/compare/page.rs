@@ -128,7 +128,12 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
 }
 
 /// The page.
-pub fn page(document: &Document, replayed: &Replayed, scene: &Scene, trajectory: &Trajectory) -> Report {
+pub(crate) fn page(
+    document: &Document,
+    replayed: &Replayed,
+    scene: &Scene,
+    trajectory: &Trajectory,
+) -> Report {
     let comparison = &document.comparison;
     let recorded = comparison
         .surface

@@ -104,7 +104,7 @@ pub struct Place {
 }
 
 /// Refuses, before anything is read, what was asked for and does not fit together.
-pub fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
+pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
     let way = args.trajectory.as_ref().and_then(|path| path.to_str());
     if way == Some("odometry") {
         if args.map_frames.is_none() {
@@ -134,7 +134,7 @@ pub fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
 }
 
 /// Reads everything.
-pub fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> anyhow::Result<Place> {
+pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> anyhow::Result<Place> {
     let mut notices = Vec::new();
     let trajectory = trajectory(args, recorded, &mut notices)?;
     let from_start = || -> anyhow::Result<i64> {

@@ -11,17 +11,17 @@ use crate::daemon::Daemon;
 const HANGS: Duration = Duration::from_secs(5);
 
 /// Everything runs, and where the page is.
-pub fn ready(url: &str) {
+pub(crate) fn ready(url: &str) {
     notify(&[NotifyState::Ready, NotifyState::Status(url)]);
 }
 
 /// The end began.
-pub fn stopping() {
+pub(crate) fn stopping() {
     notify(&[NotifyState::Stopping]);
 }
 
 /// Tells the watchdog that the daemon is alive, for as long as it looks at itself.
-pub async fn feed_watchdog(daemon: Arc<Daemon>) {
+pub(crate) async fn feed_watchdog(daemon: Arc<Daemon>) {
     let Some(limit) = sd_notify::watchdog_enabled() else { return };
     let mut beat = tokio::time::interval(limit / 3);
     loop {

@@ -9,7 +9,7 @@ use crate::daemon::Place;
 
 /// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is said: everywhere behind this they
 /// come in that order.
-pub fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Result<Place> {
+pub(crate) fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Result<Place> {
     if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
         refuse!("--cell {}, expected 0.01 to 10 m", args.cell);
     }

@@ -99,14 +99,14 @@ struct Found {
 
 impl Document {
     /// Counts a frame and returns its number.
-    pub fn count_frame(&mut self, sensor: usize) -> u64 {
+    pub(crate) fn count_frame(&mut self, sensor: usize) -> u64 {
         let found = self.found.entry(sensor).or_default();
         found.frames_seen += 1;
         found.frames_seen - 1
     }
 
     /// Measures a frame.
-    pub fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
+    pub(crate) fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
         let placer = self.placers.entry(sensor).or_insert_with(|| Placer::new(model));
         let mut sum = [0.0; 3];
         for position_m in placer.positions_m(model, frame, &frame.first) {
@@ -134,7 +134,7 @@ impl Document {
     }
 
     /// Counts what is no frame.
-    pub fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
+    pub(crate) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
         let found = self.found.entry(sensor).or_default();
         match decoded {
             Decoded::Frame(_) => {}
@@ -145,7 +145,7 @@ impl Document {
     }
 
     /// Takes over what router and reader counted.
-    pub fn conclude(&mut self, recording: &Recording, router: &Router, ending: &Ending) {
+    pub(crate) fn conclude(&mut self, recording: &Recording, router: &Router, ending: &Ending) {
         self.capture = recording.name();
         self.fragments_incomplete = ending.counters.fragments_incomplete;
         self.capture_counters = ending.counters.clone();
@@ -190,7 +190,7 @@ impl Document {
     }
 
     /// Refuses a range of frames in which no sensor has one.
-    pub fn ensure_frames(&self, asked: FrameRange) -> anyhow::Result<()> {
+    pub(crate) fn ensure_frames(&self, asked: FrameRange) -> anyhow::Result<()> {
         let has = |sensor: &SensorReport| format!("{} of {}", sensor.counters.frames, sensor.id);
         ensure!(
             self.sensors.iter().any(|sensor| !sensor.frames.is_empty()),
@@ -201,13 +201,13 @@ impl Document {
     }
 
     /// Adds the files that were written.
-    pub fn set_files(&mut self, files: Vec<WrittenFile>) {
+    pub(crate) fn set_files(&mut self, files: Vec<WrittenFile>) {
         self.files = files;
     }
 
     /// No sensor gave anything, or nothing but what fits any sensor (an IMU packet without a serial number) while
     /// lidar packets were left over or could not be read.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
         let nothing = |sensor: &SensorReport| {
             let unread = left_over || sensor.counters.malformed > 0;
@@ -217,17 +217,17 @@ impl Document {
     }
 
     /// Data is missing.
-    pub fn is_data_lost(&self) -> bool {
+    pub(crate) fn is_data_lost(&self) -> bool {
         self.data_lost
     }
 
     /// What the user should know beside the result.
-    pub fn notices(&self) -> &[String] {
+    pub(crate) fn notices(&self) -> &[String] {
         &self.notices
     }
 
     /// The same for people.
-    pub fn table(&self) -> String {
+    pub(crate) fn table(&self) -> String {
         let mut text = String::new();
         for sensor in &self.sensors {
             let serial =

@@ -18,7 +18,7 @@ impl Default for FrameRange {
 
 impl FrameRange {
     /// Whether a frame is meant.
-    pub fn contains(self, number: u64) -> bool {
+    pub(crate) fn contains(self, number: u64) -> bool {
         (self.first..self.end).contains(&number)
     }
 }

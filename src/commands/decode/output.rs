@@ -57,7 +57,11 @@ pub enum OutputError {
 
 impl Output {
     /// As asked for; `None` when no points are wanted.
-    pub fn new(args: &Args, format: Option<Format>, recording: &Recording) -> anyhow::Result<Option<Self>> {
+    pub(crate) fn new(
+        args: &Args,
+        format: Option<Format>,
+        recording: &Recording,
+    ) -> anyhow::Result<Option<Self>> {
         if args.out.as_deref() == Some(Path::new("-")) {
             refuse!(
                 "--out -: points go to a file or a folder, not to stdout; expected a name such as points.csv"
@@ -110,7 +114,7 @@ impl Output {
     }
 
     /// Writes the points of a frame, the sensor's `number`th.
-    pub fn add(
+    pub(crate) fn add(
         &mut self,
         at: usize,
         number: u64,
@@ -153,7 +157,7 @@ impl Output {
     }
 
     /// Writes an inertial sample where the format has a place for one: in MCAP with ROS 2 messages.
-    pub fn add_imu(
+    pub(crate) fn add_imu(
         &mut self,
         at: usize,
         sensor: &Sensor,
@@ -186,7 +190,7 @@ impl Output {
     }
 
     /// Ends the last file; lists all of them.
-    pub fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
+    pub(crate) fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
         if let Place::File { path, export: Some(export), bag, .. } = self.place {
             let written = export.finish()?;
             self.files.push(WrittenFile { path: path.display().to_string(), points: written.points });

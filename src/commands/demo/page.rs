@@ -19,7 +19,7 @@ fn who_saw(document: &Document) -> [CellClass; 4] {
 }
 
 /// The page: what was done, whether it agrees, and where it does not.
-pub fn page(document: &Document, replayed: &Replayed) -> Report {
+pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
     let agreement = agreement(document);
     let iou = agreement.iou.map_or("nothing to compare".to_owned(), |iou| format!("IoU {iou:.5}"));
     let verdict = match document.compare.verdict {

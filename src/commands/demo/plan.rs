@@ -20,7 +20,7 @@ pub struct Plan {
 }
 
 /// Searches one mirrored pair whose housings keep apart, the platform walking along its own forward axis.
-pub fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage) -> anyhow::Result<Plan> {
+pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage) -> anyhow::Result<Plan> {
     let start = Instant::now();
     let preset = Preset::named(preset)?;
     let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };

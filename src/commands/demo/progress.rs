@@ -22,12 +22,12 @@ struct Begun {
 
 impl Progress {
     /// Nothing begun.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { bar: Stage::begin(""), begun: None, seconds: BTreeMap::new() }
     }
 
     /// Begins a stage; `name` is its key among the seconds, `what` what people read.
-    pub fn stage(&mut self, name: &'static str, what: &'static str) {
+    pub(crate) fn stage(&mut self, name: &'static str, what: &'static str) {
         self.end();
         self.begun = Some(Begun { name, what, at: Instant::now() });
         self.bar.next(what);
@@ -37,7 +37,7 @@ impl Progress {
     }
 
     /// Ends the last stage; seconds per stage.
-    pub fn finish(mut self) -> BTreeMap<&'static str, f64> {
+    pub(crate) fn finish(mut self) -> BTreeMap<&'static str, f64> {
         self.end();
         self.seconds
     }

@@ -31,7 +31,7 @@ pub struct Compared {
 }
 
 /// Opens a session, decodes it, compares it. `planned` is the coverage of the optimal mounts on the planned path.
-pub fn compare(
+pub(crate) fn compare(
     session: &Session,
     rig: &Rig,
     scene: &Scene,

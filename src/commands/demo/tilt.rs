@@ -17,7 +17,7 @@ pub struct Tilted {
 }
 
 /// Drives axis i to the pitch of sensor i.
-pub fn drive(rig: &Rig, seed: u64) -> anyhow::Result<Tilted> {
+pub(crate) fn drive(rig: &Rig, seed: u64) -> anyhow::Result<Tilted> {
     let device = MockRig::start(MockConfig::default(), seed).context("cannot open a pty for the mock rig")?;
     let servo = drive::Rig::connect(device.path())?;
     servo.arm()?;

@@ -60,7 +60,12 @@ pub struct Walked {
 }
 
 /// Walks and records into a new session. Whatever fails on the way, the session is closed and can be opened.
-pub fn record(walk: &Walk<'_>, tilted: Tilted, session: &Path, stage: &Stage) -> anyhow::Result<Walked> {
+pub(crate) fn record(
+    walk: &Walk<'_>,
+    tilted: Tilted,
+    session: &Path,
+    stage: &Stage,
+) -> anyhow::Result<Walked> {
     let here = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let listens: Vec<Listen> = walk
         .rig
@@ -94,7 +99,7 @@ pub fn record(walk: &Walk<'_>, tilted: Tilted, session: &Path, stage: &Stage) ->
 }
 
 /// Coverage that the walk promises: perfect sensors on the mounts and the way as planned.
-pub fn promise(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
+pub(crate) fn promise(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
     let mut scanner = Scanner::new(walk.scene, walk.planned, walk.rig, scan::Spin::default());
     for (index, sensor) in walk.rig.sensors.iter().enumerate() {
         let columns = match mock_sensor(&sensor.model.name, index, 0)?.0.spin() {

@@ -18,7 +18,7 @@ pub struct Heard {
 }
 
 /// Opens what recording will open, and listens. `metadata` are those of sensors by name.
-pub fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<String, String>) -> Heard {
+pub(crate) fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<String, String>) -> Heard {
     let streams: Vec<Stream> =
         config.iter().flat_map(|config| &config.sensors).flat_map(SensorConfig::streams).collect();
     let configured: Vec<Listen> = streams.iter().map(|stream| stream.listen.clone()).collect();

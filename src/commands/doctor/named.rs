@@ -27,7 +27,7 @@ pub struct Named {
 }
 
 /// Looks at everything.
-pub fn look(config: &Config, context: Context) -> Named {
+pub(crate) fn look(config: &Config, context: Context) -> Named {
     let mut named = Named::default();
     let mut units: BTreeMap<String, String> = BTreeMap::new();
     for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {

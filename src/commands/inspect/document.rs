@@ -47,7 +47,7 @@ struct HostClockStep {
 
 impl Document {
     /// Puts together what was seen.
-    pub fn new(
+    pub(crate) fn new(
         recording: &Recording,
         router: &Router,
         flows: &Flows,
@@ -95,12 +95,12 @@ impl Document {
     }
 
     /// Nothing is missing.
-    pub fn is_whole(&self) -> bool {
+    pub(crate) fn is_whole(&self) -> bool {
         self.losses.is_empty()
     }
 
     /// The same for people.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let mut text = format!("{}: ", self.capture);
         let counters = &self.capture_counters;
         let _ = match self.duration_s {

@@ -75,7 +75,7 @@ pub struct FlowReport {
 
 impl Flows {
     /// Counts a packet, of which this has become.
-    pub fn add(&mut self, packet: &Packet<'_>, routed: Routed) {
+    pub(crate) fn add(&mut self, packet: &Packet<'_>, routed: Routed) {
         let time_ns = packet.host_time_ns;
         let span_ns = self.span_ns.get_or_insert([time_ns; 2]);
         *span_ns = [span_ns[0].min(time_ns), span_ns[1].max(time_ns)];
@@ -99,17 +99,17 @@ impl Flows {
     }
 
     /// Arrival of the first and the last packet, ns.
-    pub fn span_ns(&self) -> Option<[u64; 2]> {
+    pub(crate) fn span_ns(&self) -> Option<[u64; 2]> {
         self.span_ns
     }
 
     /// Packets of streams that are not listed.
-    pub fn others(&self) -> u64 {
+    pub(crate) fn others(&self) -> u64 {
         self.others
     }
 
     /// All streams; the sensors of the router have these ids.
-    pub fn reports(&self, router: &Router, ids: &[String]) -> Vec<FlowReport> {
+    pub(crate) fn reports(&self, router: &Router, ids: &[String]) -> Vec<FlowReport> {
         let has_metadata = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));
         let report = |((source, destination, length), flow): (&(SocketAddr, SocketAddr, usize), &Flow)| {
             let takers: Vec<&Sensor> = flow.takers.iter().map(|at| &router.sensors()[*at]).collect();
@@ -139,7 +139,7 @@ impl Flows {
 
 impl FlowReport {
     /// Whose packets they are, in words; nothing where nobody knows.
-    pub fn whose(&self) -> String {
+    pub(crate) fn whose(&self) -> String {
         if self.sensors.is_empty() {
             let of_none = ", of no sensor whose metadata were given";
             return if self.lacks_metadata { of_none.into() } else { String::new() };

@@ -34,7 +34,7 @@ pub struct Web {
 
 impl Web {
     /// Starts what the flags ask for.
-    pub fn start(
+    pub(crate) fn start(
         args: &WebArgs,
         model: &str,
         metadata: Option<&Metadata>,
@@ -67,12 +67,12 @@ impl Web {
     }
 
     /// Where it listens.
-    pub fn address(&self) -> SocketAddr {
+    pub(crate) fn address(&self) -> SocketAddr {
         self.server.address()
     }
 
     /// Where packets go now: lidar packets, and those beside them.
-    pub fn destinations(&self) -> [Option<SocketAddr>; 2] {
+    pub(crate) fn destinations(&self) -> [Option<SocketAddr>; 2] {
         let (host, port, aside_port) = self.server.behind().destination();
         let host: Option<IpAddr> = host.parse().ok();
         [port, aside_port].map(|port| Some(SocketAddr::new(host?, port?)))

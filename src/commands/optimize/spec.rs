@@ -13,7 +13,7 @@ use crate::simulate::published::Experiment;
 const ROBUST_SEED: u64 = 1;
 
 /// What knows one sensor type only is refused where a rig may have several.
-pub fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
+pub(crate) fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
     if !experiment.is_mixed() {
         return Ok(());
     }
@@ -31,7 +31,7 @@ pub fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> 
 }
 
 /// What was typed for other methods than the one that searches, or for a judgement that is not asked for.
-pub fn refuse_unused(
+pub(crate) fn refuse_unused(
     args: &Args,
     context: Context,
     kind: Kind,
@@ -62,7 +62,7 @@ pub fn refuse_unused(
 }
 
 /// The refiner that --fidelity auto asks for; none where the sampling is as given.
-pub fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>> {
+pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>> {
     let has_own_sampling = args.robust.is_some() || args.certify.is_some();
     let otherwise = FidelityArg::for_scene(args.experiment.is_new_scene() && !has_own_sampling);
     if args.fidelity.unwrap_or(otherwise) == FidelityArg::Given {
@@ -78,7 +78,7 @@ pub fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>
 }
 
 /// Whether a final look is asked for. `is_refined`: whether the search's best are looked at ever more finely anyway.
-pub fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Result<bool> {
+pub(crate) fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Result<bool> {
     match args.final_look {
         Some(Switch::On) if is_refined => {
             refuse!("--fidelity auto looks again in a way of its own: leave out --final-look")
@@ -89,7 +89,7 @@ pub fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow
 }
 
 /// What is searched, as asked for.
-pub fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
+pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
     let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
     if args.masters_min > args.masters_max {
         refuse!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
@@ -134,7 +134,7 @@ pub fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::R
     Ok(MountProblem::with_search(objective, search, args.clearance.0).robust(robustness, criterion))
 }
 
-pub fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
+pub(crate) fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
     let kind = args.method.unwrap_or(Kind::Staged);
     let budget = args.evals.map_or(kind.published_budget(), |evals| evals as usize);
     let settings = Settings {
@@ -146,7 +146,7 @@ pub fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {
     Ok(Search::new(problem.space()?, kind, settings))
 }
 
-pub fn continued(args: &Args, context: Context, search: Search) -> anyhow::Result<Search> {
+pub(crate) fn continued(args: &Args, context: Context, search: Search) -> anyhow::Result<Search> {
     let Settings { seed, batch, acquisition, early_stop, .. } = search.settings();
     for (argument, is_other) in [
         ("batch", args.batch != batch),

@@ -54,7 +54,7 @@ pub struct SensingArgs {
 
 impl SensingArgs {
     /// The rig, made ready to scan.
-    pub fn scanner<'a>(
+    pub(crate) fn scanner<'a>(
         &self,
         scene: &'a Scene,
         trajectory: &'a Trajectory,

@@ -38,7 +38,7 @@ impl AxisZeros {
     }
 
     /// Each belongs to an axis that measured something.
-    pub fn ensure_measured(&self, rig: &Rig, tilts: &[TiltHistory]) -> anyhow::Result<()> {
+    pub(crate) fn ensure_measured(&self, rig: &Rig, tilts: &[TiltHistory]) -> anyhow::Result<()> {
         let measured = || rig.sensors.iter().zip(tilts).filter(|(_, tilt)| tilt.is_measured());
         for (name, _) in &self.zeros_deg {
             ensure!(
@@ -67,7 +67,7 @@ pub struct AxisSummary {
 
 /// What a session's axes reported, with readings that have no zero named so, each `axis` as the place of its sensor in `rig`. Axis 0 turns the first sensor of the
 /// session's own mount file, wherever another file of the same sensors may list it.
-pub fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
+pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
     let mut reports: Vec<ServoReport> = session.servo()?;
     // a session whose copy is gone can still be held against a file that is named
     let own = session.mount().ok().flatten();
@@ -92,7 +92,7 @@ pub struct Tilts {
 }
 
 /// Pitches of a session's sensors as their axes measured them; nothing where it holds no reports.
-pub fn tilts(session: &Session, rig: &Rig, zeros: &AxisZeros) -> anyhow::Result<Tilts> {
+pub(crate) fn tilts(session: &Session, rig: &Rig, zeros: &AxisZeros) -> anyhow::Result<Tilts> {
     let reports = reports_of(session, rig)?;
     let mut tilts = Tilts::default();
     for (axis, sensor) in rig.sensors.iter().enumerate() {
@@ -129,7 +129,7 @@ pub struct Pitches {
 
 impl Pitches {
     /// Takes that of a frame.
-    pub fn add(&mut self, tilt: &TiltHistory, frame: &Frame) -> Option<FramePitch> {
+    pub(crate) fn add(&mut self, tilt: &TiltHistory, frame: &Frame) -> Option<FramePitch> {
         let device_ns = frame.time_span_ns().unwrap_or_default();
         let Some(pitch) = tilt.pitch_over(frame.host_time_ns, device_ns) else {
             if frame.host_time_ns.iter().any(|time_ns| tilt.lacks_zero(*time_ns)) {
@@ -156,7 +156,7 @@ impl Pitches {
     }
 
     /// Frames whose angle nobody knows, in words; none where all are known.
-    pub fn unknown(&self, sensor: &str) -> Option<String> {
+    pub(crate) fn unknown(&self, sensor: &str) -> Option<String> {
         (self.unknown > 0).then(|| {
             format!(
                 "{sensor}: its axis measured nothing near {} of {} revolutions (the nearest reading is {:.1} s from the first of \
@@ -170,7 +170,7 @@ impl Pitches {
 }
 
 /// What the axes measured while their sensors recorded.
-pub fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<AxisSummary> {
+pub(crate) fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<AxisSummary> {
     let summary = |(sensor, pitches): (&MountedSensor, &Pitches)| {
         let [least_rad, greatest_rad] = pitches.span_rad?;
         let zero_rad = zeros.rad(&sensor.name);
@@ -188,7 +188,7 @@ pub fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<AxisS
 
 /// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
 /// knows.
-pub fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
+pub(crate) fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
     let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {
         let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, pitches.span_rad?);
         let is_typed = zeros.rad(&sensor.name) != 0.0;

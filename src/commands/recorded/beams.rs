@@ -17,14 +17,14 @@ pub struct Seat<'a> {
 
 impl<'a> Seat<'a> {
     /// Of a sensor of the rig; one that differs from the nominal sensor of its name has a calibration.
-    pub fn of(mounted: &'a MountedSensor) -> Self {
+    pub(crate) fn of(mounted: &'a MountedSensor) -> Self {
         let nominal = catalogue::nominal(&mounted.model.name);
         Self { mounted, is_calibrated: nominal.is_ok_and(|nominal| nominal != mounted.model) }
     }
 
     /// The beams of what sits here, as its decoder knows it: what was typed for it counts more than what the mount file
     /// names, and of an Ouster its metadata know all.
-    pub fn beams(&self, sensor: &'a Sensor) -> &'a SensorModel {
+    pub(crate) fn beams(&self, sensor: &'a Sensor) -> &'a SensorModel {
         let found = sensor.model().unwrap_or(&self.mounted.model);
         let is_open = matches!(sensor.family(), Family::Velodyne(_)) && !sensor.is_calibrated();
         if is_open { self.velodyne_beams(found) } else { found }
@@ -42,7 +42,7 @@ impl<'a> Seat<'a> {
     }
 
     /// The mount file and the packets name different sensors. `product` is that of metadata or packets.
-    pub fn wrong_model(&self, product: &str, found: &SensorModel) -> Option<Fault> {
+    pub(crate) fn wrong_model(&self, product: &str, found: &SensorModel) -> Option<Fault> {
         let said = &self.mounted.model;
         if is_model(&said.name, product, &found.name) {
             return None;

@@ -50,12 +50,12 @@ pub struct Taken<'a> {
 
 impl Taken<'_> {
     /// Its pitch: as measured, otherwise as the mount file says.
-    pub fn pitch_or(&self, nominal: &Mount) -> FramePitch {
+    pub(crate) fn pitch_or(&self, nominal: &Mount) -> FramePitch {
         self.pitch.unwrap_or(FramePitch::constant(nominal.pitch_rad))
     }
 
     /// Where it sat on the body at each time of its sensor's clock, the mount as said but for the pitch.
-    pub fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
+    pub(crate) fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
         let (pitch, nominal) = (self.pitch_or(nominal), *nominal);
         // most axes stand
         let standing = Mount { pitch_rad: pitch.mean_rad(), ..nominal }.body_from_sensor();
@@ -66,7 +66,7 @@ impl Taken<'_> {
     }
 
     /// Gives the rig's sensor the beams of its packets.
-    pub fn tell_model(&self, sensors: &mut [MountedSensor]) {
+    pub(crate) fn tell_model(&self, sensors: &mut [MountedSensor]) {
         let known = &mut sensors[self.sensor].model;
         if known != self.model {
             *known = self.model.clone();
@@ -163,7 +163,11 @@ pub struct Seated<'a> {
 }
 
 /// Every frame of a session, in the order of its packets.
-pub fn session(seated: &Seated<'_>, stage: &Stage, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+pub(crate) fn session(
+    seated: &Seated<'_>,
+    stage: &Stage,
+    take: &mut dyn FnMut(Taken<'_>),
+) -> anyhow::Result<Fed> {
     let Seated { session, rig, tilts, .. } = seated;
     let mut fed = Fed::of(rig);
     let places = places(session, rig)?;
@@ -269,7 +273,11 @@ fn learn(session: &Session, places: &[Option<usize>], routers: &mut [Router]) ->
 
 /// Every frame of a capture. Sensors take their seats in the order of the mount file: Ousters in the order of their
 /// metadata, Velodynes as they first appear.
-pub fn capture(recording: &Recording, rig: &Rig, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+pub(crate) fn capture(
+    recording: &Recording,
+    rig: &Rig,
+    take: &mut dyn FnMut(Taken<'_>),
+) -> anyhow::Result<Fed> {
     let mut router = recording.router()?;
     let mut fed = Fed::of(rig);
     let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();

@@ -17,7 +17,7 @@ pub struct Heard {
 
 impl Heard {
     /// Adds a frame by the times of its first and last column.
-    pub fn add(&mut self, [first_ns, last_ns]: [u64; 2]) {
+    pub(crate) fn add(&mut self, [first_ns, last_ns]: [u64; 2]) {
         let span_ns = self.span_ns.get_or_insert([first_ns, last_ns]);
         if first_ns.saturating_sub(span_ns[1]) >= LEAST_SILENCE_NS {
             self.silences_ns.push([span_ns[1], first_ns]);
@@ -37,7 +37,7 @@ impl Heard {
 }
 
 /// Two sensors that were never heard at once, and how long after the end of the first the second begins, s.
-pub fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], f64)> {
+pub(crate) fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], f64)> {
     let mut spans: Vec<([u64; 2], &str)> = rig
         .sensors
         .iter()
@@ -53,7 +53,7 @@ pub fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], f64)> {
 
 /// Sensors that were silent for a while between the first and the last frame of any and within `way_ns`, the trajectory's
 /// time on the recording's clock. Of those that were never heard nothing.
-pub fn silences(rig: &Rig, heard: &[Heard], way_ns: [u64; 2]) -> Vec<Fault> {
+pub(crate) fn silences(rig: &Rig, heard: &[Heard], way_ns: [u64; 2]) -> Vec<Fault> {
     let spans = || heard.iter().filter_map(|heard| heard.span_ns);
     let Some((first_ns, last_ns)) = spans().map(|s| s[0]).min().zip(spans().map(|s| s[1]).max()) else {
         return Vec::new();

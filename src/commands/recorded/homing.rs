@@ -19,7 +19,7 @@ fn rad(urad: i32) -> f64 {
 
 /// Sessions from before it was recorded whether an axis is homed call every reading measured. What else they hold says which
 /// were not; each `axis` is the place of its sensor in `rig`.
-pub fn doubt_old(reports: &mut [ServoReport], rig: &Rig) {
+pub(crate) fn doubt_old(reports: &mut [ServoReport], rig: &Rig) {
     for (axis, sensor) in rig.sensors.iter().enumerate() {
         let own = reports.iter_mut().filter(|report| report.axis == axis);
         let mut own: Vec<&mut ServoReport> = own.collect();
@@ -82,7 +82,7 @@ fn doubt_idle_at_nothing(own: &mut [&mut ServoReport], sensor: &MountedSensor) {
 }
 
 /// Times on the host's clock, ns, in which an axis had no zero: from the reading that says so to the next one that has it.
-pub fn without_zero_ns(own: &[&ServoReport]) -> Vec<[u64; 2]> {
+pub(crate) fn without_zero_ns(own: &[&ServoReport]) -> Vec<[u64; 2]> {
     let known = own.iter().filter(|report| matches!(report.source.as_str(), "measured" | NOT_HOMED));
     let mut known: Vec<_> = known.map(|report| (report.time_ns, report.source == NOT_HOMED)).collect();
     known.sort_unstable();
@@ -103,7 +103,7 @@ pub fn without_zero_ns(own: &[&ServoReport]) -> Vec<[u64; 2]> {
 }
 
 /// What an axis counted while it was not homed, and what counts in its place; none where it was homed all along.
-pub fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
+pub(crate) fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<String> {
     let counted: Vec<&&ServoReport> = own.iter().filter(|report| report.source == NOT_HOMED).collect();
     let times_ns = own.iter().map(|report| report.time_ns);
     let (from_ns, to_ns) = (times_ns.clone().min()?, times_ns.max()?);

@@ -28,7 +28,7 @@ pub struct Inferred {
 
 impl Inferred {
     /// In words, the time from `begin_ns` on.
-    pub fn words(&self, begin_ns: u64) -> String {
+    pub(crate) fn words(&self, begin_ns: u64) -> String {
         let side = if self.step_s > 0.0 { "forward" } else { "back" };
         let as_before_s = (self.host_ns as f64 - begin_ns as f64) * 1e-9 - self.step_s;
         format!(
@@ -40,7 +40,7 @@ impl Inferred {
 }
 
 /// Steps of the host's clock, each once, from the jumps that clocks of sensors show.
-pub fn inferred<'a>(jumps: impl IntoIterator<Item = (&'a str, &'a Jump)>) -> Vec<Inferred> {
+pub(crate) fn inferred<'a>(jumps: impl IntoIterator<Item = (&'a str, &'a Jump)>) -> Vec<Inferred> {
     let mut steps: Vec<Inferred> = Vec::new();
     for (sensor, jump) in jumps.into_iter().filter(|(_, jump)| jump.moved == Moved::Host) {
         let same = steps.iter_mut().find(|step| {

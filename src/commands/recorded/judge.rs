@@ -37,7 +37,7 @@ pub struct Given<'a> {
 }
 
 /// Everything that the replay says.
-pub fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
+pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     let Replayed { sensors, kept, .. } = replayed;
     let field = Field {
         scene: given.scene,

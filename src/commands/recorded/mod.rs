@@ -47,7 +47,7 @@ pub struct RecordedArgs {
 
 impl RecordedArgs {
     /// Looks, before the work is done, whether the files that were asked for could be written, and are none that is read.
-    pub fn check_places<'a>(
+    pub(crate) fn check_places<'a>(
         &self,
         outs: impl IntoIterator<Item = &'a Option<PathBuf>> + Clone,
     ) -> anyhow::Result<()> {
@@ -90,7 +90,7 @@ pub struct Kept {
 impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
     /// says, or as the session does.
-    pub fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
+    pub(crate) fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
         Self::open_if_seated(args, context)?.with_context(|| {
             format!(
                 "{}: give --mount: the recording does not say where its sensors sit",
@@ -100,7 +100,7 @@ impl Recorded {
     }
 
     /// The same; none where nobody says where the sensors sit.
-    pub fn open_if_seated(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
+    pub(crate) fn open_if_seated(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         let sensors = &sensors.of(context, path);
         // a name that was mistyped is no recording without a mount
@@ -143,7 +143,7 @@ impl Recorded {
     }
 
     /// What its axes reported, by the places of their sensors in the rig; nothing for a capture.
-    pub fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
+    pub(crate) fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
         match &self.source {
             Source::Session { session, .. } => reports_of(session, &self.rig),
             Source::Capture(_) => Ok(Vec::new()),
@@ -151,17 +151,17 @@ impl Recorded {
     }
 
     /// What its axes measured while its sensors recorded, which a pass over it has found.
-    pub fn axes(&self, fed: &Fed) -> Vec<AxisSummary> {
+    pub(crate) fn axes(&self, fed: &Fed) -> Vec<AxisSummary> {
         summaries(&self.rig, &self.zeros, &fed.pitches)
     }
 
     /// Mounts that are not as their axes measured, in words.
-    pub fn contradicted(&self, fed: &Fed) -> Vec<String> {
+    pub(crate) fn contradicted(&self, fed: &Fed) -> Vec<String> {
         contradicted(&self.rig, &self.zeros, &fed.pitches)
     }
 
     /// What it is, in words.
-    pub fn what(&self) -> &'static str {
+    pub(crate) fn what(&self) -> &'static str {
         match self.source {
             Source::Session { .. } => "the session",
             Source::Capture(_) => "a capture",
@@ -169,7 +169,7 @@ impl Recorded {
     }
 
     /// The way that it holds itself.
-    pub fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
+    pub(crate) fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
         match &self.source {
             Source::Session { session, .. } => Ok(session.trajectory()?),
             Source::Capture(_) => Ok(None),
@@ -177,7 +177,7 @@ impl Recorded {
     }
 
     /// Every frame.
-    pub fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+    pub(crate) fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
         match &self.source {
             Source::Session { session, tilts, calibrations } => {
                 let stage = Stage::begin("going through the session");
@@ -188,7 +188,7 @@ impl Recorded {
     }
 
     /// An even share of its returns, `most` at most, on its own clock.
-    pub fn rays(&self, most: usize) -> anyhow::Result<Kept> {
+    pub(crate) fn rays(&self, most: usize) -> anyhow::Result<Kept> {
         let mut sensors = self.rig.sensors.clone();
         let mut kept = Thinning::new(most);
         let fed = self.feed(&mut |taken| {
@@ -200,7 +200,7 @@ impl Recorded {
     }
 
     /// Times of the first and the last column of any sensor, ns; none where no frame was recorded. Decodes all of it once.
-    pub fn span_ns(&self) -> anyhow::Result<Option<[u64; 2]>> {
+    pub(crate) fn span_ns(&self) -> anyhow::Result<Option<[u64; 2]>> {
         if let Some(known) = self.span_ns.get() {
             return Ok(*known);
         }
@@ -215,7 +215,7 @@ impl Recorded {
     }
 
     /// The way of a rig that does not move.
-    pub fn still(&self) -> anyhow::Result<Trajectory> {
+    pub(crate) fn still(&self) -> anyhow::Result<Trajectory> {
         let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
         Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
     }

@@ -70,7 +70,7 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
 }
 
 impl Look {
-    pub fn new(core: &Core) -> Self {
+    pub(crate) fn new(core: &Core) -> Self {
         let streams = core.streams.iter().map(Vec::len).sum();
         Self {
             begun: Instant::now(),
@@ -83,7 +83,7 @@ impl Look {
     }
 
     /// The state now.
-    pub fn look(&mut self, core: &Core, mut recorder: RecorderStatus) -> Status {
+    pub(crate) fn look(&mut self, core: &Core, mut recorder: RecorderStatus) -> Status {
         let now = Instant::now();
         if let Some(jump_s) = self.host_clock.look(now, now_ns()) {
             self.host_jump = Some((now, jump_s));

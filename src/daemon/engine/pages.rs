@@ -13,7 +13,7 @@ use crate::recording::export::foxglove::Voxels;
 
 impl Daemon {
     /// Messages of points and cells for a page; the first are the cells as they are now.
-    pub fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
+    pub(crate) fn picture(&self) -> (Bytes, broadcast::Receiver<Bytes>) {
         let messages = self.core.pages.subscribe();
         (self.core.coverage.message(now_ns()).into(), messages)
     }

@@ -76,17 +76,17 @@ pub(in crate::daemon) struct Proposals {
 
 impl Proposals {
     /// The newest one.
-    pub fn newest(&self) -> Option<Proposal> {
+    pub(crate) fn newest(&self) -> Option<Proposal> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// There is none any more.
-    pub fn forget(&self) {
+    pub(crate) fn forget(&self) {
         self.put(None);
     }
 
     /// One is being made.
-    pub fn is_thinking(&self) -> bool {
+    pub(crate) fn is_thinking(&self) -> bool {
         self.is_thinking.load(Ordering::Relaxed)
     }
 
@@ -106,7 +106,7 @@ impl Drop for Thinking<'_> {
 
 impl Daemon {
     /// Thinks about better pitches for what was recorded so far; takes some seconds.
-    pub fn propose(&self) -> Result<Proposal, ProposalError> {
+    pub(crate) fn propose(&self) -> Result<Proposal, ProposalError> {
         let core = self.core();
         if !self.is_recording() {
             return Err(ProposalError::NotRecording);
@@ -123,7 +123,7 @@ impl Daemon {
     }
 
     /// Drives to a proposal that the operator agrees to, then goes on in a new session whose mount says so.
-    pub fn agree(&self, id: u64) -> Result<Proposal, ProposalError> {
+    pub(crate) fn agree(&self, id: u64) -> Result<Proposal, ProposalError> {
         let core = self.core();
         if !self.is_recording() {
             return Err(ProposalError::NotRecording);

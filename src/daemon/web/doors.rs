@@ -28,7 +28,7 @@ pub(super) enum Origin {
 }
 
 impl Origin {
-    pub fn of(address: IpAddr) -> Self {
+    pub(crate) fn of(address: IpAddr) -> Self {
         match address.to_canonical() {
             address if address.is_loopback() => Self::Here,
             IpAddr::V4(address) => Self::V4(address),
@@ -77,7 +77,7 @@ impl Waiting {
 
 impl Doors {
     /// One more waits; another may have to go for it.
-    pub fn wait(self: &Arc<Self>, origin: Origin, close: &Arc<Notify>) -> Wait {
+    pub(crate) fn wait(self: &Arc<Self>, origin: Origin, close: &Arc<Notify>) -> Wait {
         let mut waiting = self.lock();
         if let Some(place) = waiting.victim(origin) {
             waiting.entries.remove(place).close.notify_one();
@@ -89,7 +89,7 @@ impl Doors {
     }
 
     /// Closes the one that has waited longest; there are no file descriptors left.
-    pub fn close_oldest(&self) {
+    pub(crate) fn close_oldest(&self) {
         let mut waiting = self.lock();
         if !waiting.entries.is_empty() {
             waiting.entries.remove(0).close.notify_one();
@@ -139,12 +139,12 @@ pub(super) struct Slots {
 }
 
 impl Slots {
-    pub fn new(limits: Limits) -> Self {
+    pub(crate) fn new(limits: Limits) -> Self {
         Self { limits, used: Mutex::default() }
     }
 
     /// A slot, if there is one for this origin.
-    pub fn take(self: &Arc<Self>, origin: Origin, is_known: bool) -> Option<Slot> {
+    pub(crate) fn take(self: &Arc<Self>, origin: Origin, is_known: bool) -> Option<Slot> {
         let mut used = self.used.lock().unwrap_or_else(PoisonError::into_inner);
         let all: usize = used.values().sum();
         let unknown: usize = used.iter().filter(|((_, known), _)| !known).map(|(_, count)| count).sum();

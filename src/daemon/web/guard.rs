@@ -50,7 +50,7 @@ impl std::fmt::Debug for Token {
 
 impl Token {
     /// From its text, without spaces around it; short ones and such with other than visible letters are refused.
-    pub fn new(text: &str) -> Result<Self, String> {
+    pub(crate) fn new(text: &str) -> Result<Self, String> {
         let text = text.trim();
         if text.len() < SHORTEST_TOKEN || !text.bytes().all(|byte| byte.is_ascii_graphic() && byte != b';') {
             return Err(format!(
@@ -61,7 +61,7 @@ impl Token {
     }
 
     /// Whether a text is the token; takes as long for a nearly right one as for a wrong one.
-    pub fn is(&self, text: &str) -> bool {
+    pub(crate) fn is(&self, text: &str) -> bool {
         let other: [u8; 32] = Sha256::digest(text).into();
         self.0.ct_eq(&other).into()
     }
@@ -77,7 +77,7 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    pub fn new(
+    pub(crate) fn new(
         address: SocketAddr,
         token: Option<Token>,
         host_names: Vec<String>,
@@ -87,23 +87,23 @@ impl Guard {
     }
 
     /// Whether the page has to ask for a token.
-    pub fn needs_token(&self) -> bool {
+    pub(crate) fn needs_token(&self) -> bool {
         self.token.is_some()
     }
 
     /// Whether a text is the token.
-    pub fn knows(&self, text: &str) -> bool {
+    pub(crate) fn knows(&self, text: &str) -> bool {
         self.token.as_ref().is_none_or(|token| token.is(text))
     }
 
     /// Whether a request shows the token, where one is set.
-    pub fn shows_token(&self, headers: &HeaderMap) -> bool {
+    pub(crate) fn shows_token(&self, headers: &HeaderMap) -> bool {
         let token = self.token.as_ref();
         token.is_some_and(|token| presented(headers).is_some_and(|text| token.is(text)))
     }
 
     /// A wrong token makes the next requests wait.
-    pub fn punish(&self, peer: IpAddr) {
+    pub(crate) fn punish(&self, peer: IpAddr) {
         self.take(peer, WRONG_TOKEN, Instant::now());
     }
 

@@ -79,7 +79,7 @@ struct App {
 
 impl Web {
     /// Takes the address, before anything else is started.
-    pub fn bind(settings: WebSettings) -> Result<Self, WebError> {
+    pub(crate) fn bind(settings: WebSettings) -> Result<Self, WebError> {
         let address = settings.listen;
         if !address.ip().is_loopback() && settings.token.is_none() {
             return Err(WebError::NeedsToken(address));
@@ -104,12 +104,12 @@ impl Web {
     }
 
     /// Where it listens, with the port that was really taken.
-    pub fn address(&self) -> SocketAddr {
+    pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
 
     /// Serves until `stop` says true, then lets requests under way end. Needs a tokio runtime.
-    pub async fn serve(self, daemon: Arc<Daemon>, stop: watch::Receiver<bool>) -> std::io::Result<()> {
+    pub(crate) async fn serve(self, daemon: Arc<Daemon>, stop: watch::Receiver<bool>) -> std::io::Result<()> {
         let Self { listener, address, settings } = self;
         let guard = Arc::new(Guard::new(address, settings.token, settings.host_names, settings.listeners));
         let streams = Arc::new(stream::Streams::new(stop.clone()));

@@ -17,7 +17,7 @@ pub(super) struct Refusal {
 }
 
 impl Refusal {
-    pub fn new(code: StatusCode, words: impl Into<String>) -> Self {
+    pub(crate) fn new(code: StatusCode, words: impl Into<String>) -> Self {
         Self { code, words: words.into() }
     }
 }

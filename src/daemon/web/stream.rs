@@ -39,13 +39,13 @@ pub(super) struct Streams {
 }
 
 impl Streams {
-    pub fn new(stop: watch::Receiver<bool>) -> Self {
+    pub(crate) fn new(stop: watch::Receiver<bool>) -> Self {
         let slots = Arc::new(Slots::new(STREAMS));
         Self { slots, missed: AtomicU64::new(0), text: Mutex::default(), stop }
     }
 
     /// A slot for one more, if there is one. Whoever may ask for a stream is known: by the token, or as of this machine.
-    pub fn slot(&self, Peer(peer): Peer) -> Result<Slot, Refusal> {
+    pub(crate) fn slot(&self, Peer(peer): Peer) -> Result<Slot, Refusal> {
         let slot = self.slots.take(Origin::of(peer.ip()), true);
         slot.ok_or_else(|| Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "too many pages are open"))
     }
@@ -66,17 +66,17 @@ impl Streams {
     }
 
     /// Says true when the daemon ends.
-    pub fn stop(&self) -> watch::Receiver<bool> {
+    pub(crate) fn stop(&self) -> watch::Receiver<bool> {
         self.stop.clone()
     }
 
     /// So many messages were missed.
-    pub fn miss(&self, messages: u64) {
+    pub(crate) fn miss(&self, messages: u64) {
         self.missed.fetch_add(messages, Ordering::Relaxed);
     }
 
     /// Messages that slow pages missed.
-    pub fn missed(&self) -> u64 {
+    pub(crate) fn missed(&self) -> u64 {
         self.missed.load(Ordering::Relaxed)
     }
 }

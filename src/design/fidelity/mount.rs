@@ -43,7 +43,7 @@ impl MountFidelity {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn measure(
+    pub(crate) fn measure(
         objective: &Objective,
         sensors: &[Placement],
         tolerance: f64,
@@ -56,7 +56,7 @@ impl MountFidelity {
     }
 
     /// In words, each with a title.
-    pub fn verdicts(&self) -> Vec<(&'static str, String)> {
+    pub(crate) fn verdicts(&self) -> Vec<(&'static str, String)> {
         let Settled { judged, within_tolerance, rays, .. } = &self.settled;
         let converged = format!(
             "J {} +- {} ({} % asked, {}), up to {}, {} rays",

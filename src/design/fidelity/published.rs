@@ -19,7 +19,7 @@ impl BoxLadder {
     ///
     /// # Errors
     /// A level that cannot be made: too many azimuths or poses.
-    pub fn new(objective: &Objective) -> Result<Self, ExperimentError> {
+    pub(crate) fn new(objective: &Objective) -> Result<Self, ExperimentError> {
         let own = *objective.simulator().experiment();
         let level = |(azimuths, sub_poses): (usize, usize)| {
             let experiment = Experiment {
@@ -34,7 +34,7 @@ impl BoxLadder {
     }
 
     /// The objective at a level.
-    pub fn objective(&self, level: usize) -> &Objective {
+    pub(crate) fn objective(&self, level: usize) -> &Objective {
         &self.objectives[level]
     }
 }

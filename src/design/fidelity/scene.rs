@@ -45,35 +45,41 @@ pub struct Seen {
 impl SceneLadder {
     /// The levels of a sensor model along a trajectory; voxels of `voxel_m`, the planes of the scene's bounds through
     /// their centres.
-    pub fn new(scene: Scene, trajectory: Trajectory, model: &SensorModel, voxel_m: f64) -> Self {
+    pub(crate) fn new(scene: Scene, trajectory: Trajectory, model: &SensorModel, voxel_m: f64) -> Self {
         let grid = VoxelGrid::centred_on(scene.bounds_m(), voxel_m);
         let finest = fan(&trajectory, model, AZIMUTHS, PARTS as f64, Phase::Free);
         Self { scene, trajectory, grid, model: model.clone(), finest }
     }
 
     /// Columns per revolution, and revolutions spread evenly over the time of the way: so many per metre, at least one.
-    pub fn fan(&self, azimuths: usize, per_metre: f64, phase: Phase) -> BeamFan {
+    pub(crate) fn fan(&self, azimuths: usize, per_metre: f64, phase: Phase) -> BeamFan {
         fan(&self.trajectory, &self.model, azimuths, per_metre, phase)
     }
 
     /// Voxels that mounts see with beams of any fineness.
-    pub fn voxels(&self, fan: &BeamFan, mounts: &[Mount]) -> u64 {
+    pub(crate) fn voxels(&self, fan: &BeamFan, mounts: &[Mount]) -> u64 {
         fan.coverage(&self.scene, &self.trajectory, mounts, &self.grid).0.union_count()
     }
 
     /// The same way with other voxels.
-    pub fn with_voxels(&self, voxel_m: f64) -> Self {
+    pub(crate) fn with_voxels(&self, voxel_m: f64) -> Self {
         Self { grid: VoxelGrid::centred_on(self.scene.bounds_m(), voxel_m), ..self.clone() }
     }
 
     /// Edge of a voxel, m.
-    pub fn voxel_m(&self) -> f64 {
+    pub(crate) fn voxel_m(&self) -> f64 {
         self.grid.voxel_m
     }
 
     /// Voxels that mounts see by the whole sensor model (beam offsets, firing times) with as many columns and revolutions
     /// as the fan has.
-    pub fn voxels_sensed(&self, fan: &BeamFan, mounts: &[Mount], flaws: Flaws, with_housings: bool) -> u64 {
+    pub(crate) fn voxels_sensed(
+        &self,
+        fan: &BeamFan,
+        mounts: &[Mount],
+        flaws: Flaws,
+        with_housings: bool,
+    ) -> u64 {
         let sensor = |(index, mount): (usize, &Mount)| MountedSensor {
             name: format!("{}", index + 1),
             model: self.model.clone(),
@@ -91,7 +97,7 @@ impl SceneLadder {
     }
 
     /// Rays that this takes.
-    pub fn rays_of(&self, fan: &BeamFan, mounts: &[Mount]) -> u64 {
+    pub(crate) fn rays_of(&self, fan: &BeamFan, mounts: &[Mount]) -> u64 {
         fan.scans(&self.trajectory) * mounts.len() as u64 * fan.rays_per_scan()
     }
 

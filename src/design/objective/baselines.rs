@@ -100,7 +100,7 @@ pub(crate) struct Rescored {
 
 impl Rescored {
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         format!(
             "with {} degrees of divergence: J {:.1} +- {:.1} ({} runs)\n",
             self.divergence_deg,

@@ -67,7 +67,7 @@ pub(crate) enum PriceError {
 
 impl Prices {
     /// The price of each type of an experiment.
-    pub fn of(&self, experiment: &Experiment) -> Result<Vec<f64>, PriceError> {
+    pub(crate) fn of(&self, experiment: &Experiment) -> Result<Vec<f64>, PriceError> {
         let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
         let prices = match self {
             Self::Any(price) => return Ok(vec![*price; models.len()]),

@@ -8,7 +8,7 @@ const HALVINGS: usize = 20;
 const GRADIENT_TOLERANCE: f64 = 1e-4;
 
 /// Least value found from `start`, and where. `function` returns value and gradient, or `None` where it is undefined.
-pub fn minimise(
+pub(crate) fn minimise(
     function: impl Fn(&[f64]) -> Option<(f64, Vec<f64>)>,
     start: &[f64],
     bounds: &[(f64, f64)],

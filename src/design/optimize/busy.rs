@@ -16,7 +16,7 @@ struct State {
 
 impl Busy {
     /// Calls, and counts its time once where calls overlap.
-    pub fn during<T>(&self, call: impl FnOnce() -> T) -> T {
+    pub(crate) fn during<T>(&self, call: impl FnOnce() -> T) -> T {
         {
             let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             if state.under_way == 0 {
@@ -36,7 +36,7 @@ impl Busy {
     }
 
     /// Seconds during which a call was under way.
-    pub fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).total.as_secs_f64()
     }
 }

@@ -210,7 +210,7 @@ impl Run {
 
 impl CmaEs {
     /// Nothing evaluated yet.
-    pub fn new(space: Space, settings: Settings) -> Self {
+    pub(crate) fn new(space: Space, settings: Settings) -> Self {
         let run = Run::new(vec![0.5; space.len()], first_members(&space));
         let Settings { seed, early_stop, .. } = settings;
         Self { space, seed, early_stop, step: 0, restarts: 0, run, asked: Vec::new() }
@@ -257,7 +257,7 @@ impl Optimizer for CmaEs {
             (DMatrix::identity(n, n), DVector::repeat(n, 1.0))
         });
         self.asked = (0..self.run.members).map(|_| self.draw(&axes, &lengths, &mut rng)).collect();
-        self.asked.iter().map(|(_, unit)| Candidate { values: self.space.from_unit(unit) }).collect()
+        self.asked.iter().map(|(_, unit)| Candidate { values: self.space.values_at(unit) }).collect()
     }
 
     fn tell(&mut self, trials: &[Trial]) {

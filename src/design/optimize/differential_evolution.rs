@@ -52,7 +52,7 @@ pub struct DifferentialEvolution {
 
 impl DifferentialEvolution {
     /// Nothing evaluated yet.
-    pub fn new(space: Space, settings: Settings) -> Self {
+    pub(crate) fn new(space: Space, settings: Settings) -> Self {
         let first_members = (settings.budget / GENERATIONS).clamp(12, 100);
         Self {
             space,
@@ -172,7 +172,7 @@ impl Optimizer for DifferentialEvolution {
         } else {
             (0..self.members.len()).map(|index| self.propose(index, &mut rng)).collect()
         };
-        self.proposals.iter().map(|p| Candidate { values: self.space.from_unit(&p.unit) }).collect()
+        self.proposals.iter().map(|p| Candidate { values: self.space.values_at(&p.unit) }).collect()
     }
 
     fn tell(&mut self, trials: &[Trial]) {

@@ -50,7 +50,7 @@ impl FinalLook {
     ///
     /// # Errors
     /// Those of [`Robustness::new`] and of the objective.
-    pub fn at(
+    pub(crate) fn at(
         objective: &Objective,
         mounts: &[Vec<Placement>],
         tolerance: Tolerance,
@@ -92,7 +92,7 @@ impl JudgedShortlist {
     ///
     /// # Errors
     /// Those of [`FinalLook::at`].
-    pub fn of_search(
+    pub(crate) fn of_search(
         given: &Objective,
         problem: &MountProblem,
         search: &Search,
@@ -111,7 +111,7 @@ impl JudgedShortlist {
         }))
     }
 
-    pub fn verdicts(&self) -> [(&'static str, String); 2] {
+    pub(crate) fn verdicts(&self) -> [(&'static str, String); 2] {
         let FinalLook { model, tolerance, looked_at, chosen, favourite, rays, .. } = &self.look;
         let as_built = format!(
             "J {} on average with errors of {} m and {} degrees ({model}, phases free)",

@@ -31,7 +31,7 @@ pub struct Hyper {
 
 impl Hyper {
     /// The middle of the prior.
-    pub fn typical(roles: usize) -> Self {
+    pub(crate) fn typical(roles: usize) -> Self {
         Self { ln_lengths: vec![PRIOR_LENGTH.0; roles], ln_noise: PRIOR_NOISE.0 }
     }
 
@@ -57,12 +57,12 @@ pub struct Data {
 
 impl Data {
     /// At least one point; all points as long as `roles`, whose numbers are below `role_count`.
-    pub fn new(roles: Vec<usize>, role_count: usize, points: Vec<Vec<f64>>, values: Vec<f64>) -> Self {
+    pub(crate) fn new(roles: Vec<usize>, role_count: usize, points: Vec<Vec<f64>>, values: Vec<f64>) -> Self {
         Self { roles, role_count, points, values: DVector::from_vec(values) }
     }
 
     /// Number of observations.
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.points.len()
     }
 
@@ -84,7 +84,7 @@ impl Data {
 
     /// The most likely parameters from several starts. Without any that works (it takes values that are not finite):
     /// the first start.
-    pub fn fit(&self, starts: &[Hyper], iterations: usize) -> Hyper {
+    pub(crate) fn fit(&self, starts: &[Hyper], iterations: usize) -> Hyper {
         let differences = self.differences();
         let mut bounds = vec![LN_LENGTH; self.role_count];
         bounds.push(LN_NOISE);
@@ -211,7 +211,7 @@ pub struct Prediction {
 
 impl GaussianProcess {
     /// Conditioned on the data; `None` when the data are not finite.
-    pub fn new(data: Data, hyper: &Hyper) -> Option<Self> {
+    pub(crate) fn new(data: Data, hyper: &Hyper) -> Option<Self> {
         let n = data.points.len();
         let inverse_lengths: Vec<f64> =
             data.roles.iter().map(|&role| (-hyper.ln_lengths[role]).exp()).collect();
@@ -251,7 +251,7 @@ impl GaussianProcess {
 
     /// Beliefs at points of the unit cube, `LANES` at a time: each entry of the factor is then read once for all of them.
     /// What is believed of a point does not depend on its neighbours in the list.
-    pub fn predict_many(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
+    pub(crate) fn predict_many(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
         let ones_ones: f64 = self.ones.iter().map(|o| o * o).sum();
         let mut beliefs = Vec::with_capacity(points.len());
         let mut right = vec![[0.0; LANES]; self.data.points.len()];
@@ -283,7 +283,7 @@ impl GaussianProcess {
     }
 
     /// Standard deviation of the observation noise.
-    pub fn noise_deviation(&self) -> f64 {
+    pub(crate) fn noise_deviation(&self) -> f64 {
         (self.variance * self.noise_ratio).sqrt()
     }
 }

@@ -46,7 +46,7 @@ pub struct Genes {
 
 impl Genetic {
     /// Nothing evaluated yet.
-    pub fn start(space: Space, settings: Settings) -> Self {
+    pub(crate) fn start(space: Space, settings: Settings) -> Self {
         let space = if is_long(settings) || settings.early_stop { space } else { space.folded() };
         let genes = Genes {
             space: space.clone(),

@@ -48,7 +48,7 @@ pub struct Lines {
 impl Lines {
     /// Starts from the best of these trials that lie apart, with about `evaluations` to spend. `lengths` says for each
     /// variable over which share of its range the objective changes.
-    pub fn begin(space: &Space, ranked: &[&Trial], lengths: &[f64], evaluations: usize) -> Self {
+    pub(crate) fn begin(space: &Space, ranked: &[&Trial], lengths: &[f64], evaluations: usize) -> Self {
         let wanted = (evaluations / EVALUATIONS_PER_LINE).clamp(LINES.0, LINES.1);
         let mut starts: Vec<(Vec<f64>, Trial)> = Vec::new();
         for trial in ranked {
@@ -78,12 +78,12 @@ impl Lines {
     }
 
     /// Whether all planned evaluations are spent.
-    pub fn is_spent(&self) -> bool {
+    pub(crate) fn is_spent(&self) -> bool {
         self.left == 0
     }
 
     /// One move of each search, several where there are few.
-    pub fn ask(&mut self, space: &Space, rng: &mut Rng) -> Vec<Candidate> {
+    pub(crate) fn ask(&mut self, space: &Space, rng: &mut Rng) -> Vec<Candidate> {
         if self.round_left == 0 {
             self.bests.sort_by(Trial::order);
             self.bests.truncate(self.bests.len().div_ceil(2));
@@ -139,7 +139,7 @@ impl Lines {
     }
 
     /// What the last batch was worth.
-    pub fn tell(&mut self, trials: &[Trial]) {
+    pub(crate) fn tell(&mut self, trials: &[Trial]) {
         for (&line, trial) in std::mem::take(&mut self.asked).iter().zip(trials) {
             if trial.beats(&self.bests[line]) {
                 self.bests[line] = trial.clone();
@@ -152,7 +152,7 @@ impl Lines {
 
 /// A point near another: each free variable moves by chance (one does for certain), by a normal step whose size is
 /// log-uniform within `steps`, shares of its range, or to one of its bounds; integers move by one.
-pub fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Vec<f64> {
+pub(crate) fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Vec<f64> {
     let mut values = from.to_vec();
     let free = space.free(from);
     if free.is_empty() {

@@ -47,7 +47,7 @@ impl Kind {
     ];
 
     /// The method, nothing evaluated yet.
-    pub fn start(self, space: Space, settings: Settings) -> Method {
+    pub(crate) fn start(self, space: Space, settings: Settings) -> Method {
         match self {
             Kind::Staged => Method::Staged(Box::new(Staged::new(space, settings))),
             Kind::Random => Method::Random(Random::new(space, settings)),
@@ -75,12 +75,12 @@ impl Kind {
     }
 
     /// Whether a model proposes its points: in batches, by an acquisition.
-    pub fn has_a_model(self) -> bool {
+    pub(crate) fn has_a_model(self) -> bool {
         matches!(self, Kind::Staged | Kind::Bayesian)
     }
 
     /// Whether a rule was published by which it stops.
-    pub fn has_a_rule(self) -> bool {
+    pub(crate) fn has_a_rule(self) -> bool {
         matches!(self, Kind::Bayesian | Kind::Genetic | Kind::ParticleSwarm)
     }
 

@@ -58,7 +58,7 @@ pub use staged::Staged;
 /// A point to evaluate: one value per variable of the space, integers as whole numbers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// In the order of [`Space::variables`].
+    /// In the order of `Space::variables`.
     pub values: Vec<f64>,
 }
 
@@ -76,12 +76,12 @@ pub struct Trial {
 impl Trial {
     /// Whether this one is better: feasible before infeasible, then less violation, then the higher score
     /// (Deb 2000, doi:10.1016/S0045-7825(99)00389-8). Not better than its equal.
-    pub fn beats(&self, other: &Trial) -> bool {
+    pub(crate) fn beats(&self, other: &Trial) -> bool {
         self.order(other) == std::cmp::Ordering::Less
     }
 
     /// Best first.
-    pub fn order(&self, other: &Trial) -> std::cmp::Ordering {
+    pub(crate) fn order(&self, other: &Trial) -> std::cmp::Ordering {
         self.violation.total_cmp(&other.violation).then(other.score.total_cmp(&self.score))
     }
 }

@@ -149,7 +149,7 @@ impl MountSearch {
     }
 
     /// The masters of a point of that space.
-    pub fn masters(&self, values: &[f64]) -> Vec<Placement> {
+    pub(crate) fn masters(&self, values: &[f64]) -> Vec<Placement> {
         let roll_deg = self.fixed_roll_deg.unwrap_or(0.0);
         let stepped = |angle_deg: f64, (low, high): (f64, f64)| match self.tilt_step_deg {
             // the last whole step inside the bounds
@@ -205,13 +205,13 @@ impl MountProblem {
     }
 
     /// Searches what is said.
-    pub fn with_search(objective: Objective, search: MountSearch, keep_apart: KeepApart) -> Self {
+    pub(crate) fn with_search(objective: Objective, search: MountSearch, keep_apart: KeepApart) -> Self {
         Self { objective, search, keep_apart, robust: None }
     }
 
     /// The same with the expected or the worst J of a built rig in place of J as planned. Errors of mounting differ from
     /// sensor to sensor: two ends of the walk are then no longer alike.
-    pub fn robust(mut self, robustness: Robustness, criterion: Criterion) -> Self {
+    pub(crate) fn robust(mut self, robustness: Robustness, criterion: Criterion) -> Self {
         self.search.fore_aft_symmetry = false;
         self.search.is_mirrored_exactly = false;
         self.robust = Some((robustness, criterion));
@@ -219,18 +219,18 @@ impl MountProblem {
     }
 
     /// What mount errors are reckoned with, if any.
-    pub fn robustness(&self) -> Option<(&Robustness, Criterion)> {
+    pub(crate) fn robustness(&self) -> Option<(&Robustness, Criterion)> {
         self.robust.as_ref().map(|(robustness, criterion)| (robustness, *criterion))
     }
 
     /// J over mount errors of these masters, where they are reckoned with.
-    pub fn spread(&self, masters: &[Placement]) -> Result<Option<Spread>, ExperimentError> {
+    pub(crate) fn spread(&self, masters: &[Placement]) -> Result<Option<Spread>, ExperimentError> {
         let sensors = self.objective.simulator().experiment().sensors(masters);
         self.robust.as_ref().map(|(robustness, _)| robustness.spread(&sensors)).transpose()
     }
 
     /// What is searched.
-    pub fn search(&self) -> &MountSearch {
+    pub(crate) fn search(&self) -> &MountSearch {
         &self.search
     }
 
@@ -242,7 +242,7 @@ impl MountProblem {
 
     /// What no rig of so many masters can exceed: every voxel that can be hit, every reward, and no sensor but of the
     /// cheapest type.
-    pub fn ceiling(&self, masters: u32) -> f64 {
+    pub(crate) fn ceiling(&self, masters: u32) -> f64 {
         let weights = self.objective.weights();
         let reachable = self.objective.simulator().reachable() as f64;
         let per_master = if self.search.is_mirrored { 2.0 } else { 1.0 };

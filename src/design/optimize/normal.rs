@@ -3,17 +3,17 @@
 use std::f64::consts::{PI, SQRT_2};
 
 /// Density.
-pub fn density(z: f64) -> f64 {
+pub(crate) fn density(z: f64) -> f64 {
     (-0.5 * z * z).exp() / (2.0 * PI).sqrt()
 }
 
 /// Probability of a value below `z`.
-pub fn below(z: f64) -> f64 {
+pub(crate) fn below(z: f64) -> f64 {
     0.5 * libm::erfc(-z / SQRT_2)
 }
 
 /// The value below which lies this probability, in (0, 1): bisection to the last bit of use, then Newton.
-pub fn quantile(probability: f64) -> f64 {
+pub(crate) fn quantile(probability: f64) -> f64 {
     let (mut low, mut high) = (-38.0, 38.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -23,12 +23,12 @@ pub fn quantile(probability: f64) -> f64 {
 }
 
 /// The expected excess of a standard normal over `-z`; 0 from about -38 down.
-pub fn expected_excess(z: f64) -> f64 {
+pub(crate) fn expected_excess(z: f64) -> f64 {
     density(z) + z * below(z)
 }
 
 /// Logarithm of [`expected_excess`] without underflow (Ament et al. 2023, arXiv:2310.20708, appendix A).
-pub fn ln_expected_excess(z: f64) -> f64 {
+pub(crate) fn ln_expected_excess(z: f64) -> f64 {
     if z > -1.0 {
         return expected_excess(z).ln();
     }

@@ -50,7 +50,7 @@ pub struct Swarm {
 
 impl ParticleSwarm {
     /// Nothing evaluated yet.
-    pub fn start(space: Space, settings: Settings) -> Self {
+    pub(crate) fn start(space: Space, settings: Settings) -> Self {
         let space = if settings.budget < FEW && !settings.early_stop { space.folded() } else { space };
         let swarm = Swarm {
             space: space.clone(),

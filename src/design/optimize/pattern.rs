@@ -22,18 +22,13 @@ pub struct Poll {
 
 impl Poll {
     /// Around a point already evaluated; `step` is a share of each variable's range.
-    pub fn new(centre: Trial, step: f64) -> Self {
+    pub(crate) fn new(centre: Trial, step: f64) -> Self {
         Self { centre, step }
-    }
-
-    /// The best point so far.
-    pub fn centre(&self) -> &Trial {
-        &self.centre
     }
 
     /// Both neighbours along every variable that is free at the centre; those beyond a bound land on it. Empty when the
     /// mesh is finer than is of use.
-    pub fn ask(&self, space: &Space) -> Vec<Candidate> {
+    pub(crate) fn ask(&self, space: &Space) -> Vec<Candidate> {
         if self.step < LAST_STEP {
             return Vec::new();
         }
@@ -55,7 +50,7 @@ impl Poll {
     }
 
     /// Moves to the best of the poll if it is better than the centre.
-    pub fn tell(&mut self, trials: &[Trial]) {
+    pub(crate) fn tell(&mut self, trials: &[Trial]) {
         match trials.iter().min_by(|a, b| a.order(b)) {
             Some(best) if best.beats(&self.centre) => {
                 self.centre = best.clone();
@@ -79,7 +74,7 @@ pub struct Pattern {
 
 impl Pattern {
     /// Nothing evaluated yet.
-    pub fn new(space: Space, settings: Settings) -> Self {
+    pub(crate) fn new(space: Space, settings: Settings) -> Self {
         let first_points = (settings.budget / 4).clamp(1, 200);
         Self { space, seed: settings.seed, restarts: 0, first_points, poll: None }
     }

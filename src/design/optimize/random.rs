@@ -16,7 +16,7 @@ pub struct Random {
 
 impl Random {
     /// Nothing evaluated yet.
-    pub fn new(space: Space, settings: Settings) -> Self {
+    pub(crate) fn new(space: Space, settings: Settings) -> Self {
         Self { space, seed: settings.seed, batches: 0 }
     }
 }

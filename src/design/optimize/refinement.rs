@@ -57,17 +57,17 @@ impl Refiner {
     ///
     /// # Errors
     /// Those of [`BoxLadder::new`].
-    pub fn new(given: &Objective) -> Result<Self, ExperimentError> {
+    pub(crate) fn new(given: &Objective) -> Result<Self, ExperimentError> {
         Ok(Self { ladder: BoxLadder::new(given)?, seen: Mutex::default() })
     }
 
     /// The objective to search with.
-    pub fn objective(&self) -> &Objective {
+    pub(crate) fn objective(&self) -> &Objective {
         self.ladder.objective(SEARCH_LEVEL)
     }
 
     /// Takes note of a mount that was scored, if it is allowed.
-    pub fn note(&self, values: &[f64], measured: &Measured) {
+    pub(crate) fn note(&self, values: &[f64], measured: &Measured) {
         if measured.violation <= 0.0 {
             let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
             seen.push((measured.score, values.to_vec()));
@@ -81,7 +81,11 @@ impl Refiner {
     ///
     /// # Errors
     /// Those of the objective.
-    pub fn refine(self, problem: &MountProblem, regret: f64) -> Result<Option<Refinement>, ExperimentError> {
+    pub(crate) fn refine(
+        self,
+        problem: &MountProblem,
+        regret: f64,
+    ) -> Result<Option<Refinement>, ExperimentError> {
         let Self { ladder, seen } = self;
         let mut seen = seen.into_inner().unwrap_or_else(PoisonError::into_inner);
         keep_best(&mut seen);
@@ -128,7 +132,7 @@ fn compare(a: &[f64], b: &[f64]) -> std::cmp::Ordering {
 }
 
 impl Refinement {
-    pub fn verdicts(&self) -> [(&'static str, String); 2] {
+    pub(crate) fn verdicts(&self) -> [(&'static str, String); 2] {
         let judged = format!(
             "J {} +- {} ({}); {} mounts looked at again, {} may be as good, {} rays",
             number(self.judged.value, 0),

@@ -50,7 +50,11 @@ impl SearchRun<'_> {
     ///
     /// # Errors
     /// The objective failed, or the state file cannot be written; the search itself then has its results.
-    pub fn run(&self, search: &mut Search, mut progress: impl FnMut(&Search)) -> Result<RunEnd, RunError> {
+    pub(crate) fn run(
+        &self,
+        search: &mut Search,
+        mut progress: impl FnMut(&Search),
+    ) -> Result<RunEnd, RunError> {
         let start = Instant::now();
         let mut saved = Instant::now();
         let mut save_error = None;

@@ -194,7 +194,7 @@ impl Search {
     }
 
     /// The best trials so far that are not each other's neighbours, best first; not all of them need be feasible.
-    pub fn shortlist(&self) -> &[Trial] {
+    pub(crate) fn shortlist(&self) -> &[Trial] {
         self.shortlist.trials()
     }
 
@@ -219,17 +219,17 @@ impl Search {
     }
 
     /// Which method.
-    pub fn kind(&self) -> Kind {
+    pub(crate) fn kind(&self) -> Kind {
         self.kind
     }
 
     /// What the method was told at the start.
-    pub fn settings(&self) -> Settings {
+    pub(crate) fn settings(&self) -> Settings {
         self.settings
     }
 
     /// What is searched.
-    pub fn space(&self) -> &Space {
+    pub(crate) fn space(&self) -> &Space {
         &self.space
     }
 

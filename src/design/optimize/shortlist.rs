@@ -19,12 +19,12 @@ pub struct Shortlist {
 
 impl Shortlist {
     /// The trials, best first.
-    pub fn trials(&self) -> &[Trial] {
+    pub(crate) fn trials(&self) -> &[Trial] {
         &self.trials
     }
 
     /// Takes a trial in where it is better than its neighbours, who then leave.
-    pub fn note(&mut self, space: &Space, trial: &Trial) {
+    pub(crate) fn note(&mut self, space: &Space, trial: &Trial) {
         if self.trials.len() == KEPT && self.trials.last().is_some_and(|worst| !trial.beats(worst)) {
             return;
         }

@@ -86,7 +86,7 @@ impl Space {
     }
 
     /// The same space with known exact symmetries: sign changes, and groups of variables that may change places.
-    pub fn with_symmetries(
+    pub(crate) fn with_symmetries(
         mut self,
         mirrors: Vec<Mirror>,
         blocks: Vec<Vec<usize>>,
@@ -128,7 +128,7 @@ impl Space {
     }
 
     /// The same space without the greatest values of variable 0 that cannot exceed `score`, whatever the rest.
-    pub fn that_can_exceed(&self, score: f64) -> Self {
+    pub(crate) fn that_can_exceed(&self, score: f64) -> Self {
         let mut rest = self.clone();
         if self.ceilings.len() as f64 == self.variables[0].high - self.variables[0].low + 1.0 {
             let worth = self.ceilings.iter().rposition(|ceiling| *ceiling > score).unwrap_or(0);
@@ -139,13 +139,13 @@ impl Space {
     }
 
     /// The values of variable 0 with what no point that has them can exceed, where that is known.
-    pub fn ceilings(&self) -> impl Iterator<Item = (f64, f64)> {
+    pub(crate) fn ceilings(&self) -> impl Iterator<Item = (f64, f64)> {
         let least = self.variables[0].low;
         self.ceilings.iter().enumerate().map(move |(place, ceiling)| (least + place as f64, *ceiling))
     }
 
     /// The part of the space in which variable 0 has this value.
-    pub fn at_count(&self, count: f64) -> Self {
+    pub(crate) fn at_count(&self, count: f64) -> Self {
         let mut part = self.clone();
         part.ceilings =
             self.ceilings().filter(|(other, _)| *other == count).map(|(_, ceiling)| ceiling).collect();
@@ -154,12 +154,12 @@ impl Space {
     }
 
     /// What no point of the space can exceed, where that is known.
-    pub fn ceiling(&self) -> Option<f64> {
+    pub(crate) fn ceiling(&self) -> Option<f64> {
         self.ceilings.iter().copied().reduce(f64::max)
     }
 
     /// One representative of each class of equal points: the canonical half of every mirror.
-    pub fn folded(&self) -> Self {
+    pub(crate) fn folded(&self) -> Self {
         let mut folded = self.clone();
         for mirror in &self.mirrors {
             folded.variables[mirror.key].low = 0.0;
@@ -168,7 +168,7 @@ impl Space {
     }
 
     /// The variables in order.
-    pub fn variables(&self) -> &[Variable] {
+    pub(crate) fn variables(&self) -> &[Variable] {
         &self.variables
     }
 
@@ -183,12 +183,12 @@ impl Space {
     }
 
     /// The interchangeable groups of variables that matter at this point.
-    pub fn active_groups(&self, values: &[f64]) -> Vec<&[usize]> {
+    pub(crate) fn active_groups(&self, values: &[f64]) -> Vec<&[usize]> {
         self.blocks.iter().filter(|block| self.is_active(values, block[0])).map(Vec::as_slice).collect()
     }
 
     /// Whether variable `index` matters at this point.
-    pub fn is_active(&self, values: &[f64], index: usize) -> bool {
+    pub(crate) fn is_active(&self, values: &[f64], index: usize) -> bool {
         self.variables[index].active_from.is_none_or(|from| values[0] >= f64::from(from))
     }
 
@@ -200,7 +200,7 @@ impl Space {
     }
 
     /// Brings every value into its bounds and integers to whole numbers.
-    pub fn clamp(&self, values: &mut [f64]) {
+    pub(crate) fn clamp(&self, values: &mut [f64]) {
         for (value, variable) in values.iter_mut().zip(&self.variables) {
             let whole = if variable.integer { value.round() } else { *value };
             *value = whole.clamp(variable.low, variable.high);
@@ -208,7 +208,7 @@ impl Space {
     }
 
     /// Point of the unit cube to values; an integer's values share the interval evenly.
-    pub fn from_unit(&self, unit: &[f64]) -> Vec<f64> {
+    pub(crate) fn values_at(&self, unit: &[f64]) -> Vec<f64> {
         let value = |(&u, v): (&f64, &Variable)| {
             if v.integer {
                 (v.low + (u * (v.high - v.low + 1.0)).floor()).clamp(v.low, v.high)
@@ -220,7 +220,7 @@ impl Space {
     }
 
     /// Values to a point of the unit cube; an integer lies in the middle of its interval, a fixed variable at 0.5.
-    pub fn to_unit(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn to_unit(&self, values: &[f64]) -> Vec<f64> {
         let unit = |(&x, v): (&f64, &Variable)| {
             if v.integer {
                 (x - v.low + 0.5) / (v.high - v.low + 1.0)
@@ -265,12 +265,12 @@ impl Space {
     /// Uniform over the space.
     pub fn sample(&self, rng: &mut Rng) -> Vec<f64> {
         let unit: Vec<f64> = (0..self.len()).map(|_| rng.uniform()).collect();
-        self.from_unit(&unit)
+        self.values_at(&unit)
     }
 
     /// Latin hypercube (McKay, Beckman, Conover 1979, doi:10.1080/00401706.1979.10489755): each variable's range is
     /// cut into `count` strata, each used once.
-    pub fn latin_hypercube(&self, count: usize, rng: &mut Rng) -> Vec<Vec<f64>> {
+    pub(crate) fn latin_hypercube(&self, count: usize, rng: &mut Rng) -> Vec<Vec<f64>> {
         let mut points = vec![vec![0.0; self.len()]; count];
         for variable in 0..self.len() {
             let mut strata: Vec<usize> = (0..count).collect();
@@ -281,7 +281,7 @@ impl Space {
                 point[variable] = (stratum as f64 + rng.uniform()) / count as f64;
             }
         }
-        points.iter().map(|unit| self.from_unit(unit)).collect()
+        points.iter().map(|unit| self.values_at(unit)).collect()
     }
 }
 
@@ -302,12 +302,12 @@ mod tests {
         let space = Space::new(vec![count(5.0)]).unwrap();
         let mut seen = [0; 6];
         for i in 0..1000 {
-            seen[space.from_unit(&[f64::from(i) / 1000.0])[0] as usize] += 1;
+            seen[space.values_at(&[f64::from(i) / 1000.0])[0] as usize] += 1;
         }
         assert_eq!(seen, [0, 200, 200, 200, 200, 200]);
-        assert_eq!(space.from_unit(&[1.0]), [5.0]);
+        assert_eq!(space.values_at(&[1.0]), [5.0]);
         for value in 1..=5 {
-            assert_eq!(space.from_unit(&space.to_unit(&[f64::from(value)])), [f64::from(value)]);
+            assert_eq!(space.values_at(&space.to_unit(&[f64::from(value)])), [f64::from(value)]);
         }
     }
 

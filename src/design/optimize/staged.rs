@@ -40,7 +40,7 @@ pub struct Staged {
 
 impl Staged {
     /// Nothing evaluated yet.
-    pub fn new(space: Space, settings: Settings) -> Self {
+    pub(crate) fn new(space: Space, settings: Settings) -> Self {
         let space = space.folded();
         let next_count = space.variables()[0].low;
         let lengths = vec![TYPICAL_LENGTH; space.len()];

@@ -21,14 +21,14 @@ pub(crate) struct PathRegistration {
 
 impl PathRegistration {
     /// The least translation eigenvalue over the distance travelled.
-    pub fn least_translation(&self) -> Vec<[f64; 2]> {
+    pub(crate) fn least_translation(&self) -> Vec<[f64; 2]> {
         self.registration_path.iter().map(|[travelled_m, least, _]| [*travelled_m, *least]).collect()
     }
 }
 
 impl PathRegistration {
     /// Casts every 8th column of whole revolutions of the first sensor, and what the others return meanwhile.
-    pub fn of_scanner(scanner: &Scanner<'_>) -> Self {
+    pub(crate) fn of_scanner(scanner: &Scanner<'_>) -> Self {
         let turns = scanner.columns(0).saturating_sub(1) / u64::from(scanner.spins[0].columns);
         let step = turns.div_ceil(MAX_TURNS).max(1);
         let sampled: Vec<u64> = (0..turns).step_by(step as usize).collect();

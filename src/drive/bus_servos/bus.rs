@@ -82,7 +82,7 @@ pub struct Bus<W> {
 
 impl<W: Wire> Bus<W> {
     /// Opens a serial adapter, for this program alone. No other question than the fence may have an answer of its length.
-    pub fn open(path: &Path, baud: u32, fence: Register) -> Result<Self, LinkError> {
+    pub(crate) fn open(path: &Path, baud: u32, fence: Register) -> Result<Self, LinkError> {
         Ok(Self {
             port: BusPort::open(path, baud)?,
             wire: W::default(),
@@ -95,17 +95,17 @@ impl<W: Wire> Bus<W> {
     }
 
     /// From now on a servo that does not answer must not make the others wait.
-    pub fn end_opening(&mut self) {
+    pub(crate) fn end_opening(&mut self) {
         self.patience = ANSWER;
     }
 
     /// The adapter's path.
-    pub fn path(&self) -> &str {
+    pub(crate) fn path(&self) -> &str {
         self.port.path()
     }
 
     /// Damaged packets received.
-    pub fn damaged(&self) -> u32 {
+    pub(crate) fn damaged(&self) -> u32 {
         self.wire.damaged()
     }
 
@@ -177,7 +177,7 @@ impl<W: Wire> Bus<W> {
     }
 
     /// What a servo answers to a ping, which a Dynamixel does at every status return level.
-    pub fn ping(&mut self, id: u8, length: u16) -> Result<Option<Vec<u8>>, LinkError> {
+    pub(crate) fn ping(&mut self, id: u8, length: u16) -> Result<Option<Vec<u8>>, LinkError> {
         for _ in 0..TRIES {
             self.send(id, instruction::PING, Vec::new())?;
             if let Some(answer) = self.hear(&[id], &[length], Instant::now() + self.patience)? {
@@ -188,18 +188,22 @@ impl<W: Wire> Bus<W> {
     }
 
     /// Starts a servo again. It does not hear for a while afterwards.
-    pub fn reboot(&mut self, id: u8) -> Result<(), LinkError> {
+    pub(crate) fn reboot(&mut self, id: u8) -> Result<(), LinkError> {
         self.send(id, instruction::REBOOT, Vec::new())?;
         self.hear(&[id], &[0], Instant::now() + self.patience).map(drop)
     }
 
     /// Values of a register.
-    pub fn read(&mut self, id: u8, register: Register) -> Result<Option<Answer>, LinkError> {
+    pub(crate) fn read(&mut self, id: u8, register: Register) -> Result<Option<Answer>, LinkError> {
         self.ask(id, instruction::READ, address_and_length::<W>(register), register.1)
     }
 
     /// The same while a bus is opened: several tries.
-    pub fn read_patiently(&mut self, id: u8, register: Register) -> Result<Option<Vec<u8>>, LinkError> {
+    pub(crate) fn read_patiently(
+        &mut self,
+        id: u8,
+        register: Register,
+    ) -> Result<Option<Vec<u8>>, LinkError> {
         for _ in 0..TRIES {
             if let Some(answer) = self.read(id, register)? {
                 return Ok(Some(answer.data));
@@ -209,13 +213,18 @@ impl<W: Wire> Bus<W> {
     }
 
     /// Sets a register; the error that the servo answers, `None` when none comes.
-    pub fn write(&mut self, id: u8, (address, _): Register, values: &[u8]) -> Result<Option<u8>, LinkError> {
+    pub(crate) fn write(
+        &mut self,
+        id: u8,
+        (address, _): Register,
+        values: &[u8],
+    ) -> Result<Option<u8>, LinkError> {
         let parameters = [W::number(address), values.to_vec()].concat();
         Ok(self.ask(id, instruction::WRITE, parameters, 0)?.map(|answer| answer.error))
     }
 
     /// Sets a register of a servo that does not answer to that.
-    pub fn write_unanswered(
+    pub(crate) fn write_unanswered(
         &mut self,
         id: u8,
         (address, _): Register,
@@ -225,7 +234,11 @@ impl<W: Wire> Bus<W> {
     }
 
     /// Values of the same register of two servos.
-    pub fn sync_read(&mut self, ids: [u8; 2], register: Register) -> Result<[Option<Answer>; 2], LinkError> {
+    pub(crate) fn sync_read(
+        &mut self,
+        ids: [u8; 2],
+        register: Register,
+    ) -> Result<[Option<Answer>; 2], LinkError> {
         let mut left = Vec::new();
         for id in ids {
             if self.is_settled(id)? {
@@ -258,7 +271,11 @@ impl<W: Wire> Bus<W> {
     }
 
     /// Sets the same register of several servos; none answers.
-    pub fn sync_write(&mut self, register: Register, values: &[(u8, Vec<u8>)]) -> Result<(), LinkError> {
+    pub(crate) fn sync_write(
+        &mut self,
+        register: Register,
+        values: &[(u8, Vec<u8>)],
+    ) -> Result<(), LinkError> {
         let mut parameters = address_and_length::<W>(register);
         for (id, value) in values {
             parameters.push(*id);

@@ -36,13 +36,13 @@ const COUNT_URAD: i32 = (TURN_URAD / COUNTS) as i32 + 1;
 const ACCURACY_URAD: i32 = 8727;
 
 /// Counts to an angle from the centre, µrad.
-pub fn urad(counts: i32) -> i32 {
+pub(crate) fn urad(counts: i32) -> i32 {
     let scaled = (i64::from(counts) - i64::from(CENTRE)) * TURN_URAD / COUNTS;
     scaled.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }
 
 /// An angle from the centre to the nearest count.
-pub fn counts(urad: i32) -> i32 {
+pub(crate) fn counts(urad: i32) -> i32 {
     let scaled = i64::from(urad) * COUNTS;
     let half = if scaled < 0 { -TURN_URAD / 2 } else { TURN_URAD / 2 };
     CENTRE + ((scaled + half) / TURN_URAD) as i32
@@ -119,7 +119,14 @@ pub trait Table: Sized + Send + 'static {
 }
 
 /// A register with which this program cannot work.
-pub fn refuse(path: &str, id: u8, register: &str, found: i64, expected: &str, advice: &str) -> LinkError {
+pub(crate) fn refuse(
+    path: &str,
+    id: u8,
+    register: &str,
+    found: i64,
+    expected: &str,
+    advice: &str,
+) -> LinkError {
     let reason = format!("{register} is {found}, expected {expected}; {advice}");
     LinkError::Open { path: format!("{path}, servo {id}"), reason }
 }

@@ -44,7 +44,7 @@ pub struct CanBus {
 
 impl CanBus {
     /// Opens a bus.
-    pub fn open(address: BusAddress) -> Result<Self, LinkError> {
+    pub(crate) fn open(address: BusAddress) -> Result<Self, LinkError> {
         let name = match address {
             BusAddress::Interface(interface) => format!("cia402:{interface}"),
             BusAddress::Adapter(path, _) => format!("cia402:slcan:{path}"),
@@ -68,12 +68,12 @@ impl CanBus {
     }
 
     /// Its name in errors.
-    pub fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         &self.name
     }
 
     /// Sends one message.
-    pub fn send(&mut self, identifier: u16, data: &[u8]) -> Result<(), LinkError> {
+    pub(crate) fn send(&mut self, identifier: u16, data: &[u8]) -> Result<(), LinkError> {
         let hung_up = |reason: String| LinkError::HungUp { path: self.name.clone(), reason };
         match &mut self.port {
             Port::Adapter(port, ..) => port.send(&slcan::encode_standard(identifier, data)),
@@ -86,7 +86,7 @@ impl CanBus {
     }
 
     /// Waits for one message; `None` when none came before `end`.
-    pub fn receive(&mut self, end: Instant) -> Result<Option<(u16, Vec<u8>)>, LinkError> {
+    pub(crate) fn receive(&mut self, end: Instant) -> Result<Option<(u16, Vec<u8>)>, LinkError> {
         loop {
             let message = match &mut self.port {
                 Port::Adapter(port, receiver, waiting) => {

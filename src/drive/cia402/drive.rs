@@ -31,7 +31,7 @@ pub enum Power {
 
 impl Power {
     /// The state that a status word says.
-    pub fn of(status: u16) -> Self {
+    pub(crate) fn of(status: u16) -> Self {
         match (status & 0x4F, status & 0x6F) {
             (0x08 | 0x0F, _) => Self::Fault,
             (0x40, _) => Self::Disabled,
@@ -44,7 +44,7 @@ impl Power {
     }
 
     /// The control word that leads one step towards [`Power::Enabled`].
-    pub fn next_control(self) -> u16 {
+    pub(crate) fn next_control(self) -> u16 {
         match self {
             Self::Ready => 0x07,
             Self::On | Self::Enabled => 0x0F,
@@ -76,7 +76,7 @@ const BITS_SETTLE: Duration = Duration::from_millis(250);
 
 impl Zero {
     /// Goes on by a status word.
-    pub fn hear(self, status: u16) -> Self {
+    pub(crate) fn hear(self, status: u16) -> Self {
         let Self::Seeking(since, seen) = self else { return self };
         let seen = seen || status & (HOMING_ATTAINED | HOMING_ERROR) == 0;
         let settled = seen || since.elapsed() > BITS_SETTLE;
@@ -146,7 +146,7 @@ pub struct Drive {
 
 impl Drive {
     /// A drive that was not heard yet.
-    pub fn new(node: u8) -> Self {
+    pub(crate) fn new(node: u8) -> Self {
         Self {
             node,
             counts_per_turn: 1.0,
@@ -172,7 +172,7 @@ impl Drive {
     }
 
     /// Takes a message of this node that came now.
-    pub fn hear(&mut self, now: Instant, identifier: u16, data: &[u8]) {
+    pub(crate) fn hear(&mut self, now: Instant, identifier: u16, data: &[u8]) {
         let node = u16::from(self.node);
         match (identifier.checked_sub(node), data) {
             (Some(0x180), [low, high, a, b, c, d]) => {
@@ -198,7 +198,7 @@ impl Drive {
     }
 
     /// Takes a slow reading.
-    pub fn take_slow(&mut self, object: Object, answer: Answer) {
+    pub(crate) fn take_slow(&mut self, object: Object, answer: Answer) {
         let Answer::Value(value) = answer else { return };
         match object {
             object::RATED_CURRENT => self.rated_ma = i64::from(value),
@@ -220,7 +220,7 @@ impl Drive {
 
     /// Takes note of its state; the control word that it is to be sent when it shall drive its shaft, `None` when it
     /// dropped its torque and the operator is to know.
-    pub fn lead(&mut self) -> Option<u16> {
+    pub(crate) fn lead(&mut self) -> Option<u16> {
         if self.power == Power::Enabled {
             (self.switched_on, self.switching_since) = (true, None);
         } else if self.switched_on || self.power == Power::Fault || self.restarted {
@@ -233,27 +233,27 @@ impl Drive {
     }
 
     /// Its shaft is not to be driven by this program.
-    pub fn rest(&mut self) {
+    pub(crate) fn rest(&mut self) {
         (self.switched_on, self.switching_since) = (false, None);
     }
 
     /// Counts to an angle, µrad.
-    pub fn urad(&self, counts: i32) -> i32 {
+    pub(crate) fn urad(&self, counts: i32) -> i32 {
         (f64::from(counts) * std::f64::consts::TAU * 1e6 / self.counts_per_turn).round() as i32
     }
 
     /// One count, µrad, rounded up.
-    pub fn resolution_urad(&self) -> i32 {
+    pub(crate) fn resolution_urad(&self) -> i32 {
         (std::f64::consts::TAU * 1e6 / self.counts_per_turn).ceil().clamp(1.0, 1e6) as i32
     }
 
     /// An angle to the nearest count.
-    pub fn counts(&self, urad: i32) -> i32 {
+    pub(crate) fn counts(&self, urad: i32) -> i32 {
         (f64::from(urad) * self.counts_per_turn / (std::f64::consts::TAU * 1e6)).round() as i32
     }
 
     /// What the state machine is told. A fault shows as torque that is gone, and by its code as what caused it.
-    pub fn sample(&mut self) -> Sample {
+    pub(crate) fn sample(&mut self) -> Sample {
         Sample { between: self.between, sense: self.sense() }
     }
 
@@ -283,7 +283,7 @@ impl Drive {
     }
 
     /// Its errors in words.
-    pub fn errors(&self) -> Vec<String> {
+    pub(crate) fn errors(&self) -> Vec<String> {
         let error =
             (self.error != 0).then(|| format!("error 0x{:04x} ({})", self.error, error_name(self.error)));
         let fault =

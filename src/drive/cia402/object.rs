@@ -61,7 +61,7 @@ pub const METHODS_WITHOUT_MOTION: [u8; 3] = [0, 35, 37];
 
 /// Writes that make RPDO 1 control word and target, and TPDO 1 status word and position, both with every SYNC. Those of a
 /// PDO's identifier carry the node's number.
-pub fn process_data(node: u8) -> [(Object, u32); 14] {
+pub(crate) fn process_data(node: u8) -> [(Object, u32); 14] {
     let (rpdo, tpdo) = (0x200 + u32::from(node), 0x180 + u32::from(node));
     let off = 1 << 31;
     [
@@ -83,13 +83,13 @@ pub fn process_data(node: u8) -> [(Object, u32); 14] {
 }
 
 /// A question for an object.
-pub fn upload((index, sub, _): Object) -> [u8; 8] {
+pub(crate) fn upload((index, sub, _): Object) -> [u8; 8] {
     let [low, high] = index.to_le_bytes();
     [0x40, low, high, sub, 0, 0, 0, 0]
 }
 
 /// A new value for an object, in one message.
-pub fn download((index, sub, bytes): Object, value: u32) -> [u8; 8] {
+pub(crate) fn download((index, sub, bytes): Object, value: u32) -> [u8; 8] {
     let ([low, high], [a, b, c, d]) = (index.to_le_bytes(), value.to_le_bytes());
     [0x23 | (4 - bytes.clamp(1, 4)) << 2, low, high, sub, a, b, c, d]
 }
@@ -106,7 +106,7 @@ pub enum Answer {
 }
 
 /// What a message answers to a question for this object; `None` when it answers another.
-pub fn answer((index, sub, _): Object, data: &[u8]) -> Option<Answer> {
+pub(crate) fn answer((index, sub, _): Object, data: &[u8]) -> Option<Answer> {
     let [command, low, high, theirs, a, b, c, d] = *data else { return None };
     if (u16::from_le_bytes([low, high]), theirs) != (index, sub) {
         return None;
@@ -125,7 +125,7 @@ pub fn answer((index, sub, _): Object, data: &[u8]) -> Option<Answer> {
 }
 
 /// An abort in words.
-pub fn abort_name(code: u32) -> &'static str {
+pub(crate) fn abort_name(code: u32) -> &'static str {
     match code {
         0x0504_0000 => "it timed out",
         0x0601_0000..=0x0601_0002 => "no access",
@@ -141,7 +141,7 @@ pub fn abort_name(code: u32) -> &'static str {
 }
 
 /// An error code in words (CiA 402-2, "Error code").
-pub fn error_name(code: u16) -> &'static str {
+pub(crate) fn error_name(code: u16) -> &'static str {
     match code {
         0x2000..=0x2FFF => "current",
         0x3210 => "supply too high",

@@ -97,7 +97,7 @@ impl fmt::Display for Factors {
 
 impl Factors {
     /// The position unit, or why it cannot be told.
-    pub fn unit(&self) -> Result<Unit, String> {
+    pub(crate) fn unit(&self) -> Result<Unit, String> {
         let failed = |why: String| {
             format!(
                 "its position unit cannot be told: {why} ({self}); expected objects that agree on how many units a turn of \

@@ -107,7 +107,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// How many axes the rig has.
-    pub fn axis_count(&self) -> usize {
+    pub(crate) fn axis_count(&self) -> usize {
         self.view.axes.len()
     }
 
@@ -133,7 +133,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Forbids motion again; the axes hold.
-    pub fn disarm(&mut self) -> Result<(), RigError> {
+    pub(crate) fn disarm(&mut self) -> Result<(), RigError> {
         self.order("disarm", Order::Arm { armed: false }).map(drop)
     }
 
@@ -146,7 +146,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Decelerates and holds; stays armed.
-    pub fn hold(&mut self) -> Result<(), RigError> {
+    pub(crate) fn hold(&mut self) -> Result<(), RigError> {
         self.order("hold", Order::Hold).map(drop)
     }
 
@@ -157,7 +157,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Stops as fast as the rig can and latches that.
-    pub fn e_stop(&mut self) -> Result<(), RigError> {
+    pub(crate) fn e_stop(&mut self) -> Result<(), RigError> {
         self.stop_now()?;
         self.hear_fault()
     }
@@ -217,7 +217,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Refuses pitches that the configured limits, the firmware or the servo do not allow, each looked at by itself.
-    pub fn check(&self, pitches_rad: &[f64]) -> Result<Vec<i32>, RigError> {
+    pub(crate) fn check(&self, pitches_rad: &[f64]) -> Result<Vec<i32>, RigError> {
         if pitches_rad.len() != self.axis_count() {
             return Err(RigError::AxisCount { given: pitches_rad.len(), axes: self.axis_count() });
         }

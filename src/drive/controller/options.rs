@@ -80,7 +80,7 @@ impl Interrupt {
     }
 
     /// How often it was asked.
-    pub fn level(&self) -> u8 {
+    pub(crate) fn level(&self) -> u8 {
         self.0.load(Ordering::Relaxed)
     }
 }

@@ -63,7 +63,7 @@ const MODELS: [Model; 35] = [
 ];
 
 /// The model of this number, or the list of those that there are.
-pub fn find(number: u16) -> Result<&'static Model, String> {
+pub(crate) fn find(number: u16) -> Result<&'static Model, String> {
     MODELS.iter().find(|model| model.number == number).ok_or_else(|| {
         let known: Vec<_> = MODELS.iter().map(|model| format!("{} {}", model.number, model.name)).collect();
         format!("one of {}", known.join(", "))

@@ -32,12 +32,12 @@ fn crc16(bytes: &[u8]) -> u16 {
 
 impl Packet {
     /// A packet.
-    pub fn new(id: u8, instruction: u8, parameters: &[u8]) -> Self {
+    pub(crate) fn new(id: u8, instruction: u8, parameters: &[u8]) -> Self {
         Self { id, instruction, parameters: parameters.to_vec() }
     }
 
     /// The bytes on the line.
-    pub fn encode(&self) -> Vec<u8> {
+    pub(crate) fn encode(&self) -> Vec<u8> {
         let mut body = vec![self.instruction];
         for byte in &self.parameters {
             body.push(*byte);
@@ -54,7 +54,7 @@ impl Packet {
     }
 
     /// Error byte and data of an answer; `None` when it is none.
-    pub fn answer(&self) -> Option<(u8, &[u8])> {
+    pub(crate) fn answer(&self) -> Option<(u8, &[u8])> {
         let (error, data) = self.parameters.split_first()?;
         (self.instruction == STATUS).then_some((*error, data))
     }
@@ -70,12 +70,12 @@ pub struct PacketReceiver {
 
 impl PacketReceiver {
     /// Forgets half a packet: a new question was asked.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.buffer.clear();
     }
 
     /// Takes bytes; the packets that they complete.
-    pub fn push(&mut self, bytes: &[u8]) -> Vec<Packet> {
+    pub(crate) fn push(&mut self, bytes: &[u8]) -> Vec<Packet> {
         self.buffer.extend_from_slice(bytes);
         let mut packets = Vec::new();
         while let Some((packet, used)) = self.next() {

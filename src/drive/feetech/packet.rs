@@ -18,7 +18,7 @@ fn checksum(body: &[u8]) -> u8 {
 
 impl Packet {
     /// The bytes on the line.
-    pub fn encode(&self) -> Vec<u8> {
+    pub(crate) fn encode(&self) -> Vec<u8> {
         let mut bytes = vec![0xFF, 0xFF, self.id, self.parameters.len() as u8 + 2, self.code];
         bytes.extend(&self.parameters);
         bytes.push(checksum(&bytes[2..]));
@@ -36,12 +36,12 @@ pub struct PacketReceiver {
 
 impl PacketReceiver {
     /// Forgets half a packet: a new question was asked.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.buffer.clear();
     }
 
     /// Takes bytes; the packets that they complete.
-    pub fn push(&mut self, bytes: &[u8]) -> Vec<Packet> {
+    pub(crate) fn push(&mut self, bytes: &[u8]) -> Vec<Packet> {
         self.buffer.extend_from_slice(bytes);
         let mut packets = Vec::new();
         loop {

@@ -13,7 +13,7 @@ const FORGOTTEN: Duration = Duration::from_millis(500);
 
 impl Questions {
     /// A question leaves.
-    pub fn ask(&mut self, now: Instant) {
+    pub(crate) fn ask(&mut self, now: Instant) {
         while self.0.front().is_some_and(|asked| now.saturating_duration_since(*asked) > FORGOTTEN) {
             self.0.pop_front();
         }
@@ -21,12 +21,12 @@ impl Questions {
     }
 
     /// How many were not answered.
-    pub fn waiting(&self) -> u32 {
+    pub(crate) fn waiting(&self) -> u32 {
         self.0.len() as u32
     }
 
     /// An answer is there; between which times its sample was taken. One that nobody waits for any more is old.
-    pub fn answer(&mut self, now: Instant) -> [Instant; 2] {
+    pub(crate) fn answer(&mut self, now: Instant) -> [Instant; 2] {
         [self.0.pop_front().or_else(|| now.checked_sub(FORGOTTEN)).unwrap_or(now), now]
     }
 }

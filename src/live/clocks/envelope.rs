@@ -22,19 +22,19 @@ pub struct Line {
 
 impl Line {
     /// Its height at a time, ns.
-    pub fn height_ns(&self, at_ns: f64) -> f64 {
+    pub(crate) fn height_ns(&self, at_ns: f64) -> f64 {
         self.offset_ns + self.slope * (at_ns - self.at_ns)
     }
 
     /// Half the width in which the true height lies at a time, ns.
-    pub fn uncertainty_ns(&self, at_ns: f64) -> f64 {
+    pub(crate) fn uncertainty_ns(&self, at_ns: f64) -> f64 {
         self.offset_uncertainty_ns + self.slope_uncertainty * (at_ns - self.at_ns).abs()
     }
 }
 
 /// The line below points (time, height), in the order of time; none for fewer than three points or without time between
 /// them.
-pub fn below(points: &[[f64; 2]]) -> Option<Line> {
+pub(crate) fn below(points: &[[f64; 2]]) -> Option<Line> {
     let (first, last) = (points.first()?, points.last()?);
     let span_ns = last[0] - first[0];
     if points.len() < 3 || span_ns <= 0.0 {

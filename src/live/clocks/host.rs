@@ -33,7 +33,7 @@ pub struct HostTime {
 
 impl HostTime {
     /// Reads both.
-    pub fn now() -> Self {
+    pub(crate) fn now() -> Self {
         let mut best = Self::read();
         for _ in 1..READINGS {
             if best.apart_ns <= UNINTERRUPTED_NS {
@@ -67,12 +67,12 @@ fn clock_ns(clock: ClockId) -> u64 {
 
 /// Nanoseconds on the time line of this process: UTC when it was first asked for, going on steadily, whatever becomes of the
 /// host's clock. Readings of a rig are stamped by it.
-pub fn steady_now_ns() -> u64 {
+pub(crate) fn steady_now_ns() -> u64 {
     steady_ns(&HostTime::now())
 }
 
 /// The same for a moment that was read.
-pub fn steady_ns(at: &HostTime) -> u64 {
+pub(crate) fn steady_ns(at: &HostTime) -> u64 {
     static BEGIN: OnceLock<HostTime> = OnceLock::new();
     let begin = BEGIN.get_or_init(|| *at);
     clamped(i128::from(at.boot_ns) + begin.unix_minus_boot_ns())
@@ -93,7 +93,7 @@ pub struct HostStep {
 
 impl HostStep {
     /// In words, the time from `begin_ns` on.
-    pub fn words(&self, begin_ns: u64) -> String {
+    pub(crate) fn words(&self, begin_ns: u64) -> String {
         let side = if self.step_ns > 0 { "forward" } else { "back" };
         let (by_s, at_s) =
             (self.step_ns.unsigned_abs() as f64 * 1e-9, self.between_ns[1].saturating_sub(begin_ns));
@@ -120,27 +120,27 @@ pub struct Timeline {
 
 impl Timeline {
     /// Begins now.
-    pub fn new(begin: HostTime) -> Self {
+    pub(crate) fn new(begin: HostTime) -> Self {
         Self { begin, last: begin, steps: Vec::new(), stepped_ns: 0 }
     }
 
     /// What both clocks showed when it began.
-    pub fn begin(&self) -> HostTime {
+    pub(crate) fn begin(&self) -> HostTime {
         self.begin
     }
 
     /// A moment on the line, ns.
-    pub fn time_ns(&self, at: &HostTime) -> u64 {
+    pub(crate) fn time_ns(&self, at: &HostTime) -> u64 {
         clamped(i128::from(at.boot_ns) + self.begin.unix_minus_boot_ns())
     }
 
     /// The steps so far.
-    pub fn steps(&self) -> &[HostStep] {
+    pub(crate) fn steps(&self) -> &[HostStep] {
         &self.steps
     }
 
     /// Looks at the clocks; a step since the last look.
-    pub fn look(&mut self, at: HostTime) -> Option<HostStep> {
+    pub(crate) fn look(&mut self, at: HostTime) -> Option<HostStep> {
         let moved_ns = at.unix_minus_boot_ns() - self.begin.unix_minus_boot_ns() - self.stepped_ns;
         let between_ns = [self.time_ns(&self.last), self.time_ns(&at)];
         self.last = at;
@@ -158,7 +158,7 @@ impl Timeline {
     ///
     /// Around a step a stamp may be from before or after it. Where the stream goes on from its last stamp, that tells;
     /// otherwise the younger of what is possible counts: what waits to be written does not wait for long.
-    pub fn place(&self, unix_ns: u64, stream: &mut StreamPlace) -> u64 {
+    pub(crate) fn place(&self, unix_ns: u64, stream: &mut StreamPlace) -> u64 {
         let now_ns = i128::from(self.time_ns(&self.last));
         let mut time_ns = i128::from(unix_ns);
         time_ns -= self.steps[..stream.passed].iter().map(|step| i128::from(step.step_ns)).sum::<i128>();
@@ -204,12 +204,12 @@ pub struct StepsUndone {
 
 impl StepsUndone {
     /// For these steps, in the order in which they were made.
-    pub fn new(steps_ns: Vec<i64>) -> Self {
+    pub(crate) fn new(steps_ns: Vec<i64>) -> Self {
         Self { steps_ns, ..Self::default() }
     }
 
     /// A stamp of a stream as if the clock had not been set.
-    pub fn place(&mut self, stream: usize, unix_ns: u64) -> u64 {
+    pub(crate) fn place(&mut self, stream: usize, unix_ns: u64) -> u64 {
         if self.steps_ns.is_empty() {
             return unix_ns;
         }

@@ -5,7 +5,6 @@
 
 use std::collections::VecDeque;
 
-use sensors::ouster::TimestampMode;
 use serde::Serialize;
 
 pub mod envelope;
@@ -133,7 +132,7 @@ pub struct ClockReport {
 
 impl ClockWatch {
     /// Takes the arrival and the device time of one packet (or of one frame's first).
-    pub fn add(&mut self, host_ns: u64, device_ns: u64) {
+    pub(crate) fn add(&mut self, host_ns: u64, device_ns: u64) {
         let offset_ns = i128::from(host_ns) - i128::from(device_ns);
         if std::mem::take(&mut self.is_restarted) {
             self.last = Some([host_ns, device_ns]);
@@ -187,7 +186,7 @@ impl ClockWatch {
     }
 
     /// The sensor was started again: what is fitted begins anew with the next pair.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.restarts += 1;
         self.is_restarted = true;
     }
@@ -277,7 +276,8 @@ impl ClockWatch {
 
     /// Host time of a device stamp, and half the width in which it lies, ns, by what was seen since the last jump; nothing
     /// before there are three seconds.
-    pub fn host_ns(&self, device_ns: u64) -> Option<(u64, u64)> {
+    #[cfg(test)]
+    pub(crate) fn host_ns(&self, device_ns: u64) -> Option<(u64, u64)> {
         let (origin_ns, origin_offset_ns) = self.origin?;
         let line = self.line()?;
         let guess_ns = (i128::from(device_ns) + origin_offset_ns - i128::from(origin_ns)) as f64;
@@ -287,7 +287,7 @@ impl ClockWatch {
     }
 
     /// Says what the clock shows; nothing without pairs.
-    pub fn report(&self) -> Option<ClockReport> {
+    pub(crate) fn report(&self) -> Option<ClockReport> {
         let [host_ns, device_ns] = self.last?;
         let (origin_ns, origin_offset_ns) = self.origin?;
         let at_ns = host_ns as f64 - origin_ns as f64;
@@ -327,35 +327,14 @@ fn state(device_ns: u64, host_minus_device_s: f64) -> ClockState {
     }
 }
 
-/// What is wrong with a clock that was told where to take its time from; nothing when it shows that.
-pub fn not_as_told(told: TimestampMode, state: ClockState) -> Option<&'static str> {
-    match (told, state) {
-        (_, ClockState::Unknown) | (TimestampMode::InternalOscillator, _) => None,
-        (TimestampMode::Ptp1588, ClockState::Tai | ClockState::Utc) => None,
-        (TimestampMode::SyncPulseIn, ClockState::Utc) => None,
-        (TimestampMode::Ptp1588, ClockState::SincePowerOn) => {
-            Some("it is told to take its time by PTP and counts from power-on: no PTP master was heard")
-        }
-        (TimestampMode::Ptp1588, ClockState::Unsynchronised) => Some(
-            "it is told to take its time by PTP and shows another one than this host: the master's time or this host's is wrong",
-        ),
-        (TimestampMode::SyncPulseIn, ClockState::SincePowerOn) => Some(
-            "it is told to take its time from a pulse and counts from power-on: no pulse, or no NMEA, comes",
-        ),
-        (TimestampMode::SyncPulseIn, ClockState::Tai | ClockState::Unsynchronised) => {
-            Some("it is told to take its time from a pulse and shows another one than this host")
-        }
-    }
-}
-
 impl ClockReport {
     /// Jumps of this host's clock, not the sensor's.
-    pub fn host_jumps(&self) -> impl Iterator<Item = &Jump> {
+    pub(crate) fn host_jumps(&self) -> impl Iterator<Item = &Jump> {
         self.jumps.iter().filter(|jump| jump.moved == Moved::Host)
     }
 
     /// In words.
-    pub fn text(&self) -> String {
+    pub(crate) fn text(&self) -> String {
         let offset_s = self.host_minus_device_s;
         let side = if offset_s > 0.0 { "behind" } else { "ahead of" };
         let mut text = match self.state {

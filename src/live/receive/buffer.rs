@@ -32,7 +32,7 @@ impl Datagram {
     }
 
     /// Bytes of memory it takes: those of the longest datagram of its receiver.
-    pub fn held_bytes(&self) -> usize {
+    pub(crate) fn held_bytes(&self) -> usize {
         self.payload.bytes.len()
     }
 }

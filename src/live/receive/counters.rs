@@ -50,7 +50,7 @@ pub struct SocketReport {
 
 impl SocketReport {
     /// What to do when the kernel grants less buffer than asked.
-    pub fn buffer_warning(&self) -> Option<String> {
+    pub(crate) fn buffer_warning(&self) -> Option<String> {
         (self.granted_buffer_bytes < self.asked_buffer_bytes).then(|| {
             format!(
                 "the kernel grants {} of {} bytes of receive buffer on {}: raise it with `sysctl -w net.core.rmem_max={}`",
@@ -81,7 +81,7 @@ pub struct ReceiveLoss {
 impl Tally {
     /// What was added since an earlier tally of the same receiver; the sockets are named as they are now.
     #[must_use]
-    pub fn since(&self, earlier: &Self) -> Self {
+    pub(crate) fn since(&self, earlier: &Self) -> Self {
         let mut since = self.clone();
         for (loss, before) in since.sensors.iter_mut().zip(&earlier.sensors) {
             loss.kernel_dropped -= before.kernel_dropped;
@@ -101,7 +101,7 @@ impl Tally {
     }
 
     /// Packets that were lost.
-    pub fn lost(&self) -> u64 {
+    pub(crate) fn lost(&self) -> u64 {
         self.sensors.iter().map(|sensor| sensor.kernel_dropped + sensor.queue_dropped).sum()
     }
 }
@@ -160,7 +160,7 @@ impl Monitor {
     }
 
     /// What was lost so far.
-    pub fn tally(&self) -> Tally {
+    pub(crate) fn tally(&self) -> Tally {
         let queue = self.sensors.iter().map(|sensor| sensor.queue_dropped.load(Ordering::Relaxed));
         let losses = self.kernel_drops().into_iter().zip(queue);
         Tally {
@@ -181,7 +181,7 @@ impl Monitor {
     }
 
     /// The local address of a sensor.
-    pub fn address(&self, sensor: usize) -> SocketAddr {
+    pub(crate) fn address(&self, sensor: usize) -> SocketAddr {
         self.sockets[self.sensors[sensor].socket].about.address
     }
 

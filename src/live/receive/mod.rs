@@ -98,11 +98,11 @@ pub enum ReceiveError {
 const ASIDE: &str = "-aside";
 
 /// Name in a session of what a sensor sends beside its lidar packets (IMU, position), where that has a port of its own.
-pub fn aside_of(sensor: &str) -> String {
+pub(crate) fn aside_of(sensor: &str) -> String {
     format!("{sensor}{ASIDE}")
 }
 
 /// Whether a name is that of what one of these sensors sends beside its lidar packets.
-pub fn is_aside<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
+pub(crate) fn is_aside<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
     sensors.any(|sensor| aside_of(sensor) == name)
 }

@@ -28,18 +28,23 @@ pub struct SilenceNews {
 
 impl Silence {
     /// Nothing was heard yet.
-    pub fn new(sensors: usize, now: Instant) -> Self {
+    pub(crate) fn new(sensors: usize, now: Instant) -> Self {
         Self { begun: now, sensors: vec![(0, now, false); sensors] }
     }
 
     /// What is new.
-    pub fn look(&mut self, monitor: &Monitor, now: Instant) -> Vec<SilenceNews> {
+    pub(crate) fn look(&mut self, monitor: &Monitor, now: Instant) -> Vec<SilenceNews> {
         let ports: Vec<u16> = (0..self.sensors.len()).map(|sensor| monitor.address(sensor).port()).collect();
         self.look_at(&monitor.sensors(), &ports, now)
     }
 
     /// The same from the counters and local ports of sensors.
-    pub fn look_at(&mut self, counters: &[SensorCounters], ports: &[u16], now: Instant) -> Vec<SilenceNews> {
+    pub(crate) fn look_at(
+        &mut self,
+        counters: &[SensorCounters],
+        ports: &[u16],
+        now: Instant,
+    ) -> Vec<SilenceNews> {
         let mut news = Vec::new();
         for (sensor, ((counters, port), (seen, grown, named))) in
             counters.iter().zip(ports).zip(&mut self.sensors).enumerate()
@@ -65,7 +70,7 @@ impl Silence {
     }
 
     /// Whether a sensor is silent.
-    pub fn is_silent(&self, sensor: usize) -> bool {
+    pub(crate) fn is_silent(&self, sensor: usize) -> bool {
         self.sensors[sensor].2
     }
 }

@@ -127,17 +127,10 @@ impl Receiver {
     }
 
     /// Appends up to `limit` waiting datagrams, waiting for the first; 0 after the stop.
-    pub fn recv_many_blocking(&mut self, into: &mut Vec<Datagram>, limit: usize) -> usize {
+    pub(crate) fn recv_many_blocking(&mut self, into: &mut Vec<Datagram>, limit: usize) -> usize {
         let count = self.queue.blocking_recv_many(into, limit);
         self.taken(&into[into.len() - count..]);
         count
-    }
-
-    /// The next datagram; `None` after the stop.
-    pub async fn recv(&mut self) -> Option<Datagram> {
-        let datagram = self.queue.recv().await;
-        self.taken(datagram.as_slice());
-        datagram
     }
 
     fn taken(&self, datagrams: &[Datagram]) {

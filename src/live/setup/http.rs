@@ -144,7 +144,7 @@ impl Http {
     }
 
     /// Who is asked.
-    pub fn address(&self) -> &str {
+    pub(crate) fn address(&self) -> &str {
         &self.address
     }
 
@@ -153,14 +153,14 @@ impl Http {
     }
 
     /// Reads a document.
-    pub fn get(&self, path: &str) -> Result<String, SetupError> {
+    pub(crate) fn get(&self, path: &str) -> Result<String, SetupError> {
         let url = self.url(path);
         let answer = self.agent.get(&url).call();
         whole(url, answer)
     }
 
     /// Reads a JSON document.
-    pub fn get_json(&self, path: &str) -> Result<Value, SetupError> {
+    pub(crate) fn get_json(&self, path: &str) -> Result<Value, SetupError> {
         let text = self.get(path)?;
         serde_json::from_str(&text).map_err(|_| SetupError::Unexpected {
             url: self.url(path),
@@ -170,7 +170,7 @@ impl Http {
     }
 
     /// The same; nothing where the server has no such document.
-    pub fn find_json(&self, path: &str) -> Result<Option<Value>, SetupError> {
+    pub(crate) fn find_json(&self, path: &str) -> Result<Option<Value>, SetupError> {
         match self.get_json(path) {
             Ok(document) => Ok(Some(document)),
             Err(SetupError::Status { status: 400..=405 | 501, .. }) => Ok(None),
@@ -179,14 +179,14 @@ impl Http {
     }
 
     /// Sends a JSON document.
-    pub fn post_json(&self, path: &str, document: &Value) -> Result<String, SetupError> {
+    pub(crate) fn post_json(&self, path: &str, document: &Value) -> Result<String, SetupError> {
         let url = self.url(path);
         let request = self.agent.post(&url).header("Content-Type", "application/json");
         whole(url, request.send(document.to_string()))
     }
 
     /// Sends a form.
-    pub fn post_form(&self, path: &str, fields: &[(&str, String)]) -> Result<String, SetupError> {
+    pub(crate) fn post_form(&self, path: &str, fields: &[(&str, String)]) -> Result<String, SetupError> {
         let url = self.url(path);
         let fields = fields.iter().map(|(name, value)| (*name, value.as_str()));
         whole(url.clone(), self.agent.post(&url).send_form(fields))

@@ -139,7 +139,7 @@ pub struct Wanted {
 
 impl Wanted {
     /// Whether nothing is asked for.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.host.is_none()
             && self.port.is_none()
             && self.aside_port.is_none()

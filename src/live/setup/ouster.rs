@@ -22,7 +22,7 @@ pub struct Ouster {
 
 impl Ouster {
     /// The sensor that answers there, if it is one.
-    pub fn recognise(http: &Http) -> Result<Option<Self>, SetupError> {
+    pub(crate) fn recognise(http: &Http) -> Result<Option<Self>, SetupError> {
         let Some(info) = http.find_json("/api/v1/sensor/metadata/sensor_info")? else { return Ok(None) };
         if text_of(&info, "/prod_line").is_empty() {
             let url = format!("http://{}/api/v1/sensor/metadata/sensor_info", http.address());
@@ -39,12 +39,12 @@ impl Ouster {
     }
 
     /// The metadata document, as it comes.
-    pub fn metadata(&self) -> Result<String, SetupError> {
+    pub(crate) fn metadata(&self) -> Result<String, SetupError> {
         self.http.get("/api/v1/sensor/metadata")
     }
 
     /// Settings in force.
-    pub fn config(&self) -> Result<Value, SetupError> {
+    pub(crate) fn config(&self) -> Result<Value, SetupError> {
         let path = if self.stages() {
             "/api/v1/sensor/config"
         } else {
@@ -63,7 +63,7 @@ impl Ouster {
     }
 
     /// Reads everything.
-    pub fn read(&self) -> Result<SensorState, SetupError> {
+    pub(crate) fn read(&self) -> Result<SensorState, SetupError> {
         let info = self.http.get_json("/api/v1/sensor/metadata/sensor_info")?;
         let settings = self.config()?;
         let telemetry = self.http.find_json("/api/v1/sensor/telemetry")?.unwrap_or_default();
@@ -103,7 +103,7 @@ impl Ouster {
     }
 
     /// Sets it up, reads back what it took, and saves it if wanted.
-    pub fn configure(&self, wanted: &Wanted) -> Result<Configured, SetupError> {
+    pub(crate) fn configure(&self, wanted: &Wanted) -> Result<Configured, SetupError> {
         let before = self.config()?;
         let settings = self.settings_of(wanted, &before)?;
         if !settings.is_empty() {

@@ -42,7 +42,7 @@ pub struct Velodyne {
 
 impl Velodyne {
     /// The sensor that answers there, if it is one.
-    pub fn recognise(http: &Http) -> Result<Option<Self>, SetupError> {
+    pub(crate) fn recognise(http: &Http) -> Result<Option<Self>, SetupError> {
         let Some(info) = http.find_json("/cgi/info.json")? else { return Ok(None) };
         if text_of(&info, "/model").is_empty() {
             let url = format!("http://{}/cgi/info.json", http.address());
@@ -56,12 +56,12 @@ impl Velodyne {
     }
 
     /// Settings in force.
-    pub fn settings(&self) -> Result<Value, SetupError> {
+    pub(crate) fn settings(&self) -> Result<Value, SetupError> {
         self.http.get_json("/cgi/settings.json")
     }
 
     /// Reads everything.
-    pub fn read(&self) -> Result<SensorState, SetupError> {
+    pub(crate) fn read(&self) -> Result<SensorState, SetupError> {
         let settings = self.settings()?;
         let status = self.http.get_json("/cgi/status.json")?;
         let diagnosis = self.http.find_json("/cgi/diag.json")?.unwrap_or_default();
@@ -102,7 +102,7 @@ impl Velodyne {
     }
 
     /// Sets it up, reads back what it took, and saves it if wanted.
-    pub fn configure(&self, wanted: &Wanted) -> Result<Configured, SetupError> {
+    pub(crate) fn configure(&self, wanted: &Wanted) -> Result<Configured, SetupError> {
         let before = self.settings()?;
         let mut asked: Vec<(String, &str, Value)> = Vec::new();
         if wanted.host.is_some() || wanted.port.is_some() || wanted.aside_port.is_some() {

@@ -27,7 +27,7 @@ pub struct FirstLook {
 
 impl FirstLook {
     /// At a sensor that is to be of this model and have these metadata, each with what messages call it.
-    pub fn new(model: Option<String>, metadata: Option<(Metadata, String)>) -> Self {
+    pub(crate) fn new(model: Option<String>, metadata: Option<(Metadata, String)>) -> Self {
         let mut router = Router::new();
         let has_metadata = metadata.is_some();
         if let Some((metadata, name)) = metadata {
@@ -37,7 +37,7 @@ impl FirstLook {
     }
 
     /// Looks at one more packet. What is wrong is said once, when enough were seen.
-    pub fn take(&mut self, packet: &Packet<'_>) -> Vec<String> {
+    pub(crate) fn take(&mut self, packet: &Packet<'_>) -> Vec<String> {
         if self.is_done {
             return Vec::new();
         }
@@ -54,7 +54,7 @@ impl FirstLook {
     }
 
     /// What is wrong with the packets so far; nothing where that was said already.
-    pub fn conclude(&mut self) -> Vec<String> {
+    pub(crate) fn conclude(&mut self) -> Vec<String> {
         if self.is_done || self.packets == 0 {
             return Vec::new();
         }
@@ -128,12 +128,12 @@ struct Shared {
 
 impl FirstLooks {
     /// One for each sensor of a receiver that is looked at.
-    pub fn new(looks: Vec<Option<FirstLook>>) -> Self {
+    pub(crate) fn new(looks: Vec<Option<FirstLook>>) -> Self {
         Self(Arc::new(Mutex::new(Shared { looks, news: Vec::new() })))
     }
 
     /// Looks at packets, each with its sensor's place in the receiver's list.
-    pub fn take<'a>(&self, packets: impl Iterator<Item = (usize, Packet<'a>)>) {
+    pub(crate) fn take<'a>(&self, packets: impl Iterator<Item = (usize, Packet<'a>)>) {
         let mut shared = self.lock();
         let Shared { looks, news } = &mut *shared;
         for (sensor, packet) in packets {
@@ -144,12 +144,12 @@ impl FirstLooks {
     }
 
     /// What is wrong with which sensor and was not said yet.
-    pub fn news(&self) -> Vec<(usize, String)> {
+    pub(crate) fn news(&self) -> Vec<(usize, String)> {
         std::mem::take(&mut self.lock().news)
     }
 
     /// The same once nothing more comes.
-    pub fn conclude(&self) -> Vec<(usize, String)> {
+    pub(crate) fn conclude(&self) -> Vec<(usize, String)> {
         let mut shared = self.lock();
         let Shared { looks, news } = &mut *shared;
         for (sensor, look) in looks.iter_mut().enumerate() {

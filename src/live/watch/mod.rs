@@ -96,7 +96,7 @@ pub struct SensorReport {
 
 impl Watch {
     /// Counts what was decoded.
-    pub fn take(&mut self, decoded: &Decoded<'_>) {
+    pub(crate) fn take(&mut self, decoded: &Decoded<'_>) {
         match decoded {
             Decoded::Frame(frame) => {
                 self.frames += 1;
@@ -128,7 +128,7 @@ impl Watch {
     }
 
     /// Says what was seen.
-    pub fn report(&self, id: String, sensor: &Sensor) -> SensorReport {
+    pub(crate) fn report(&self, id: String, sensor: &Sensor) -> SensorReport {
         let (points, of) = match self.complete {
             0 => (self.points, self.frames),
             whole => (self.points_of_whole, whole),
@@ -207,7 +207,7 @@ fn warnings(health: Health) -> Vec<String> {
 }
 
 /// Whether a product of packets or metadata, or the model made from it, is what a configuration calls it.
-pub fn is_model(said: &str, product: &str, model: &str) -> bool {
+pub(crate) fn is_model(said: &str, product: &str, model: &str) -> bool {
     let plain = |name: &str| -> String {
         name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase()
     };
@@ -220,7 +220,7 @@ pub fn is_model(said: &str, product: &str, model: &str) -> bool {
 }
 
 /// Events per second between the first and the last.
-pub fn rate_hz(count: u64, [first_ns, last_ns]: [u64; 2]) -> Option<f64> {
+pub(crate) fn rate_hz(count: u64, [first_ns, last_ns]: [u64; 2]) -> Option<f64> {
     let span_s = last_ns.saturating_sub(first_ns) as f64 * 1e-9;
     (count > 1 && span_s > 0.0).then(|| (count - 1) as f64 / span_s)
 }

@@ -80,7 +80,7 @@ impl MockConfig {
     }
 
     /// The same make, another rig: the low 16 bits of its unique number.
-    pub fn of_number(mut self, number: u64) -> Self {
+    pub(crate) fn of_number(mut self, number: u64) -> Self {
         self.firmware.uid = self.firmware.uid & !0xFFFF | number & 0xFFFF;
         self
     }
@@ -145,7 +145,7 @@ pub struct MockDevice {
 
 impl MockDevice {
     /// A rig that is switched on now.
-    pub fn new(config: MockConfig, seed: u64, now_us: u64) -> Self {
+    pub(crate) fn new(config: MockConfig, seed: u64, now_us: u64) -> Self {
         let mut rng = Rng::new(seed, PLACING);
         let axes = [0, 1].map(|axis| {
             let chosen = rng.between(-0.2, 0.2) * 1e6;
@@ -175,7 +175,7 @@ impl MockDevice {
     }
 
     /// Breaks something. A hang-up is the line's business and does nothing here.
-    pub fn inject(&mut self, now_us: u64, fault: MockFault) {
+    pub(crate) fn inject(&mut self, now_us: u64, fault: MockFault) {
         match fault {
             MockFault::Axis(axis, fault) => self.with_axis(axis, |plant| plant.inject(fault)),
             MockFault::Repair(axis) => {
@@ -205,7 +205,7 @@ impl MockDevice {
     }
 
     /// Where the axes really are, µrad: what no encoder tells. `None` for axes that simulate no shaft.
-    pub fn true_positions_urad(&mut self) -> [Option<i32>; 2] {
+    pub(crate) fn true_positions_urad(&mut self) -> [Option<i32>; 2] {
         let mut positions = [None; 2];
         for (axis, position) in positions.iter_mut().enumerate() {
             self.with_axis(axis, |plant| *position = Some(plant.true_position_urad()));
@@ -214,7 +214,7 @@ impl MockDevice {
     }
 
     /// Whether the rig may move.
-    pub fn armed(&self) -> bool {
+    pub(crate) fn armed(&self) -> bool {
         self.controller.as_ref().is_some_and(|controller| controller.armed())
     }
 
@@ -226,7 +226,7 @@ impl MockDevice {
     }
 
     /// Takes bytes from the line.
-    pub fn take(&mut self, now_us: u64, bytes: &[u8]) {
+    pub(crate) fn take(&mut self, now_us: u64, bytes: &[u8]) {
         let Some(controller) = &mut self.controller else { return };
         if let Some(adapter) = &mut self.adapter {
             self.waiting
@@ -246,7 +246,7 @@ impl MockDevice {
     }
 
     /// Runs until a time; frames for the line are appended to `out`.
-    pub fn step(&mut self, now_us: u64, out: &mut Vec<Vec<u8>>) {
+    pub(crate) fn step(&mut self, now_us: u64, out: &mut Vec<Vec<u8>>) {
         if let Some(controller) = &mut self.controller {
             controller.step(now_us, &mut |report| self.answers.push(report));
         }

@@ -67,7 +67,7 @@ impl MockRig {
     }
 
     /// Whether the rig still runs: it ends when it hangs up.
-    pub fn is_running(&self) -> bool {
+    pub(crate) fn is_running(&self) -> bool {
         self.thread.as_ref().is_some_and(|thread| !thread.is_finished())
     }
 

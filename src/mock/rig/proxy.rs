@@ -22,12 +22,12 @@ pub struct Proxy {
 
 impl Proxy {
     /// A line with this much damage; what happens comes from the seed, another stream for each direction.
-    pub fn new(damage: Damage, seed: u64, stream: u64) -> Self {
+    pub(crate) fn new(damage: Damage, seed: u64, stream: u64) -> Self {
         Self { damage, rng: Rng::new(seed, stream), waiting: Vec::new(), count: 0 }
     }
 
     /// Takes one write.
-    pub fn send(&mut self, now_us: u64, bytes: &[u8]) {
+    pub(crate) fn send(&mut self, now_us: u64, bytes: &[u8]) {
         if self.rng.uniform() >= self.damage.share || bytes.is_empty() {
             return self.queue(now_us, bytes.to_vec());
         }
@@ -72,7 +72,7 @@ impl Proxy {
     }
 
     /// What arrives by now, in the order of arrival.
-    pub fn receive(&mut self, now_us: u64) -> Vec<u8> {
+    pub(crate) fn receive(&mut self, now_us: u64) -> Vec<u8> {
         let (mut arrived, waiting): (Vec<_>, _) =
             std::mem::take(&mut self.waiting).into_iter().partition(|(due_us, ..)| *due_us <= now_us);
         self.waiting = waiting;

@@ -62,7 +62,7 @@ impl MockSensor {
 
     /// The same sensor, sending also what real ones send beside lidar packets: IMU packets in the profile of the
     /// metadata, position packets with the clock locked to GPS.
-    pub fn with_aside(mut self) -> Self {
+    pub(crate) fn with_aside(mut self) -> Self {
         self.aside = match &self.speech {
             Speech::Ouster(encoder) => Aside::ouster(encoder.metadata()),
             Speech::Velodyne(_) => Some(Aside::velodyne()),
@@ -86,7 +86,7 @@ impl MockSensor {
     }
 
     /// Metadata of an Ouster.
-    pub fn metadata(&self) -> Option<&Metadata> {
+    pub(crate) fn metadata(&self) -> Option<&Metadata> {
         match &self.speech {
             Speech::Ouster(encoder) => Some(encoder.metadata()),
             Speech::Velodyne(_) => None,
@@ -108,7 +108,7 @@ impl MockSensor {
     }
 
     /// [`MockSensor::run`] with the packets beside, each before the lidar packet that it precedes.
-    pub fn run_both<E>(
+    pub(crate) fn run_both<E>(
         &mut self,
         surroundings: &Surroundings<'_>,
         mut out: impl FnMut(u64, Line, &[u8]) -> Result<(), E>,

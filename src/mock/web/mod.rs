@@ -86,7 +86,7 @@ impl Behind {
     }
 
     /// Where it was told to send: host, port of lidar packets, port of what comes beside.
-    pub fn destination(&self) -> (String, Option<u16>, Option<u16>) {
+    pub(crate) fn destination(&self) -> (String, Option<u16>, Option<u16>) {
         match self {
             Self::Ouster(web) => web.destination(),
             Self::Velodyne(web) => web.destination(),

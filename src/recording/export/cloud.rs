@@ -103,13 +103,13 @@ impl Cloud {
     }
 
     /// Time for a message header, ns since 1970.
-    pub fn stamp_ns(&self) -> u64 {
+    pub(crate) fn stamp_ns(&self) -> u64 {
         stamp_ns(self.start_time_ns, self.host_time_ns)
     }
 
     /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
     /// first one is missing is the first of one.
-    pub fn echoes(&self) -> impl Iterator<Item = (&Point, Echo)> {
+    pub(crate) fn echoes(&self) -> impl Iterator<Item = (&Point, Echo)> {
         let same = |a: Option<&Point>, b: &Point| a.is_some_and(|a| (a.column, a.ring) == (b.column, b.ring));
         self.points.iter().enumerate().map(move |(at, point)| {
             let after = at.checked_sub(1).is_some_and(|before| same(self.points.get(before), point));
@@ -119,7 +119,7 @@ impl Cloud {
     }
 
     /// Time of a point since the frame's first column, ns.
-    pub fn since_start_ns(&self, point: &Point) -> u32 {
+    pub(crate) fn since_start_ns(&self, point: &Point) -> u32 {
         u32::try_from(point.time_ns.saturating_sub(self.start_time_ns)).unwrap_or(u32::MAX)
     }
 
@@ -160,12 +160,12 @@ pub struct Placer {
 
 impl Placer {
     /// For a sensor with these beams.
-    pub fn new(model: &SensorModel) -> Self {
+    pub(crate) fn new(model: &SensorModel) -> Self {
         Self { projector: Projector::new(model), positions_m: Vec::new() }
     }
 
     /// Positions in the sensor frame, m, in the order of the layer; zero where nothing came back.
-    pub fn positions_m(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer) -> &[[f64; 3]] {
+    pub(crate) fn positions_m(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer) -> &[[f64; 3]] {
         self.projector.follow(model);
         self.projector.points_f64(frame, layer, &mut self.positions_m);
         &self.positions_m

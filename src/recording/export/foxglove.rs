@@ -46,7 +46,7 @@ const FIELDS: [(&str, u32, NumericType); 10] = [
 const STRIDE: usize = 30;
 
 /// A `foxglove.PointCloud`.
-pub fn points(cloud: &Cloud) -> Result<Vec<u8>, Cause> {
+pub(crate) fn points(cloud: &Cloud) -> Result<Vec<u8>, Cause> {
     let message = PointCloud {
         timestamp: Some(timestamp(cloud.stamp_ns())?),
         frame_id: cloud.source.id.clone(),
@@ -72,7 +72,7 @@ pub struct Voxels {
 }
 
 /// A `foxglove.VoxelGrid` with the fields `state`, `red`, `green`, `blue` and `alpha`.
-pub fn voxels(time_ns: u64, frame_id: &str, voxels: &Voxels) -> Result<Vec<u8>, Cause> {
+pub(crate) fn voxels(time_ns: u64, frame_id: &str, voxels: &Voxels) -> Result<Vec<u8>, Cause> {
     let [columns, rows, _] = voxels.cells;
     let names = ["state", "red", "green", "blue", "alpha"];
     let field_of = |(offset, name)| field((name, offset, NumericType::Uint8));
@@ -93,7 +93,7 @@ pub fn voxels(time_ns: u64, frame_id: &str, voxels: &Voxels) -> Result<Vec<u8>, 
 }
 
 /// `foxglove.FrameTransforms`: the name of a frame, that of another, and the pose of the other in the first.
-pub fn transforms(time_ns: u64, frames: &[(&str, &str, Pose)]) -> Result<Vec<u8>, Cause> {
+pub(crate) fn transforms(time_ns: u64, frames: &[(&str, &str, Pose)]) -> Result<Vec<u8>, Cause> {
     let timestamp = timestamp(time_ns)?;
     let transform = |(parent, child, pose): &(&str, &str, Pose)| FrameTransform {
         timestamp: Some(timestamp),
@@ -106,7 +106,7 @@ pub fn transforms(time_ns: u64, frames: &[(&str, &str, Pose)]) -> Result<Vec<u8>
 }
 
 /// `foxglove.JointStates`: names of axes with their angles, rad.
-pub fn joints(time_ns: u64, axes: &[(String, f64)]) -> Result<Vec<u8>, Cause> {
+pub(crate) fn joints(time_ns: u64, axes: &[(String, f64)]) -> Result<Vec<u8>, Cause> {
     let joint = |(name, angle_rad): &(String, f64)| JointState {
         name: name.clone(),
         position: Some(*angle_rad),

@@ -65,7 +65,7 @@ pub enum Format {
 
 impl Format {
     /// By a file's extension.
-    pub fn of_path(path: &Path) -> Option<Self> {
+    pub(crate) fn of_path(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         <Self as clap::ValueEnum>::from_str(&extension, true).ok()
     }
@@ -85,12 +85,12 @@ impl Format {
     }
 
     /// Whether a file keeps the points of several sensors apart.
-    pub fn holds_several_sensors(self) -> bool {
+    pub(crate) fn holds_several_sensors(self) -> bool {
         !matches!(self, Self::Pcd | Self::Ply)
     }
 
     /// Whether users expect one file per frame.
-    pub fn is_per_frame(self) -> bool {
+    pub(crate) fn is_per_frame(self) -> bool {
         matches!(self, Self::Pcd | Self::Ply)
     }
 }
@@ -124,7 +124,7 @@ pub struct Topic {
 }
 
 /// `/NAME/KIND`, with what a ROS name may not hold turned into underscores.
-pub fn topic(id: &str, kind: &str) -> String {
+pub(crate) fn topic(id: &str, kind: &str) -> String {
     let name: String = id.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     let digit_first = name.starts_with(|c: char| c.is_ascii_digit());
     format!("/{}{name}/{kind}", if digit_first { "_" } else { "" })

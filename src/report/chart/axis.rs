@@ -24,7 +24,7 @@ enum Scale {
 
 impl Axis {
     /// Spans the values (widened to round numbers) between two pixel positions with about `wanted` ticks.
-    pub fn around(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64, wanted: usize) -> Self {
+    pub(crate) fn around(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64, wanted: usize) -> Self {
         let (mut low, mut high) = span(values.filter(|value| value.is_finite())).unwrap_or((0.0, 1.0));
         if high - low <= f64::EPSILON * high.abs().max(1.0) {
             let pad = if low == 0.0 { 1.0 } else { 0.05 * low.abs() };
@@ -36,7 +36,7 @@ impl Axis {
     }
 
     /// Spans the values above 0 by whole decades, evenly in their logarithm.
-    pub fn decades(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64) -> Self {
+    pub(crate) fn decades(values: impl Iterator<Item = f64>, from_px: f64, to_px: f64) -> Self {
         let above = values.filter(|value| value.is_finite() && *value > 0.0);
         let (low, high) = span(above).unwrap_or((1.0, 10.0));
         let low = low.log10().floor() as i32;
@@ -45,7 +45,7 @@ impl Axis {
     }
 
     /// Pixel position of a value; over decades at the nearer end where it lies beyond.
-    pub fn px(&self, value: f64) -> f64 {
+    pub(crate) fn px(&self, value: f64) -> f64 {
         let share = match self.scale {
             Scale::Even { low, high, .. } => (value - low) / (high - low),
             Scale::Decades { .. } if value <= 0.0 => 0.0,
@@ -57,7 +57,7 @@ impl Axis {
     }
 
     /// Ticks: pixel position and label.
-    pub fn ticks(&self) -> Vec<(f64, String)> {
+    pub(crate) fn ticks(&self) -> Vec<(f64, String)> {
         match self.scale {
             Scale::Even { low, high, step } => {
                 let count = ((high - low) / step).round() as usize;

@@ -16,7 +16,7 @@ pub struct CellClass {
 
 impl CellClass {
     /// A class.
-    pub fn new(css: &'static str, name: impl Into<String>) -> Self {
+    pub(crate) fn new(css: &'static str, name: impl Into<String>) -> Self {
         Self { css, name: name.into() }
     }
 }
@@ -34,13 +34,13 @@ pub struct CellMap {
 
 impl CellMap {
     /// Number of rows.
-    pub fn height(&self) -> usize {
+    pub(crate) fn height(&self) -> usize {
         self.cells.len().checked_div(self.width).unwrap_or(0)
     }
 
     /// The same in squares of several cells, so that neither side has more than `most`: the class of most of a square's
     /// cells, of equals the last. The title says so.
-    pub fn coarse(&self, most: usize) -> Self {
+    pub(crate) fn coarse(&self, most: usize) -> Self {
         let step = self.width.max(self.height()).div_ceil(most.max(1));
         if step <= 1 {
             return self.clone();

@@ -12,6 +12,6 @@ pub use line::{LineChart, Series};
 pub use scatter::{NamedPoint, ScatterChart};
 
 /// Text safe inside SVG and HTML.
-pub fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -42,7 +42,7 @@ const TEXT: [f64; 2] = [12.0, 6.2];
 
 impl ScatterChart {
     /// Numbers of the points that no other beats: none costs at most as much and errs less, ascending in x.
-    pub fn front(&self) -> Vec<usize> {
+    pub(crate) fn front(&self) -> Vec<usize> {
         let mut order: Vec<usize> = (0..self.points.len()).collect();
         let at = |index: usize| self.points[index].at;
         order.sort_by(|a, b| at(*a)[0].total_cmp(&at(*b)[0]).then(at(*a)[1].total_cmp(&at(*b)[1])));
@@ -56,7 +56,7 @@ impl ScatterChart {
     }
 
     /// The picture.
-    pub fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         let x = Axis::decades(self.points.iter().map(|point| point.at[0]), LEFT, WIDTH - RIGHT);
         let y = Axis::decades(self.points.iter().map(|point| point.at[1]), HEIGHT - BOTTOM, TOP);
         let mut svg = format!(

@@ -55,7 +55,7 @@ pub(crate) struct Times {
 }
 
 impl Document {
-    pub fn new(
+    pub(crate) fn new(
         sensors: &IdealSensors,
         (mesh, summary): (&Mesh, MeshSummary),
         surface: &ObservableSurface,
@@ -85,7 +85,7 @@ impl Document {
     }
 
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let line = |name: &str, shares: &SurfaceShares| {
             let cells: Vec<_> = shares.percent().iter().map(|cell| format!("{cell:>8}")).collect();
             format!("{name:14}{}\n", cells.join(""))

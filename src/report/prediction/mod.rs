@@ -105,7 +105,7 @@ impl MapDocument {
     }
 
     /// In words.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         let unknown = self.unknown_share.map_or(String::new(), |share| {
             format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
         });
@@ -115,7 +115,7 @@ impl MapDocument {
 
 impl Document {
     /// Counts everything. `observable` are the voxels that could be seen from the path, ascending.
-    pub fn new(
+    pub(crate) fn new(
         scanner: &Scanner<'_>,
         site: &Site,
         prediction: &Prediction,
@@ -178,7 +178,7 @@ impl Document {
     }
 
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let mut text = format!(
             "{:.2} m of way, {} rays, {} returns\n\
              voxels seen    {} of {} of {} m that can be seen, {:.2} % of them by two sensors or more\n\

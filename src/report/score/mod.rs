@@ -51,7 +51,7 @@ pub(crate) struct Document {
 
 impl Document {
     /// The score of what these sensors see.
-    pub fn new(objective: &Objective, sensors: &[Placement], seen: &Seen, wall_s: f64) -> Self {
+    pub(crate) fn new(objective: &Objective, sensors: &[Placement], seen: &Seen, wall_s: f64) -> Self {
         let simulator = objective.simulator();
         let experiment = simulator.experiment();
         let scans = along_published(simulator, sensors);
@@ -86,7 +86,7 @@ impl Document {
     }
 
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let evaluation = &self.evaluation;
         let terms = &evaluation.terms;
         let angle =

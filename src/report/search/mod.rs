@@ -73,7 +73,7 @@ pub(crate) struct Best {
 
 impl Document {
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let Document { best: Best { evaluation, masters, master_models }, .. } = self;
         let mut text = format!(
             "{}, path {}, {} with seed {}\n\
@@ -161,7 +161,7 @@ impl Document {
     }
 
     /// One line per sensor.
-    pub fn csv(&self, file: &MountFile) -> String {
+    pub(crate) fn csv(&self, file: &MountFile) -> String {
         let mut text = String::from("sensor,model,x_m,y_m,z_m,pitch_deg,roll_deg,voxels,unique_voxels\r\n");
         let evaluation = &self.best.evaluation;
         for (index, sensor) in file.sensors.iter().enumerate() {

@@ -28,7 +28,7 @@ pub(crate) struct Omission {
 
 impl Omission {
     /// In words.
-    pub fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let worth =
             self.worth.map_or(String::new(), |worth| format!("{:+.2} % of the voxels; ", 100.0 * worth));
         format!("{}: {worth}{}", self.what, self.why)

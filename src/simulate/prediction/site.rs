@@ -51,7 +51,7 @@ pub(crate) fn grid_of(scene: &Scene, voxel_m: f64) -> Result<VoxelGrid, TooManyV
 impl Site {
     /// The voxels that could be seen from the path, ascending: the walls of a room, where a mesh has an observable sample
     /// or was seen, or the occupied voxels of a map that are observable or were seen.
-    pub fn observable_voxels(
+    pub(crate) fn observable_voxels(
         &self,
         surface: Option<&ObservableSurface>,
         coverage: &Coverage,

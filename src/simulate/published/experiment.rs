@@ -69,7 +69,7 @@ impl Preset {
     }
 
     /// Names of all presets, for messages.
-    pub fn names() -> String {
+    pub(crate) fn names() -> String {
         PRESETS.iter().map(|preset| preset.name).collect::<Vec<_>>().join(", ")
     }
 
@@ -97,7 +97,7 @@ pub enum Roll {
 
 impl Path {
     /// As flags and files call it.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Path::Lateral => "lateral",
             Path::Forward => "forward",
@@ -114,7 +114,7 @@ impl Path {
 
 impl Phase {
     /// As flags and files call it.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Locked => "locked",
             Self::Free => "free",
@@ -123,7 +123,7 @@ impl Phase {
 
     /// How far the pattern has turned at a pose, counted from 0, in steps from azimuth to azimuth; `shift` is where a free
     /// one starts.
-    pub fn turn(self, pose: u64, shift: f64) -> f64 {
+    pub(crate) fn turn(self, pose: u64, shift: f64) -> f64 {
         /// Fractional part of the golden ratio: successive multiples fill an interval evenly (Weyl 1916).
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
         match self {
@@ -197,22 +197,22 @@ impl Experiment {
     }
 
     /// The presets whose sensors may stand on the rig, by type.
-    pub fn types(&self) -> impl Iterator<Item = &Preset> {
+    pub(crate) fn types(&self) -> impl Iterator<Item = &Preset> {
         std::iter::once(&self.preset).chain(self.more_types.iter().flatten().copied())
     }
 
     /// How many types.
-    pub fn type_count(&self) -> usize {
+    pub(crate) fn type_count(&self) -> usize {
         self.types().count()
     }
 
     /// Whether a rig may have sensors of several types.
-    pub fn is_mixed(&self) -> bool {
+    pub(crate) fn is_mixed(&self) -> bool {
         self.type_count() > 1
     }
 
     /// The preset whose sensor a placement has; the first where there is no such type.
-    pub fn preset_of(&self, sensor: &Placement) -> &Preset {
+    pub(crate) fn preset_of(&self, sensor: &Placement) -> &Preset {
         self.types().nth(sensor.sensor_type).unwrap_or(&self.preset)
     }
 
@@ -222,7 +222,7 @@ impl Experiment {
     }
 
     /// Names of the presets of all types, as they are given and read: with commas between them.
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         self.types().map(|preset| preset.name).collect::<Vec<_>>().join(",")
     }
 
@@ -249,7 +249,7 @@ impl Experiment {
     }
 
     /// Whether the roll rule changes one of these masters.
-    pub fn replaces_a_roll(&self, masters: &[Placement]) -> bool {
+    pub(crate) fn replaces_a_roll(&self, masters: &[Placement]) -> bool {
         match self.roll {
             Roll::Fixed(roll_deg) => masters.iter().any(|master| master.roll_deg != roll_deg),
             Roll::Free => false,
@@ -257,7 +257,7 @@ impl Experiment {
     }
 
     /// Number of poses.
-    pub fn poses(&self) -> usize {
+    pub(crate) fn poses(&self) -> usize {
         (self.preset.path_length_m * self.sub_poses as f64).round() as usize + 1
     }
 
@@ -267,7 +267,7 @@ impl Experiment {
     }
 
     /// Rays of these physical sensors over the whole walk.
-    pub fn rays(&self, sensors: &[Placement]) -> u64 {
+    pub(crate) fn rays(&self, sensors: &[Placement]) -> u64 {
         sensors.iter().map(|sensor| self.rays_of(self.preset_of(sensor))).sum()
     }
 

@@ -131,7 +131,7 @@ impl Simulator {
     }
 
     /// The grid, in the mount frame's axes, walls on voxel faces.
-    pub fn grid(&self) -> VoxelGrid {
+    pub(crate) fn grid(&self) -> VoxelGrid {
         VoxelGrid {
             origin_m: self.experiment.preset.box_min_m.into(),
             voxel_m: self.experiment.voxel_m,
@@ -147,7 +147,7 @@ impl Simulator {
     }
 
     /// The cells of the grid that any ray could hit, ascending.
-    pub fn reachable_cells(&self) -> impl Iterator<Item = usize> + use<> {
+    pub(crate) fn reachable_cells(&self) -> impl Iterator<Item = usize> + use<> {
         self.grid().outer_cells()
     }
 
@@ -260,7 +260,7 @@ impl Simulator {
     }
 
     /// What [`Simulator::see_along`] must find, straight from the definition.
-    pub fn see_along_by_definition(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
+    pub(crate) fn see_along_by_definition(&self, sensors: &[Vec<BoxPose>]) -> Result<Seen, ExperimentError> {
         self.check_poses(sensors)?;
         let (bitmaps, lost_rays) = sensors.iter().map(|poses| brute::see(self, poses)).unzip();
         Ok(Seen { coverage: Coverage::from_bitmaps(self.grid(), bitmaps), lost_rays })

@@ -16,18 +16,18 @@ pub struct Placement {
     pub pitch_deg: f64,
     /// About the lateral axis, degrees.
     pub roll_deg: f64,
-    /// Which of the experiment's sensor types it is, counted from 0 ([`super::Experiment::types`]).
+    /// Which of the experiment's sensor types it is, counted from 0 (`Experiment::types`).
     pub sensor_type: usize,
 }
 
 impl Placement {
     /// The mirror image across the platform's plane of symmetry (YZ): a sensor of the same type.
-    pub fn mirrored(&self) -> Self {
+    pub(crate) fn mirrored(&self) -> Self {
         Self { x_m: -self.x_m, pitch_deg: -self.pitch_deg, ..*self }
     }
 
     /// The same in radians.
-    pub fn mount(&self) -> Mount {
+    pub(crate) fn mount(&self) -> Mount {
         Mount {
             x_m: self.x_m,
             y_m: self.y_m,

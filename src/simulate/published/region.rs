@@ -37,7 +37,7 @@ pub struct Reach {
 
 impl Region {
     /// The mirror images of its placements across the platform's plane of symmetry.
-    pub fn mirrored(&self) -> Self {
+    pub(crate) fn mirrored(&self) -> Self {
         let (low, high) = (self.high.mirrored(), self.low.mirrored());
         let corner = |from: Placement, other: Placement| Placement {
             x_m: from.x_m,
@@ -72,7 +72,7 @@ struct Caster<'a> {
 
 impl Simulator {
     /// What the placements of a region see. Each must be a placement that [`Simulator::see`] takes.
-    pub fn reach(&self, region: &Region) -> Reach {
+    pub(crate) fn reach(&self, region: &Region) -> Reach {
         let words = self.cells.iter().product::<usize>().div_ceil(64);
         let mut reach = Reach { possible: vec![0; words], certain: vec![0; words] };
         let [x_m, y_m, z_m, pitch_deg, roll_deg] = region.intervals();

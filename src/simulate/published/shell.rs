@@ -16,7 +16,7 @@ pub(super) struct ShellSize {
 
 impl ShellSize {
     /// Rows along the walk: floor, ceiling, side at w = 0, side at the greatest w.
-    pub fn rows(&self) -> usize {
+    pub(crate) fn rows(&self) -> usize {
         2 * self.cells_w + 2 * self.cells_z
     }
 
@@ -84,31 +84,31 @@ pub(super) struct Shell {
 }
 
 impl Shell {
-    pub fn new(size: ShellSize) -> Self {
+    pub(crate) fn new(size: ShellSize) -> Self {
         let words = size.end_at(2, 0);
         Self { size, words: vec![0; words] }
     }
 
     /// The n-th word of every row along the walk.
-    pub fn row_words_mut(&mut self, n: usize) -> &mut [u64] {
+    pub(crate) fn row_words_mut(&mut self, n: usize) -> &mut [u64] {
         let rows = self.size.rows();
         &mut self.words[n * rows..][..rows]
     }
 
     /// Row z of an end wall.
-    pub fn end_row_mut(&mut self, end: usize, z: usize) -> &mut [u64] {
+    pub(crate) fn end_row_mut(&mut self, end: usize, z: usize) -> &mut [u64] {
         let (at, words) = (self.size.end_at(end, z), self.size.end_words());
         &mut self.words[at..][..words]
     }
 
     /// Marks one voxel, which must lie on the shell.
-    pub fn mark(&mut self, voxel: [usize; 3]) {
+    pub(crate) fn mark(&mut self, voxel: [usize; 3]) {
         let (word, bit) = self.size.place(voxel);
         self.words[word] |= 1 << bit;
     }
 
     /// Moves the voxels along the edges of the box, which belong to two or three faces, to their one place.
-    pub fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         let size = self.size;
         for end in 0..2 {
             let u = end * (size.cells_u - 1);
@@ -145,14 +145,14 @@ impl Shell {
     }
 
     /// Adds what another shell of the same size has seen.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         for (word, bits) in self.words.iter_mut().zip(&other.words) {
             *word |= bits;
         }
     }
 
     /// The mirror image along the walk (`along`) or across it, of a settled shell.
-    pub fn mirrored(&self, along: bool) -> Self {
+    pub(crate) fn mirrored(&self, along: bool) -> Self {
         let size = self.size;
         let (rows, row_words, end_words) = (size.rows(), size.row_words(), size.end_words());
         let mut image = Self::new(size);
@@ -205,7 +205,7 @@ impl Shell {
     }
 
     /// Every voxel that is marked, as u, w, z.
-    pub fn voxels(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+    pub(crate) fn voxels(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
         let size = self.size;
         self.words
             .iter()

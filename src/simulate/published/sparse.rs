@@ -5,7 +5,7 @@ use super::{Placement, Simulator, brute};
 impl Simulator {
     /// Hits of every `column_step`-th column of a sensor at a pose (counted from 0): place relative to the body, m, and
     /// the wall's unit normal, turned against the ray; axes of the mount frame. Rays along an axis are not lost here.
-    pub fn sparse_hits(
+    pub(crate) fn sparse_hits(
         &self,
         sensor: &Placement,
         pose: usize,

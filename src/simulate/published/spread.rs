@@ -16,7 +16,7 @@ impl Simulator {
     ///
     /// # Errors
     /// As [`Simulator::see`], and a spread that is not a finite number of at least 0.
-    pub fn see_spread(
+    pub(crate) fn see_spread(
         &self,
         sensors: &[Placement],
         spread_deg: f64,

@@ -9,7 +9,7 @@ use crate::report::chart;
 
 const PRESETS: [&str; 2] = ["paper-os1-64", "paper-vlp-16"];
 
-pub fn claims(rows: &[Row]) -> Vec<Claim> {
+pub(crate) fn claims(rows: &[Row]) -> Vec<Claim> {
     let mut claims = Vec::new();
     for row in &TABLE_3 {
         claims.extend(table_3(rows, row.preset, row.method, row.objective));

@@ -10,7 +10,7 @@ use crate::report::chart::{self, LineChart, Series};
 const CHECKPOINTS: [f64; 9] = [12.0, 25.0, 56.0, 80.0, 150.0, 300.0, 1000.0, 3500.0, 7500.0];
 
 /// Median and range of a field, scaled.
-pub fn spread(rows: &[&Row], field: &str, scale: f64) -> Option<Spread> {
+pub(crate) fn spread(rows: &[&Row], field: &str, scale: f64) -> Option<Spread> {
     Spread::of(&numbers(rows, field).into_iter().map(|value| scale * value).collect::<Vec<_>>())
 }
 
@@ -18,7 +18,7 @@ fn words(rows: &[&Row], field: &str, scale: f64, decimals: usize) -> String {
     spread(rows, field, scale).map_or("none".into(), |spread| spread.words(decimals))
 }
 
-pub fn table_3(rows: &[Row]) -> Table {
+pub(crate) fn table_3(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "table-3",
         "Table 3: three methods, both sensors",
@@ -68,7 +68,7 @@ pub fn table_3(rows: &[Row]) -> Table {
     table
 }
 
-pub fn table_4(rows: &[Row]) -> Table {
+pub(crate) fn table_4(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "table-4",
         "Table 4: J per second and per evaluation",
@@ -115,7 +115,7 @@ pub fn table_4(rows: &[Row]) -> Table {
 }
 
 /// Medians of the best J after so many evaluations; a search that has stopped keeps its best.
-pub fn figure_10(rows: &[Row]) -> Table {
+pub(crate) fn figure_10(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "figure-10",
         "Figure 10: best J after so many evaluations",
@@ -135,12 +135,12 @@ pub fn figure_10(rows: &[Row]) -> Table {
     table
 }
 
-pub fn median_after(rows: &[&Row], evaluations: f64) -> Option<f64> {
+pub(crate) fn median_after(rows: &[&Row], evaluations: f64) -> Option<f64> {
     let values: Vec<f64> = rows.iter().filter_map(|row| best_after(row, evaluations)).collect();
     Spread::of(&values).map(|spread| spread.median)
 }
 
-pub fn convergence(rows: &[Row]) -> Vec<Figure> {
+pub(crate) fn convergence(rows: &[Row]) -> Vec<Figure> {
     let of_sensor = |preset: &str| {
         let series = TABLE_3.iter().filter(|row| row.preset == preset).map(|row| {
             let ours =
@@ -172,11 +172,11 @@ pub fn convergence(rows: &[Row]) -> Vec<Figure> {
 }
 
 /// Pitch of the first master, without its sign.
-pub fn pitches_deg(rows: &[&Row]) -> Vec<f64> {
+pub(crate) fn pitches_deg(rows: &[&Row]) -> Vec<f64> {
     rows.iter().filter_map(|row| row.get("mounts")?.get(0)?.get(3)?.as_f64()).map(f64::abs).collect()
 }
 
-pub fn lambda(rows: &[Row]) -> Table {
+pub(crate) fn lambda(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "lambda",
         "The price of a sensor, +-20 %",
@@ -215,12 +215,12 @@ pub fn lambda(rows: &[Row]) -> Table {
 }
 
 /// Rows of one setting of Table 8.
-pub fn of_roll<'a>(rows: &'a [Row], part: &str, preset: &str, roll_deg: Option<f64>) -> Vec<&'a Row> {
+pub(crate) fn of_roll<'a>(rows: &'a [Row], part: &str, preset: &str, roll_deg: Option<f64>) -> Vec<&'a Row> {
     let all = chosen(rows, &[("part", part), ("preset", preset)]);
     all.into_iter().filter(|row| number(row, "roll_deg") == roll_deg).collect()
 }
 
-pub fn table_8(rows: &[Row]) -> Table {
+pub(crate) fn table_8(rows: &[Row]) -> Table {
     let mut table = Table::new(
         "table-8",
         "Table 8: roll fixed and free",

@@ -73,7 +73,7 @@ pub(super) struct Scored {
 
 impl Scored {
     /// A model that takes the greatest score.
-    pub fn plain(scores: Vec<f64>, pitch_scores: Vec<f64>, rays_per_mount: f64) -> Self {
+    pub(crate) fn plain(scores: Vec<f64>, pitch_scores: Vec<f64>, rays_per_mount: f64) -> Self {
         let (chosen, chosen_pitch) = (greatest(&scores), greatest(&pitch_scores));
         Self {
             scores,
@@ -89,14 +89,14 @@ impl Scored {
 }
 
 impl Case {
-    pub fn named(name: &str) -> Result<&'static Self, StudyError> {
+    pub(crate) fn named(name: &str) -> Result<&'static Self, StudyError> {
         CASES
             .iter()
             .find(|case| case.name == name)
             .ok_or_else(|| StudyError(format!("the study has no case {name:?}")))
     }
 
-    pub fn needs_scene(&self) -> bool {
+    pub(crate) fn needs_scene(&self) -> bool {
         matches!(self.place, Place::Mesh { .. })
     }
 }

@@ -46,7 +46,7 @@ const ALIKE: f64 = 1e-3;
 
 impl Measures {
     /// Of every model of a case that scored all mounts.
-    pub fn of_all(rows: &[&Row], truth: &Truth) -> Vec<Self> {
+    pub(crate) fn of_all(rows: &[&Row], truth: &Truth) -> Vec<Self> {
         let is_complete = |row: &&&Row| list(row, "scores").len() == truth.scores.len();
         let of = |row: &&Row| Self {
             instructions: instructions::of(rows, text(row, "model")),

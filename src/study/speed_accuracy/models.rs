@@ -157,7 +157,7 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
 }
 
 impl Model {
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let phase = |phase: &Phase| if *phase == Phase::Locked { "locked" } else { "free" };
         match self {
             Self::Reference { azimuths, sub_poses } => format!("reference {azimuths} x {sub_poses} free"),
@@ -175,7 +175,7 @@ impl Model {
     }
 
     /// Colour on the chart.
-    pub fn group(name: &str) -> usize {
+    pub(crate) fn group(name: &str) -> usize {
         match name {
             "auto" => 3,
             name if name.contains(',') => 4,

@@ -32,7 +32,7 @@ fn random_masters(count: usize) -> Vec<Placement> {
 
 impl Case {
     /// Scores random mounts and a line of pitches with a model; the second converged one the line alone.
-    pub fn score(&self, model: &Model, task: &Task) -> Result<Scored, StudyError> {
+    pub(crate) fn score(&self, model: &Model, task: &Task) -> Result<Scored, StudyError> {
         let count = if matches!(model, Model::Again { .. }) { 0 } else { task.random() };
         let masters = random_masters(count);
         let line: Vec<Placement> = task

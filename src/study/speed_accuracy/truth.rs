@@ -29,7 +29,7 @@ const STAYS_DEG: f64 = 1.0;
 
 impl Truth {
     /// The plain model with the most rays; none without models.
-    pub fn of(rows: &[&Row]) -> Option<Self> {
+    pub(crate) fn of(rows: &[&Row]) -> Option<Self> {
         let rays = |row: &Row| number(row, "rays_per_mount").unwrap_or(0.0);
         let is_again = |row: &Row| text(row, "model").starts_with(AGAIN);
         let plain = rows
@@ -73,19 +73,19 @@ impl Truth {
     }
 
     /// Score that a pitch loses, share of the best.
-    pub fn loss(&self, pitch: usize) -> f64 {
+    pub(crate) fn loss(&self, pitch: usize) -> f64 {
         let most = self.pitch_scores[greatest(&self.pitch_scores)];
         (most - self.pitch_scores[pitch]) / most
     }
 
     /// Degrees from a pitch to the nearest best one.
-    pub fn pitch_error_deg(&self, pitch: usize) -> f64 {
+    pub(crate) fn pitch_error_deg(&self, pitch: usize) -> f64 {
         let off = |best: &usize| (self.pitches_deg[pitch] - self.pitches_deg[*best]).abs();
         self.best.iter().map(off).fold(f64::INFINITY, f64::min)
     }
 
     /// How sure it is, as a sentence; nothing is said without a second model.
-    pub fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let [first, second] = self.bests_deg[..] else { return String::new() };
         let (first, second) = (chart::number(first, 0), chart::number(second, 0));
         if self.slack == 0.0 {
@@ -102,7 +102,7 @@ impl Truth {
     }
 
     /// The best pitches.
-    pub fn best_words(&self) -> String {
+    pub(crate) fn best_words(&self) -> String {
         runs(&sorted(self.best.iter().map(|pitch| self.pitches_deg[*pitch])))
     }
 }

@@ -91,7 +91,7 @@ pub(super) struct Recording<'a> {
 
 impl<'a> Recording<'a> {
     /// Two sensors as said, nothing lost.
-    pub fn healthy(scene: &'a Scene, gone: &'a Trajectory) -> Result<Self, StudyError> {
+    pub(crate) fn healthy(scene: &'a Scene, gone: &'a Trajectory) -> Result<Self, StudyError> {
         let model = sensors::catalogue::nominal(MODEL).map_err(StudyError::of)?;
         let sensors = [("left", -1.0), ("right", 1.0)].map(|(name, side)| MountedSensor {
             name: name.into(),
@@ -167,7 +167,7 @@ impl<'a> Recording<'a> {
     }
 
     /// Replayed, with its mounts checked.
-    pub fn checked(&self) -> (Replayed, MountCheck) {
+    pub(crate) fn checked(&self) -> (Replayed, MountCheck) {
         let replayed = self.replayed();
         let field = calibrate::Field {
             scene: self.scene,

@@ -15,7 +15,7 @@ use crate::world::trajectory::PoseError;
 const LEAST_SCANS: usize = 12;
 
 /// Of all unknowns, seven per sensor.
-pub fn covariance(scans: &[Scan], solution: &Solution, pose: &PoseError) -> DMatrix<f64> {
+pub(crate) fn covariance(scans: &[Scan], solution: &Solution, pose: &PoseError) -> DMatrix<f64> {
     let unknowns = solution.step.len();
     let prior = prior(pose);
     let pose_covariance = prior.map(|value| if value > 0.0 { 1.0 / value } else { 0.0 });

@@ -17,7 +17,7 @@ const WIDE_ROUNDS: usize = 3;
 pub const LEAST_COSINE: f64 = 0.26;
 
 /// Gate of a round, m.
-pub fn gate_m(round: usize) -> f64 {
+pub(crate) fn gate_m(round: usize) -> f64 {
     if round < WIDE_ROUNDS { FIRST_GATE_M } else { LAST_GATE_M }
 }
 
@@ -40,7 +40,7 @@ impl Default for Offset {
 
 impl Offset {
     /// One step of the seven unknowns.
-    pub fn add(&mut self, step: &[f64]) {
+    pub(crate) fn add(&mut self, step: &[f64]) {
         self.translation_m += DVec3::new(step[0], step[1], step[2]);
         let turn = DQuat::from_scaled_axis(DVec3::new(step[3], step[4], step[5]));
         self.rotation = (turn * self.rotation).normalize();
@@ -48,7 +48,7 @@ impl Offset {
     }
 
     /// Where the sensor then sits on the body.
-    pub fn body_from_sensor(&self, mount: &Mount) -> Pose {
+    pub(crate) fn body_from_sensor(&self, mount: &Mount) -> Pose {
         let nominal = mount.body_from_sensor();
         let axes = DQuat::from_mat3(&BODY_FROM_MOUNT_FRAME);
         let turn = axes * self.rotation * axes.conjugate();
@@ -56,7 +56,7 @@ impl Offset {
     }
 
     /// The mount nearest to that, of what is told.
-    pub fn corrected(&self, mount: &Mount, is_told: &[bool; 7]) -> Mount {
+    pub(crate) fn corrected(&self, mount: &Mount, is_told: &[bool; 7]) -> Mount {
         let keep = |place: usize, value: f64| if is_told[place] { value } else { 0.0 };
         let turn = self.rotation.to_scaled_axis();
         let turn = DVec3::new(keep(3, turn.x), keep(4, turn.y), keep(5, turn.z));
@@ -99,7 +99,7 @@ pub struct Scan {
 }
 
 /// Rays of each revolution, by their range in the list.
-pub fn scans(field: &Field<'_>, revolution_ns: u64) -> Vec<(f64, std::ops::Range<usize>)> {
+pub(crate) fn scans(field: &Field<'_>, revolution_ns: u64) -> Vec<(f64, std::ops::Range<usize>)> {
     let mut scans: Vec<(u64, std::ops::Range<usize>)> = Vec::new();
     let start_ns = field.rays.first().map_or(0, |ray| ray.time_ns);
     for (place, ray) in field.rays.iter().enumerate() {
@@ -114,7 +114,7 @@ pub fn scans(field: &Field<'_>, revolution_ns: u64) -> Vec<(f64, std::ops::Range
 }
 
 /// Casts every ray and keeps what says something. `poses`: error of the body's pose in each part, m and rad, as known.
-pub fn rows(
+pub(crate) fn rows(
     field: &Field<'_>,
     scans: &[(f64, std::ops::Range<usize>)],
     offsets: &[Offset],

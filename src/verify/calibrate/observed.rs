@@ -29,7 +29,7 @@ pub struct Observed {
 
 impl Observed {
     /// From the sum of squares of the rows of one sensor.
-    pub fn of(sum: &SMatrix<f64, 7, 7>, rays: f64, lever_m: f64) -> Self {
+    pub(crate) fn of(sum: &SMatrix<f64, 7, 7>, rays: f64, lever_m: f64) -> Self {
         if rays < 1.0 {
             return Self::default();
         }
@@ -74,7 +74,7 @@ impl Observed {
     }
 
     /// Whether a combination of the unknowns has next to no part in a loose direction.
-    pub fn tells(&self, weights: &[f64; 7]) -> bool {
+    pub(crate) fn tells(&self, weights: &[f64; 7]) -> bool {
         let normalised = SVector::<f64, 7>::from_fn(|place, _| weights[place] * self.scale[place].max(1e-12));
         let length = normalised.norm_squared();
         let loose: f64 = self.loose.iter().map(|direction| direction.dot(&normalised).powi(2)).sum();
@@ -82,7 +82,7 @@ impl Observed {
     }
 
     /// Names of what is told.
-    pub fn names(&self) -> Vec<&'static str> {
+    pub(crate) fn names(&self) -> Vec<&'static str> {
         UNKNOWNS.iter().zip(self.is_told).filter(|(_, told)| *told).map(|(name, _)| *name).collect()
     }
 }

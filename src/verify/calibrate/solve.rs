@@ -53,7 +53,12 @@ pub struct Solution {
 }
 
 /// Solves; none when no direction of any sensor is tied down. `known` are the pose errors from which the rays were cast.
-pub fn solve(scans: &[Scan], sensors: usize, pose: &PoseError, known: &[[f64; 6]]) -> Option<Solution> {
+pub(crate) fn solve(
+    scans: &[Scan],
+    sensors: usize,
+    pose: &PoseError,
+    known: &[[f64; 6]],
+) -> Option<Solution> {
     let observed = observed(scans, sensors);
     let from_told = basis(&observed);
     if from_told.ncols() == 0 {
@@ -98,7 +103,7 @@ pub fn solve(scans: &[Scan], sensors: usize, pose: &PoseError, known: &[[f64; 6]
 }
 
 /// Information that the prior has about a pose error.
-pub fn prior(pose: &PoseError) -> Block66 {
+pub(crate) fn prior(pose: &PoseError) -> Block66 {
     let position = pose.position_sd_m.max(1e-6).powi(-2);
     let rotation = pose.rotation_sd_rad.max(1e-7).powi(-2);
     Block66::from_diagonal(&Column6::from([position, position, position, rotation, rotation, rotation]))
@@ -106,7 +111,7 @@ pub fn prior(pose: &PoseError) -> Block66 {
 
 impl Sums {
     /// What the pose takes away: `B (C + prior)^-1` of a sensor.
-    pub fn gain(&self, sensor: usize) -> Block76 {
+    pub(crate) fn gain(&self, sensor: usize) -> Block76 {
         self.of_sensor[sensor].1 * self.pose_inverse
     }
 
@@ -119,7 +124,7 @@ impl Sums {
     }
 
     /// What one revolution says about the unknowns when its pose is free, at the given step: zero in the sum.
-    pub fn score(&self, step: &[f64]) -> DVector<f64> {
+    pub(crate) fn score(&self, step: &[f64]) -> DVector<f64> {
         let sensors = self.of_sensor.len();
         let step = DVector::from_row_slice(step);
         let mut pose = self.of_pose;

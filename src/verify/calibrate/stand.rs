@@ -37,7 +37,7 @@ pub enum Reached {
 
 impl Reached {
     /// How one angle is reached from another, rad.
-    pub fn between(before_rad: f64, now_rad: f64) -> Self {
+    pub(crate) fn between(before_rad: f64, now_rad: f64) -> Self {
         if before_rad < now_rad { Self::FromBelow } else { Self::FromAbove }
     }
 }

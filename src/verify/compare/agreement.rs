@@ -52,7 +52,7 @@ pub struct Table {
 
 impl Table {
     /// One more of this weight.
-    pub fn count(&mut self, predicted: bool, recorded: bool, weight: f64) {
+    pub(crate) fn count(&mut self, predicted: bool, recorded: bool, weight: f64) {
         match (predicted, recorded) {
             (true, true) => self.both += weight,
             (true, false) => self.missed += weight,
@@ -62,17 +62,17 @@ impl Table {
     }
 
     /// Everything counted.
-    pub fn all(&self) -> f64 {
+    pub(crate) fn all(&self) -> f64 {
         self.both + self.missed + self.unexpected + self.neither.unwrap_or(0.0)
     }
 
     /// In both over in either.
-    pub fn iou(&self) -> Option<f64> {
+    pub(crate) fn iou(&self) -> Option<f64> {
         share(self.both, self.both + self.missed + self.unexpected)
     }
 
     /// Agreement beyond chance.
-    pub fn kappa(&self) -> Option<f64> {
+    pub(crate) fn kappa(&self) -> Option<f64> {
         let Self { both: tp, missed: fp, unexpected: fneg, neither } = *self;
         let tn = neither?;
         let all = tp + fp + fneg + tn;
@@ -82,7 +82,7 @@ impl Table {
     }
 
     /// All figures.
-    pub fn agreement(&self) -> Agreement {
+    pub(crate) fn agreement(&self) -> Agreement {
         let Self { both: tp, missed: fp, unexpected: fneg, neither } = *self;
         let correlation = |tn: f64| {
             let spread = ((tp + fp) * (tp + fneg) * (tn + fp) * (tn + fneg)).sqrt();

@@ -32,7 +32,7 @@ pub enum RayClass {
 
 impl RayClass {
     /// Of a ray that was predicted and recorded at these ranges, m.
-    pub fn of(predicted_m: Option<f64>, recorded_m: Option<f64>, gate_m: f64) -> Self {
+    pub(crate) fn of(predicted_m: Option<f64>, recorded_m: Option<f64>, gate_m: f64) -> Self {
         match (predicted_m, recorded_m) {
             (None, None) => Self::Nothing,
             (Some(_), None) => Self::Drop,
@@ -46,7 +46,7 @@ impl RayClass {
     /// The same in a scene that may be a map: that knows its surfaces to a cell, and a ray that passes low over a floor
     /// crosses many cells of it before it ends. So what ends where the map has a surface agrees. `end_m` gives the recorded
     /// point in the scene's frame.
-    pub fn in_scene(
+    pub(crate) fn in_scene(
         scene: &Scene,
         predicted_m: Option<f64>,
         recorded_m: Option<f64>,
@@ -88,13 +88,13 @@ impl RayClasses {
     }
 
     /// Share of the informative rays that agree; none without any.
-    pub fn agree_share(&self) -> Option<f64> {
+    pub(crate) fn agree_share(&self) -> Option<f64> {
         let all = self.informative();
         (all > 0).then(|| self.agree as f64 / all as f64)
     }
 
     /// One more ray.
-    pub fn count(&mut self, class: RayClass) {
+    pub(crate) fn count(&mut self, class: RayClass) {
         *match class {
             RayClass::Agree => &mut self.agree,
             RayClass::Short => &mut self.short,
@@ -107,7 +107,7 @@ impl RayClasses {
     }
 
     /// All rays of another count too.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         self.agree += other.agree;
         self.short += other.short;
         self.long += other.long;
@@ -129,7 +129,7 @@ pub struct Breakdown {
 
 impl Breakdown {
     /// One more ray. `cosine` is that between ray and normal, where a surface was predicted.
-    pub fn count(&mut self, channel: usize, azimuth_rad: f64, cosine: Option<f64>, class: RayClass) {
+    pub(crate) fn count(&mut self, channel: usize, azimuth_rad: f64, cosine: Option<f64>, class: RayClass) {
         let turn = azimuth_rad.rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU;
         let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
         let place = channel * SECTORS + sector;
@@ -144,7 +144,7 @@ impl Breakdown {
     }
 
     /// All rays of another breakdown too.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         if other.strip.len() > self.strip.len() {
             self.strip.resize(other.strip.len(), RayClasses::default());
         }
@@ -153,12 +153,12 @@ impl Breakdown {
     }
 
     /// Counts of every channel.
-    pub fn by_channel(&self) -> Vec<RayClasses> {
+    pub(crate) fn by_channel(&self) -> Vec<RayClasses> {
         self.strip.chunks(SECTORS).map(sum).collect()
     }
 
     /// Counts of every azimuth sector.
-    pub fn by_azimuth(&self) -> Vec<RayClasses> {
+    pub(crate) fn by_azimuth(&self) -> Vec<RayClasses> {
         (0..SECTORS)
             .map(|sector| {
                 let mut all = RayClasses::default();
@@ -169,7 +169,7 @@ impl Breakdown {
     }
 
     /// All rays.
-    pub fn total(&self) -> RayClasses {
+    pub(crate) fn total(&self) -> RayClasses {
         sum(&self.strip)
     }
 }

@@ -43,7 +43,7 @@ pub struct Found {
 
 impl Conflicts {
     /// Of an even share of a recording's rays; none where the scene was not hit.
-    pub fn between(field: &Field<'_>) -> Option<Self> {
+    pub(crate) fn between(field: &Field<'_>) -> Option<Self> {
         let map = || VoxelMap::new(CELL_M, 1, LONGEST_RAY_M).ok();
         let (mut recorded, mut predicted) = (map()?, map()?);
         for ray in field.rays {
@@ -73,9 +73,12 @@ impl Conflicts {
         let [gone, unforeseen] = [gone, unforeseen].map(|cells_m| Found::of(&cells_m));
         (predicted.counts()[1] > 0).then_some(Self { cell_m: CELL_M, agree, gone, unforeseen, unknown })
     }
+}
 
+#[cfg(test)]
+impl Conflicts {
     /// Conflicts as a share of all cells that both know.
-    pub fn share(&self) -> f64 {
+    pub(crate) fn share(&self) -> f64 {
         let against = self.gone.cells + self.unforeseen.cells;
         against as f64 / (against + self.agree).max(1) as f64
     }

@@ -31,7 +31,7 @@ pub struct Fault {
 
 impl Fault {
     /// One that rays say nothing about.
-    pub fn new(name: &'static str, sensors: Vec<String>, words: String) -> Self {
+    pub(crate) fn new(name: &'static str, sensors: Vec<String>, words: String) -> Self {
         Self { name, sensors, words, agree_share: None, explained_share: None }
     }
 }

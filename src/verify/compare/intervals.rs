@@ -28,7 +28,7 @@ pub struct PatchAgreement {
 
 impl PatchAgreement {
     /// Compares flags of patches over all that are observable.
-    pub fn between(patches: &Patches, predicted: &[bool], recorded: &[bool], seed: u64) -> Self {
+    pub(crate) fn between(patches: &Patches, predicted: &[bool], recorded: &[bool], seed: u64) -> Self {
         let mut blocks: BTreeMap<[i64; 3], Table> = BTreeMap::new();
         let mut compared = 0;
         for patch in (0..patches.len()).filter(|patch| patches.weight(*patch) > 0) {

@@ -36,7 +36,7 @@ impl Default for Healthy {
 
 impl Healthy {
     /// The least p value that so many runs can give.
-    pub fn least_p_value(&self) -> f64 {
+    pub(crate) fn least_p_value(&self) -> f64 {
         1.0 / (1.0 + self.runs as f64)
     }
 }
@@ -103,7 +103,7 @@ struct Run {
 
 impl NullTest {
     /// Simulates healthy runs and puts the recording among them; `progress` is told of each.
-    pub fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy, progress: impl Fn()) -> Self {
+    pub(crate) fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy, progress: impl Fn()) -> Self {
         let foreseen: Vec<Foreseen> = field.rays.par_iter().map(|ray| field.foresee(ray, patches)).collect();
         let recorded: Vec<Option<f64>> = field.rays.iter().map(|ray| ray.range_m).collect();
         let actual = judge(field, &foreseen, &recorded, patches.len());

@@ -99,7 +99,7 @@ impl<'a> Replay<'a> {
     }
 
     /// The beams of a sensor, as its packets or metadata say them.
-    pub fn set_model(&mut self, sensor: usize, model: &sensors::SensorModel) {
+    pub(crate) fn set_model(&mut self, sensor: usize, model: &sensors::SensorModel) {
         if self.sensors[sensor].model != *model {
             self.sensors[sensor].model = model.clone();
         }
@@ -113,7 +113,7 @@ impl<'a> Replay<'a> {
     }
 
     /// The same of a sensor that had this pitch meanwhile: the angle its axis measured.
-    pub fn add_pitched_frame(&mut self, sensor: usize, pitch: &FramePitch, frame: &Frame) {
+    pub(crate) fn add_pitched_frame(&mut self, sensor: usize, pitch: &FramePitch, frame: &Frame) {
         self.sensors[sensor].mount.pitch_rad = pitch.mean_rad();
         let lay = Lay {
             pitch,
@@ -133,7 +133,7 @@ impl<'a> Replay<'a> {
     }
 
     /// Makes later frames faster; changes no outcome.
-    pub fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         if let Some(surface) = &mut self.surface {
             surface.settle();
         }

@@ -40,12 +40,17 @@ pub struct PlacedRay {
 
 impl RecordedRay {
     /// Mount of its sensor when it was taken.
-    pub fn mount(&self, sensors: &[MountedSensor]) -> Mount {
+    pub(crate) fn mount(&self, sensors: &[MountedSensor]) -> Mount {
         Mount { pitch_rad: self.pitch_rad, ..sensors[self.sensor].mount }
     }
 
     /// The ray where its mount as said and a way at a time put it; none outside the way's time.
-    pub fn place_on(&self, sensors: &[MountedSensor], way: &Trajectory, time_ns: u64) -> Option<PlacedRay> {
+    pub(crate) fn place_on(
+        &self,
+        sensors: &[MountedSensor],
+        way: &Trajectory,
+        time_ns: u64,
+    ) -> Option<PlacedRay> {
         let world_from_body = way.at(time_ns)?;
         Some(self.place(sensors, &(world_from_body * self.mount(sensors).body_from_sensor())))
     }
@@ -72,7 +77,7 @@ impl PlacedRay {
     }
 
     /// Point at a reported range, m.
-    pub fn at_range(&self, range_m: f64) -> DVec3 {
+    pub(crate) fn at_range(&self, range_m: f64) -> DVec3 {
         self.origin_m + (range_m - self.range_offset_m) * self.direction
     }
 }
@@ -94,12 +99,12 @@ impl Thinning {
 
     /// Whether a ray would be kept: asked before the work of making one.
     #[inline]
-    pub fn wants(&self, sensor: usize, channel: usize, time_ns: u64) -> bool {
+    pub(crate) fn wants(&self, sensor: usize, channel: usize, time_ns: u64) -> bool {
         scatter(sensor, channel, time_ns) & self.mask == 0
     }
 
     /// One more ray of the stream.
-    pub fn push(&mut self, ray: RecordedRay) {
+    pub(crate) fn push(&mut self, ray: RecordedRay) {
         if self.wants(ray.sensor, ray.channel, ray.time_ns) {
             self.rays.push(ray);
             self.thin();

@@ -94,48 +94,38 @@ impl Patches {
     }
 
     /// Number of patches, observable or not.
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.centres_m.len()
     }
 
-    /// Never: there is at least one.
-    pub fn is_empty(&self) -> bool {
-        self.centres_m.is_empty()
-    }
-
     /// Middle of a patch's cell, m.
-    pub fn centre_m(&self, patch: usize) -> DVec3 {
+    pub(crate) fn centre_m(&self, patch: usize) -> DVec3 {
         self.centres_m[patch]
     }
 
     /// Middle of a patch's observable points, m: unlike that of its cell it lies on the surface, where this is flat.
-    pub fn middle_m(&self, patch: usize) -> DVec3 {
+    pub(crate) fn middle_m(&self, patch: usize) -> DVec3 {
         self.middles_m[patch]
     }
 
-    /// Edge of a patch, m.
-    pub fn patch_m(&self) -> f64 {
-        self.patch_m
-    }
-
     /// Observable points of a patch; 0 where they are too few to say anything.
-    pub fn weight(&self, patch: usize) -> u32 {
+    pub(crate) fn weight(&self, patch: usize) -> u32 {
         if self.weights[patch] >= LEAST_POINTS { self.weights[patch] } else { 0 }
     }
 
     /// Share of the points that can be seen from the path.
-    pub fn observable_share(&self) -> f64 {
+    pub(crate) fn observable_share(&self) -> f64 {
         self.observable.iter().filter(|seen| **seen).count() as f64 / self.observable.len() as f64
     }
 
     /// The patch of a hit.
-    pub fn patch_at(&self, point_m: DVec3, normal: DVec3, scene: &Scene) -> Option<usize> {
+    pub(crate) fn patch_at(&self, point_m: DVec3, normal: DVec3, scene: &Scene) -> Option<usize> {
         let normal = if matches!(scene, Scene::Voxels(_)) { DVec3::X } else { normal };
         self.index.get(&key(point_m, normal, self.patch_m)).map(|patch| *patch as usize)
     }
 
     /// Patches of which at least half of the observable points are covered.
-    pub fn covered(&self, points: &[bool]) -> Vec<bool> {
+    pub(crate) fn covered(&self, points: &[bool]) -> Vec<bool> {
         let mut found = vec![0u32; self.len()];
         for ((patch, seen), covered) in self.patch_of.iter().zip(&self.observable).zip(points) {
             found[*patch as usize] += u32::from(*seen && *covered);
@@ -195,19 +185,19 @@ pub struct SurfaceAdder([Adder; 3]);
 
 impl<'a> SurfaceTally<'a> {
     /// Nothing found yet.
-    pub fn new(patches: &'a Patches) -> Self {
+    pub(crate) fn new(patches: &'a Patches) -> Self {
         let none = || Completeness::new(&patches.samples, &[COVERED_WITHIN_M]);
         Self { patches, predicted: none(), snapped: none(), placed: none() }
     }
 
     /// A memory for one thread.
-    pub fn adder(&self) -> SurfaceAdder {
+    pub(crate) fn adder(&self) -> SurfaceAdder {
         SurfaceAdder([self.predicted.adder(), self.snapped.adder(), self.placed.adder()])
     }
 
     /// One ray: where it was predicted to end, whether it agreed, where its return was placed.
     #[inline]
-    pub fn add(
+    pub(crate) fn add(
         &self,
         adder: &mut SurfaceAdder,
         predicted_m: Option<DVec3>,
@@ -227,14 +217,14 @@ impl<'a> SurfaceTally<'a> {
     }
 
     /// Makes later points faster; changes no outcome.
-    pub fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         for completeness in [&mut self.predicted, &mut self.snapped, &mut self.placed] {
             completeness.settle();
         }
     }
 
     /// What was found.
-    pub fn finish(self) -> SurfaceCovered {
+    pub(crate) fn finish(self) -> SurfaceCovered {
         let both = |completeness: &Completeness| SurfaceShare {
             of_all: completeness.shares()[0],
             of_observable: completeness.share_of(&self.patches.observable, 0),

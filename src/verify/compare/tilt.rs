@@ -34,7 +34,7 @@ impl TiltHistory {
     /// From readings in any order. While an axis holds and its readings stay within their uncertainty it stands still,
     /// and what they scatter by is the encoder's step: their mean is nearer to the truth than each of them, and a
     /// prediction that followed each would cover cells on both sides of an edge that the sensor saw from one.
-    pub fn new(mut readings: Vec<TiltReading>) -> Self {
+    pub(crate) fn new(mut readings: Vec<TiltReading>) -> Self {
         readings.sort_by_key(|reading| reading.time_ns);
         let mut rest = &mut readings[..];
         while !rest.is_empty() {
@@ -47,20 +47,20 @@ impl TiltHistory {
     }
 
     /// In these host times the axis was not homed: no pitch is known.
-    pub fn with_times_without_zero(mut self, times_ns: Vec<[u64; 2]>) -> Self {
+    pub(crate) fn with_times_without_zero(mut self, times_ns: Vec<[u64; 2]>) -> Self {
         self.without_zero_ns = times_ns;
         self
     }
 
     /// Whether the axis was not homed at a host time.
-    pub fn lacks_zero(&self, host_time_ns: u64) -> bool {
+    pub(crate) fn lacks_zero(&self, host_time_ns: u64) -> bool {
         self.without_zero_ns.iter().any(|[from_ns, to_ns]| (*from_ns..*to_ns).contains(&host_time_ns))
     }
 
     /// Pitch at a host time: the mean of the hold it lies in, a straight line between readings of an axis that moves, and
     /// the nearest one before the first and after the last. None where the nearest reading is seconds away, unless the
     /// axis held one angle from the reading before to the one behind, and while the axis was not homed.
-    pub fn pitch_rad_at(&self, host_time_ns: u64) -> Option<f64> {
+    pub(crate) fn pitch_rad_at(&self, host_time_ns: u64) -> Option<f64> {
         if self.lacks_zero(host_time_ns) {
             return None;
         }
@@ -84,7 +84,7 @@ impl TiltHistory {
 
     /// Pitch through a revolution: `host_ns` and `device_ns` are the times of its first and last column by the host's clock
     /// and by the sensor's. None where it is not known at some time of it.
-    pub fn pitch_over(&self, host_ns: [u64; 2], device_ns: [u64; 2]) -> Option<FramePitch> {
+    pub(crate) fn pitch_over(&self, host_ns: [u64; 2], device_ns: [u64; 2]) -> Option<FramePitch> {
         let span_ns = host_ns[1].saturating_sub(host_ns[0]);
         let at = |knot: usize| self.pitch_rad_at(host_ns[0] + span_ns / (KNOTS - 1) as u64 * knot as u64);
         let mut knots_rad = [0.0; KNOTS];
@@ -95,18 +95,18 @@ impl TiltHistory {
     }
 
     /// Whether there is a reading.
-    pub fn is_measured(&self) -> bool {
+    pub(crate) fn is_measured(&self) -> bool {
         !self.readings.is_empty()
     }
 
     /// Readings within a time of the host, ns.
-    pub fn readings_within(&self, [first_ns, last_ns]: [u64; 2]) -> usize {
+    pub(crate) fn readings_within(&self, [first_ns, last_ns]: [u64; 2]) -> usize {
         let before = |time_ns: u64| self.readings.partition_point(|reading| reading.time_ns < time_ns);
         before(last_ns.saturating_add(1)).saturating_sub(before(first_ns))
     }
 
     /// How far the nearest reading is from a time of the host, ns.
-    pub fn nearest_ns(&self, host_time_ns: u64) -> Option<u64> {
+    pub(crate) fn nearest_ns(&self, host_time_ns: u64) -> Option<u64> {
         self.readings.iter().map(|reading| reading.time_ns.abs_diff(host_time_ns)).min()
     }
 }
@@ -127,7 +127,7 @@ impl FramePitch {
     }
 
     /// At a time of the sensor's clock, rad.
-    pub fn at(&self, device_ns: u64) -> f64 {
+    pub(crate) fn at(&self, device_ns: u64) -> f64 {
         let [first_ns, last_ns] = self.device_ns;
         let span_ns = last_ns.saturating_sub(first_ns);
         if span_ns == 0 || self.is_constant() {
@@ -141,7 +141,7 @@ impl FramePitch {
     }
 
     /// Over the revolution, rad.
-    pub fn mean_rad(&self) -> f64 {
+    pub(crate) fn mean_rad(&self) -> f64 {
         if self.is_constant() {
             return self.knots_rad[0];
         }
@@ -149,13 +149,13 @@ impl FramePitch {
     }
 
     /// Least and greatest, rad.
-    pub fn span_rad(&self) -> [f64; 2] {
+    pub(crate) fn span_rad(&self) -> [f64; 2] {
         let fold = |pick: fn(f64, f64) -> f64| self.knots_rad.iter().copied().fold(self.knots_rad[0], pick);
         [fold(f64::min), fold(f64::max)]
     }
 
     /// Whether it is the same all along.
-    pub fn is_constant(&self) -> bool {
+    pub(crate) fn is_constant(&self) -> bool {
         self.knots_rad.iter().all(|rad| *rad == self.knots_rad[0])
     }
 }

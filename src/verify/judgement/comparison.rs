@@ -42,7 +42,7 @@ const PART_SHARE: f64 = 0.05;
 
 impl Comparison {
     /// The verdict in one sentence, how much of the recording it is about, and what it leaves open.
-    pub fn headline(&self) -> String {
+    pub(crate) fn headline(&self) -> String {
         let (mut unplaced, mut all) = (0, 0);
         for RayReport { classes, .. } in self.rays.values() {
             unplaced += classes.unplaced;
@@ -127,7 +127,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// One sentence.
-    pub fn words(self) -> &'static str {
+    pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Matches => "The recording covers what was promised",
             Self::Differs => "The recording is not what was promised",

@@ -28,7 +28,7 @@ const UNPLACED_PERCENT: f64 = 0.1;
 const CONFLICTS_MATTER: f64 = 0.02;
 
 /// From everything that was found. One sensor that says nothing is enough not to call it a match.
-pub fn verdict(comparison: &Comparison) -> Verdict {
+pub(crate) fn verdict(comparison: &Comparison) -> Verdict {
     if !comparison.faults.is_empty() {
         return Verdict::Differs;
     }

@@ -26,7 +26,7 @@ fn shift_matters(shift: &Estimate) -> bool {
 }
 
 /// How a sensor surely sits otherwise than said.
-pub fn off_its_seat(check: &SensorCheck) -> Vec<String> {
+pub(crate) fn off_its_seat(check: &SensorCheck) -> Vec<String> {
     let mut words = Vec::new();
     let sensor = &check.sensor;
     if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
@@ -69,7 +69,7 @@ fn shifts_are_shared(checks: &[SensorCheck]) -> bool {
 }
 
 /// What is surely off of the mounts.
-pub fn off(comparison: &Comparison) -> Vec<String> {
+pub(crate) fn off(comparison: &Comparison) -> Vec<String> {
     let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_seat).collect();
     if shifts_are_shared(&comparison.mount) {
         words.push(
@@ -91,7 +91,7 @@ pub fn off(comparison: &Comparison) -> Vec<String> {
 }
 
 /// Ranges that are surely too long or too short.
-pub fn off_in_range(check: &SensorCheck) -> Option<String> {
+pub(crate) fn off_in_range(check: &SensorCheck) -> Option<String> {
     let offset = check.range_offset_mm?;
     matters(offset.value, offset.u95, 0.5 * SHIFT_MATTERS_MM, offset.p_value, TURN_P).then(|| {
         let what = if offset.value > 0.0 { "long" } else { "short" };

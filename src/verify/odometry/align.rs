@@ -85,13 +85,13 @@ struct Sums {
 
 impl Memory {
     /// Nothing known yet of so many points.
-    pub fn of(points: usize) -> Self {
+    pub(crate) fn of(points: usize) -> Self {
         Self(vec![Known::default(); points])
     }
 }
 
 /// Lays points of the body onto the map; none where too few meet it.
-pub fn align(
+pub(crate) fn align(
     map: &PointMap,
     body_m: &[DVec3],
     memory: &mut Memory,

@@ -89,12 +89,12 @@ pub struct Moments {
 
 impl<T: Default> Cells<T> {
     /// Empty, of cells of this edge, m.
-    pub fn new(edge_m: f64) -> Self {
+    pub(crate) fn new(edge_m: f64) -> Self {
         Self { edge_m, held: HashMap::default() }
     }
 
     /// The cell around a point, made where there is none yet.
-    pub fn at_mut(&mut self, point_m: DVec3) -> &mut T {
+    pub(crate) fn at_mut(&mut self, point_m: DVec3) -> &mut T {
         self.held.entry(key(place(point_m, self.edge_m))).or_default()
     }
 
@@ -107,7 +107,7 @@ impl<T: Default> Cells<T> {
     }
 
     /// Hands over every cell within so many to each side of that around a point.
-    pub fn around(&self, point_m: DVec3, reach: i32, mut take: impl FnMut(&T)) {
+    pub(crate) fn around(&self, point_m: DVec3, reach: i32, mut take: impl FnMut(&T)) {
         around(place(point_m, self.edge_m), reach, |at| {
             if let Some(cell) = self.held.get(&key(at)) {
                 take(cell);
@@ -118,22 +118,22 @@ impl<T: Default> Cells<T> {
 
 impl PointMap {
     /// Empty, of cells of this edge, m.
-    pub fn new(voxel_m: f64) -> Self {
+    pub(crate) fn new(voxel_m: f64) -> Self {
         Self { least_apart_m2: voxel_m * voxel_m / POINTS_PER_CELL as f64, cells: Cells::new(voxel_m) }
     }
 
     /// Edge of a cell, m.
-    pub fn voxel_m(&self) -> f64 {
+    pub(crate) fn voxel_m(&self) -> f64 {
         self.cells.edge_m
     }
 
     /// Forgets everything.
-    pub fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.cells.held.clear();
     }
 
     /// Adds points of the body.
-    pub fn add(&mut self, body_m: &[DVec3], world_from_body: &Pose) {
+    pub(crate) fn add(&mut self, body_m: &[DVec3], world_from_body: &Pose) {
         for point in body_m {
             let point_m = world_from_body.transform_point(*point);
             let cell = self.cells.at_mut(point_m);
@@ -146,13 +146,13 @@ impl PointMap {
     }
 
     /// Forgets what is farther than this from a place.
-    pub fn forget(&mut self, place_m: DVec3, beyond_m: f64) {
+    pub(crate) fn forget(&mut self, place_m: DVec3, beyond_m: f64) {
         let far = beyond_m * beyond_m;
         self.cells.held.retain(|_, cell| cell.points_m[0].distance_squared(place_m) < far);
     }
 
     /// The nearest point within so many cells to each side, and no farther than so many metres.
-    pub fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Nearest {
+    pub(crate) fn nearest(&self, point_m: DVec3, reach_cells: i32, within_m: f64) -> Nearest {
         let middle = place(point_m, self.cells.edge_m);
         let mut seen = Seen::within(within_m);
         // the own cell mostly has some so near that few others need be looked into
@@ -176,18 +176,18 @@ impl PointMap {
     }
 
     /// Whether that is the nearest of this place, too, as it is sure not to have changed.
-    pub fn is_nearest(&self, nearest: &Nearest, point_m: DVec3) -> bool {
+    pub(crate) fn is_nearest(&self, nearest: &Nearest, point_m: DVec3) -> bool {
         point_m.distance_squared(nearest.from_m) < nearest.free_m * nearest.free_m
             && self.cell_of(point_m) == nearest.cell
     }
 
     /// The cell around a point, by number.
-    pub fn cell_of(&self, point_m: DVec3) -> u64 {
+    pub(crate) fn cell_of(&self, point_m: DVec3) -> u64 {
         key(place(point_m, self.cells.edge_m))
     }
 
     /// The plane through the points of the cell around a point and its neighbours, where they lie on one.
-    pub fn plane(&self, point_m: DVec3) -> Option<PlaneFit> {
+    pub(crate) fn plane(&self, point_m: DVec3) -> Option<PlaneFit> {
         let mut all = Moments::default();
         self.cells.around(point_m, 1, |cell| all.join(&cell.sums));
         all.plane(self.cells.edge_m)
@@ -224,7 +224,7 @@ impl Seen {
 
 impl Moments {
     /// One more point, m.
-    pub fn add(&mut self, p: DVec3) {
+    pub(crate) fn add(&mut self, p: DVec3) {
         self.count += 1.0;
         self.sum += p;
         self.squares += p * p;
@@ -232,7 +232,7 @@ impl Moments {
     }
 
     /// All points of another.
-    pub fn join(&mut self, other: &Self) {
+    pub(crate) fn join(&mut self, other: &Self) {
         self.count += other.count;
         self.sum += other.sum;
         self.squares += other.squares;
@@ -240,7 +240,7 @@ impl Moments {
     }
 
     /// The plane through points gathered from cells of this edge, m, where they lie on one.
-    pub fn plane(&self, edge_m: f64) -> Option<PlaneFit> {
+    pub(crate) fn plane(&self, edge_m: f64) -> Option<PlaneFit> {
         let least_width_m = LEAST_WIDTH * edge_m;
         if self.count < LEAST_OF_PLANE {
             return None;

@@ -80,7 +80,7 @@ pub struct Step {
 
 impl Step {
     /// Nothing ties the position down in some direction.
-    pub fn is_loose(&self) -> bool {
+    pub(crate) fn is_loose(&self) -> bool {
         self.least_translation.is_some_and(|least| least < DEGENERATE)
     }
 }
@@ -110,7 +110,7 @@ impl Motion {
     }
 }
 
-/// Sweeps go in, a way comes out. The world is the body at the middle of the first sweep until [`Odometry::finish`]
+/// Sweeps go in, a way comes out. The world is the body at the middle of the first sweep until `Odometry::finish`
 /// moves it to the body at its start.
 pub struct Odometry {
     settings: Settings,
@@ -169,7 +169,7 @@ pub enum OdometryError {
 
 impl Odometry {
     /// Nothing walked yet.
-    pub fn new(settings: Settings) -> Self {
+    pub(crate) fn new(settings: Settings) -> Self {
         Self {
             settings,
             map: None,
@@ -185,7 +185,7 @@ impl Odometry {
     }
 
     /// The next sweep, later than those before.
-    pub fn add(&mut self, sweep: Sweep) {
+    pub(crate) fn add(&mut self, sweep: Sweep) {
         let seconds_in = |from_ns: u64| sweep.middle_ns().saturating_sub(from_ns) as f64 * 1e-9;
         let start_ns = self.span_ns.map_or(sweep.start_ns, |span| span[0]);
         if sweep.points.len() < LEAST_POINTS {
@@ -226,7 +226,7 @@ impl Odometry {
     ///
     /// # Errors
     /// Fewer than two sweeps with returns, or a second one that does not fit the first.
-    pub fn finish(self) -> Result<Walked, OdometryError> {
+    pub(crate) fn finish(self) -> Result<Walked, OdometryError> {
         let (Some(map), Some([start_ns, end_ns])) = (self.map, self.span_ns) else {
             return Err(OdometryError::TooFew { sweeps: 0 });
         };

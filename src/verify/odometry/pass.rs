@@ -13,7 +13,7 @@ pub(crate) struct OdometryPass {
 }
 
 impl OdometryPass {
-    pub fn new(sensors: usize, limits: Limits, settings: Settings) -> Self {
+    pub(crate) fn new(sensors: usize, limits: Limits, settings: Settings) -> Self {
         Self {
             sweeps: Sweeps::new(sensors, limits),
             odometry: Odometry::new(settings),
@@ -22,7 +22,7 @@ impl OdometryPass {
     }
 
     /// `body_from_sensor`: at a time of the sensor's clock, ns.
-    pub fn add_frame(
+    pub(crate) fn add_frame(
         &mut self,
         sensor: usize,
         model: &SensorModel,
@@ -42,7 +42,7 @@ impl OdometryPass {
     ///
     /// # Errors
     /// Those of [`Odometry::finish`].
-    pub fn finish(mut self, losses: &mut Vec<String>) -> Result<(Walked, Vec<u64>), OdometryError> {
+    pub(crate) fn finish(mut self, losses: &mut Vec<String>) -> Result<(Walked, Vec<u64>), OdometryError> {
         while let Some(sweep) = self.sweeps.next_rest() {
             self.odometry.add(sweep);
         }

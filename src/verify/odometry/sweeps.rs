@@ -35,12 +35,12 @@ pub struct Sweep {
 
 impl Sweep {
     /// Between both ends, ns.
-    pub fn middle_ns(&self) -> u64 {
+    pub(crate) fn middle_ns(&self) -> u64 {
         self.start_ns + (self.end_ns - self.start_ns) / 2
     }
 
     /// Distance of the farthest return from the body, m.
-    pub fn farthest_m(&self) -> f64 {
+    pub(crate) fn farthest_m(&self) -> f64 {
         self.points.iter().map(|point| point.body_m.length_squared()).fold(0.0, f64::max).sqrt()
     }
 }
@@ -74,7 +74,7 @@ pub struct Sweeps {
 
 impl Sweeps {
     /// Of a rig of so many sensors.
-    pub fn new(sensors: usize, limits: Limits) -> Self {
+    pub(crate) fn new(sensors: usize, limits: Limits) -> Self {
         Self {
             limits,
             most_waiting: MOST_WAITING,
@@ -89,7 +89,7 @@ impl Sweeps {
     }
 
     /// Adds a frame of a sensor; `body_from_sensor_at`: at a time of its clock, ns.
-    pub fn add_frame(
+    pub(crate) fn add_frame(
         &mut self,
         sensor: usize,
         model: &SensorModel,
@@ -130,7 +130,7 @@ impl Sweeps {
 
     /// The next sweep to which no sensor has anything more to add. A sensor that is silent is waited for until too much
     /// waits with it.
-    pub fn next_whole(&mut self) -> Option<Sweep> {
+    pub(crate) fn next_whole(&mut self) -> Option<Sweep> {
         let (number, _) = self.waiting.first_key_value()?;
         let is_over = |latest_ns: &Option<u64>| latest_ns.is_some_and(|at| self.number(at) > *number);
         let is_whole = self.latest_ns.iter().all(is_over) || self.count > self.most_waiting;
@@ -141,7 +141,7 @@ impl Sweeps {
 
     /// What is left at the end of the recording, call after call. The last sweep ends with its last return; less than half
     /// a revolution at either end is left out.
-    pub fn next_rest(&mut self) -> Option<Sweep> {
+    pub(crate) fn next_rest(&mut self) -> Option<Sweep> {
         let is_first = self.given.is_none();
         self.waiting.first_key_value()?;
         let mut sweep = self.give();
@@ -153,7 +153,7 @@ impl Sweeps {
     }
 
     /// Returns that were older than a sweep that was already given out.
-    pub fn late(&self) -> u64 {
+    pub(crate) fn late(&self) -> u64 {
         self.late
     }
 

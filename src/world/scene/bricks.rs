@@ -111,12 +111,12 @@ impl Default for LastRegion {
 
 impl BrickIndex {
     /// Bricks in order of arrival.
-    pub fn bricks(&self) -> &[[i32; 3]] {
+    pub(crate) fn bricks(&self) -> &[[i32; 3]] {
         &self.bricks
     }
 
     /// Bytes held.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         let tables = std::mem::size_of_val(&self.keys[..]) + std::mem::size_of_val(&self.slots[..]);
         let has_table = |region: &&Region| matches!(region.numbers, Numbers::All(_));
         let regions = size_of_val(&self.regions[..])
@@ -125,18 +125,18 @@ impl BrickIndex {
     }
 
     /// Number of a brick, if it exists.
-    pub fn find(&self, brick: [i32; 3]) -> Option<u32> {
+    pub(crate) fn find(&self, brick: [i32; 3]) -> Option<u32> {
         self.find_near(brick, &mut LastRegion::default())
     }
 
     /// Number of a brick, new if it is. None beyond the reach of the coordinates.
-    pub fn find_or_add(&mut self, brick: [i32; 3]) -> Option<u32> {
+    pub(crate) fn find_or_add(&mut self, brick: [i32; 3]) -> Option<u32> {
         self.find_or_add_near(brick, &mut LastRegion::default())
     }
 
     /// As [`BrickIndex::find`], faster when asked about neighbours one after the other.
     #[inline]
-    pub fn find_near(&self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+    pub(crate) fn find_near(&self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
         let (region, inside) = split(brick);
         if region != last.region {
             *last = LastRegion { region, number: self.region(region) };
@@ -146,7 +146,7 @@ impl BrickIndex {
     }
 
     /// As [`BrickIndex::find_or_add`], faster when asked about neighbours one after the other.
-    pub fn find_or_add_near(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+    pub(crate) fn find_or_add_near(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
         let (region, inside) = split(brick);
         if region != last.region || last.number == NONE {
             let mut number = self.region(region);

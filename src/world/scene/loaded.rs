@@ -57,7 +57,11 @@ impl MeshFile {
     ///
     /// # Errors
     /// Those of [`load_mesh`].
-    pub fn read(path: &Path, unit: Option<MeshUnit>, up: Option<UpAxis>) -> Result<Self, MeshFileError> {
+    pub(crate) fn read(
+        path: &Path,
+        unit: Option<MeshUnit>,
+        up: Option<UpAxis>,
+    ) -> Result<Self, MeshFileError> {
         let LoadedMesh { mesh, mut warnings } = load_mesh(path, unit, up)?;
         let is_gltf = ["gltf", "glb"].contains(&crate::base::files::ending(path).as_str());
         let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
@@ -88,18 +92,18 @@ impl MeshFile {
 }
 
 impl LoadedScene {
-    pub fn from_map(map: VoxelMap, summary: MapSummary, warnings: Vec<String>) -> Self {
+    pub(crate) fn from_map(map: VoxelMap, summary: MapSummary, warnings: Vec<String>) -> Self {
         Self { scene: Scene::Voxels(Arc::new(map)), mesh: None, map: Some(summary), warnings }
     }
 }
 
 impl MeshSummary {
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         format!("mesh           {}\n", self.words())
     }
 
-    pub fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let [x, y, z] = self.extent_m;
         let assumed = match (self.is_unit_stated, self.is_up_stated) {
             (true, true) => "",

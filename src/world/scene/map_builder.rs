@@ -27,7 +27,7 @@ pub(crate) struct MapSummary {
 
 impl MapSummary {
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         format!(
             "map            {} occupied and {} free cells of {} m, made of {} points of a {}\n",
             self.occupied_cells, self.free_cells, self.voxel_m, self.points, self.made_of
@@ -35,7 +35,7 @@ impl MapSummary {
     }
 
     /// Whether the map knows free voxels from unknown ones.
-    pub fn knows_free(&self) -> bool {
+    pub(crate) fn knows_free(&self) -> bool {
         self.free_cells > 0
     }
 }
@@ -72,13 +72,13 @@ pub(crate) struct MapBuilder {
 
 impl MapBuilder {
     /// `min_hits` points make a voxel occupied.
-    pub fn new(voxel_m: f64, min_hits: u8) -> Result<Self, VoxelMapError> {
+    pub(crate) fn new(voxel_m: f64, min_hits: u8) -> Result<Self, VoxelMapError> {
         let map = VoxelMap::new(voxel_m, min_hits, MAX_RANGE_M)?;
         Ok(Self { map, min_hits, points: 0, without_position: 0, without_origin: 0 })
     }
 
     /// Adds the returns of a frame that fall into the trajectory's time; `body_from_sensor` at a time of the sensor's clock, ns.
-    pub fn add_frame(
+    pub(crate) fn add_frame(
         &mut self,
         model: &SensorModel,
         body_from_sensor: &dyn Fn(u64) -> Pose,
@@ -100,7 +100,7 @@ impl MapBuilder {
     }
 
     /// Adds every point of a cloud, seen from where the cloud says or from where the trajectory was at its time.
-    pub fn add_cloud(
+    pub(crate) fn add_cloud(
         &mut self,
         path: &Path,
         trajectory: Option<(&Path, Trajectory)>,
@@ -141,7 +141,7 @@ impl MapBuilder {
     }
 
     /// The map, with its warnings.
-    pub fn finish(
+    pub(crate) fn finish(
         mut self,
         path: &Path,
         made_of: &'static str,
@@ -191,7 +191,7 @@ impl MapBuilder {
     }
 
     /// The map alone, of frames that a caller chose.
-    pub fn into_map(self) -> VoxelMap {
+    pub(crate) fn into_map(self) -> VoxelMap {
         self.map
     }
 }

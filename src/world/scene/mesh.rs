@@ -111,7 +111,7 @@ impl Mesh {
 
     /// Whether a surface lies on the straight way from an origin to each point, more than `tolerance_m` before the
     /// point. `report` gets the index of each point and whether it is hidden.
-    pub fn occluded_many(
+    pub(crate) fn occluded_many(
         &self,
         origin_m: DVec3,
         points_m: &[DVec3],
@@ -127,12 +127,12 @@ impl Mesh {
     }
 
     /// Points spread evenly over the area, the same for the same seed.
-    pub fn sample(&self, count: usize, seed: u64) -> Vec<DVec3> {
+    pub(crate) fn sample(&self, count: usize, seed: u64) -> Vec<DVec3> {
         self.sample_with_normals(count, seed).into_iter().map(|(point_m, _)| point_m).collect()
     }
 
     /// The same points, each with the unit normal of its triangle.
-    pub fn sample_with_normals(&self, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
+    pub(crate) fn sample_with_normals(&self, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
         let mut below = Vec::with_capacity(self.triangles.len());
         let mut sum = 0.0;
         for triangle in 0..self.triangles.len() {

@@ -80,7 +80,7 @@ impl Scene {
     }
 
     /// Whether nothing stands between two points, but for what is nearer than `tolerance_m` to the second.
-    pub fn sees(&self, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
+    pub(crate) fn sees(&self, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
         let way = to_m - from_m;
         let length_m = way.length();
         length_m > 0.0

@@ -73,7 +73,7 @@ impl VoxelMap {
     ///
     /// # Errors
     /// An edge or a length that is not finite and above 0, or no hits.
-    pub fn new(voxel_m: f64, least_hits: u8, longest_ray_m: f64) -> Result<Self, VoxelMapError> {
+    pub(crate) fn new(voxel_m: f64, least_hits: u8, longest_ray_m: f64) -> Result<Self, VoxelMapError> {
         for (name, value) in [("voxel edge", voxel_m), ("longest ray", longest_ray_m)] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(VoxelMapError { reason: format!("{name} of {value} m, expected above 0") });
@@ -97,31 +97,31 @@ impl VoxelMap {
     }
 
     /// Edge of a cell, m.
-    pub fn voxel_m(&self) -> f64 {
+    pub(crate) fn voxel_m(&self) -> f64 {
         self.voxel_m
     }
 
     /// Rays that were not finite, too long, or out of reach.
-    pub fn rejected(&self) -> u64 {
+    pub(crate) fn rejected(&self) -> u64 {
         self.rejected
     }
 
     /// A return: free from the sensor to the point, occupied there.
-    pub fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
+    pub(crate) fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
         if self.cross(origin_m, point_m) {
             self.occupy(point_m);
         }
     }
 
     /// A return of which nobody knows where the sensor was: occupied at the point, unknown before it.
-    pub fn add_point(&mut self, point_m: DVec3) {
+    pub(crate) fn add_point(&mut self, point_m: DVec3) {
         if self.cross(point_m, point_m) {
             self.occupy(point_m);
         }
     }
 
     /// Whether something is missing because the map would take more than 4 GiB.
-    pub fn is_full(&self) -> bool {
+    pub(crate) fn is_full(&self) -> bool {
         self.is_full
     }
 
@@ -148,23 +148,24 @@ impl VoxelMap {
     }
 
     /// A beam that brought nothing back: free as far as the sensor surely would have seen something.
-    pub fn add_miss(&mut self, origin_m: DVec3, direction: DVec3, sure_range_m: f64) {
+    #[cfg(test)]
+    pub(crate) fn add_miss(&mut self, origin_m: DVec3, direction: DVec3, sure_range_m: f64) {
         self.cross(origin_m, origin_m + sure_range_m * direction);
     }
 
     /// State of the cell around a point.
-    pub fn cell(&self, point_m: DVec3) -> Cell {
+    pub(crate) fn cell(&self, point_m: DVec3) -> Cell {
         self.state(self.cell_at(point_m), &mut LastRegion::default())
     }
 
     /// Whether the cell around a point, or one of the 6 beside it, is occupied.
-    pub fn is_at_surface(&self, point_m: DVec3) -> bool {
+    pub(crate) fn is_at_surface(&self, point_m: DVec3) -> bool {
         let (cell, mut last) = (self.cell_at(point_m), LastRegion::default());
         self.state(cell, &mut last) == Cell::Occupied || self.touches_surface(cell, &mut last)
     }
 
     /// Number of cells that are free, and that are occupied.
-    pub fn counts(&self) -> [u64; 2] {
+    pub(crate) fn counts(&self) -> [u64; 2] {
         let mut counts = [0, 0];
         for brick in &self.bricks {
             for inside in 0..CELLS {
@@ -179,7 +180,7 @@ impl VoxelMap {
     }
 
     /// Mean of the hits of every occupied cell, m.
-    pub fn occupied_m(&self) -> impl Iterator<Item = DVec3> + '_ {
+    pub(crate) fn occupied_m(&self) -> impl Iterator<Item = DVec3> + '_ {
         let least_hits = self.least_hits;
         self.index.bricks().iter().zip(&self.bricks).flat_map(move |(place, brick)| {
             (0..CELLS).filter(move |inside| brick.state(*inside, least_hits) == Cell::Occupied).filter_map(
@@ -192,7 +193,7 @@ impl VoxelMap {
     }
 
     /// Least axis-aligned box around the cells that were hit, m; an empty box at the origin when there is none.
-    pub fn bounds_m(&self) -> [DVec3; 2] {
+    pub(crate) fn bounds_m(&self) -> [DVec3; 2] {
         let Some([low, high]) = self.hit_cells else { return [DVec3::ZERO; 2] };
         let corner = |cell: [i32; 3]| self.voxel_m * DVec3::from(cell.map(f64::from));
         [corner(low), corner(high) + self.voxel_m]
@@ -201,13 +202,13 @@ impl VoxelMap {
     /// First occupied cell along a ray (unit direction), no further than twice the longest ray that is believed. The distance is that of the mean of the cell's hits, seen along
     /// the ray, within the cell; the normal is that of the face through which the ray enters. A ray that begins in an
     /// occupied cell hits it.
-    pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
+    pub(crate) fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
         self.first_occupied(origin_m, direction, |_| ())
     }
 
     /// Whether the map does not know where a ray ends: it crosses an unknown cell before it hits something, or leaves
     /// [`VoxelMap::bounds_m`] without a hit.
-    pub fn is_unknown(&self, origin_m: DVec3, direction: DVec3) -> bool {
+    pub(crate) fn is_unknown(&self, origin_m: DVec3, direction: DVec3) -> bool {
         let mut unknown = false;
         let hit = self.first_occupied(origin_m, direction, |cell| unknown |= cell == Cell::Unknown);
         unknown || hit.is_none()
@@ -249,7 +250,7 @@ impl VoxelMap {
     }
 
     /// What a ray (unit direction) meets within a range; unknown cells away from surfaces are taken for air.
-    pub fn look(&self, origin_m: DVec3, direction: DVec3, range_m: f64) -> Option<Sight> {
+    pub(crate) fn look(&self, origin_m: DVec3, direction: DVec3, range_m: f64) -> Option<Sight> {
         let [low, high] = self.bounds_m();
         let (enter_m, leave_m) = clip(origin_m, direction, [low - self.voxel_m, high + self.voxel_m])?;
         let length_m = leave_m.min(range_m) - enter_m;
@@ -280,7 +281,7 @@ impl VoxelMap {
     }
 
     /// Bytes held.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         self.index.bytes()
             + std::mem::size_of_val(&self.bricks[..])
             + self.bricks_with_ends * std::mem::size_of::<Ends>()

@@ -71,13 +71,13 @@ impl Completeness {
     }
 
     /// A memory for one thread's hits.
-    pub fn adder(&self) -> Adder {
+    pub(crate) fn adder(&self) -> Adder {
         Adder { at_gate: LastRegion::default(), at_levels: vec![LastRegion::default(); self.levels.len()] }
     }
 
     /// Counts a hit.
     #[inline]
-    pub fn add(&self, adder: &mut Adder, hit_m: DVec3) {
+    pub(crate) fn add(&self, adder: &mut Adder, hit_m: DVec3) {
         let cell = cell_of(hit_m, self.per_m);
         let gate = self.gate.find(cell, &mut adder.at_gate);
         if gate.is_some_and(|place| self.gate.done(place) != Done::Nothing) {
@@ -121,7 +121,7 @@ impl Completeness {
     }
 
     /// Drops what was found from the search: later hits are faster. Changes no outcome.
-    pub fn settle(&mut self) {
+    pub(crate) fn settle(&mut self) {
         let (reached, points_m) = (&self.reached, &self.points_m);
         self.levels.par_iter_mut().enumerate().for_each(|(rank, level)| {
             let open = |point: &u32| reached[*point as usize].load(Ordering::Relaxed) as usize > rank;
@@ -146,7 +146,7 @@ impl Completeness {
     }
 
     /// Share of the observable points with a hit within a threshold, by rank; none when nothing is observable.
-    pub fn share_of(&self, observable: &[bool], rank: usize) -> Option<f64> {
+    pub(crate) fn share_of(&self, observable: &[bool], rank: usize) -> Option<f64> {
         let covered = self.covered(rank);
         let both = covered.iter().zip(observable).filter(|(covered, seen)| **covered && **seen).count();
         let all = observable.iter().filter(|seen| **seen).count();

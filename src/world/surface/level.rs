@@ -34,7 +34,7 @@ pub(super) struct CellPlace {
 
 impl DoneCells {
     /// Makes room for a brick.
-    pub fn add(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
+    pub(crate) fn add(&mut self, brick: [i32; 3], last: &mut LastRegion) -> Option<u32> {
         let number = self.index.find_or_add_near(brick, last)?;
         if number as usize == self.cells.len() {
             self.bricks.push(AtomicBool::new(false));
@@ -45,14 +45,14 @@ impl DoneCells {
 
     /// Where a cell is, if its brick exists.
     #[inline]
-    pub fn find(&self, cell: [i32; 3], last: &mut LastRegion) -> Option<CellPlace> {
+    pub(crate) fn find(&self, cell: [i32; 3], last: &mut LastRegion) -> Option<CellPlace> {
         let (brick, inside) = split(cell);
         Some(CellPlace { number: self.index.find_near(brick, last)?, inside })
     }
 
     /// What is done at a place.
     #[inline]
-    pub fn done(&self, place: CellPlace) -> Done {
+    pub(crate) fn done(&self, place: CellPlace) -> Done {
         if self.bricks[place.number as usize].load(Ordering::Relaxed) {
             return Done::Brick;
         }
@@ -62,7 +62,7 @@ impl DoneCells {
 
     /// Notes what is done at a place.
     #[inline]
-    pub fn close(&self, place: CellPlace, done: Done) {
+    pub(crate) fn close(&self, place: CellPlace, done: Done) {
         match done {
             Done::Nothing => {}
             Done::Cell => {
@@ -87,7 +87,7 @@ pub(super) struct Level {
 
 impl Level {
     /// For all points (best in the order of a space-filling curve).
-    pub fn new(threshold_m: f64, cell_m: f64, points_m: &[DVec3]) -> Self {
+    pub(crate) fn new(threshold_m: f64, cell_m: f64, points_m: &[DVec3]) -> Self {
         let mut level =
             Self { threshold_m, cell_m, cells: DoneCells::default(), starts: Vec::new(), points: Vec::new() };
         let all: Vec<u32> = (0..points_m.len() as u32).collect();
@@ -96,7 +96,7 @@ impl Level {
     }
 
     /// Makes the lists again, of the points numbered in `missing` only.
-    pub fn list(&mut self, points_m: &[DVec3], missing: &[u32]) {
+    pub(crate) fn list(&mut self, points_m: &[DVec3], missing: &[u32]) {
         let mut entries: Vec<(u32, u32)> = Vec::with_capacity(4 * missing.len());
         let mut last = LastRegion::default();
         for &point in missing {
@@ -124,20 +124,20 @@ impl Level {
 
     /// Which cells need no more hits.
     #[inline]
-    pub fn cells(&self) -> &DoneCells {
+    pub(crate) fn cells(&self) -> &DoneCells {
         &self.cells
     }
 
     /// Points that a hit in the brick can be within the threshold of.
     #[inline]
-    pub fn near(&self, place: CellPlace) -> &[u32] {
+    pub(crate) fn near(&self, place: CellPlace) -> &[u32] {
         let list = place.number as usize;
         &self.points[self.starts[list] as usize..self.starts[list + 1] as usize]
     }
 
     /// Whether some hit in the cell can be within the threshold of the point.
     #[inline]
-    pub fn reaches(&self, cell: [i32; 3], point_m: DVec3) -> bool {
+    pub(crate) fn reaches(&self, cell: [i32; 3], point_m: DVec3) -> bool {
         let corner = DVec3::from(cell.map(f64::from)) * self.cell_m;
         // rounding of the corner must not make a cell done that is not
         let slack = 1e-6 * self.threshold_m;

@@ -19,22 +19,22 @@ pub(crate) struct ObservableSurface {
 
 impl ObservableSurface {
     /// The observable set is that with a line of sight from one of the stations.
-    pub fn new(scene: &Scene, samples: SurfaceSamples, stations_m: &[DVec3]) -> Self {
+    pub(crate) fn new(scene: &Scene, samples: SurfaceSamples, stations_m: &[DVec3]) -> Self {
         let is_observable = scene.observable(&samples, stations_m);
         Self { samples, is_observable }
     }
 
     /// The observable points, m.
-    pub fn observable_m(&self) -> impl Iterator<Item = DVec3> {
+    pub(crate) fn observable_m(&self) -> impl Iterator<Item = DVec3> {
         let points = self.samples.points_m().iter().zip(&self.is_observable);
         points.filter(|(_, is_observable)| **is_observable).map(|(point_m, _)| *point_m)
     }
 
-    pub fn observable_share(&self) -> f64 {
+    pub(crate) fn observable_share(&self) -> f64 {
         self.observable_m().count() as f64 / self.samples.len() as f64
     }
 
-    pub fn shares(&self, completeness: &Completeness) -> SurfaceShares {
+    pub(crate) fn shares(&self, completeness: &Completeness) -> SurfaceShares {
         let by_threshold = THRESHOLDS_M.iter().zip(completeness.shares());
         SurfaceShares {
             completeness: by_threshold.map(|(limit_m, share)| (format!("{limit_m:.2}"), share)).collect(),
@@ -54,12 +54,12 @@ pub(crate) struct SurfaceShares {
 
 impl SurfaceShares {
     /// At 5 cm.
-    pub fn main(&self) -> f64 {
+    pub(crate) fn main(&self) -> f64 {
         self.completeness.values().nth(MAIN_RANK).copied().unwrap_or(0.0)
     }
 
     /// In percent, for tables: each threshold, then the share of the observable surface.
-    pub fn percent(&self) -> Vec<String> {
+    pub(crate) fn percent(&self) -> Vec<String> {
         let shares = self.completeness.values().map(|share| format!("{:.3}", 100.0 * share));
         let observable = self.completeness_of_observable.map_or("-".into(), |s| format!("{:.3}", 100.0 * s));
         shares.chain([observable]).collect()

@@ -29,7 +29,7 @@ impl Default for PoseError {
 
 impl PoseError {
     /// What is left of an error after a time, 0 to 1.
-    pub fn correlation(&self, seconds: f64) -> f64 {
+    pub(crate) fn correlation(&self, seconds: f64) -> f64 {
         (-seconds / self.correlation_s).exp()
     }
 
@@ -41,7 +41,7 @@ impl PoseError {
 
     /// The same for a trajectory that is used at some times only, in ascending order: what it takes grows with their number
     /// and not with the time between them, which a clock that was set makes months.
-    pub fn disturb_near(
+    pub(crate) fn disturb_near(
         &self,
         trajectory: &Trajectory,
         seed: u64,

@@ -121,7 +121,7 @@ impl Trajectory {
     }
 
     /// The KITTI format; the times are lost.
-    pub fn to_kitti(&self) -> String {
+    pub(crate) fn to_kitti(&self) -> String {
         let mut text = String::new();
         for (_, pose) in self.stamped() {
             let rotation = DMat3::from_quat(pose.rotation);

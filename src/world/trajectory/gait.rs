@@ -43,7 +43,7 @@ impl Default for Gait {
 
 impl Gait {
     /// The same way at the same times, walked: poses every 10 ms and at the end.
-    pub fn walk(&self, way: &Trajectory) -> Trajectory {
+    pub(crate) fn walk(&self, way: &Trajectory) -> Trajectory {
         let [start_ns, end_ns] = way.time_span_ns();
         let step_ns = (1e9 / POSES_PER_S) as u64;
         let times = (start_ns..end_ns).step_by(step_ns as usize).chain([end_ns]);

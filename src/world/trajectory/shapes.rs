@@ -11,7 +11,7 @@ impl Trajectory {
     ///
     /// # Errors
     /// Fewer than two different corners, a corner that is not finite, or a speed or turn rate that is not above 0.
-    pub fn polyline(
+    pub(crate) fn polyline(
         corners_m: &[DVec3],
         speed_m_s: f64,
         turn_rad_s: f64,
@@ -70,7 +70,7 @@ impl Trajectory {
     ///
     /// # Errors
     /// As [`Trajectory::polyline`].
-    pub fn closed_loop(
+    pub(crate) fn closed_loop(
         corners_m: &[DVec3],
         speed_m_s: f64,
         turn_rad_s: f64,

@@ -27,7 +27,7 @@ pub(super) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    pub fn new(space: &'a Space) -> Self {
+    pub(crate) fn new(space: &'a Space) -> Self {
         let variables = space.variables();
         let most: Vec<f64> = variables.iter().map(|variable| variable.high).collect();
         let axes = (0..space.len()).filter(|&axis| space.is_active(&most, axis)).collect::<Vec<_>>();
@@ -38,7 +38,7 @@ impl<'a> View<'a> {
     }
 
     /// Where the design lies for the model: equal designs at one point.
-    pub fn unit(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn unit(&self, values: &[f64]) -> Vec<f64> {
         let unit = self.space.to_unit(&self.space.canonical(values));
         self.axes.iter().map(|&axis| unit[axis]).collect()
     }
@@ -66,12 +66,12 @@ pub(super) struct Known<'a> {
 }
 
 impl Known<'_> {
-    pub fn data(&self) -> Data {
+    pub(crate) fn data(&self) -> Data {
         Data::new(self.view.roles.clone(), self.view.role_count, self.points.clone(), self.merits.clone())
     }
 
     /// The point of greatest acquisition that the guard lets pass; none where no process can be made.
-    pub fn most_promising(
+    pub(crate) fn most_promising(
         &self,
         mut hyper: Hyper,
         acquisition: Acquisition,

@@ -27,19 +27,19 @@ pub(super) struct Kind(u16);
 impl Kind {
     /// Faces that the lowest and the highest beam hit.
     #[inline(always)]
-    pub fn faces(self) -> [usize; 2] {
+    pub(crate) fn faces(self) -> [usize; 2] {
         [usize::from(self.0 & 7), usize::from(self.0 >> 3 & 7)]
     }
 
     /// Whether a component of a direction may be zero.
     #[inline(always)]
-    pub fn may_vanish(self, axis: usize) -> bool {
+    pub(crate) fn may_vanish(self, axis: usize) -> bool {
         self.0 >> 6 >> axis & 1 == 1
     }
 }
 
 impl Ends {
-    pub fn new(faces: &Faces) -> Self {
+    pub(crate) fn new(faces: &Faces) -> Self {
         let columns = faces.azimuths[0].len();
         Self {
             levels: std::array::from_fn(|_| vec![0.0; columns]),
@@ -48,7 +48,7 @@ impl Ends {
     }
 
     /// Looks at all columns of a pose.
-    pub fn look(&mut self, faces: &Faces, view: &View<'_>, instructions: Instructions) {
+    pub(crate) fn look(&mut self, faces: &Faces, view: &View<'_>, instructions: Instructions) {
         match instructions.level() {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the level exists only where the processor has these instructions
@@ -61,7 +61,7 @@ impl Ends {
     }
 
     /// What a block does in every column.
-    pub fn kinds(&self, block: usize, kinds: &mut [Kind]) {
+    pub(crate) fn kinds(&self, block: usize, kinds: &mut [Kind]) {
         let columns = self.levels[0].len();
         let begins = &self.codes[block * columns..];
         for (kind, (begin, end)) in kinds.iter_mut().zip(begins.iter().zip(&begins[columns..])) {

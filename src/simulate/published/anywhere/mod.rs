@@ -47,7 +47,7 @@ struct Face {
 
 impl Faces {
     /// None where numbers would not fit an f32: extremely many voxels, beams that are almost upright.
-    pub fn new(simulator: &Simulator) -> Option<Self> {
+    pub(crate) fn new(simulator: &Simulator) -> Option<Self> {
         const MOST_CELLS: usize = 1 << 11;
         const STEEPEST: f64 = 8.0;
         let cells = simulator.cells;

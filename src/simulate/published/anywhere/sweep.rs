@@ -25,7 +25,7 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    pub fn new(faces: &Faces) -> Self {
+    pub(crate) fn new(faces: &Faces) -> Self {
         let (kinds, again) = (vec![Kind::default(); faces.columns], vec![false; faces.columns]);
         Self { ends: Ends::new(faces), kinds, again }
     }

@@ -63,7 +63,7 @@ pub(super) struct FaceView {
 
 impl<'a> View<'a> {
     /// None where numbers might leave the range of an f32: rows that are far from those of a rotation.
-    pub fn new(simulator: &'a Simulator, faces: &Faces, pose: &'a BoxPose) -> Option<Self> {
+    pub(crate) fn new(simulator: &'a Simulator, faces: &Faces, pose: &'a BoxPose) -> Option<Self> {
         let lengths = pose.rows.map(|[x, y, z]| x.hypot(y).hypot(z));
         if !lengths.iter().all(|length| (0.5..=2.0).contains(length)) {
             return None;
@@ -114,7 +114,7 @@ impl FaceView {
     /// The way to the face's plane and where it is crossed, less half a voxel. `levels` are those of the face's axes,
     /// the first divided by the distance.
     #[inline(always)]
-    pub fn crossing<const FUSED: bool>(&self, levels: [f32; 3], tangent: f32) -> (f32, [f32; 2]) {
+    pub(crate) fn crossing<const FUSED: bool>(&self, levels: [f32; 3], tangent: f32) -> (f32, [f32; 2]) {
         let way = 1.0 / fused_f32::<FUSED>(tangent, self.slopes[0], levels[0]);
         let along = |axis: usize| {
             let direction = fused_f32::<FUSED>(tangent, self.slopes[axis + 1], levels[axis + 1]);
@@ -125,7 +125,7 @@ impl FaceView {
 
     /// How far from a voxel's middle a crossing may lie to be surely in that voxel.
     #[inline(always)]
-    pub fn room<const FUSED: bool>(&self, way: f32) -> f32 {
+    pub(crate) fn room<const FUSED: bool>(&self, way: f32) -> f32 {
         fused_f32::<FUSED>(-self.growth, way, self.room)
     }
 }

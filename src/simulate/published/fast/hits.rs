@@ -16,7 +16,7 @@ pub(super) struct Hits {
 }
 
 impl Hits {
-    pub fn new(plan: &Plan, poses: usize) -> Self {
+    pub(crate) fn new(plan: &Plan, poses: usize) -> Self {
         let comb_words = (plan.size.cells_u + plan.comb_step * (poses - 1)).div_ceil(64);
         let stride = plan.size.rows() + 1;
         Self {
@@ -29,7 +29,7 @@ impl Hits {
 
     /// Marks all of it on a shell.
     #[inline(always)]
-    pub fn mark(&mut self, plan: &Plan, poses: usize, shell: &mut Shell) {
+    pub(crate) fn mark(&mut self, plan: &Plan, poses: usize, shell: &mut Shell) {
         let size = &plan.size;
         spread(&mut self.combs, self.stride, plan.comb_step, poses);
         let walk = plan.comb_step * (poses - 1);

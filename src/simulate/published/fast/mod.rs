@@ -36,7 +36,7 @@ pub(super) struct Plan {
 impl Plan {
     /// None where the pattern turns from pose to pose, and where the numbers of the fast way would not fit: extremely
     /// many voxels.
-    pub fn new(simulator: &Simulator) -> Option<Self> {
+    pub(crate) fn new(simulator: &Simulator) -> Option<Self> {
         let experiment = &simulator.experiment;
         if experiment.phase == Phase::Free {
             return None;

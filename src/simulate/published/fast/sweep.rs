@@ -34,7 +34,7 @@ pub(super) struct View {
 }
 
 impl View {
-    pub fn new(
+    pub(crate) fn new(
         simulator: &Simulator,
         plan: &Plan,
         sensor: &Placement,

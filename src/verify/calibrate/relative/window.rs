@@ -104,7 +104,7 @@ struct Stand {
 
 impl Window {
     /// What this window says when the first sensor is off by that.
-    pub fn said(&self, pair: &Pair<'_>, offset: &Offset, look: &Look, error: &PoseError) -> Said {
+    pub(crate) fn said(&self, pair: &Pair<'_>, offset: &Offset, look: &Look, error: &PoseError) -> Said {
         let points = self.points(pair, offset);
         let stands = self.stands(pair, offset);
         let origin_m = stands.first().map_or(DVec3::ZERO, |stand| stand.world_from_body.translation_m);
@@ -166,7 +166,7 @@ impl Window {
     }
 
     /// Takes the poses that belong to a step of the unknowns.
-    pub fn follow(&mut self, said: &Said, step: &Column7) {
+    pub(crate) fn follow(&mut self, said: &Said, step: &Column7) {
         let Some((held, cross, right)) = &said.back else { return };
         let poses = held.solve(&(right - cross * step));
         for (turn, pose) in self.poses.iter_mut().enumerate() {

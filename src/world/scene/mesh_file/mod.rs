@@ -30,7 +30,7 @@ pub enum MeshUnit {
 
 impl MeshUnit {
     /// Metres per unit.
-    pub fn metres(self) -> f64 {
+    pub(crate) fn metres(self) -> f64 {
         match self {
             MeshUnit::Metre => 1.0,
             MeshUnit::Centimetre => 0.01,

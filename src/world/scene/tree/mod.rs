@@ -48,18 +48,18 @@ pub(super) struct TriangleTree {
 
 impl TriangleTree {
     /// Builds the tree. `triangles` must not be empty and hold finite corners only.
-    pub fn new(corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>, centre_m: DVec3) -> Self {
+    pub(crate) fn new(corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>, centre_m: DVec3) -> Self {
         let built = build::build(&build::without_copies(corners_m, centre_m));
         Self { centre_m, reach_m: built.reach_m, nodes: built.nodes, corners: built.corners }
     }
 
     /// Bytes held.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         std::mem::size_of_val(&self.nodes[..]) + std::mem::size_of_val(&self.corners[..])
     }
 
     /// First triangle along one ray.
-    pub fn cast(&self, origin_m: DVec3, direction: DVec3, limit_m: f64) -> Option<TreeHit> {
+    pub(crate) fn cast(&self, origin_m: DVec3, direction: DVec3, limit_m: f64) -> Option<TreeHit> {
         let mut packet = Packet::<1>::new();
         packet.set(0, origin_m - self.centre_m, direction, limit_m);
         self.walk::<1, false>(&mut packet, Instructions::best());
@@ -67,7 +67,7 @@ impl TriangleTree {
     }
 
     /// First triangle along up to [`PACKET`] rays; `report` gets the index of each ray and what it met.
-    pub fn cast_packet(
+    pub(crate) fn cast_packet(
         &self,
         origins_m: &[DVec3],
         directions: &[DVec3],
@@ -88,7 +88,7 @@ impl TriangleTree {
 
     /// Whether anything lies between an origin and each of up to [`PACKET`] points, nearer than `tolerance_m` before
     /// the point; `report` gets the index of each point and the answer.
-    pub fn occluded_packet(
+    pub(crate) fn occluded_packet(
         &self,
         origin_m: DVec3,
         points_m: &[DVec3],

@@ -49,7 +49,7 @@ struct Hull {
 }
 
 impl<const N: usize> Packet<N> {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             origin: [[0.0; N]; 3],
             direction: [[0.0; N]; 3],
@@ -71,7 +71,7 @@ impl<const N: usize> Packet<N> {
         }
     }
 
-    pub fn set(&mut self, lane: usize, origin: DVec3, direction: DVec3, limit_m: f64) {
+    pub(crate) fn set(&mut self, lane: usize, origin: DVec3, direction: DVec3, limit_m: f64) {
         for axis in 0..3 {
             self.origin[axis][lane] = origin[axis] as f32;
             self.direction[axis][lane] = direction[axis] as f32;
@@ -80,7 +80,7 @@ impl<const N: usize> Packet<N> {
     }
 
     /// Fills the lanes from `count` on with the first ray, limited to nothing.
-    pub fn repeat_first(&mut self, count: usize) {
+    pub(crate) fn repeat_first(&mut self, count: usize) {
         for lane in count..N {
             for axis in 0..3 {
                 self.origin[axis][lane] = self.origin[axis][0];
@@ -92,7 +92,7 @@ impl<const N: usize> Packet<N> {
 
     /// Makes ready for boxes. `reach_m` is the greatest coordinate of any box.
     #[inline(always)]
-    pub fn prepare(&mut self, reach_m: f32) {
+    pub(crate) fn prepare(&mut self, reach_m: f32) {
         for axis in 0..3 {
             let mut negative = 0;
             for lane in 0..N {
@@ -142,7 +142,7 @@ impl<const N: usize> Packet<N> {
 
     /// Distances at which the packet may enter the boxes of a node's children; infinite where it cannot.
     #[inline(always)]
-    pub fn enters(&self, node: &Node) -> ([f32; WIDTH], u32) {
+    pub(crate) fn enters(&self, node: &Node) -> ([f32; WIDTH], u32) {
         let hull = &self.hull;
         let mut near = [0.0_f32; WIDTH];
         let mut far = [self.farthest; WIDTH];
@@ -170,7 +170,7 @@ impl<const N: usize> Packet<N> {
 
     /// The rays that meet the box of a child before their nearest triangle, a bit each.
     #[inline(always)]
-    pub fn meets_box(&self, node: &Node, side: usize) -> u32 {
+    pub(crate) fn meets_box(&self, node: &Node, side: usize) -> u32 {
         if self.hull.is_mixed {
             self.meets_mixed::<true>(node, side)
         } else {
@@ -204,7 +204,7 @@ impl<const N: usize> Packet<N> {
     /// the `rays` that met the triangle's box: on its own a ray would not have come here otherwise, and what a ray hits
     /// may not depend on its company.
     #[inline(always)]
-    pub fn meet_triangle(&mut self, corner: &Corner, place: u32, rays: u32) {
+    pub(crate) fn meet_triangle(&mut self, corner: &Corner, place: u32, rays: u32) {
         let (e1, e2) = (corner.edge1, corner.edge2);
         let normal = cross(e1, e2);
         for lane in 0..N {
@@ -232,13 +232,13 @@ impl<const N: usize> Packet<N> {
 
     /// After triangles were met.
     #[inline(always)]
-    pub fn shorten(&mut self) {
+    pub(crate) fn shorten(&mut self) {
         self.farthest = reduced(self.nearest, greatest);
     }
 
     /// Every lane found a triangle or looks for none; found lanes are limited to nothing.
     #[inline(always)]
-    pub fn all_won(&mut self) -> bool {
+    pub(crate) fn all_won(&mut self) -> bool {
         let mut open = 0_u32;
         for lane in 0..N {
             let found = self.won[lane] != NONE;

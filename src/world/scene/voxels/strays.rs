@@ -24,7 +24,7 @@ pub struct Strays {
 
 impl VoxelMap {
     /// Forgets the hits of small groups of cells that lie further than `gap_m` from all others.
-    pub fn drop_strays(&mut self, gap_m: f64) -> Option<Strays> {
+    pub(crate) fn drop_strays(&mut self, gap_m: f64) -> Option<Strays> {
         let block = |brick: [i32; 3]| {
             let edge = (gap_m / (f64::from(EDGE) * self.voxel_m)).ceil().clamp(1.0, 1e9) as i32;
             brick.map(|at| at.div_euclid(edge))
