@@ -36,6 +36,7 @@ mod study;
 mod tidy;
 mod tied_metadata;
 mod velodyne;
+mod view;
 
 fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
@@ -70,6 +71,7 @@ fn main() -> std::process::ExitCode {
         ("tidy", tidy::CASES),
         ("tied_metadata", tied_metadata::CASES),
         ("velodyne", velodyne::CASES),
+        ("view", view::CASES),
     ];
     support::run(modules)
 }

@@ -55,6 +55,7 @@ mod study;
 mod tied_file;
 mod unread;
 mod validate;
+mod view;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
@@ -100,6 +101,8 @@ enum Verb {
     Record(record::Args),
     /// Sensors, rig and recorder live, with a page to see and steer them by.
     Daemon(daemon::Args),
+    /// Look at a recording in the browser.
+    View(view::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
     /// How much of a mesh's surface the sensors see along a trajectory.
@@ -228,6 +231,7 @@ impl Cli {
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Daemon(args) => daemon::run(&args, context),
+            Verb::View(args) => view::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),

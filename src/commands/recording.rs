@@ -76,6 +76,8 @@ pub struct Recording {
     unreadable: Vec<String>,
     /// What can be read but once, where it is read more than once.
     spooled: Option<NamedTempFile>,
+    /// Whether a bar on the terminal shows how far reading is.
+    shows_progress: bool,
 }
 
 /// How a pass over the packets ended.
@@ -145,6 +147,7 @@ impl Recording {
             is_tied_by_session,
             unreadable,
             spooled: None,
+            shows_progress: true,
         })
     }
 
@@ -156,6 +159,12 @@ impl Recording {
             recording.path = file.path().to_owned();
         }
         Ok(recording)
+    }
+
+    /// The same, without a bar on the terminal.
+    pub(crate) fn without_progress(mut self) -> Self {
+        self.shows_progress = false;
+        self
     }
 
     /// The session that is read, each of its files held against the manifest: reads all of them.
@@ -302,11 +311,20 @@ impl Recording {
         &self,
         take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
     ) -> anyhow::Result<Ending> {
+        self.each_packet_until(&mut |packet| take(packet).map(|()| true))
+    }
+
+    /// The same, as long as `take` says to go on.
+    pub(crate) fn each_packet_until(
+        &self,
+        take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<bool>,
+    ) -> anyhow::Result<Ending> {
         let mut reader = match self.path.as_os_str() == "-" {
             true => CaptureReader::new(std::io::stdin(), "standard input")?,
             false => CaptureReader::open(&self.path)?,
         };
-        let bar = progress_bar(&self.path);
+        let bar =
+            if self.shows_progress { progress_bar(&self.path) } else { indicatif::ProgressBar::hidden() };
         let mut packets = 0_u64;
         let mut found = Vec::new();
         let damage = loop {
@@ -314,7 +332,9 @@ impl Recording {
                 Ok(Some((interface, packet))) => {
                     found.resize(found.len().max(interface + 1), 0);
                     found[interface] += 1;
-                    take(&packet)?;
+                    if !take(&packet)? {
+                        break None;
+                    }
                 }
                 Ok(None) => break None,
                 Err(error) => break Some(error),

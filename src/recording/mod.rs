@@ -45,6 +45,7 @@ mod disk;
 pub mod export;
 mod manifest;
 mod open;
+pub(crate) mod playback;
 mod receiving;
 mod session;
 mod shared;

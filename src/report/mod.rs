@@ -14,6 +14,8 @@ pub(crate) mod prediction;
 pub(crate) mod score;
 pub(crate) mod search;
 mod unfold;
+#[cfg(feature = "daemon")]
+pub(crate) mod viewer;
 
 pub use above::FromAbove;
 pub use blind_spots::{BlindSpot, blind_spots};
