@@ -10,7 +10,7 @@ use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser
 
 use crate::live::config::Config;
 
-/// Ends a verb whose command line cannot be meant, in words as for `format!`: exit code 2.
+/// Ends a verb with a senseless command line, in words as for `format!`: exit code 2.
 macro_rules! refuse {
     ($($words:tt)*) => {
         return Err($crate::commands::wrong_usage(format!($($words)*)))
@@ -43,6 +43,7 @@ mod recorded_odometry;
 mod recording;
 mod replay;
 mod rig;
+mod rig_args;
 mod scene_args;
 mod scene_file;
 mod sensor;
@@ -85,7 +86,7 @@ enum Verb {
     Evaluate(evaluate::Args),
     /// What a mount will cover along a trajectory through a scene.
     Predict(predict::Args),
-    /// Whether a recording covers what was promised, and how far the mounts are off.
+    /// Whether a recording covers what was predicted, and how far the mounts are off.
     Compare(compare::Args),
     /// How the sensors sit to each other, from the recording alone: no model of the scene.
     Boresight(boresight::Args),
@@ -132,7 +133,7 @@ pub enum Outcome {
     Defect,
 }
 
-/// What every verb is told beside its own arguments.
+/// What every verb gets besides its own arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
     /// One JSON document on stdout.

@@ -13,7 +13,7 @@ use super::given::{
     Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
 };
 use super::tied_file::TiedFile;
-use crate::live::receive::aside_of;
+use crate::live::receive::auxiliary_name;
 use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
@@ -300,7 +300,7 @@ impl Recording {
             aside_port: manifest
                 .sensors
                 .iter()
-                .find(|other| other.name == aside_of(&entry.name))
+                .find(|other| other.name == auxiliary_name(&entry.name))
                 .and_then(port),
         };
         entries.map(named).collect()

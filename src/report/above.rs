@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::report::chart::{CellMap, number};
 
 /// Most columns along the longer side of a map.
-const MOST_COLUMNS: f64 = 160.0;
+const MAX_COLUMNS: f64 = 160.0;
 /// Scenes higher than this, m, are shown in layers.
 const LAYERED_M: f64 = 1.5;
 /// Shares of the height up to which the lower layers reach.
@@ -29,7 +29,7 @@ impl FromAbove {
     pub(crate) fn new(bounds_m: [DVec3; 2], column_m: f64, classes: usize) -> Self {
         let [low_m, high_m] = bounds_m;
         let extent_m = high_m - low_m;
-        let column_m = column_m.max(extent_m.x.max(extent_m.y) / MOST_COLUMNS);
+        let column_m = column_m.max(extent_m.x.max(extent_m.y) / MAX_COLUMNS);
         let size = [extent_m.x, extent_m.y].map(|side_m| (side_m / column_m).ceil().max(1.0) as usize);
         let mut tops_m = Vec::new();
         if extent_m.z > LAYERED_M {

@@ -1,4 +1,4 @@
-//! Groups of neighbouring cells that nobody sees.
+//! Groups of neighbouring unseen cells.
 
 use std::collections::BTreeSet;
 

@@ -13,7 +13,7 @@ use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
 use crate::commands::unread;
 use crate::recording::{SensorEntry, Session};
-use crate::rig::{Mount, MountedSensor, NoSeat, Rig};
+use crate::rig::{Mount, MountedSensor, NoSlot, Rig};
 use crate::verify::compare::{Fault, FramePitch, TiltHistory};
 
 /// One sensor's packets.
@@ -220,13 +220,13 @@ pub(crate) fn session(
 }
 
 /// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
-fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
+fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
     let manifest = session.manifest();
     let place = |entry: &SensorEntry| {
         if manifest.is_aside(entry) {
             return Ok(None);
         }
-        rig.seat(&entry.name).map(Some)
+        rig.slot(&entry.name).map(Some)
     };
     manifest.sensors.iter().map(place).collect()
 }

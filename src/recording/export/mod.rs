@@ -195,7 +195,7 @@ impl Export {
             return Err(ExportError::Exists { path: path.to_owned() });
         }
         std::fs::create_dir_all(files::folder_of(path)).map_err(|error| refuse(error.into()))?;
-        let temporary = files::temporary_beside(path).map_err(|error| refuse(error.into()))?;
+        let temporary = files::temporary_near(path).map_err(|error| refuse(error.into()))?;
         let file = temporary.as_file().try_clone().map_err(|error| refuse(error.into()))?;
         let writer = writer(format, file).map_err(refuse)?;
         Ok(Self { path: path.to_owned(), temporary, writer, overwrite, points: 0 })

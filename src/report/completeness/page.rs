@@ -39,7 +39,7 @@ pub(crate) fn page(
     figures::registration_section(
         &mut report,
         path.registration.as_ref(),
-        "way, m",
+        "distance travelled, m",
         path.least_translation(),
     );
     report
@@ -66,7 +66,7 @@ fn shares(report: &mut Report, document: &Document) {
         }
     }
     report.paragraph(&format!(
-        "{:.2} % of {} samples can be seen from the way at all; {} rays over {:.1} m of way.",
+        "{:.2} % of {} samples are observable from the trajectory; {} rays, {:.1} m travelled.",
         100.0 * document.observable_share,
         number(document.samples as f64, 0),
         number(document.coverage.rays as f64, 0),

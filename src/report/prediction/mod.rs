@@ -56,7 +56,7 @@ pub(crate) struct Document {
     pub warnings: Vec<String>,
     /// Seconds that the rig's own scan took.
     pub wall_s: f64,
-    /// With the single sensors beside it and what the model leaves out.
+    /// With the single sensors as baselines and what the model leaves out.
     pub total_s: f64,
 }
 
@@ -107,7 +107,7 @@ impl MapDocument {
     /// In words.
     pub(crate) fn line(&self) -> String {
         let unknown = self.unknown_share.map_or(String::new(), |share| {
-            format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
+            format!("{:15}{:.2} % of the beams go into unknown space\n", "", 100.0 * share)
         });
         self.summary.line() + &unknown
     }
@@ -180,7 +180,7 @@ impl Document {
     /// The result in words.
     pub(crate) fn summary(&self) -> String {
         let mut text = format!(
-            "{:.2} m of way, {} rays, {} returns\n\
+            "{:.2} m travelled, {} rays, {} returns\n\
              voxels seen    {} of {} of {} m that can be seen, {:.2} % of them by two sensors or more\n\
              sensor                 model      columns   returns   voxels    alone\n",
             self.trajectory_length_m,

@@ -23,7 +23,7 @@ pub(crate) fn page(
         )
     });
     let summary = format!(
-        "{} sensors will see {} of {} voxels of {} m that can be seen from the way ({share:.1} %){gain}.",
+        "{} sensors will see {} of {} voxels of {} m that are observable from the trajectory ({share:.1} %){gain}.",
         document.sensors.len(),
         count(document.unique_voxels),
         count(document.reachable_voxels),
@@ -56,7 +56,7 @@ pub(crate) fn page(
     figures::registration_section(
         &mut report,
         path.registration.as_ref(),
-        "way, m",
+        "distance travelled, m",
         path.least_translation(),
     );
     report
@@ -97,7 +97,7 @@ fn surface(report: &mut Report, document: &Document) {
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
     report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
     report.paragraph(&format!(
-        "{:.2} % of the surface can be seen from the way at all.",
+        "{:.2} % of the surface is observable from the trajectory.",
         100.0 * surface.observable_share
     ));
 }
@@ -132,7 +132,7 @@ fn pictures(
     observable: &[usize],
 ) {
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    let classes = figures::who_classes(&names, "can be seen, but nobody did");
+    let classes = figures::who_classes(&names, "observable, but unseen");
     report.heading("Who saw what");
     if matches!(scene, Scene::Box(_)) {
         report.maps(

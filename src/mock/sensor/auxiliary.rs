@@ -1,4 +1,4 @@
-//! What a sensor sends beside its lidar packets: inertial samples (Ouster), GPS sentences and its clock (Velodyne).
+//! The auxiliary stream of a sensor: inertial samples (Ouster), GPS sentences and its clock (Velodyne).
 
 use glam::DVec3;
 use sensors::ouster::{ImuProfile, ImuSample, Metadata, OusterEncoder};
@@ -15,7 +15,7 @@ const HALF_STEP_NS: u64 = 5_000_000;
 const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// The source of these packets.
-pub(super) struct Aside {
+pub(super) struct Auxiliary {
     kind: Kind,
     /// Between packets, ns.
     period_ns: u64,
@@ -27,7 +27,7 @@ enum Kind {
     Position,
 }
 
-impl Aside {
+impl Auxiliary {
     /// IMU packets in the profile of the metadata; none where that is off.
     pub(super) fn ouster(metadata: &Metadata) -> Option<Self> {
         let period_ns = match metadata.imu_profile {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use glam::DVec3;
 
 use crate::base::geometry::Pose;
-use crate::rig::{CalibrationFile, Mount, MountFile, MountedSensor, NoSeat, Rig};
+use crate::rig::{CalibrationFile, Mount, MountFile, MountedSensor, NoSlot, Rig};
 use crate::simulate::scan::{Scanner, Spin};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::Scene;
@@ -16,9 +16,9 @@ const HALF_SIZE_M: DVec3 = DVec3::new(40.0, 40.0, 10.0);
 /// How long a platform that stands is scanned for its prediction: every phase of the spin is met.
 const STANDING_NS: u64 = 300_000_000;
 
-/// What is known of mounts, scene and way.
+/// What is known of mounts, scene and trajectory.
 #[derive(Clone, Debug, Default)]
-pub struct Place {
+pub struct Site {
     /// Mounts, in the order of the rig's axes.
     pub mount: Option<MountFile>,
     /// What the mounts name of them.
@@ -35,14 +35,14 @@ pub struct Place {
     pub voxel_m: f64,
 }
 
-impl Place {
+impl Site {
     /// The cells that coverage is counted in.
     pub(crate) fn grid(&self) -> VoxelGrid {
         let bounds_m = self.scene.as_ref().map_or([-HALF_SIZE_M, HALF_SIZE_M], Scene::bounds_m);
         VoxelGrid::centred_on(bounds_m, self.voxel_m)
     }
 
-    /// What the mounts promise; none without mounts and scene.
+    /// Predicted coverage of the mounts; none without mounts and scene.
     pub(crate) fn predict(&self) -> Option<Coverage> {
         let scene = self.scene.as_ref().filter(|_| !self.rig.sensors.is_empty())?;
         let standing = Trajectory::new(vec![(0, Pose::IDENTITY), (STANDING_NS, Pose::IDENTITY)]).ok()?;
@@ -53,18 +53,18 @@ impl Place {
         Some(coverage)
     }
 
-    /// A sensor of the rig, by name, with its place.
+    /// A sensor of the rig, by name, with its site.
     pub(super) fn mounted(&self, name: &str) -> Option<(usize, &MountedSensor)> {
-        self.rig.seat(name).ok().map(|seat| (seat, &self.rig.sensors[seat]))
+        self.rig.slot(name).ok().map(|slot| (slot, &self.rig.sensors[slot]))
     }
 
     /// Why nothing is known of where a sensor sits, though there are mounts.
-    pub(super) fn unseated(&self, name: &str) -> Option<NoSeat> {
-        self.mount.as_ref().and_then(|_| self.rig.seat(name).err())
+    pub(super) fn unseated(&self, name: &str) -> Option<NoSlot> {
+        self.mount.as_ref().and_then(|_| self.rig.slot(name).err())
     }
 }
 
-/// What changes while the daemon runs: angles of the axes, and the time at which the way began.
+/// What changes while the daemon runs: angles of the axes, and the time at which the trajectory began.
 #[derive(Debug)]
 pub(super) struct Motion {
     /// Measured, rad, as bits; NaN while not known.
@@ -81,19 +81,19 @@ impl Motion {
 
     /// An axis was measured.
     pub(crate) fn set_pitch_rad(&self, axis: usize, pitch_rad: f64) {
-        if let Some(place) = self.pitches_rad.get(axis) {
-            place.store(pitch_rad.to_bits(), Ordering::Relaxed);
+        if let Some(site) = self.pitches_rad.get(axis) {
+            site.store(pitch_rad.to_bits(), Ordering::Relaxed);
         }
     }
 
     /// Body from sensor now: as mounted, at the angle that its axis measures.
     pub(crate) fn body_from_sensor(&self, axis: usize, mount: &Mount) -> Pose {
-        let measured = self.pitches_rad.get(axis).map(|place| f64::from_bits(place.load(Ordering::Relaxed)));
+        let measured = self.pitches_rad.get(axis).map(|site| f64::from_bits(site.load(Ordering::Relaxed)));
         let pitch_rad = measured.filter(|pitch_rad| pitch_rad.is_finite()).unwrap_or(mount.pitch_rad);
         Mount { pitch_rad, ..*mount }.body_from_sensor()
     }
 
-    /// The way begins at this moment of the host's clock.
+    /// The trajectory begins at this moment of the host's clock.
     pub(crate) fn begin(&self, trajectory: &Trajectory, host_ns: u64) {
         let offset_ns = trajectory.time_span_ns()[0] as i64 - host_ns as i64;
         self.offset_ns.store(offset_ns, Ordering::Relaxed);
@@ -112,15 +112,15 @@ mod tests {
     use crate::world::scene::BoxScene;
 
     #[test]
-    fn the_way_begins_when_told() {
+    fn the_trajectory_begins_on_command() {
         let motion = Motion::new(1);
-        let way = Trajectory::straight(DVec3::ZERO, DVec3::X, 1.0, 5_000_000_000);
+        let trajectory = Trajectory::straight(DVec3::ZERO, DVec3::X, 1.0, 5_000_000_000);
         assert_eq!(motion.world_from_body(None, 7), Some(Pose::IDENTITY));
-        assert_eq!(motion.world_from_body(Some(&way), 100_500_000_000), None);
-        motion.begin(&way, 100_000_000_000);
-        let half_way = motion.world_from_body(Some(&way), 100_500_000_000).unwrap();
-        assert!((half_way.translation_m - DVec3::new(0.5, 0.0, 0.0)).length() < 1e-9);
-        assert_eq!(motion.world_from_body(Some(&way), 4), None, "before time began");
+        assert_eq!(motion.world_from_body(Some(&trajectory), 100_500_000_000), None);
+        motion.begin(&trajectory, 100_000_000_000);
+        let middle = motion.world_from_body(Some(&trajectory), 100_500_000_000).unwrap();
+        assert!((middle.translation_m - DVec3::new(0.5, 0.0, 0.0)).length() < 1e-9);
+        assert_eq!(motion.world_from_body(Some(&trajectory), 4), None, "before time began");
     }
 
     #[test]
@@ -138,10 +138,10 @@ mod tests {
         let scene = Scene::Box(BoxScene::closed(DVec3::splat(-3.0), DVec3::splat(3.0)));
         let model = sensors::catalogue::nominal("vlp-16").unwrap();
         let sensor = MountedSensor { name: "a".into(), model, mount: Mount::default() };
-        let mut place = Place { scene: Some(scene), voxel_m: 0.5, ..Place::default() };
-        assert!(place.predict().is_none());
-        place.rig.sensors.push(sensor);
-        let seen = place.predict().unwrap().union_count();
-        assert!(seen > 20 && (seen as usize) < place.grid().outer_cells().count(), "{seen}");
+        let mut site = Site { scene: Some(scene), voxel_m: 0.5, ..Site::default() };
+        assert!(site.predict().is_none());
+        site.rig.sensors.push(sensor);
+        let seen = site.predict().unwrap().union_count();
+        assert!(seen > 20 && (seen as usize) < site.grid().outer_cells().count(), "{seen}");
     }
 }

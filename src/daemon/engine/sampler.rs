@@ -13,17 +13,17 @@ use crate::daemon::status::{
 };
 use crate::daemon::steady::HostClock;
 use crate::drive::AxisStatus;
-use crate::live::receive::{SensorCounters, Silence, SocketReport, Tally, now_ns};
+use crate::live::receive::{DataTimeouts, SensorCounters, SocketReport, Tally, now_ns};
 
-/// Rates are taken over this time.
+/// Rates are means over this time.
 const RATE_OVER: Duration = Duration::from_millis(1000);
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(15);
 
 /// What is remembered from look to look.
-pub(super) struct Look {
+pub(super) struct Sampler {
     begun: Instant,
-    silence: Silence,
+    timeouts: DataTimeouts,
     ports: Vec<u16>,
     sensors: Vec<Past>,
     host_clock: HostClock,
@@ -69,12 +69,12 @@ pub(super) fn empty(recorder: &RecorderStatus) -> Status {
     }
 }
 
-impl Look {
+impl Sampler {
     pub(crate) fn new(core: &Core) -> Self {
         let streams = core.streams.iter().map(Vec::len).sum();
         Self {
             begun: Instant::now(),
-            silence: Silence::new(streams, Instant::now()),
+            timeouts: DataTimeouts::new(streams, Instant::now()),
             ports: (0..streams).map(|stream| core.intake.address(stream).port()).collect(),
             sensors: core.sensors.iter().map(|_| Past::default()).collect(),
             host_clock: HostClock::new(Instant::now(), now_ns()),
@@ -83,28 +83,28 @@ impl Look {
     }
 
     /// The state now.
-    pub(crate) fn look(&mut self, core: &Core, mut recorder: RecorderStatus) -> Status {
+    pub(crate) fn sample(&mut self, core: &Core, mut recorder: RecorderStatus) -> Status {
         let now = Instant::now();
-        if let Some(jump_s) = self.host_clock.look(now, now_ns()) {
+        if let Some(jump_s) = self.host_clock.sample(now, now_ns()) {
             self.host_jump = Some((now, jump_s));
             core.journal.tell("host_clock_jump", format!("this host's clock was set by {jump_s:.3} s"));
         }
         let (counters, tally) = (core.intake.counters(), core.intake.tally());
-        self.tell_of_silence(core, &counters, now);
-        let inlets = core.inlets();
+        self.report_timeouts(core, &counters, now);
+        let decode_queues = core.decode_queues();
         let mut sensors = Vec::new();
-        for (sensor, inlet) in inlets.iter().enumerate() {
+        for (sensor, decode_queue) in decode_queues.iter().enumerate() {
             sensors.push(self.sensor(
                 core,
                 sensor,
-                &inlet.numbers(),
-                inlet.dropped(),
+                &decode_queue.numbers(),
+                decode_queue.dropped(),
                 &counters,
                 &tally,
                 now,
             ));
         }
-        drop(inlets);
+        drop(decode_queues);
         recorder.stalled_s = core.intake.stalled_s();
         let rig = core.rig.as_ref().map(|rig| rig.state());
         let mut coverage = core.coverage.status();
@@ -133,18 +133,17 @@ impl Look {
         status
     }
 
-    fn tell_of_silence(&mut self, core: &Core, counters: &[SensorCounters], now: Instant) {
-        for news in self.silence.look_at(counters, &self.ports, now) {
+    fn report_timeouts(&mut self, core: &Core, counters: &[SensorCounters], now: Instant) {
+        for news in self.timeouts.check(counters, &self.ports, now) {
             let owner = core.streams.iter().position(|streams| streams.contains(&news.sensor));
             let Some(owner) = owner else { continue };
             let is_lidar = core.streams[owner].first() == Some(&news.sensor);
-            let words =
-                if is_lidar { news.words } else { format!("beside its lidar packets: {}", news.words) };
+            let words = if is_lidar { news.words } else { format!("auxiliary packets: {}", news.words) };
             core.journal.tell_of(&core.sensors[owner].config.name, news.event, words);
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one look, taken at once")]
+    #[expect(clippy::too_many_arguments, reason = "one sample of everything")]
     fn sensor(
         &mut self,
         core: &Core,
@@ -210,7 +209,7 @@ impl Look {
             moment.decoded > second_ago.decoded || moment.picture_dropped > second_ago.picture_dropped;
         let state = match streams.first() {
             Some(stream) if counters[*stream].packets == 0 => SensorState::Waiting,
-            Some(stream) if self.silence.is_silent(*stream) => SensorState::Silent,
+            Some(stream) if self.timeouts.is_silent(*stream) => SensorState::Silent,
             _ if !is_read && strange(&moment) > strange(&second_ago) => SensorState::NotDecoded,
             _ => SensorState::Ok,
         };
@@ -223,7 +222,7 @@ impl Look {
             format: text(|report| &report.format),
             state,
             address: address(0),
-            address_aside: address(1),
+            auxiliary_address: address(1),
             source: report.and_then(|report| report.source.clone()),
             packets,
             packets_per_s: rate(|moment| moment.packets),
@@ -252,7 +251,7 @@ impl Look {
             first_damage: numbers.first_damage.clone(),
             buffer_warning: sockets.iter().find_map(|socket| socket.buffer_warning()),
             is_other_model: numbers.is_other_model,
-            unseated: core.place.unseated(&config.name).map(|error| error.to_string()),
+            unseated: core.site.unseated(&config.name).map(|error| error.to_string()),
         }
     }
 }

@@ -1,13 +1,13 @@
-//! Mounts, scene and way, as far as they are known.
+//! Mounts, scene and trajectory, as far as they are known.
 
 use std::path::PathBuf;
 
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::MapArgs;
 
-/// What the live view knows of mounts, scene and way. Each is that of `[predict]` where `[daemon]` names none.
+/// What the live view knows of mounts, scene and trajectory. Each is that of `[predict]` where `[daemon]` names none.
 #[derive(clap::Args, Debug)]
-pub struct PlaceArgs {
+pub struct SiteArgs {
     /// Sensors of the rig, in the order of its axes: places their points, and has the pitches to apply.
     #[arg(long, value_name = "FILE")]
     pub(super) mount: Option<PathBuf>,
@@ -15,14 +15,14 @@ pub struct PlaceArgs {
     /// a point cloud (.ply without faces, .pcd, .las or .laz).
     #[arg(long, value_name = "PATH", conflicts_with = "room")]
     pub(super) scene: Option<PathBuf>,
-    /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
+    /// A closed room instead: "x,y,z,x,y,z" of its min and max corner, m.
     #[arg(long, allow_hyphen_values = true, value_name = "CORNERS")]
     pub(super) room: Option<Room>,
     #[command(flatten)]
     pub(super) mesh: MeshArgs,
     #[command(flatten)]
     pub(super) map: MapArgs,
-    /// Way of the platform: TUM format, or KITTI poses with --rate; without it the platform stands at the origin.
+    /// Trajectory of the platform: TUM format, or KITTI poses with --rate; without it the platform stands at the origin.
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format.

@@ -1,4 +1,4 @@
-//! Where lanes hand their packets to the session that is open, if one is.
+//! Packets of the receive workers go into the session that is open, if one is.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -10,7 +10,7 @@ use crate::recording::SessionWriter;
 
 /// The open session, to be exchanged between two packets.
 #[derive(Debug, Default)]
-pub(super) struct Tap {
+pub(super) struct SessionSink {
     session: RwLock<Option<Arc<SessionWriter>>>,
     /// The session refused packets.
     failed: AtomicBool,
@@ -23,14 +23,14 @@ pub(super) struct Tap {
     held_up: Duration,
 }
 
-impl Tap {
+impl SessionSink {
     /// Without a session.
     pub(crate) fn new(held_up: Duration) -> Self {
         Self { held_up, ..Self::default() }
     }
 
     /// Writes packets to the session; without one they are not recorded.
-    pub(crate) fn take(&self, datagrams: &[Datagram]) {
+    pub(crate) fn write(&self, datagrams: &[Datagram]) {
         let session = self.session.read().unwrap_or_else(PoisonError::into_inner);
         let Some(writer) = &*session else { return };
         if !self.held_up.is_zero() {

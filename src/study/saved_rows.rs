@@ -14,7 +14,7 @@ const FORMAT: &str = "outrigger-study-kept/1";
 
 /// `kept.json`: rows by task.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Kept {
+pub(super) struct SavedRows {
     format: String,
     /// Of `rows` as they are written, so that damage that leaves them readable is found.
     rows_sha256: String,
@@ -22,7 +22,7 @@ pub(super) struct Kept {
     rows: BTreeMap<String, Vec<Row>>,
 }
 
-impl Kept {
+impl SavedRows {
     /// What a folder holds; nothing where no plan was ever changed.
     pub(crate) fn read(folder: &Path) -> Result<Self, StudyError> {
         let path = folder.join("kept.json");
@@ -34,14 +34,14 @@ impl Kept {
         };
         let unusable =
             |why: String| StudyError::at(&path, format!("{why}: remove it, and its tasks are done again"));
-        let kept: Self = serde_json::from_str(&text).map_err(|error| unusable(error.to_string()))?;
-        if kept.format != FORMAT {
-            return Err(unusable(format!("format is {:?}, this program reads {FORMAT:?}", kept.format)));
+        let saved: Self = serde_json::from_str(&text).map_err(|error| unusable(error.to_string()))?;
+        if saved.format != FORMAT {
+            return Err(unusable(format!("format is {:?}, this program reads {FORMAT:?}", saved.format)));
         }
-        if sha256_of(&kept.rows) != kept.rows_sha256 {
+        if sha256_of(&saved.rows) != saved.rows_sha256 {
             return Err(unusable("its rows are not those that were written (checksum)".into()));
         }
-        Ok(kept)
+        Ok(saved)
     }
 
     /// Keeps the rows of a task.
