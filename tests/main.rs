@@ -15,6 +15,7 @@ mod daemon;
 mod decode;
 mod demo;
 mod export;
+mod field_captures;
 mod firmware;
 mod damaged_files;
 mod fuzz;
@@ -50,6 +51,7 @@ fn main() -> std::process::ExitCode {
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
+        ("field_captures", field_captures::CASES),
         ("firmware", firmware::CASES),
         ("damaged_files", damaged_files::CASES),
         ("fuzz", fuzz::CASES),

@@ -143,11 +143,23 @@ pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
     text(read(path.as_ref())?)
 }
 
-/// Bytes as text.
+/// Bytes as text; UTF-16 with its byte order mark too, as shells of Windows write it.
 ///
 /// # Errors
 /// The first byte that is none.
 pub fn text(bytes: Vec<u8>) -> io::Result<String> {
+    let in_words = |from: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| from([pair[0], pair[1]])).collect();
+        String::from_utf16(&words).map_err(|_| {
+            let words = "expected text in UTF-16, as its first two bytes say, found half of a character";
+            io::Error::new(io::ErrorKind::InvalidData, words)
+        })
+    };
+    match bytes.first_chunk() {
+        Some([0xff, 0xfe]) => return in_words(u16::from_le_bytes),
+        Some([0xfe, 0xff]) => return in_words(u16::from_be_bytes),
+        _ => {}
+    }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let byte = error.as_bytes()[at];

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Tie, Whose};
+use sensors::router::{GivenCalibration, GivenModel, Tie, Whose};
 use sensors::velodyne::Calibration;
 
 use super::Context;
-use super::tied_file::TiedFile;
+use super::tied_file::{TiedFile, tied_model};
 use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Metadata of an Ouster.
@@ -32,6 +32,10 @@ pub struct SensorArgs {
     /// :2368=left.xml by the port of the data packets; in a session its name does, left=left.xml.
     #[arg(long, value_name = "[[ADDRESS][:PORT]=|NAME=]FILE", value_parser = TiedFile::parser())]
     pub calibration: Vec<TiedFile>,
+    /// Product of a Velodyne whose packets do not say it (blank factory bytes): hdl-32e; with several, 192.168.1.201=hdl-32e
+    /// or :2368=hdl-32e.
+    #[arg(long, value_name = "[[ADDRESS][:PORT]=]MODEL", value_parser = tied_model)]
+    pub model: Vec<GivenModel>,
 }
 
 impl SensorArgs {

@@ -6,7 +6,7 @@ use anyhow::{Context as _, bail, ensure};
 use sensors::Packet;
 use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Named, Router, Tie};
+use sensors::router::{GivenCalibration, GivenModel, Named, Router, Tie};
 use tempfile::NamedTempFile;
 
 use super::given::{
@@ -68,6 +68,7 @@ pub struct Recording {
     path: PathBuf,
     metadata: Vec<Given>,
     calibrations: Vec<GivenCalibration>,
+    models: Vec<GivenModel>,
     /// The session that it is, and what that says of itself.
     session: Option<(PathBuf, Manifest)>,
     /// Its metadata are those of the session, each of what came to its sensor's port.
@@ -143,6 +144,7 @@ impl Recording {
             path,
             metadata,
             calibrations,
+            models: sensors.model.clone(),
             session,
             is_tied_by_session,
             unreadable,
@@ -240,6 +242,9 @@ impl Recording {
         }
         for calibration in &self.calibrations {
             router.add_calibration(calibration.clone());
+        }
+        for model in &self.models {
+            router.add_model(*model);
         }
         // a pipe can be read but once
         if self.path.is_file() {
@@ -397,7 +402,8 @@ pub(crate) fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
     ];
     let counted =
         counted.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-    counters.truncated.iter().map(ToString::to_string).chain(counted).collect()
+    let tail = counters.zero_tail.iter().map(ToString::to_string);
+    counters.truncated.iter().map(ToString::to_string).chain(tail).chain(counted).collect()
 }
 
 /// What can be read but once (standard input as `-`, a pipe), kept in a temporary file; none of another file.

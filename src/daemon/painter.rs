@@ -77,6 +77,7 @@ impl Painter {
             vendor: sensor.vendor().into(),
             model: sensor.product(),
             serial: sensor.serial().into(),
+            timestamp_mode: sensor.timestamp_mode(),
         };
         let cloud = self.cloud.get_or_insert_with(|| Cloud::new(Arc::new(source()), model));
         cloud.fill(model, frame);

@@ -20,7 +20,7 @@
 //! let walk = folder.path().join("walk");
 //! let writer = SessionWriter::create(&walk, &[SensorInfo { name: "left".into(), ..SensorInfo::default() }])?;
 //! let (source, destination) = ("192.168.1.201:2368".parse()?, "192.168.1.1:2368".parse()?);
-//! writer.write_packet(0, &Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload: b"..." })?;
+//! writer.write_packet(0, &Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, link: Default::default(), payload: b"..." })?;
 //! writer.close(None)?;
 //!
 //! let session = Session::open(&walk)?; // every file against its checksum

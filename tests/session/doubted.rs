@@ -50,7 +50,13 @@ fn session(dir: &Path, of_right: u64) -> PathBuf {
     let (source, destination) = ("10.0.0.1:2368".parse().unwrap(), "10.0.0.2:2368".parse().unwrap());
     for number in 0..10 + of_right {
         let sensor = if number < 10 { 0 } else { 2 };
-        let packet = Packet { host_time_ns: 1_000 + number, source, destination, payload: b"payload" };
+        let packet = Packet {
+            host_time_ns: 1_000 + number,
+            source,
+            destination,
+            link: Default::default(),
+            payload: b"payload",
+        };
         writer.write_packet(sensor, &packet).unwrap();
     }
     writer.close(None).unwrap();

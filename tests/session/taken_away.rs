@@ -146,7 +146,10 @@ fn write(writer: &SessionWriter, sensor: usize, number: u64) {
     let (source, destination) = ("10.0.0.1:7502".parse().unwrap(), "10.0.0.2:7502".parse().unwrap());
     let payload = &number.to_le_bytes();
     writer
-        .write_packet(sensor, &Packet { host_time_ns: 1_000 + number, source, destination, payload })
+        .write_packet(
+            sensor,
+            &Packet { host_time_ns: 1_000 + number, source, destination, link: Default::default(), payload },
+        )
         .unwrap();
 }
 

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use anyhow::ensure;
 use sensors::capture::CaptureCounters;
+use sensors::ouster::{Correction, TimestampMode};
 use sensors::router::{Router, Unclaimed};
 use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
@@ -12,7 +13,7 @@ use serde::Serialize;
 use super::frames::FrameRange;
 use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
-use crate::recording::export::Placer;
+use crate::recording::export::{Placer, TimeScale};
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
@@ -53,6 +54,12 @@ struct SensorReport {
     metadata: Option<String>,
     /// Where its beams come from.
     beams: String,
+    /// How its packets come to the host, where several sensors have one address.
+    link: Option<String>,
+    /// The time that its stamps are in.
+    clock: Option<String>,
+    /// What its metadata say and its packets do not show.
+    corrections: Vec<Correction>,
     frames: Vec<FrameRow>,
     totals: Totals,
     counters: DecodeStats,
@@ -91,6 +98,8 @@ struct Totals {
 #[derive(Default)]
 struct Found {
     frames_seen: u64,
+    /// Of an Ouster: a Velodyne counts the microseconds of the hour, and the host's clock says which.
+    clock: Option<TimeScale>,
     frames: Vec<FrameRow>,
     imu_samples: u64,
     position_packets: u64,
@@ -105,8 +114,14 @@ impl Document {
         found.frames_seen - 1
     }
 
-    /// Measures a frame.
-    pub(crate) fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
+    /// Measures a frame of a sensor that takes its time from there.
+    pub(crate) fn add_frame(
+        &mut self,
+        sensor: usize,
+        mode: Option<TimestampMode>,
+        model: &SensorModel,
+        frame: &Frame,
+    ) {
         let placer = self.placers.entry(sensor).or_insert_with(|| Placer::new(model));
         let mut sum = [0.0; 3];
         for position_m in placer.positions_m(model, frame, &frame.first) {
@@ -130,7 +145,11 @@ impl Document {
             first_host_time_ns: frame.host_time_ns[0],
             last_host_time_ns: frame.host_time_ns[1],
         };
-        self.found.entry(sensor).or_default().frames.push(row);
+        let found = self.found.entry(sensor).or_default();
+        if let (Some(mode), Some([first_ns, _])) = (mode, times) {
+            found.clock.get_or_insert_with(|| TimeScale::of(Some(mode), first_ns, frame.host_time_ns[0]));
+        }
+        found.frames.push(row);
     }
 
     /// Counts what is no frame.
@@ -160,11 +179,13 @@ impl Document {
                     "{}: its packets were not decoded, as another unit's look the same",
                     ids[at]
                 ));
-            } else if counters.packets == 0 {
+            } else if counters.packets == 0 && sensor.position_packets == 0 {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
             self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], sensor));
+            self.notices.extend(crate::commands::unread::sensor_notes(&ids[at], sensor));
+            self.notices.extend(sensor.only_positions().map(|words| format!("{}: {words}", ids[at])));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
                 vendor: sensor.vendor(),
@@ -175,6 +196,9 @@ impl Document {
                 serial: sensor.serial().to_owned(),
                 metadata: sensor.metadata_name.clone(),
                 beams: sensor.beams().to_string(),
+                link: sensor.link().map(|link| link.to_string()),
+                clock: found.clock.map(|clock| clock.to_string()),
+                corrections: sensor.corrections().to_vec(),
                 totals: Totals::of(&found.frames),
                 frames: found.frames,
                 counters,

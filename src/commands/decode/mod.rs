@@ -79,7 +79,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             && let number = document.count_frame(at)
             && frames.contains(number)
         {
-            document.add_frame(at, model, frame);
+            document.add_frame(at, sensor.timestamp_mode(), model, frame);
             if let Some(output) = &mut output
                 && problem.borrow().is_none()
             {

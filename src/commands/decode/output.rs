@@ -185,6 +185,7 @@ impl Output {
             vendor: sensor.vendor().into(),
             model: sensor.product(),
             serial: sensor.serial().into(),
+            timestamp_mode: sensor.timestamp_mode(),
         };
         Arc::clone(self.sources.entry(at).or_insert_with(|| Arc::new(describe())))
     }

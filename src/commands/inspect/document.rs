@@ -30,6 +30,8 @@ pub struct Document {
     fragments_incomplete: u64,
     capture_counters: CaptureCounters,
     losses: Vec<String>,
+    /// What is not as it was said or as one expects, and costs nothing.
+    notes: Vec<String>,
     advice: Vec<String>,
 }
 
@@ -68,8 +70,10 @@ impl Document {
         let problems = |session: &Session| [session.problems(), &session.unheard()].concat();
         let damage = session.iter().flat_map(problems);
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
+        let mut notes = Vec::new();
         for (id, sensor) in ids.iter().zip(router.sensors()) {
             losses.extend(unread::sensor_losses(id, sensor));
+            notes.extend(unread::sensor_notes(id, sensor));
         }
         let span_ns = flows.span_ns();
         let host_clock = host_clock(session.as_ref(), &sensors, span_ns).unwrap_or_else(|error| {
@@ -89,6 +93,7 @@ impl Document {
             fragments_incomplete: ending.counters.fragments_incomplete,
             capture_counters: ending.counters.clone(),
             losses,
+            notes,
             advice: advice(recording, router),
             sensors,
         }
@@ -127,7 +132,9 @@ impl Document {
                 "  {source} -> {destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{whose}"
             );
         }
-        for (title, lines) in [("missing", &self.losses), ("what would help", &self.advice)] {
+        for (title, lines) in
+            [("missing", &self.losses), ("to note", &self.notes), ("what would help", &self.advice)]
+        {
             if !lines.is_empty() {
                 let _ = writeln!(text, "{title}:");
             }
@@ -264,7 +271,9 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
     advice.extend(unread::beam_notices(router));
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
-        if let Some(damage) = sensor.first_damage() {
+        if let Some(words) = sensor.only_positions() {
+            advice.push(words);
+        } else if let Some(damage) = sensor.first_damage() {
             advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
         } else if sensor.stats().packets == 0 && sensor.tie().is_none() && sensor.one_of_several().is_none() {
             advice.push(format!("{name}: it fits no packet of the recording"));

@@ -125,6 +125,11 @@ impl Recorded {
         let mut notices = Vec::new();
         let source = match session {
             Some(mut session) if sensors.meta.is_empty() => {
+                ensure!(
+                    sensors.model.is_empty(),
+                    "--model: {} is a session, which names the models of its sensors; give --model to a capture",
+                    path.display()
+                );
                 notices = host_clock::settle(&mut session, &rig)?;
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;

@@ -27,6 +27,7 @@ impl Datagram {
             host_time_ns: self.host_time_ns,
             source: self.source,
             destination: self.destination,
+            link: Default::default(),
             payload: &self.payload.bytes[..self.payload.filled],
         }
     }

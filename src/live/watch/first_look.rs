@@ -193,7 +193,13 @@ mod tests {
         for payload in packets {
             let source = std::net::SocketAddr::from(([10, 0, 0, 7], 50_000));
             let destination = std::net::SocketAddr::from(([10, 0, 0, 9], 7502));
-            let packet = Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload };
+            let packet = Packet {
+                host_time_ns: 1_700_000_000_000_000_000,
+                source,
+                destination,
+                link: Default::default(),
+                payload,
+            };
             words.extend(look.take(&packet));
         }
         words.extend(look.conclude());

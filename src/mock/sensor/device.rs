@@ -221,7 +221,8 @@ mod tests {
             last_ns[line as usize] = time_ns;
             let destination = ([127, 0, 0, 1], ports[line as usize]).into();
             let source = ([127, 0, 0, 1], 50_000).into();
-            let packet = Packet { host_time_ns: time_ns, source, destination, payload };
+            let packet =
+                Packet { host_time_ns: time_ns, source, destination, link: Default::default(), payload };
             let pushed = decoder.push(&packet, &mut |decoded| match decoded {
                 Decoded::Imu(sample) => {
                     assert_eq!(sample.angular_rate_rad_s, [0.0; 3]);

@@ -21,6 +21,7 @@ mod npy;
 mod pcd;
 mod ply;
 mod record;
+mod scale;
 #[cfg(any(feature = "mcap", feature = "survey"))]
 mod sink;
 
@@ -39,6 +40,7 @@ use record::RecordWriter;
 
 pub use bag::write_metadata as write_bag_metadata;
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
+pub use scale::TimeScale;
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
