@@ -14,14 +14,14 @@ use sensors::velodyne::{Product, ReturnMode};
 
 use super::web::{Web, WebArgs};
 use crate::base::geometry::Pose;
-use crate::commands::scene_args::{MeshArgs, Numbers};
+use crate::commands::scene_args::{self, MeshArgs, Numbers};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, Outcome, output, signals};
 use crate::live::receive::now_ns;
 use crate::mock::sensor::{FaultCounts, FaultInjector, Faults, Line, MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::rig::{Mount, MountFile};
-use crate::world::scene::{BoxScene, Scene};
+use crate::world::scene::{BoxScene, LoadedScene, Scene};
 use crate::world::trajectory::Trajectory;
 
 /// Time after Ctrl-C in which a packet may still be waited for.
@@ -140,9 +140,10 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut sensor = build_sensor(args)?;
-    let scene = build_scene(args, context)?;
+    let loaded = build_scene(args, context)?;
+    let scene = loaded.scene;
     let mount = build_mount(args)?;
-    let trajectory = build_trajectory(args)?;
+    let trajectory = loaded.origin.local_trajectory(build_trajectory(args)?);
     let [start_ns, end_ns] = trajectory.time_span_ns();
     let body_from_sensor = mount.body_from_sensor();
     let surroundings = Surroundings {
@@ -351,11 +352,11 @@ fn build_sensor(args: &Args) -> anyhow::Result<MockSensor> {
     Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_aside())
 }
 
-fn build_scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
+fn build_scene(args: &Args, context: Context) -> anyhow::Result<LoadedScene> {
     if let Some(path) = &args.scene {
         let read = scene_file::read(path, &args.mesh, &args.map, context)?;
         read.warnings.iter().for_each(|warning| output::say_notice(warning));
-        return Ok(read.scene);
+        return Ok(read);
     }
     scene_file::ensure_none_typed(context, "there is none")?;
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
@@ -363,7 +364,7 @@ fn build_scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
     if !least.cmplt(greatest).all() {
         refuse!("--box: {least} must be less than {greatest} in each coordinate");
     }
-    Ok(Scene::Box(BoxScene::closed(least, greatest)))
+    Ok(LoadedScene::of_room(&Scene::Box(BoxScene::closed(least, greatest))))
 }
 
 fn build_mount(args: &Args) -> anyhow::Result<Mount> {
@@ -401,9 +402,9 @@ fn build_trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 }
 
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let text =
-        crate::base::files::read_text(path).with_context(|| format!("trajectory {}", path.display()))?;
-    Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
+    let (trajectory, notes) = scene_args::read_trajectory(path, None)?;
+    notes.iter().for_each(|note| output::say_notice(note));
+    Ok(trajectory)
 }
 
 fn parse_address(text: &str) -> Result<SocketAddr, String> {
