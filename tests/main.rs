@@ -28,6 +28,7 @@ mod rig;
 mod rig_damage;
 mod rig_stops;
 mod rig_verbs;
+mod scene_files;
 mod scene_reports;
 mod scenes;
 mod sensor_setup;
@@ -64,6 +65,7 @@ fn main() -> std::process::ExitCode {
         ("rig_damage", rig_damage::CASES),
         ("rig_stops", rig_stops::CASES),
         ("rig_verbs", rig_verbs::CASES),
+        ("scene_files", scene_files::CASES),
         ("scene_reports", scene_reports::CASES),
         ("scenes", scenes::CASES),
         ("sensor_setup", sensor_setup::CASES),

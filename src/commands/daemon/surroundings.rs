@@ -1,12 +1,14 @@
 //! From flags for mounts, scene and trajectory to what the daemon knows of them.
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 
 use super::site::SiteArgs;
 use crate::commands::scene_args::read_trajectory;
 use crate::commands::{Context, scene_file};
 use crate::daemon::Site;
 use crate::rig::MountSlots;
+use crate::world::local_origin::LocalOrigin;
+use crate::world::scene::LoadedScene;
 
 /// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is configured: everywhere behind this they
 /// come in that order.
@@ -19,28 +21,36 @@ pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> a
         let slots = MountSlots::read(path, axes)?;
         (site.rig, site.calibrations, site.mount) = (slots.rig, slots.calibrations, Some(slots.mount));
     }
-    site.scene = match (&args.scene, &args.room) {
+    let loaded = match (&args.scene, &args.room) {
         (Some(_), Some(_)) => refuse!("--scene and --room are both given: which of the two is it?"),
         (Some(path), None) => {
             let read = scene_file::read(path, &args.mesh, &args.map, context)?;
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-            Some(read.scene)
+            Some(read)
         }
         (None, Some(room)) => {
             scene_file::ensure_none_typed(context, "the scene is a room")?;
-            Some(room.scene())
+            Some(LoadedScene::of_room(&room.scene()))
         }
         (None, None) => {
             scene_file::ensure_none_typed(context, "there is none")?;
             None
         }
     };
+    let mut origin = loaded.as_ref().map(|loaded| loaded.origin);
+    site.scene = loaded.map(|loaded| loaded.scene);
     let cells = site.grid().cells.iter().map(|count| *count as f64).product::<f64>();
     if cells > f64::from(1 << 27) {
         bail!("--cell {} makes {cells:.0} cells of this scene: take larger ones", args.cell);
     }
     if let Some(path) = &args.trajectory {
-        site.trajectory = Some(read_trajectory(path, args.rate).with_context(|| path.display().to_string())?);
+        let (trajectory, notes) = read_trajectory(path, args.rate)?;
+        notes.iter().for_each(|note| tracing::warn!("{note}"));
+        let origin = *origin.get_or_insert_with(|| LocalOrigin::of_box(trajectory.bounds_m()));
+        site.trajectory = Some(origin.local_trajectory(trajectory));
+    }
+    if let Some(line) = origin.map(LocalOrigin::line).filter(|line| !line.is_empty()) {
+        tracing::info!("{}; what the daemon shows is around it", line.trim_end());
     }
     if args.trajectory_starts_with_recording && args.trajectory.is_none() {
         refuse!(

@@ -13,6 +13,7 @@ use crate::rig::Rig;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::verify::judgement::comparison::Comparison;
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 
 /// Points of the hall's walls.
@@ -62,6 +63,7 @@ pub(crate) fn compare(
         Given {
             scene,
             trajectory: &trajectory,
+            origin: LocalOrigin::default(),
             patches: patches.as_ref(),
             planned: Some(planned),
             healthy: Healthy::default(),

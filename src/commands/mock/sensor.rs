@@ -23,9 +23,10 @@ const TO_END_WITHIN: Duration = Duration::from_secs(1);
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut sensor = build::sensor(args)?;
-    let scene = build::scene(args, context)?;
+    let loaded = build::scene(args, context)?;
+    let scene = loaded.scene;
     let mount = build::mount(args)?;
-    let trajectory = build::trajectory(args)?;
+    let trajectory = loaded.origin.local_trajectory(build::trajectory(args)?);
     let [start_ns, end_ns] = trajectory.time_span_ns();
     let body_from_sensor = mount.body_from_sensor();
     let surroundings = Surroundings {

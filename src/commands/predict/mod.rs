@@ -38,8 +38,8 @@ pub struct Args {
     /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
     #[arg(long, value_name = "[NAME=]MODEL")]
     sensor: Vec<UnitChoice>,
-    /// Surface (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: a recorded session, or a point cloud in the
-    /// trajectory's frame (.ply without faces, .pcd, .las or .laz).
+    /// Surface (.ply, .obj, .stl, .off, .gltf or .glb), or what a map is made of: a recorded session, or a point cloud in the
+    /// trajectory's frame (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
@@ -87,19 +87,21 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
     }
-    let scene = &site.loaded.scene;
+    let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
+    let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
     let scanner = args.sensing.scanner(scene, &site.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
     let stage = Stage::begin("looking which samples of the surface can be seen");
     let stations_m = site.trajectory.sight_stations_m(rig.mean_height_m());
-    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, args.seed)).transpose()?;
+    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, origin, args.seed)).transpose()?;
     let surface = samples.map(|samples| ObservableSurface::new(scene, samples, &stations_m));
     let surface = surface.as_ref();
     stage.next("casting the rays of the rig");
     let prediction = predict(&scanner, &site.grid, surface, &stage.progress());
     let wall_s = start.elapsed().as_secs_f64();
-    let doubts = doubts(&scanner, &site, surface, &prediction);
+    let mut doubts = doubts(&scanner, &site, surface, &prediction);
+    doubts.extend(placement.doubts);
     stage.next("looking what single sensors would see (--no-baselines leaves them out)");
     let baselines = (!args.no_baselines)
         .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
@@ -118,14 +120,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.out {
         let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-        let bytes = prediction.coverage.ply(&names);
+        let bytes = prediction.coverage.ply(&names, origin);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page(&document, scene, &prediction.coverage, &observable, &output::again());
+        let page = page(&document, scene, &prediction.coverage, &observable, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    Ok(Outcome::Done)
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }
 
 fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {
@@ -153,7 +155,7 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
 fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
     let mut loaded = match (&args.scene, &args.room) {
         (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
-        (None, Some(room)) => LoadedScene::from(room.scene()),
+        (None, Some(room)) => LoadedScene::of_room(&room.scene()),
         (None, None) => refuse!("give --scene or --room"),
     };
     if loaded.mesh.is_none() {
@@ -162,8 +164,8 @@ fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
             "is about the surface of a mesh: give one behind --scene, or leave it out",
         )?;
     }
-    let trajectory = args.trajectory.read()?;
-    loaded.warnings.extend(args.trajectory.doubts(&loaded.scene, &trajectory));
+    let (trajectory, notes) = args.trajectory.read(loaded.origin)?;
+    loaded.warnings.extend(notes);
     let grid = grid_of(&loaded.scene, args.voxel)?;
     Ok(Site { loaded, trajectory, grid })
 }

@@ -144,7 +144,10 @@ impl Document {
             unique_voxels: counts.union,
             reachable_voxels: observable.len() as u64,
             overlap_ratio: counts.overlap_ratio(),
-            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS),
+            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS)
+                .into_iter()
+                .map(|spot| spot.in_world(loaded.origin))
+                .collect(),
             baselines: None,
             surface: shares.map(|((surface, shares), mesh)| SurfaceDocument {
                 shares,
@@ -160,7 +163,7 @@ impl Document {
             returns: prediction.returns.iter().sum(),
             outside_grid: coverage.outside(),
             grid: GridDocument {
-                origin_m: grid.origin_m.to_array(),
+                origin_m: loaded.origin.world(grid.origin_m).to_array(),
                 voxel_m: grid.voxel_m,
                 cells: grid.cells,
             },

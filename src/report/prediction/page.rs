@@ -4,6 +4,7 @@ use super::{Document, SensorDocument};
 use crate::report::chart::number;
 use crate::report::{FromAbove, Report, figures, unfold_box};
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 
 /// What the rig will see, and what it will not.
@@ -12,6 +13,7 @@ pub(crate) fn page(
     scene: &Scene,
     coverage: &Coverage,
     observable: &[usize],
+    origin: LocalOrigin,
     made_by: &str,
 ) -> Report {
     let count = |count: u64| number(count as f64, 0);
@@ -46,7 +48,7 @@ pub(crate) fn page(
         report.paragraph(&map.line());
     }
     baselines(&mut report, document);
-    pictures(&mut report, document, scene, coverage, observable);
+    pictures(&mut report, document, scene, coverage, observable, origin);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
     if let Some(omissions) = &document.left_out {
         report.heading("What the model leaves out");
@@ -130,6 +132,7 @@ fn pictures(
     scene: &Scene,
     coverage: &Coverage,
     observable: &[usize],
+    origin: LocalOrigin,
 ) {
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "observable, but unseen");
@@ -144,7 +147,8 @@ fn pictures(
         report.heading("Blind spots");
         return;
     }
-    let mut above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    let mut above =
+        FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES).around(origin);
     for cell in observable {
         above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
     }

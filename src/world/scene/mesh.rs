@@ -13,6 +13,7 @@ pub struct Mesh {
     vertices_m: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
     degenerate: usize,
+    degenerate_area_m2: f64,
     bounds_m: [DVec3; 2],
     tree: TriangleTree,
 }
@@ -33,7 +34,15 @@ impl Mesh {
             }
         }
         let given = triangles.len();
-        triangles.retain(|corners| has_area(corners.map(|index| vertices_m[index as usize])));
+        let mut degenerate_area_m2 = 0.0;
+        triangles.retain(|corners| {
+            let corners = corners.map(|index| vertices_m[index as usize]);
+            let is_kept = has_area(corners);
+            if !is_kept {
+                degenerate_area_m2 += area_m2(corners);
+            }
+            is_kept
+        });
         let degenerate = given - triangles.len();
         if triangles.is_empty() {
             return Err(MeshError::Empty { vertices: vertices_m.len(), degenerate });
@@ -45,7 +54,7 @@ impl Mesh {
         }
         let centre_m = 0.5 * (bounds_m[0] + bounds_m[1]);
         let tree = TriangleTree::new(triangles.iter().map(corner), centre_m);
-        Ok(Self { vertices_m, triangles, degenerate, bounds_m, tree })
+        Ok(Self { vertices_m, triangles, degenerate, degenerate_area_m2, bounds_m, tree })
     }
 
     /// Number of triangles that rays can meet.
@@ -56,6 +65,11 @@ impl Mesh {
     /// Triangles without area that were dropped.
     pub fn degenerate(&self) -> usize {
         self.degenerate
+    }
+
+    /// Area of those, m²: slivers have some.
+    pub(crate) fn degenerate_area_m2(&self) -> f64 {
+        self.degenerate_area_m2
     }
 
     /// Least axis-aligned box around the triangles, m.
@@ -158,9 +172,12 @@ impl Mesh {
     }
 
     fn triangle_area_m2(&self, triangle: usize) -> f64 {
-        let [a, b, c] = self.corners(triangle);
-        0.5 * (b - a).cross(c - a).length()
+        area_m2(self.corners(triangle))
     }
+}
+
+fn area_m2([a, b, c]: [DVec3; 3]) -> f64 {
+    0.5 * (b - a).cross(c - a).length()
 }
 
 fn turned(distance_m: f64, normal: DVec3, direction: DVec3) -> Hit {

@@ -9,12 +9,11 @@ use sensors::velodyne::Product;
 
 use super::Args;
 use crate::base::geometry::Pose;
-use crate::commands::scene_file;
-use crate::commands::{Context, output};
+use crate::commands::{Context, output, scene_args, scene_file};
 use crate::live::receive::now_ns;
 use crate::mock::sensor::{FaultInjector, Faults, MockSensor};
 use crate::rig::{Mount, MountFile};
-use crate::world::scene::{BoxScene, Scene};
+use crate::world::scene::{BoxScene, LoadedScene, Scene};
 use crate::world::trajectory::Trajectory;
 
 pub(super) fn injector(args: &Args) -> FaultInjector {
@@ -49,11 +48,11 @@ pub(super) fn sensor(args: &Args) -> anyhow::Result<MockSensor> {
     Ok(MockSensor::ouster(Metadata::synthetic(&wanted)?).with_auxiliary())
 }
 
-pub(super) fn scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
+pub(super) fn scene(args: &Args, context: Context) -> anyhow::Result<LoadedScene> {
     if let Some(path) = &args.scene {
         let read = scene_file::read(path, &args.mesh, &args.map, context)?;
         read.warnings.iter().for_each(|warning| output::say_notice(warning));
-        return Ok(read.scene);
+        return Ok(read);
     }
     scene_file::ensure_none_typed(context, "there is none")?;
     let [x0, y0, z0, x1, y1, z1] = args.hall.0;
@@ -61,7 +60,7 @@ pub(super) fn scene(args: &Args, context: Context) -> anyhow::Result<Scene> {
     if !min.cmplt(max).all() {
         refuse!("--box: {min} must be less than {max} in each coordinate");
     }
-    Ok(Scene::Box(BoxScene::closed(min, max)))
+    Ok(LoadedScene::of_room(&Scene::Box(BoxScene::closed(min, max))))
 }
 
 pub(super) fn mount(args: &Args) -> anyhow::Result<Mount> {
@@ -99,7 +98,7 @@ pub(super) fn trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 }
 
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let text =
-        crate::base::files::read_text(path).with_context(|| format!("trajectory {}", path.display()))?;
-    Trajectory::from_tum(&text).with_context(|| format!("trajectory {}", path.display()))
+    let (trajectory, notes) = scene_args::read_trajectory(path, None)?;
+    notes.iter().for_each(|note| output::say_notice(note));
+    Ok(trajectory)
 }
