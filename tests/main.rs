@@ -28,6 +28,7 @@ mod rig_damage;
 mod rig_stops;
 mod rig_verbs;
 mod scene_reports;
+mod scene_search;
 mod scenes;
 mod sensor_setup;
 mod session;
@@ -62,6 +63,7 @@ fn main() -> std::process::ExitCode {
         ("rig_stops", rig_stops::CASES),
         ("rig_verbs", rig_verbs::CASES),
         ("scene_reports", scene_reports::CASES),
+        ("scene_search", scene_search::CASES),
         ("scenes", scenes::CASES),
         ("sensor_setup", sensor_setup::CASES),
         ("session", session::CASES),
