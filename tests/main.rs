@@ -30,6 +30,7 @@ mod rig_stops;
 mod rig_verbs;
 mod scene_files;
 mod scene_reports;
+mod scene_search;
 mod scenes;
 mod sensor_setup;
 mod session;
@@ -67,6 +68,7 @@ fn main() -> std::process::ExitCode {
         ("rig_verbs", rig_verbs::CASES),
         ("scene_files", scene_files::CASES),
         ("scene_reports", scene_reports::CASES),
+        ("scene_search", scene_search::CASES),
         ("scenes", scenes::CASES),
         ("sensor_setup", sensor_setup::CASES),
         ("session", session::CASES),

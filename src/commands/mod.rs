@@ -81,7 +81,7 @@ enum Verb {
     /// Write a commented rig.toml.
     Init(init::Args),
     /// Search the mounts that see the most.
-    Optimize(optimize::Args),
+    Optimize(Box<optimize::Args>),
     /// Score given mounts.
     Evaluate(evaluate::Args),
     /// What a mount will cover along a trajectory through a scene.

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
+use crate::simulate::walk::Waypoint;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::{
@@ -82,6 +83,41 @@ impl TrajectoryArgs {
         let mut placement = Placement::new(scene, trajectory, height_m, origin);
         placement.doubts.iter_mut().for_each(|doubt| *doubt = format!("{}: {doubt}", self.name()));
         placement
+    }
+}
+
+/// A trajectory as typed: a file, or waypoints "x,y x,y ..." or "x,y,z ...", m.
+#[derive(Clone, Debug)]
+pub enum WalkText {
+    File(PathBuf),
+    Waypoints(Vec<Waypoint>),
+}
+
+impl std::str::FromStr for WalkText {
+    type Err = String;
+
+    /// A path wins over numbers: a file may be called anything.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let is_of_numbers = text.chars().all(|c| c.is_ascii_digit() || " \t.,;+-eE".contains(c));
+        if !is_of_numbers || !text.contains(',') || Path::new(text).exists() {
+            return Ok(Self::File(text.into()));
+        }
+        let mut waypoints = Vec::new();
+        for (index, part) in text.split([' ', '\t', ';']).filter(|part| !part.is_empty()).enumerate() {
+            let found = |what: String| format!("waypoint {} ({part:?}): {what}", index + 1);
+            let numbers = part.split(',').map(|number| number.parse().ok().filter(|v: &f64| v.abs() < 1e8));
+            let numbers: Option<Vec<f64>> = numbers.collect();
+            let numbers = numbers.ok_or_else(|| found("every part must be a number, in m".into()))?;
+            waypoints.push(match numbers[..] {
+                [x, y] => Waypoint { at_m: DVec2::new(x, y), z_m: None },
+                [x, y, z] => Waypoint { at_m: DVec2::new(x, y), z_m: Some(z) },
+                _ => return Err(found(format!("{} numbers, expected x,y or x,y,z", numbers.len()))),
+            });
+        }
+        match waypoints.len() {
+            0 | 1 => Err(format!("{} waypoints, expected two or more: \"0,0 5,0 5,4\"", waypoints.len())),
+            _ => Ok(Self::Waypoints(waypoints)),
+        }
     }
 }
 

@@ -12,7 +12,9 @@ pub(crate) mod completeness;
 pub(crate) mod figures;
 pub(crate) mod prediction;
 pub(crate) mod score;
+pub(crate) mod scene_search;
 pub(crate) mod search;
+pub(crate) mod seen;
 mod unfold;
 #[cfg(feature = "daemon")]
 pub(crate) mod viewer;

@@ -94,7 +94,7 @@ impl FileKind {
 
 impl Unit {
     /// The nominal sensor of a catalogue name: Ouster models turn in 1024 columns, others in 1800, 10 times a second.
-    pub(crate) fn nominal(name: &str) -> Result<Self, UnitError> {
+    pub fn nominal(name: &str) -> Result<Self, UnitError> {
         let model = catalogue::nominal(name)?;
         let columns = if Product::from_name(name).is_some() { 1800 } else { 1024 };
         Ok(Self { model, columns, rate_hz: 10.0, notice: None })

@@ -1,5 +1,6 @@
 //! `outrigger predict`
 
+mod ideal;
 mod sensing;
 
 use std::path::PathBuf;
@@ -8,13 +9,15 @@ use std::time::Instant;
 use anyhow::{Context as _, bail, ensure};
 
 use super::experiment_args::FidelityArg;
+use super::masters::Masters;
 use super::scene_args::{MeshArgs, Room, SampleArgs, TrajectoryArgs};
 use super::scene_file::{self, MapArgs};
 use super::stage::Stage;
-use super::{Context, Outcome, output};
+use super::{Context, Outcome, output, wrong_usage};
 use crate::report::prediction::{Document, page};
-use crate::rig::{MountFile, Rig, Unit, UnitChoice};
+use crate::rig::{MountFile, MountedSensor, Rig, Unit, UnitChoice};
 use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
+use crate::simulate::published::Placement;
 use crate::simulate::scan::Scanner;
 use crate::world::scene::LoadedScene;
 use crate::world::surface::ObservableSurface;
@@ -23,6 +26,7 @@ use crate::world::surface::ObservableSurface;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
+    group = clap::ArgGroup::new("mounted").required(true),
     after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \
                   flat walls of the scene's bounds; those of a map are its cells. The coverage file is a PLY cloud of voxel centres, in metres, with one \
                   bit per sensor; its header says the grid.\n\n\
@@ -32,8 +36,14 @@ use crate::world::surface::ObservableSurface;
 )]
 pub struct Args {
     /// Sensors of the rig.
-    #[arg(long, value_name = "FILE")]
-    mount: PathBuf,
+    #[arg(long, group = "mounted", value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Sensors as they are: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
+    #[arg(long, group = "mounted", allow_hyphen_values = true, requires = "sensors", value_name = "LIST")]
+    mounts: Option<Masters>,
+    /// Models of the sensors of --mounts: one for all, or one for each, with commas between them.
+    #[arg(long, value_delimiter = ',', requires = "mounts", value_name = "MODEL,MODEL")]
+    sensors: Vec<String>,
     /// Another model or the calibration of a sensor (of every one without NAME=): a name of the catalogue, Ouster
     /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
     #[arg(long, value_name = "[NAME=]MODEL")]
@@ -54,6 +64,8 @@ pub struct Args {
     /// Edge of a voxel.
     #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     voxel: f64,
+    #[command(flatten)]
+    ideal: ideal::IdealArgs,
     #[command(flatten)]
     sensing: sensing::SensingArgs,
     #[command(flatten)]
@@ -86,6 +98,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let site = site(args, context)?;
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
+    }
+    if args.ideal.ideal {
+        return ideal::run(args, context, &units, &rig, site);
     }
     let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
     let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
@@ -143,13 +158,50 @@ fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> 
 }
 
 fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
-    let file = MountFile::read(&args.mount)?;
-    let units = file.units(&args.sensor)?;
-    let rig = file.rig_of(&units);
+    let (units, rig) = match (&args.mount, &args.mounts) {
+        (Some(path), _) => {
+            let file = MountFile::read(path)?;
+            let units = file.units(&args.sensor)?;
+            let rig = file.rig_of(&units);
+            (units, rig)
+        }
+        (None, Some(mounts)) => mounted(mounts, &args.sensors, &args.sensor)?,
+        (None, None) => refuse!("give --mount or --mounts"),
+    };
     if args.out.is_some() && rig.sensors.len() > 32 {
         bail!("{} sensors: a coverage file has bits for 32", rig.sensors.len());
     }
     Ok((units, rig))
+}
+
+/// The sensors of `--mounts`, nominal ones of these models.
+fn mounted(
+    mounts: &Masters,
+    models: &[String],
+    calibrated: &[UnitChoice],
+) -> anyhow::Result<(Vec<Unit>, Rig)> {
+    if !calibrated.is_empty() {
+        refuse!("--sensor is about the sensors of --mount; those of --mounts are what --sensors says");
+    }
+    let mounts = mounts.without_models()?;
+    let models: Vec<&String> = match models {
+        [model] => vec![model; mounts.len()],
+        models if models.len() == mounts.len() => models.iter().collect(),
+        models => refuse!(
+            "--sensors names {} models and --mounts lists {} sensors: give one model for all, or one for each",
+            models.len(),
+            mounts.len()
+        ),
+    };
+    let units = models.into_iter().map(|model| Unit::nominal(model).map_err(wrong_usage));
+    let units: Vec<Unit> = units.collect::<Result<_, _>>()?;
+    let sensor = |(index, (unit, placement)): (usize, (&Unit, &Placement))| MountedSensor {
+        name: format!("sensor {}", index + 1),
+        model: unit.model.clone(),
+        mount: placement.mount(),
+    };
+    let sensors = units.iter().zip(&mounts).enumerate().map(sensor).collect();
+    Ok((units, Rig { sensors }))
 }
 
 fn site(args: &Args, context: Context) -> anyhow::Result<Site> {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::Hit;
-use super::tree::{OccluderMemory, PACKET, TriangleTree};
+use super::tree::{OccluderMemory, PACKET, RayTile, TriangleTree};
 use crate::base::instructions::Instructions;
 use crate::base::rng::Rng;
 
@@ -119,6 +119,39 @@ impl Mesh {
             self.tree.cast_packet(origins, directions, instructions, |lane, met| {
                 let hit = met.map(|met| turned(met.distance_m, met.normal, directions[lane]));
                 report(block * PACKET + lane, hit);
+            });
+        }
+    }
+
+    /// What the rays of a tile are about, m.
+    pub(crate) fn centre_m(&self) -> DVec3 {
+        self.tree.centre_m()
+    }
+
+    /// Distance to the first triangle along each ray of a tile, m, in single precision; infinite where none is nearer than
+    /// `limit_m`. The same bits with any instructions.
+    pub(crate) fn cast_tile(
+        &self,
+        tile: &RayTile,
+        limit_m: f32,
+        instructions: Instructions,
+    ) -> [f32; PACKET] {
+        self.tree.cast_tile(tile, limit_m, instructions)
+    }
+
+    /// Distance to the first triangle along each of many rays (unit directions), m, in double precision throughout.
+    pub(crate) fn cast_precise(
+        &self,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
+        mut report: impl FnMut(usize, Option<f64>),
+    ) {
+        let corners_m =
+            |triangle: u32| self.triangles[triangle as usize].map(|index| self.vertices_m[index as usize]);
+        let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
+        for (block, (origins, directions)) in blocks.enumerate() {
+            self.tree.cast_precise(corners_m, origins, directions, |lane, distance_m| {
+                report(block * PACKET + lane, distance_m);
             });
         }
     }

@@ -107,6 +107,22 @@ impl Trajectory {
         self.world_from_body.iter().fold([start; 2], extend)
     }
 
+    /// Pose so long after the start, ns with their fraction; the last one from the end on.
+    pub(crate) fn at_offset_ns(&self, after_start_ns: f64) -> Pose {
+        let [start_ns, _] = self.time_span_ns();
+        let after_start_ns = after_start_ns.max(0.0);
+        let whole_ns = after_start_ns.floor();
+        let time_ns = start_ns.saturating_add(whole_ns as u64);
+        let after = self.time_ns.partition_point(|t| *t <= time_ns);
+        let before = after - 1; // the first time is not after the start
+        if after == self.time_ns.len() {
+            return self.world_from_body[before];
+        }
+        let span_ns = (self.time_ns[after] - self.time_ns[before]) as f64;
+        let share = ((time_ns - self.time_ns[before]) as f64 + after_start_ns - whole_ns) / span_ns;
+        self.world_from_body[before].interpolate(&self.world_from_body[after], share)
+    }
+
     /// Stamped poses in order.
     pub fn stamped(&self) -> impl Iterator<Item = (u64, Pose)> + '_ {
         self.time_ns.iter().copied().zip(self.world_from_body.iter().copied())
