@@ -19,6 +19,7 @@ macro_rules! refuse {
 
 mod boresight;
 mod compare;
+mod cut;
 mod daemon;
 mod decode;
 mod defaults;
@@ -96,6 +97,8 @@ enum Verb {
     Odometry(odometry::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
+    /// Packets to packets: cut, join, from a bag to a capture and back.
+    Cut(cut::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
     Inspect(inspect::Args),
     /// Record raw packets of live sensors.
@@ -229,6 +232,7 @@ impl Cli {
             Verb::Stand(args) => stand::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
+            Verb::Cut(args) => cut::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Daemon(args) => daemon::run(&args, context),
