@@ -1,8 +1,8 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
-use std::cell::Cell;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::Packet;
