@@ -5,6 +5,7 @@
 
 mod support;
 
+mod bags;
 mod bought_servos;
 mod cia402;
 mod cli;
@@ -40,6 +41,8 @@ mod velodyne;
 
 fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
+        ("bags", bags::CASES),
+        ("bag_verbs", bags::VERBS),
         ("bought_servos", bought_servos::CASES),
         ("cia402", cia402::CASES),
         ("cli", cli::CASES),

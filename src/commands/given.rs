@@ -14,6 +14,8 @@ use crate::recording::{Manifest, SensorEntry, Session};
 /// Metadata of an Ouster.
 pub struct Given {
     pub metadata: Metadata,
+    /// The same as it was read.
+    pub text: String,
     /// What messages call them.
     pub name: String,
     /// Which unit's they are, where somebody says.
@@ -89,8 +91,8 @@ pub(crate) fn metadata_of(
             refuse!("--meta {tie}=: no file is named behind the equals sign");
         }
         let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
-        let metadata = match text.and_then(|text| Ok(Metadata::parse(&text, &name)?)) {
-            Ok(metadata) => metadata,
+        let (text, metadata) = match text.and_then(|text| Ok((Metadata::parse(&text, &name)?, text))) {
+            Ok((metadata, text)) => (text, metadata),
             Err(error) => {
                 tell(error)?;
                 continue;
@@ -109,7 +111,7 @@ pub(crate) fn metadata_of(
                 other.name,
                 metadata.serial
             ),
-            None => known.push(Given { metadata, name, tie: *tie }),
+            None => known.push(Given { metadata, text, name, tie: *tie }),
         }
     }
     Ok(known)

@@ -19,6 +19,7 @@ macro_rules! refuse {
 
 mod boresight;
 mod compare;
+mod cut;
 mod daemon;
 mod decode;
 mod defaults;
@@ -26,6 +27,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod experiment_args;
+mod found_metadata;
 mod given;
 mod init;
 mod inspect;
@@ -94,6 +96,8 @@ enum Verb {
     Odometry(odometry::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
+    /// Packets to packets: cut, join, from a bag to a capture and back.
+    Cut(cut::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
     Inspect(inspect::Args),
     /// Record raw packets of live sensors.
@@ -225,6 +229,7 @@ impl Cli {
             Verb::Stand(args) => stand::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
+            Verb::Cut(args) => cut::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Daemon(args) => daemon::run(&args, context),

@@ -9,13 +9,22 @@ use sensors::router::{Family, Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 use super::sensor_ids;
+use crate::recording::bags::TopicCount;
 
 /// Lists what the file holds, and says what to do.
 pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
     let counters = &ending.counters;
     let mut text = format!("{}: no LiDAR data was decoded.", recording.name());
     let unclaimed: Vec<&Unclaimed> = router.unclaimed().collect();
-    if counters.frames == 0 {
+    if !ending.topics.is_empty() && counters.datagrams == 0 {
+        text.push_str(
+            " It has no topic with packets of an Ouster or a Velodyne that can be read; its topics:",
+        );
+        for TopicCount { topic, kind, messages, .. } in &ending.topics {
+            let _ = write!(text, "\n  {topic} ({kind}): {messages} messages");
+        }
+        ending.notices.iter().for_each(|notice| text.push_str(&format!("\n  {notice}")));
+    } else if counters.frames == 0 {
         text.push_str(" The file holds no packets at all.");
     } else if counters.datagrams == 0 {
         text.push_str(" It holds no whole UDP packet.");

@@ -40,11 +40,15 @@
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
+pub mod bags;
 mod clock;
 mod disk;
 pub mod export;
 mod manifest;
 mod open;
+pub(crate) mod moment;
+pub(crate) mod packet_reader;
+pub(crate) mod packet_writer;
 mod receiving;
 mod session;
 mod shared;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use anyhow::ensure;
+use glam::DVec3;
 use sensors::capture::CaptureCounters;
 use sensors::ouster::{Correction, TimestampMode};
 use sensors::router::{Router, Unclaimed};
@@ -13,7 +14,8 @@ use serde::Serialize;
 use super::frames::FrameRange;
 use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
-use crate::recording::export::{Placer, TimeScale};
+use crate::recording::bags::Topic;
+use crate::recording::export::{Cloud, Placer, Source, TimeScale};
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
@@ -152,6 +154,66 @@ impl Document {
         found.frames.push(row);
     }
 
+    /// Measures a cloud of a bag.
+    pub(crate) fn add_cloud(&mut self, topic: usize, cloud: &Cloud) {
+        let sum = cloud.points.iter().fold(DVec3::ZERO, |sum, point| sum + point.position_m);
+        let times_ns = || cloud.points.iter().map(|point| point.time_ns);
+        let row = FrameRow {
+            frame_id: cloud.frame_id,
+            points: cloud.points.len() as u64,
+            points_second: None,
+            complete: true,
+            valid_columns: 0,
+            packets: 0,
+            expected_packets: None,
+            range_sum_mm: cloud.points.iter().map(|point| u64::from(point.range_mm)).sum(),
+            xyz_sum_m: sum.to_array(),
+            first_time_ns: times_ns().min(),
+            last_time_ns: times_ns().max(),
+            first_host_time_ns: cloud.host_time_ns,
+            last_host_time_ns: cloud.host_time_ns,
+        };
+        self.found.entry(topic).or_default().frames.push(row);
+    }
+
+    /// Takes over what a bag of clouds held.
+    pub(crate) fn conclude_clouds<'a>(
+        &mut self,
+        recording: &Recording,
+        topics: impl Iterator<Item = (&'a Topic, &'a Source)>,
+        losses: Vec<String>,
+    ) {
+        self.capture = recording.name();
+        for (topic, source) in topics {
+            let found = self.found.remove(&usize::from(source.number)).unwrap_or_default();
+            let mut counters = DecodeStats::default();
+            counters.frames = found.frames_seen;
+            self.sensors.push(SensorReport {
+                id: source.id.clone(),
+                vendor: "unknown",
+                model: "point cloud".into(),
+                format: topic.kind.clone(),
+                source: Some(topic.name.clone()),
+                port: None,
+                serial: String::new(),
+                metadata: None,
+                beams: "in the clouds".into(),
+                link: None,
+                clock: None,
+                corrections: Vec::new(),
+                totals: Totals::of(&found.frames),
+                frames: found.frames,
+                counters,
+                imu_samples: 0,
+                position_packets: 0,
+                zone_reports: 0,
+            });
+        }
+        self.data_lost = !losses.is_empty();
+        self.notices.extend(losses.iter().cloned());
+        self.losses = losses;
+    }
+
     /// Counts what is no frame.
     pub(crate) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
         let found = self.found.entry(sensor).or_default();
@@ -169,6 +231,7 @@ impl Document {
         self.fragments_incomplete = ending.counters.fragments_incomplete;
         self.capture_counters = ending.counters.clone();
         self.losses = ending.losses();
+        self.notices.clone_from(&ending.notices);
         self.unclaimed = router.unclaimed().cloned().collect();
         let ids = crate::commands::sensor_ids::ids(router);
         for (at, sensor) in router.sensors().iter().enumerate() {
@@ -191,7 +254,7 @@ impl Document {
                 vendor: sensor.vendor(),
                 model: sensor.product(),
                 format: sensor.format(),
-                source: sensor.source().map(|source| source.to_string()),
+                source: sensor.source().map(|source| ending.source(source)),
                 port: sensor.data_port(),
                 serial: sensor.serial().to_owned(),
                 metadata: sensor.metadata_name.clone(),
@@ -235,7 +298,8 @@ impl Document {
         let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
         let nothing = |sensor: &SensorReport| {
             let unread = left_over || sensor.counters.malformed > 0;
-            sensor.counters.packets == 0 || (unread && sensor.counters.frames == 0)
+            (sensor.counters.packets == 0 && sensor.frames.is_empty())
+                || (unread && sensor.counters.frames == 0)
         };
         self.sensors.iter().all(nothing)
     }

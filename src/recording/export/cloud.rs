@@ -72,7 +72,7 @@ pub struct Cloud {
     pub points: Vec<Point>,
     scale: Option<TimeScale>,
     rings: Vec<u16>,
-    placer: Placer,
+    placer: Option<Placer>,
 }
 
 impl Cloud {
@@ -87,7 +87,27 @@ impl Cloud {
             points: Vec::new(),
             scale: None,
             rings,
-            placer: Placer::new(model),
+            placer: Some(Placer::new(model)),
+        }
+    }
+
+    /// Points that were placed already, by when the first was measured and when they came, ns.
+    pub(crate) fn of_points(
+        source: Arc<Source>,
+        frame_id: u32,
+        times_ns: [u64; 2],
+        points: Vec<Point>,
+    ) -> Self {
+        let [start_time_ns, host_time_ns] = times_ns;
+        Self {
+            source,
+            frame_id,
+            start_time_ns,
+            host_time_ns,
+            points,
+            scale: None,
+            rings: Vec::new(),
+            placer: None,
         }
     }
 
@@ -135,7 +155,8 @@ impl Cloud {
     }
 
     fn fill_layer(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer, return_number: u8) {
-        let positions_m = self.placer.positions_m(model, frame, layer);
+        let placer = self.placer.get_or_insert_with(|| Placer::new(model));
+        let positions_m = placer.positions_m(model, frame, layer);
         for column in 0..frame.columns() {
             for channel in 0..frame.channels {
                 let at = frame.index(column, channel);
