@@ -127,6 +127,8 @@ const DEFAULT_EVALUATIONS: u64 = 1000;
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
 /// Fewer channels leave gaps that many views have to fill.
 const FEW_CHANNELS: usize = 32;
+/// A search corrects its model, and may look coarsely.
+const SEARCH_STEP_SHARE: f64 = 0.85;
 
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
 pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
@@ -173,6 +175,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let channels = rigs.units.iter().map(|unit| unit.model.channels()).min().unwrap_or(0);
     let fineness = Fineness {
         views: if channels < FEW_CHANNELS { 100 } else { 50 },
+        step_share: SEARCH_STEP_SHARE,
         ..Fineness::between(rigs.bounds.z_m)
     };
     let model = CellView::new(&site, &units, &sampling, &fineness)?;
