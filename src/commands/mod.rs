@@ -35,6 +35,7 @@ mod mock;
 mod odometry;
 mod optimize;
 mod output;
+mod placing;
 mod predict;
 mod ranges;
 mod record;

@@ -26,8 +26,8 @@ pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
         Verdict::Matches if !document.problems.is_empty() => {
             "What was recorded is as predicted, but data was lost"
         }
-        Verdict::Matches => "The recording covers what was promised",
-        Verdict::Differs => "The recording does not cover what was promised",
+        Verdict::Matches => "The recording covers what was predicted",
+        Verdict::Differs => "The recording does not cover what was predicted",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
     let summary = format!("{verdict} ({iou} of recorded and as-driven patches).");
