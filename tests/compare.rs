@@ -1,5 +1,6 @@
 //! `outrigger compare` on simulated recordings through real packets, as a process, and on real captures.
 
+mod align;
 mod clock;
 mod recordings;
 mod rig_faults;
@@ -38,6 +39,23 @@ pub const CASES: &[Case] = &[
     case("what_is_wrong_with_the_input_is_said", rig_faults::what_is_wrong_with_the_input_is_said),
     case("a_walk_is_found_by_odometry", rig_faults::a_walk_is_found_by_odometry),
     case("sensors_are_held_against_each_other", rig_faults::sensors_are_held_against_each_other),
+    case(
+        "a_walk_is_compared_without_a_trajectory_in_the_scene_s_frame",
+        align::a_walk_is_compared_without_a_trajectory_in_the_scene_s_frame,
+    ),
+    case("odometry_is_written_in_the_scene_s_frame", align::odometry_is_written_in_the_scene_s_frame),
+    with_machine(
+        "walks_are_placed_in_the_public_scenes",
+        ASKED,
+        statistics::are_wanted,
+        align::walks_are_placed_in_the_public_scenes,
+    ),
+    with_machine(
+        "walks_in_another_building_are_refused",
+        ASKED,
+        statistics::are_wanted,
+        align::walks_in_another_building_are_refused,
+    ),
     case("a_servo_s_scale_and_play_are_found", stand::a_servo_s_scale_and_play_are_found),
     case("an_axis_that_is_not_homed_measures_nothing", stand::an_axis_that_is_not_homed_measures_nothing),
     case("an_honest_servo_does_as_it_measures", stand::an_honest_servo_does_as_it_measures),

@@ -27,7 +27,6 @@ impl Pose {
         Self { rotation, translation_m }
     }
 
-    #[cfg(test)]
     pub(crate) fn from_translation(translation_m: DVec3) -> Self {
         Self { rotation: DQuat::IDENTITY, translation_m }
     }

@@ -37,6 +37,7 @@ mod mock;
 mod odometry;
 mod optimize;
 mod output;
+mod placing;
 mod predict;
 mod ranges;
 mod record;

@@ -6,20 +6,25 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use serde::Serialize;
 
+use super::placing::{self, Near, Placed, Walk};
 use super::recorded::{Recorded, RecordedArgs};
-use super::recorded_odometry::{OdometryArgs, of_one, of_rig, remarks};
+use super::recorded_odometry::{OdometryArgs, OdometryResult, of_one, of_rig, remarks};
 use super::recording::Recording;
+use super::scene_args::MeshArgs;
+use super::scene_file::{self, MapArgs};
 use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
 use crate::design::registration::RegistrationQuality;
+use crate::verify::align::Alignment;
 use crate::verify::odometry::Step;
 use crate::world::trajectory::Trajectory;
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "The world is the body at the first return. A recording of several sensors needs their mounts; with one \
+    after_help = "The world is the body at the first return, or with --scene the scene: the walk is placed in it and laid against \
+                  it piece by piece, so that what the odometry drifted is taken out. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
                   open, as a straight corridor does, the last velocity is kept along it and that is said: such a way is \
@@ -31,6 +36,16 @@ pub struct Args {
     recorded: RecordedArgs,
     #[command(flatten)]
     settings: OdometryArgs,
+    /// The scene in whose frame the trajectory is wanted: a mesh, a point cloud, or another session.
+    #[arg(long, value_name = "PATH")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
+    /// Where the walk begins in the scene, about, where several places fit: m and degrees.
+    #[arg(long, value_name = "X,Y[,YAW]", requires = "scene", allow_hyphen_values = true)]
+    align_near: Option<Near>,
     /// Write the way in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
     #[arg(short, long, value_name = "FILE.tum")]
     out: Option<PathBuf>,
@@ -52,6 +67,8 @@ struct Document {
     /// Sweeps along which a direction was a guess.
     loose_sweeps: usize,
     steps: Vec<Step>,
+    /// Where the walk lies in the scene; null without one.
+    alignment: Option<Alignment>,
     /// What is odd or was lost.
     problems: Vec<String>,
     files: Vec<String>,
@@ -63,6 +80,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
     args.recorded.check_places([&args.out, &args.kitti])?;
+    if args.scene.is_none() {
+        scene_file::ensure_none_typed(context, "--scene names none")?;
+    }
     let mut notices = Vec::new();
     let way = match Recorded::open_if_seated(&args.recorded, context)? {
         Some(recorded) => {
@@ -74,19 +94,26 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             of_one(&Recording::open(recording, &sensors.of(context, recording))?, &args.settings)?
         }
     };
-    let trajectory = &way.walked.trajectory;
-    let mut files = Vec::new();
     let mut problems = notices;
     problems.extend(way.notices.iter().cloned());
     problems.extend(remarks(&way));
+    let placed =
+        args.scene.as_ref().map(|scene| in_scene(args, scene, &way, &mut problems, context)).transpose()?;
+    let (alignment, trajectory) = match placed {
+        None => (None, Some(way.walked.trajectory.clone())),
+        Some(Placed { alignment, trajectory, .. }) => (Some(alignment), trajectory),
+    };
+    let is_placed = trajectory.is_some();
+    let mut files = Vec::new();
+    let trajectory = &trajectory.unwrap_or_else(|| way.walked.trajectory.clone());
     let mut write = |path: &PathBuf, text: String| {
         files.push(path.display().to_string());
         write_whole(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
     };
-    if let Some(path) = &args.out {
+    if let Some(path) = args.out.as_ref().filter(|_| is_placed) {
         write(path, trajectory.to_tum())?;
     }
-    if let Some(path) = &args.kitti {
+    if let Some(path) = args.kitti.as_ref().filter(|_| is_placed) {
         let placed = way.revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
         let begun: Vec<(u64, Pose)> = placed.collect();
         let missing = way.revolutions_ns.len() - begun.len();
@@ -106,12 +133,42 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         loose_sweeps: way.walked.steps.iter().filter(|step| step.is_loose()).count(),
         registration: way.walked.quality,
         steps: way.walked.steps,
+        alignment,
         problems,
         files,
         wall_s: start.elapsed().as_secs_f64(),
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;
-    Ok(if way.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+    Ok(if way.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
+}
+
+/// The way in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
+fn in_scene(
+    args: &Args,
+    scene: &std::path::Path,
+    way: &OdometryResult,
+    problems: &mut Vec<String>,
+    context: Context,
+) -> anyhow::Result<Placed> {
+    let read = scene_file::read(scene, &args.mesh, &args.map, context)?;
+    problems.extend(read.warnings);
+    let walk = Walk {
+        trajectory: &way.walked.trajectory,
+        rays: &way.rays,
+        sensors: &way.mounted,
+        time_offset_ns: 0,
+        drifts: true,
+    };
+    let mut placed = placing::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
+    placed.trajectory = placed.trajectory.map(|local| local.moved(read.origin.world_m()));
+    problems.extend(placed.notices.iter().cloned());
+    if placed.trajectory.is_none() {
+        problems.push(placed.alignment.words());
+        let asked = args.out.is_some() || args.kitti.is_some();
+        problems
+            .extend(asked.then(|| "no trajectory is written: it has no sure place in the scene".to_owned()));
+    }
+    Ok(placed)
 }
 
 fn text(document: &Document) -> String {

@@ -3,11 +3,14 @@
 use anyhow::{bail, ensure};
 use sensors::Decoded;
 
+use super::placing;
 use super::recorded::Recorded;
 use super::recorded::hearing;
 use super::recording::Recording;
 use super::{Context, unread};
 use crate::base::geometry::Pose;
+use crate::rig::{Mount, MountedSensor};
+use crate::verify::compare::{FramePitch, RecordedRay, Thinning};
 use crate::verify::odometry::{Limits, OdometryPass, Settings, Walked};
 use crate::world::trajectory::suspicions;
 
@@ -30,7 +33,7 @@ impl OdometryArgs {
     pub(crate) fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
         context.ensure_not_typed(
             &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
-            "is about --trajectory odometry, which is not asked for",
+            "is about a trajectory by odometry, and --trajectory names another",
         )
     }
 
@@ -56,6 +59,10 @@ pub struct OdometryResult {
     pub losses: Vec<String>,
     /// What else is odd about its recording.
     pub notices: Vec<String>,
+    /// An even share of its returns, in order of time.
+    pub rays: Vec<RecordedRay>,
+    /// With the beams of their packets.
+    pub mounted: Vec<MountedSensor>,
 }
 
 /// Where a rig of known mounts went.
@@ -63,7 +70,11 @@ pub(crate) fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result
     args.check()?;
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
+    let (mut kept, mut mounted) = (Thinning::new(placing::RAYS), rig.sensors.clone());
     let mut fed = recorded.feed(&mut |taken| {
+        taken.tell_model(&mut mounted);
+        let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
+        kept.add_frame(taken.sensor, taken.model, &pitch, 0, taken.frame);
         let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
         pass.add_frame(taken.sensor, taken.model, &body_from_sensor, taken.frame);
     })?;
@@ -81,6 +92,8 @@ pub(crate) fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result
         sensors: rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
         losses: fed.losses,
         notices: contradicted.into_iter().chain(fed.faults.into_iter().map(|fault| fault.words)).collect(),
+        rays: Thinning::joined([kept]),
+        mounted,
     })
 }
 
@@ -89,11 +102,13 @@ pub(crate) fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Resu
     let mut router = recording.router()?;
     let mut pass = args.pass(1);
     let mut sensors = 0;
+    let mut kept = Thinning::new(placing::RAYS);
     let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
         sensors = sensors.max(at + 1);
         if at == 0 {
             pass.add_frame(0, model, &|_| Pose::IDENTITY, frame);
+            kept.add_frame(0, model, &FramePitch::constant(0.0), 0, frame);
         }
     };
     let ending = recording.each_packet(&mut |packet| {
@@ -111,7 +126,11 @@ pub(crate) fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Resu
     }
     let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
     let (walked, revolutions_ns) = pass.finish(&mut losses)?;
-    Ok(OdometryResult { walked, sensors: names, revolutions_ns, losses, notices })
+    let only = router.sensors().first().and_then(|sensor| sensor.model().cloned()).zip(names.first());
+    let mounted =
+        only.map(|(model, name)| MountedSensor { name: name.clone(), model, mount: Mount::default() });
+    let (rays, mounted) = (Thinning::joined([kept]), mounted.into_iter().collect());
+    Ok(OdometryResult { walked, sensors: names, revolutions_ns, losses, notices, rays, mounted })
 }
 
 /// What is odd about a trajectory by odometry, in words.

@@ -4,3 +4,4 @@ pub(crate) mod judgement;
 pub mod odometry;
 pub mod compare;
 pub mod calibrate;
+pub mod align;

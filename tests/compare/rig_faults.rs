@@ -166,7 +166,7 @@ pub fn a_faithful_recording_matches() {
     assert_eq!(coverage["as_driven"], coverage["recorded"]);
     assert!(document["relative_tilt"]["error_deg"].as_f64().unwrap().abs() < 0.002, "{document:#}");
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(page.contains("The recording covers what was promised") && page.contains("wall ahead"));
+    assert!(page.contains("PASS: the recording covers what was predicted") && page.contains("wall ahead"));
     let again: Value = serde_json::from_slice(&std::fs::read(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(again["rays"], document["rays"]);
 }
@@ -392,7 +392,7 @@ pub fn a_match_says_what_it_cannot_tell() {
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &document["verdict"]), (Some(0), &Value::from("matches")));
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    let headline = "covers what was promised; the tilt of right and left cannot be told";
+    let headline = "covers what was predicted; the tilt of right and left cannot be told";
     assert!(page.contains(headline), "{page:.2000}");
 }
 

@@ -15,6 +15,7 @@ use crate::base::files::{check_folder, write_json};
 use crate::report::chart::signed;
 use crate::rig::{MountFile, Rig};
 use crate::simulate::scan::{Scanner, Spin};
+use crate::verify::align::Alignment;
 use crate::verify::calibrate::SensorCheck;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::world::coverage::{Coverage, VoxelGrid};
@@ -26,7 +27,7 @@ use super::recorded::axes::AxisSummary;
 use super::recorded::feed::{Fed, SensorSummary};
 use super::recorded::judge::{self, Given};
 use super::recorded::{Recorded, RecordedArgs, hearing};
-use crate::verify::judgement::comparison::{Comparison, Verdict};
+use crate::verify::judgement::comparison::{Comparison, Reason, Verdict};
 use place::PlaceArgs;
 
 /// Samples of the surface.
@@ -43,7 +44,9 @@ const SETTLE_EVERY: u64 = 16;
     after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \
                   its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
-                  Exit codes: 0 the recording covers what was promised (a tilt that it cannot tell is no failure, \
+                  A trajectory in a frame of its own is placed in the scene with --align; without one, odometry finds one and it \
+                  is placed.\n\
+                  Exit codes: 0 the recording covers what was predicted (a tilt that it cannot tell is no failure, \
                   and is named beside that), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
@@ -90,6 +93,8 @@ pub struct Document {
     pub servo_zero: Vec<ZeroOffer>,
     /// What is odd or was lost.
     pub problems: Vec<String>,
+    /// Where the trajectory lies in the scene; null where its frame was taken to be the scene's.
+    pub alignment: Option<Alignment>,
     pub time_offset_s: f64,
     /// With how sure it is, where it was looked for.
     pub time_offset: Option<TimeOffset>,
@@ -159,6 +164,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     check(args, context)?;
     let recorded = Recorded::open(&args.recorded, context)?;
     let place = place::read(&args.place, &recorded, context)?;
+    if let Some(alignment) = place.alignment.as_ref().filter(|alignment| alignment.placed().is_none()) {
+        let problems = recorded.notices.iter().chain(&place.notices).cloned().collect();
+        return unplaced(args, context, alignment, problems, start.elapsed().as_secs_f64());
+    }
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);
     let grid = grid(args, scene)?;
@@ -179,6 +188,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge::judge(
         Given {
+            is_own_trajectory: place.is_odometry,
             scene,
             trajectory,
             origin: place.origin,
@@ -204,6 +214,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         servo_zero: ZeroOffer::of(&axes, &comparison.mount),
         rig: axes,
         problems,
+        alignment: place.alignment,
         time_offset_s: place.time_offset_ns as f64 * 1e-9,
         time_offset: place.time_offset,
         wall_s: start.elapsed().as_secs_f64(),
@@ -213,6 +224,44 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     // a disk that is full by now takes the files, not what was found
     let outcome = conclude(args, context, &document, fed.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
+}
+
+/// The document where no place of the trajectory in the scene is sure: nothing is compared.
+#[derive(Serialize)]
+struct Unplaced<'a> {
+    format: &'static str,
+    verdict: Verdict,
+    reason: Reason,
+    words: [String; 1],
+    alignment: &'a Alignment,
+    problems: Vec<String>,
+    wall_s: f64,
+}
+
+fn unplaced(
+    args: &Args,
+    context: Context,
+    alignment: &Alignment,
+    problems: Vec<String>,
+    wall_s: f64,
+) -> anyhow::Result<Outcome> {
+    let document = Unplaced {
+        format: "outrigger-compare/1",
+        verdict: Verdict::CannotTell,
+        reason: Reason::of_placement(alignment),
+        words: [alignment.words()],
+        alignment,
+        problems,
+        wall_s,
+    };
+    if let Some(out) = &args.out {
+        std::fs::create_dir_all(out).with_context(|| format!("cannot use the folder {}", out.display()))?;
+        let json = out.join("report.json");
+        write_json(&json, &document).with_context(|| format!("cannot write {}", json.display()))?;
+    }
+    let text = || format!("{} {}\n", Verdict::CannotTell.label(), document.words[0]);
+    output::print_result(context.json, &document, text, &document.problems)?;
+    Ok(Outcome::DataLost)
 }
 
 fn check(args: &Args, context: Context) -> anyhow::Result<()> {

@@ -27,7 +27,7 @@ fn figure(value: Option<f64>) -> String {
 /// What a terminal shows.
 pub fn text(document: &Document) -> String {
     let comparison = &document.comparison;
-    let mut text = format!("{}\n", comparison.headline());
+    let mut text = format!("{}\n{}", comparison.headline(), comparison.reason.line());
     for words in &comparison.words {
         let _ = writeln!(text, "  - {words}");
     }

@@ -4,14 +4,16 @@ use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 
 use super::Recorded;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
-use crate::commands::recorded_odometry::{self as odometry, OdometryArgs};
+use crate::commands::placing::{self, Near, Placed, Walk};
+use crate::commands::recorded_odometry::{self as odometry, OdometryArgs, OdometryResult};
 use crate::commands::scene_args::{MeshArgs, Room, read_trajectory};
 use crate::commands::scene_file::{self, Making, MapArgs};
+use crate::verify::align::Alignment;
 use crate::verify::compare::{Field, TimeOffset, time_offset};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
@@ -39,10 +41,17 @@ pub struct PlaceArgs {
     mesh: MeshArgs,
     #[command(flatten)]
     map: MapArgs,
-    /// Way of the body: TUM, EuRoC or another table whose header names its columns, KITTI poses with --rate, `still` for a rig that does not move, or `odometry` (with
-    /// --map-frames) for the way that the recording itself tells; without it the session's own.
+    /// Trajectory of the body: TUM, EuRoC or another table whose header names its columns, KITTI poses with --rate, `still` for a rig
+    /// that does not move, or `odometry` for the one of the recording itself, which is placed in the scene; without it the
+    /// session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
+    /// The trajectory begins in a frame of its own (SLAM, odometry): find where it lies in the scene.
+    #[arg(long)]
+    align: bool,
+    /// Where the walk begins in the scene, about, where several places fit: m and degrees.
+    #[arg(long, value_name = "X,Y[,YAW]", allow_hyphen_values = true)]
+    align_near: Option<Near>,
     /// Poses per second of a trajectory in KITTI format; the first pose is that of the first column.
     #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     rate: Option<f64>,
@@ -106,20 +115,27 @@ pub struct Place {
     pub time_offset: Option<TimeOffset>,
     /// Frames that made the map.
     pub mapped: std::ops::Range<u64>,
+    /// Where the trajectory lies in the scene, where that was looked for. One that is not placed is in its own frame still.
+    pub alignment: Option<Alignment>,
+    /// The trajectory was found from the recording.
+    pub is_odometry: bool,
     pub notices: Vec<String>,
 }
 
 /// Refuses, before anything is read, what was asked for and does not fit together.
 pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
     let way = args.trajectory.as_ref().and_then(|path| path.to_str());
-    if way == Some("odometry") {
-        if args.map_frames.is_none() {
-            refuse!(
-                "--trajectory odometry begins a world of its own, which lies nowhere in a scene: it needs --map-frames"
-            );
-        }
-    } else {
+    if !matches!(way, None | Some("odometry")) {
         OdometryArgs::ensure_not_typed(context)?;
+        if !args.align {
+            context.ensure_not_typed(&["align_near"], "is about --align, which is not asked for")?;
+        }
+    }
+    if args.align && matches!(args.time_offset, Offset::Search) {
+        refuse!(
+            "--time-offset search needs a trajectory in the scene's frame, and --align one on the recording's clock: give \
+             seconds, or start"
+        );
     }
     if matches!(way, None | Some("still" | "odometry")) {
         context.ensure_not_typed(
@@ -129,6 +145,10 @@ pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
     }
     if args.map_frames.is_some() {
         scene_file::ensure_of_frames(context)?;
+        context.ensure_not_typed(
+            &["align", "align_near"],
+            "is about a scene, and the map of --map-frames lies in the trajectory's own frame",
+        )?;
         if matches!(args.time_offset, Offset::Search) {
             refuse!("--time-offset search needs a scene: a map of the recording itself fits at any");
         }
@@ -142,7 +162,9 @@ pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
 /// Reads everything.
 pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> anyhow::Result<Place> {
     let mut notices = Vec::new();
-    let trajectory = trajectory(args, recorded, &mut notices)?;
+    let found = trajectory(args, recorded, &mut notices)?;
+    let is_odometry = matches!(found, Found::Odometry(_));
+    let trajectory = found.trajectory();
     let from_start = || -> anyhow::Result<i64> {
         let first_ns = recorded.span_ns()?.context("no frame to take the start from")?[0];
         Ok(trajectory.time_span_ns()[0] as i64 - first_ns as i64)
@@ -156,7 +178,7 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
     };
     // a rig that stands has no poses to miss
     if args.trajectory.as_ref().is_none_or(|path| path.as_os_str() != "still") {
-        notices.extend(suspicions(&trajectory, "trajectory"));
+        notices.extend(suspicions(trajectory, "trajectory"));
     }
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
     let loaded = match (&args.scene, &args.room) {
@@ -166,7 +188,12 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
     };
     let origin =
         loaded.as_ref().map_or_else(|| LocalOrigin::of_box(trajectory.bounds_m()), |loaded| loaded.origin);
-    let trajectory = origin.local_trajectory(trajectory);
+    let is_sought = mapped.is_empty() && (args.align || is_odometry);
+    // one that is to be placed lies in a frame of its own
+    let mut trajectory = match is_sought {
+        true => trajectory.clone(),
+        false => origin.local_trajectory(trajectory.clone()),
+    };
     let scene = match loaded {
         Some(loaded) => {
             notices.extend(loaded.warnings);
@@ -174,6 +201,32 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         }
         None => Scene::Voxels(Arc::new(map(args, recorded, &trajectory, time_offset_ns, &mapped)?)),
     };
+    let mut alignment = None;
+    if args.align_near.is_some() && !is_sought {
+        refuse!("--align-near is about --align: {} holds its own trajectory", recorded.what());
+    }
+    if is_sought {
+        let placed = placed(args, recorded, &found, (&scene, origin), time_offset_ns)?;
+        notices.extend(placed.notices);
+        alignment = Some(placed.alignment);
+        match placed.trajectory {
+            Some(placed) => trajectory = placed,
+            None => {
+                return Ok(Place {
+                    scene,
+                    trajectory,
+                    origin,
+                    is_misplaced: false,
+                    time_offset_ns,
+                    time_offset: None,
+                    mapped,
+                    alignment,
+                    is_odometry,
+                    notices,
+                });
+            }
+        }
+    }
     let mut found = None;
     if matches!(args.time_offset, Offset::Search) {
         let told = search(recorded, &scene, &trajectory, time_offset_ns)?;
@@ -187,7 +240,59 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         notices.append(&mut placement.doubts);
     }
     let is_misplaced = placement.is_wrong;
-    Ok(Place { scene, trajectory, origin, is_misplaced, time_offset_ns, time_offset: found, mapped, notices })
+    Ok(Place {
+        scene,
+        trajectory,
+        origin,
+        is_misplaced,
+        time_offset_ns,
+        time_offset: found,
+        mapped,
+        alignment,
+        is_odometry,
+        notices,
+    })
+}
+
+/// A trajectory, and what odometry kept of the recording.
+enum Found {
+    Elsewhere(Trajectory),
+    Odometry(Box<OdometryResult>),
+}
+
+impl Found {
+    fn trajectory(&self) -> &Trajectory {
+        match self {
+            Self::Elsewhere(trajectory) => trajectory,
+            Self::Odometry(way) => &way.walked.trajectory,
+        }
+    }
+}
+
+/// Where a trajectory of a frame of its own lies in the scene, which begins at `origin`.
+fn placed(
+    args: &PlaceArgs,
+    recorded: &Recorded,
+    found: &Found,
+    (scene, origin): (&Scene, LocalOrigin),
+    time_offset_ns: i64,
+) -> anyhow::Result<Placed> {
+    let walk = |rays, sensors, drifts| Walk {
+        trajectory: found.trajectory(),
+        rays,
+        sensors,
+        time_offset_ns,
+        drifts,
+    };
+    match found {
+        Found::Odometry(way) => {
+            placing::in_scene(&walk(&way.rays[..], &way.mounted[..], true), scene, origin, args.align_near)
+        }
+        Found::Elsewhere(_) => {
+            let kept = recorded.rays(placing::RAYS)?;
+            placing::in_scene(&walk(&kept.rays[..], &kept.sensors[..], false), scene, origin, args.align_near)
+        }
+    }
 }
 
 /// Looks for the time offset with an even share of the recorded rays.
@@ -212,33 +317,40 @@ fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
     recorded.is_some_and(|[first_ns, last_ns]| first_ns <= walked[1] && walked[0] <= last_ns)
 }
 
-fn trajectory(
-    args: &PlaceArgs,
-    recorded: &Recorded,
-    notices: &mut Vec<String>,
-) -> anyhow::Result<Trajectory> {
+fn trajectory(args: &PlaceArgs, recorded: &Recorded, notices: &mut Vec<String>) -> anyhow::Result<Found> {
+    let by_odometry = |notices: &mut Vec<String>| -> anyhow::Result<Found> {
+        let way = odometry::of_rig(recorded, &args.odometry)?;
+        notices.extend(odometry::remarks(&way));
+        Ok(Found::Odometry(Box::new(way)))
+    };
     let Some(path) = &args.trajectory else {
-        let own = recorded.own_trajectory()?;
-        return own.with_context(|| format!("give --trajectory: {} holds none", recorded.what()));
+        return match recorded.own_trajectory()? {
+            Some(own) => Ok(Found::Elsewhere(own)),
+            None if args.map_frames.is_some() => {
+                bail!("give --trajectory (`odometry` finds one): {} holds none", recorded.what())
+            }
+            None => {
+                notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));
+                by_odometry(notices)
+            }
+        };
     };
     let name = path.display().to_string();
     if name == "still" {
-        return recorded.still();
+        return Ok(Found::Elsewhere(recorded.still()?));
     }
     if name == "odometry" {
-        let way = odometry::of_rig(recorded, &args.odometry)?;
-        notices.extend(odometry::remarks(&way));
-        return Ok(way.walked.trajectory);
+        return by_odometry(notices);
     }
     let (poses, notes) = read_trajectory(path, args.rate)?;
     notices.extend(notes);
     if args.rate.is_none() {
-        return Ok(poses);
+        return Ok(Found::Elsewhere(poses));
     }
     let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];
     let stamped: Vec<(u64, Pose)> =
         poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();
-    going_on(stamped)
+    going_on(stamped).map(Found::Elsewhere)
 }
 
 /// Poses of revolutions say where each began: during the last one the body goes on as before.

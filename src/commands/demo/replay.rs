@@ -61,6 +61,7 @@ pub(crate) fn compare(
     let replayed = replay.finish();
     let compare = judge::judge(
         Given {
+            is_own_trajectory: false,
             scene,
             trajectory: &trajectory,
             origin: LocalOrigin::default(),

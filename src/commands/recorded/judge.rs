@@ -1,15 +1,16 @@
 //! From a replayed recording to what it comes to.
 
 use crate::commands::stage::Stage;
-use crate::verify::calibrate::{self, MountCheck};
+use crate::rig::MountedSensor;
+use crate::verify::calibrate::{self, MountCheck, SensorCheck};
 use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
     RayClasses, Replayed, misread, surface_cells,
 };
 use crate::verify::judgement::comparison::{
-    CheckReport, Comparison, Measured, RayReport, SurfaceReport, Verdict,
+    CheckReport, Comparison, Measured, RayReport, Reason, SurfaceReport, Verdict,
 };
-use crate::verify::judgement::{verdict, words};
+use crate::verify::judgement::{decide, words};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -33,6 +34,8 @@ pub struct Given<'a> {
     pub planned: Option<&'a Coverage>,
     pub healthy: Healthy,
     pub revolution_ns: u64,
+    /// The trajectory was found from this recording, with the nominal mounts.
+    pub is_own_trajectory: bool,
     pub agree_within_m: f64,
     /// Found while decoding.
     pub faults: Vec<Fault>,
@@ -63,6 +66,10 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     given.stage.next("looking where the sensors really sit");
     let check = mount_check(&field, &given.healthy, given.revolution_ns);
     let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } = check;
+    let mount = match given.is_own_trajectory {
+        true => mount.into_iter().zip(sensors).map(|(check, sensor)| shared(check, sensor)).collect(),
+        false => mount,
+    };
     // where the scene ends, rays near the cut fit the surfaces behind it
     let relative_tilt =
         relative_tilt.filter(|_| !replayed.breakdown.iter().any(|rays| has_holes(&rays.total())));
@@ -83,6 +90,7 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
     let universe = surface_cells(given.scene, planned.grid());
     let mut comparison = Comparison {
         verdict: Verdict::CannotTell,
+        reason: Reason::undecided(),
         words: Vec::new(),
         faults,
         rays: sensors.iter().map(|s| s.name.clone()).zip(rays(replayed)).collect(),
@@ -111,13 +119,25 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(given.origin)),
         prediction,
     };
-    comparison.verdict = verdict(&comparison);
+    (comparison.verdict, comparison.reason) = decide(&comparison);
     let cell_m = match given.scene {
         Scene::Voxels(map) => Some(map.voxel_m()),
         _ => None,
     };
     comparison.words = words(&comparison, replayed, given.patches, given.origin, cell_m);
     comparison
+}
+
+/// What a sensor's mount is off by is not told where its returns made the trajectory: a part of it went there.
+fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
+    let why = "the trajectory was found with this mount, and took up what all sensors share; what one differs from another by \
+               is left";
+    SensorCheck {
+        cannot_tell: check.cannot_tell.or_else(|| Some(why.to_owned())),
+        is_of_another_scene: check.is_of_another_scene,
+        rays: check.rays,
+        ..SensorCheck::untold(&sensor.name, sensor.mount)
+    }
 }
 
 /// Whether so many returns come where the scene has nothing that a part of it must be missing.

@@ -25,6 +25,7 @@ pub use intervals::PatchAgreement;
 pub use nulls::{Calibration, Field, Healthy, NullTest};
 pub use rays::{Gate, Replay, Replayed};
 pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
+pub(crate) use surface::box_points;
 pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
 };

@@ -159,7 +159,8 @@ fn face_area_m2(walls: &BoxScene, axis: usize) -> f64 {
     size[(axis + 1) % 3] * size[(axis + 2) % 3]
 }
 
-fn box_points(walls: &BoxScene, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
+/// Points spread evenly over the faces, each with its normal.
+pub(crate) fn box_points(walls: &BoxScene, count: usize, seed: u64) -> Vec<(DVec3, DVec3)> {
     let size = walls.max_m - walls.min_m;
     let faces = faces(walls);
     let whole_m2: f64 = faces.iter().map(|(axis, _)| face_area_m2(walls, *axis)).sum();

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::verify::align::Alignment;
 use crate::verify::calibrate::{RelativeTilt, SensorCheck};
 use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, NullTest, PatchAgreement, RayClasses, SurfaceShare,
@@ -13,6 +14,8 @@ use crate::verify::compare::{
 #[derive(Debug, Serialize)]
 pub struct Comparison {
     pub verdict: Verdict,
+    /// The test that decides.
+    pub reason: Reason,
     /// What is missing, where, and why most likely.
     pub words: Vec<String>,
     pub faults: Vec<Fault>,
@@ -37,25 +40,40 @@ pub struct Comparison {
     pub prediction: Option<NullTest>,
 }
 
-/// From this share of rays outside the trajectory's time the verdict is about a part of the recording.
-const PART_SHARE: f64 = 0.05;
+/// From this share of rays outside the trajectory's time on, the comparison is about a part of the recording.
+pub(super) const PART_SHARE: f64 = 0.05;
 
 impl Comparison {
-    /// The verdict in one sentence, how much of the recording it is about, and what it leaves open.
-    pub(crate) fn headline(&self) -> String {
+    /// The share of the rays that agree, of all sensors together; none without informative rays.
+    pub(super) fn agree_share(&self) -> Option<f64> {
+        let (mut agree, mut all) = (0, 0);
+        for RayReport { classes, .. } in self.rays.values() {
+            agree += classes.agree;
+            all += classes.informative();
+        }
+        (all > 0).then(|| agree as f64 / all as f64)
+    }
+
+    /// Share of the rays that lie outside the trajectory's time.
+    pub(super) fn unplaced_share(&self) -> f64 {
         let (mut unplaced, mut all) = (0, 0);
         for RayReport { classes, .. } in self.rays.values() {
             unplaced += classes.unplaced;
             all += classes.informative() + classes.nothing + classes.unplaced;
         }
-        let share = unplaced as f64 / all.max(1) as f64;
+        unplaced as f64 / all.max(1) as f64
+    }
+
+    /// The verdict in one sentence, how much of the recording it is about, and what it leaves open.
+    pub(crate) fn headline(&self) -> String {
+        let share = self.unplaced_share();
         let part = match share >= PART_SHARE {
             true => {
                 format!(", as far as the trajectory goes: {:.0} % of the rays lie outside it", 100.0 * share)
             }
             false => String::new(),
         };
-        format!("{}{part}{}", self.verdict.words(), self.untold())
+        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.untold())
     }
 
     /// What a match leaves open: coverage as promised does not promise tilts.
@@ -117,7 +135,7 @@ pub struct CheckReport {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// The recording covers what was promised.
+    /// The recording covers what was predicted.
     Matches,
     /// It does not.
     Differs,
@@ -126,12 +144,72 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// As it stands before its sentence.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Matches => "PASS",
+            Self::Differs => "DIFFERS",
+            Self::CannotTell => "CANNOT TELL",
+        }
+    }
+
     /// One sentence.
     pub(crate) fn words(self) -> &'static str {
         match self {
-            Self::Matches => "The recording covers what was promised",
-            Self::Differs => "The recording is not what was promised",
-            Self::CannotTell => "Too little was recorded to tell",
+            Self::Matches => "the recording covers what was predicted",
+            Self::Differs => "the recording is not what was predicted",
+            Self::CannotTell => "too little was recorded within the trajectory's time",
         }
+    }
+}
+
+/// The test that decided a verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Reason {
+    /// For scripts: the name of a fault, or of the test.
+    pub code: &'static str,
+    /// Its figures, and what they are held against.
+    pub values: BTreeMap<&'static str, f64>,
+    /// How often healthy runs do no better, where that decides.
+    pub p_value: Option<f64>,
+}
+
+impl Reason {
+    pub(super) fn new(code: &'static str) -> Self {
+        Self { code, values: BTreeMap::new(), p_value: None }
+    }
+
+    /// Of what is not judged yet.
+    pub fn undecided() -> Self {
+        Self::new("undecided")
+    }
+
+    /// With those values that there are.
+    pub(super) fn with(mut self, values: impl IntoIterator<Item = (&'static str, Option<f64>)>) -> Self {
+        self.values.extend(values.into_iter().filter_map(|(name, value)| Some((name, value?))));
+        self
+    }
+
+    /// Of a walk that has no sure place in the scene.
+    pub fn of_placement(alignment: &Alignment) -> Self {
+        let inliers = alignment.best.as_ref().map(|best| best.inlier_share);
+        let second = alignment.second_best.as_ref();
+        Self::new(alignment.code()).with([
+            ("placements", Some(alignment.placements.len() as f64)),
+            ("inlier_share", inliers),
+            ("only_best", second.map(|second| second.only_best)),
+            ("only_second", second.map(|second| second.only_second)),
+        ])
+    }
+
+    /// One line of a summary.
+    pub fn line(&self) -> String {
+        let values = self.values.iter().map(|(name, value)| {
+            let digits = if value.fract() == 0.0 { 0 } else { 4 };
+            format!("{name} {value:.digits$}")
+        });
+        let p_value = self.p_value.map(|p| format!("p {p:.3}"));
+        let all: Vec<String> = std::iter::once(self.code.to_owned()).chain(values).chain(p_value).collect();
+        format!("reason    {}\n", all.join(", "))
     }
 }

@@ -1,6 +1,7 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
 pub mod comparison;
+mod reason;
 mod seats;
 
 use std::collections::BTreeMap;
@@ -10,7 +11,8 @@ use glam::DVec3;
 use crate::base::numbers::number;
 use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 use crate::world::local_origin::LocalOrigin;
-use comparison::{Comparison, Verdict};
+use comparison::Comparison;
+pub use reason::decide;
 use seats::{off, off_in_range, off_its_seat};
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
@@ -28,30 +30,6 @@ const UNPLACED_PERCENT: f64 = 0.1;
 /// Contradicting cells are worth a word from this share of the cells that both know.
 const CONFLICTS_MATTER: f64 = 0.02;
 
-/// From everything that was found. One sensor that says nothing is enough not to call it a match.
-pub(crate) fn verdict(comparison: &Comparison) -> Verdict {
-    if !comparison.faults.is_empty() {
-        return Verdict::Differs;
-    }
-    let informative = |sensor: &RayClasses| sensor.informative() >= LEAST_RAYS;
-    if !comparison.rays.values().any(|sensor| informative(&sensor.classes)) {
-        return Verdict::CannotTell;
-    }
-    let null = comparison.prediction.as_ref();
-    // too few runs tell nothing: the least p value among them is above RARE
-    let can_tell = null.is_some_and(|null| null.healthy.least_p_value() <= RARE);
-    let as_healthy = |p_value: Option<f64>| can_tell && p_value.is_some_and(|p| p > RARE);
-    let rays_fine = comparison.rays.values().all(|sensor| {
-        informative(&sensor.classes)
-            && (sensor.agree_share >= Some(MATCH_AGREE_SHARE)
-                || as_healthy(null.and_then(|null| null.agree_p_value)))
-    });
-    let patches_fine = comparison.agreement.as_ref().is_none_or(|agreement| {
-        agreement.patches.agreement.iou >= Some(MATCH_IOU) || as_healthy(agreement.p_value)
-    });
-    if rays_fine && patches_fine && off(comparison).is_empty() { Verdict::Matches } else { Verdict::Differs }
-}
-
 /// What is missing, where, and why most likely; `cell_m` is the edge of a cell where the scene is a map of such.
 pub fn words(
     comparison: &Comparison,
@@ -61,6 +39,14 @@ pub fn words(
     cell_m: Option<f64>,
 ) -> Vec<String> {
     let mut words: Vec<String> = comparison.faults.iter().map(|fault| fault.words.clone()).collect();
+    let is_in_another_frame = comparison.faults.is_empty() && reason::is_in_another_frame(comparison);
+    if is_in_another_frame {
+        words.push(format!(
+            "trajectory and scene lie in different frames ({:.0} % of the rays agree): a SLAM or odometry trajectory begins at its \
+             own origin; try --align",
+            100.0 * comparison.agree_share().unwrap_or(0.0)
+        ));
+    }
     words.extend(off(comparison));
     for check in &comparison.mount {
         if let Some(why) = &check.cannot_tell {

@@ -22,7 +22,8 @@ use crate::base::statistics::median;
 use crate::design::registration::{DEGENERATE, Information, RegistrationQuality};
 use crate::world::trajectory::{Trajectory, TrajectoryError};
 
-use align::{Aligned, Kernel, Memory};
+use align::Aligned;
+pub(crate) use align::{Kernel, Memory, align as align_points};
 pub use map::{Cells, Moments, PlaneFit, PointMap, thin};
 pub(crate) use pass::OdometryPass;
 pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};

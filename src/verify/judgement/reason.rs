@@ -1,0 +1,102 @@
+//! One test decides, and is named with its figure.
+
+use super::comparison::{Comparison, PART_SHARE, Reason, Verdict};
+use super::seats::off;
+use super::{LEAST_RAYS, MATCH_AGREE_SHARE, MATCH_IOU, RARE};
+
+/// Trajectory and scene lie in different frames below this share of agreeing rays: even of another place a tenth agrees.
+const NO_FRAME_SHARE: f64 = 0.05;
+
+/// Whether hardly any ray ends where the scene is.
+pub(super) fn is_in_another_frame(comparison: &Comparison) -> bool {
+    let rays: u64 = comparison.rays.values().map(|sensor| sensor.classes.informative()).sum();
+    rays >= LEAST_RAYS && comparison.agree_share().is_some_and(|share| share < NO_FRAME_SHARE)
+}
+
+/// The verdict, and the test that decides it. One sensor that says nothing is enough not to call it a match.
+pub fn decide(comparison: &Comparison) -> (Verdict, Reason) {
+    if let Some(fault) = comparison.faults.first() {
+        let shares = [("agree_share", fault.agree_share), ("explained_share", fault.explained_share)];
+        return (Verdict::Differs, Reason::new(fault.name).with(shares));
+    }
+    let share = comparison.agree_share();
+    if is_in_another_frame(comparison) {
+        let values = [("agree_share", share), ("least_agree_share", Some(NO_FRAME_SHARE))];
+        return (Verdict::Differs, Reason::new("another_frame").with(values));
+    }
+    let part = comparison.unplaced_share();
+    let poorest = comparison.rays.values().map(|sensor| sensor.classes.informative()).min().unwrap_or(0);
+    let rays = comparison.rays.values().map(|sensor| sensor.classes.informative()).max().unwrap_or(0);
+    if rays < LEAST_RAYS {
+        let code = if part >= PART_SHARE { "trajectory_covers_part" } else { "too_few_rays" };
+        let values = [
+            ("rays", Some(rays as f64)),
+            ("needed_rays", Some(LEAST_RAYS as f64)),
+            ("unplaced_share", Some(part)),
+        ];
+        return (Verdict::CannotTell, Reason::new(code).with(values));
+    }
+    if poorest < LEAST_RAYS {
+        let values = [("rays", Some(poorest as f64)), ("needed_rays", Some(LEAST_RAYS as f64))];
+        return (Verdict::Differs, Reason::new("sensor_with_few_rays").with(values));
+    }
+    if !off(comparison).is_empty() {
+        return (Verdict::Differs, mount_reason(comparison));
+    }
+    let null = comparison.prediction.as_ref();
+    // too few runs tell nothing: the least p value among them is above RARE
+    let can_tell = null.is_some_and(|null| null.healthy.least_p_value() <= RARE);
+    let as_healthy = |p_value: Option<f64>| can_tell && p_value.is_some_and(|p| p > RARE);
+    let runs = null.map(|null| null.healthy.runs as f64);
+    let rays_p = null.and_then(|null| null.agree_p_value);
+    let worst = comparison.rays.values().filter_map(|sensor| sensor.agree_share).reduce(f64::min);
+    if worst < Some(MATCH_AGREE_SHARE) && !as_healthy(rays_p) {
+        let of_runs = null.and_then(|null| null.agree_share_of_runs);
+        let values = [
+            ("agree_share", worst),
+            ("needed_agree_share", Some(MATCH_AGREE_SHARE)),
+            ("null_runs", runs),
+            ("null_mean", of_runs.map(|runs| runs[0])),
+            ("null_least", of_runs.map(|runs| runs[1])),
+        ];
+        return (Verdict::Differs, Reason { p_value: rays_p, ..Reason::new("rays_disagree").with(values) });
+    }
+    let agreement = comparison.agreement.as_ref();
+    let iou = agreement.and_then(|agreement| agreement.patches.agreement.iou);
+    let patches_p = agreement.and_then(|agreement| agreement.p_value);
+    if agreement.is_some() && iou < Some(MATCH_IOU) && !as_healthy(patches_p) {
+        let of_runs = null.and_then(|null| null.iou_of_runs);
+        let values = [
+            ("iou", iou),
+            ("needed_iou", Some(MATCH_IOU)),
+            ("null_runs", runs),
+            ("null_mean", of_runs.map(|runs| runs[0])),
+            ("null_least", of_runs.map(|runs| runs[1])),
+        ];
+        return (
+            Verdict::Differs,
+            Reason { p_value: patches_p, ..Reason::new("surface_missing").with(values) },
+        );
+    }
+    if part >= PART_SHARE {
+        let values = [("unplaced_share", Some(part)), ("most_unplaced_share", Some(PART_SHARE))];
+        return (Verdict::CannotTell, Reason::new("trajectory_covers_part").with(values));
+    }
+    let least_p = [rays_p, patches_p].into_iter().flatten().reduce(f64::min);
+    let values = [("agree_share", worst), ("iou", iou), ("null_runs", runs)];
+    (Verdict::Matches, Reason { p_value: least_p, ..Reason::new("as_predicted").with(values) })
+}
+
+/// The surest of what is off of the mounts.
+fn mount_reason(comparison: &Comparison) -> Reason {
+    let mut tests: Vec<(f64, f64, f64)> = Vec::new();
+    for check in &comparison.mount {
+        tests.extend(
+            check.p_value.zip(check.tilt_error_deg).zip(check.u95_deg).map(|((p, tilt), u95)| (p, tilt, u95)),
+        );
+    }
+    tests.extend(comparison.relative_tilt.as_ref().map(|tilt| (tilt.p_value, tilt.error_deg, tilt.u95_deg)));
+    let surest = tests.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let values = [("tilt_error_deg", surest.map(|test| test.1)), ("u95_deg", surest.map(|test| test.2))];
+    Reason { p_value: surest.map(|test| test.0), ..Reason::new("mount_off").with(values) }
+}
