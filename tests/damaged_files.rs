@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use e57::Record;
 use outrigger::rig::{MountFile, SensorEntry};
 use outrigger::world::scene::{load_mesh, read_cloud};
 use outrigger::world::trajectory::Trajectory;
@@ -14,6 +15,7 @@ pub const CASES: &[Case] = &[
     case("meshes", meshes),
     case("clouds", clouds),
     case("ways", ways),
+    case("tables_of_poses", tables_of_poses),
     case("mounts_and_configs", mounts_and_configs),
 ];
 
@@ -95,6 +97,8 @@ fn meshes() {
     glb.extend(b"BIN\0");
     glb.extend(buffer);
     feed("a.glb", &glb, read);
+    let off = "OFF\n4 2 0\n0 0 0\n4 0 0\n4 4 0\n0 4 0\n3 0 1 2\n4 0 1 2 3 0.5 0.5 0.5\n";
+    feed("a.off", off.as_bytes(), read);
 }
 
 fn clouds() {
@@ -124,6 +128,17 @@ fn clouds() {
         writer.close().unwrap();
         feed(name, &std::fs::read(&path).unwrap(), read);
     }
+    feed("a.xyz", b"// x y z timestamp\n1 2 3 4\n5,6;7 8\n", read);
+    let path = folder.path().join("a.e57");
+    let mut writer = e57::E57Writer::from_file(&path, "file").unwrap();
+    let prototype = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64];
+    let mut scan = writer.add_pointcloud("scan", prototype).unwrap();
+    for x in 0..40 {
+        scan.add_point([f64::from(x), 1.0, 2.0].map(e57::RecordValue::Double).to_vec()).unwrap();
+    }
+    scan.finalize().unwrap();
+    writer.finalize().unwrap();
+    feed("a.e57", &std::fs::read(&path).unwrap(), read);
 }
 
 fn ways() {
@@ -133,6 +148,17 @@ fn ways() {
     feed("a.kitti", b"1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 0 0 0 1 0\n", |path| {
         named(path, Trajectory::from_kitti(&text(path)?, 10.0))
     });
+}
+
+fn tables_of_poses() {
+    let read: Reader = |path| {
+        let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
+        let rate_hz = path.extension().is_some_and(|ending| ending == "kitti").then_some(10.0);
+        named(path, Trajectory::read(&bytes, rate_hz))
+    };
+    feed("a.tum", b"# t x y z qx qy qz qw\n1.5 0 0 1 0 0 0 1\n2.5 1 0 1 0 0 0.1 0.99\n", read);
+    feed("a.csv", b"time [ns],x,y,z,qw,qx,qy,qz\n1500,0,0,1,1,0,0,0\n2500,1,0,1,1,0,0,0\n", read);
+    feed("a.kitti", b"1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1\n", read);
 }
 
 fn mounts_and_configs() {

@@ -22,6 +22,7 @@ mod damaged_files;
 mod fuzz;
 mod inspect;
 mod maps;
+mod mesh_files;
 mod mutants;
 mod optimize;
 mod ouster;
@@ -62,6 +63,7 @@ fn main() -> std::process::ExitCode {
         ("fuzz", fuzz::CASES),
         ("inspect", inspect::CASES),
         ("maps", maps::CASES),
+        ("mesh_files", mesh_files::CASES),
         ("mutants", mutants::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),

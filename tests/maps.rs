@@ -6,7 +6,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
+use outrigger::base::geometry::Pose;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, MountedSensor, Rig, SensorEntry};
@@ -22,6 +23,8 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("a_cloud_predicts_what_its_room_does", a_cloud_predicts_what_its_room_does),
     case("clouds_say_in_three_ways_where_they_were_seen_from", clouds_say_where_they_were_seen_from),
+    case("scans_were_seen_from_where_they_are_placed", scans_were_seen_from_where_they_are_placed),
+    case("clouds_in_a_national_grid_are_as_at_the_origin", clouds_in_a_national_grid),
     case("what_nobody_looked_into_is_unknown", what_nobody_looked_into_is_unknown),
     case("a_session_is_a_scene", a_session_is_a_scene),
     case("what_makes_no_map_is_refused", what_makes_no_map_is_refused),
@@ -147,6 +150,45 @@ impl Folder {
         writer.close().unwrap();
     }
 
+    /// A cloud with viewpoints as text, moved.
+    fn put_xyz(&self, name: &str, points: &[Seen], by_m: DVec3) {
+        let mut file = std::io::BufWriter::new(std::fs::File::create(self.path(name)).unwrap());
+        writeln!(file, "// x,y,z,intensity,vp_x,vp_y,vp_z\r").unwrap();
+        for seen in points {
+            let (at, from) = (seen.at_m + by_m, seen.from_m + by_m);
+            writeln!(file, "{},{},{},7,{},{},{}\r", at.x, at.y, at.z, from.x, from.y, from.z).unwrap();
+        }
+    }
+
+    /// Scans of a tenth of a second, each in the frame of its scanner, which is turned.
+    fn put_e57(&self, name: &str, points: &[Seen], is_placed: bool) {
+        use e57::{Quaternion, Record, RecordDataType, RecordName, RecordValue, Transform, Translation};
+        let mut writer = e57::E57Writer::from_file(self.path(name), "file").unwrap();
+        let double = RecordDataType::Double { min: None, max: None };
+        let axes = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+        let turn = DQuat::from_rotation_z(2.0) * DQuat::from_rotation_x(0.3);
+        let scan_of = |seen: &Seen| (seen.time_ns - START_NS) / 100_000_000;
+        let last = points.iter().map(scan_of).max().unwrap();
+        for number in 0..=last {
+            let of_scan: Vec<&Seen> = points.iter().filter(|seen| scan_of(seen) == number).collect();
+            let from_m = of_scan.iter().map(|seen| seen.from_m).sum::<DVec3>() / of_scan.len() as f64;
+            let prototype = axes.iter().map(|name| Record { name: name.clone(), data_type: double.clone() });
+            let mut scan = writer.add_pointcloud(&format!("scan {number}"), prototype.collect()).unwrap();
+            if is_placed {
+                scan.set_transform(Some(Transform {
+                    rotation: Quaternion { w: turn.w, x: turn.x, y: turn.y, z: turn.z },
+                    translation: Translation { x: from_m.x, y: from_m.y, z: from_m.z },
+                }));
+            }
+            for seen in of_scan {
+                let at = if is_placed { turn.inverse() * (seen.at_m - from_m) } else { seen.at_m };
+                scan.add_point(at.to_array().map(RecordValue::Double).to_vec()).unwrap();
+            }
+            scan.finalize().unwrap();
+        }
+        writer.finalize().unwrap();
+    }
+
     fn predict(&self, place: &[&str]) -> Output {
         let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
         command.args(["predict", "--json", "--azimuths", "360", "--no-housings", "--no-baselines"]);
@@ -239,6 +281,53 @@ fn clouds_say_where_they_were_seen_from() {
     let ([coarse, ..], _) = map("cloud.ply", &["--map-voxel", "0.4", "--map-hits", "255", "--voxel", "0.4"]);
     let ([all, ..], _) = map("cloud.ply", &["--map-voxel", "0.4", "--voxel", "0.4"]);
     assert!(coarse < 0.9 * all && coarse > 0.1 * all, "{coarse} of {all}");
+}
+
+fn scans_were_seen_from_where_they_are_placed() {
+    let folder = Folder::new();
+    let points = recorded(|_| true);
+    folder.put_ply("cloud.ply", &points);
+    folder.put_e57("placed.e57", &points, true);
+    folder.put_e57("merged.e57", &points, false);
+    let counts = |name: &str| {
+        let document = folder.document(&["--scene", &folder.text(name)]);
+        ["occupied_cells", "free_cells", "points_from_nowhere"]
+            .map(|what| document["map"][what].as_f64().unwrap())
+    };
+    let [occupied, free, _] = counts("cloud.ply");
+    let [cells, air, nowhere] = counts("placed.e57");
+    // the scanners move by a decimetre during a scan
+    assert!((cells / occupied - 1.0).abs() < 0.01 && (air / free - 1.0).abs() < 0.05, "{cells} {air}");
+    assert_eq!(nowhere, 0.0);
+    let [cells, air, nowhere] = counts("merged.e57");
+    assert!((cells / occupied - 1.0).abs() < 0.01, "{cells} {occupied}");
+    assert_eq!((air, nowhere), (0.0, points.len() as f64), "where nobody says who saw them");
+}
+
+fn clouds_in_a_national_grid() {
+    let folder = Folder::new();
+    let points = recorded(|_| true);
+    let by_m = DVec3::new(412_345.0, -5_567_890.0, 12_312.0);
+    folder.put_xyz("near.xyz", &points, DVec3::ZERO);
+    folder.put_xyz("far.csv", &points, by_m);
+    let far: Vec<_> =
+        walk().stamped().map(|(t, pose)| (t, Pose::new(pose.rotation, pose.translation_m + by_m))).collect();
+    let near = folder.document(&["--scene", &folder.text("near.xyz"), "--out", &folder.text("near.ply")]);
+    std::fs::write(folder.path("walk.tum"), Trajectory::new(far).unwrap().to_tum()).unwrap();
+    let far = folder.document(&["--scene", &folder.text("far.csv"), "--out", &folder.text("far.ply")]);
+    for figure in ["unique_voxels", "reachable_voxels", "returns", "coverage_sha256"] {
+        assert_eq!(near[figure], far[figure], "{figure}");
+    }
+    for count in ["occupied_cells", "free_cells", "points_from_nowhere"] {
+        assert_eq!(near["map"][count], far["map"][count], "{count}");
+    }
+    let moved = by_m.to_array().map(|metres| (10.0 * metres) as i64);
+    let expected: BTreeSet<[i64; 3]> = folder
+        .cells("near.ply")
+        .into_iter()
+        .map(|cell| [0, 1, 2].map(|axis| cell[axis] + moved[axis]))
+        .collect();
+    assert_eq!(folder.cells("far.ply"), expected);
 }
 
 /// A recording that never looked into half of the room.

@@ -97,7 +97,7 @@ pub(crate) fn read(
         making.0.add_cloud(path, given)?;
         "cloud"
     };
-    let mut loaded = making.0.finish(path, made_of)?;
+    let mut loaded = LoadedScene::from_map(making.0.finish(path, made_of)?);
     warnings.append(&mut loaded.warnings);
     loaded.warnings = warnings;
     Ok(loaded)

@@ -11,8 +11,8 @@ pub struct SiteArgs {
     /// Sensors of the rig, in the order of its axes: places their points, and has the pitches to apply.
     #[arg(long, value_name = "FILE")]
     pub(super) mount: Option<PathBuf>,
-    /// What is around, for the prediction: a mesh (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: a session, or
-    /// a point cloud (.ply without faces, .pcd, .las or .laz).
+    /// What is around, for the prediction: a mesh (.ply, .obj, .stl, .off, .gltf or .glb), or what a map is made of: a session, or
+    /// a point cloud (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, value_name = "PATH", conflicts_with = "room")]
     pub(super) scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its min and max corner, m.
@@ -22,7 +22,7 @@ pub struct SiteArgs {
     pub(super) mesh: MeshArgs,
     #[command(flatten)]
     pub(super) map: MapArgs,
-    /// Trajectory of the platform: TUM format, or KITTI poses with --rate; without it the platform stands at the origin.
+    /// Trajectory of the platform: TUM, EuRoC or another table whose header names its columns, or KITTI poses with --rate; without it the platform stands at the origin.
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format.

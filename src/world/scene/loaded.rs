@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
+use super::map_builder::MadeMap;
 use super::mesh_file::plausible_units;
-use super::{LoadedMesh, MapSummary, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, VoxelMap, load_mesh};
+use super::{LoadedMesh, MapSummary, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
 use crate::world::local_origin::LocalOrigin;
 
 /// A mesh higher than this, m, whose unit is not stated may be in another one.
@@ -40,6 +41,8 @@ pub(crate) struct MeshSummary {
     triangles: usize,
     /// Where the frame of the computation begins in that of the files.
     local_origin_m: [f64; 3],
+    #[serde(skip)]
+    origin: LocalOrigin,
 }
 
 /// A mesh as read.
@@ -105,26 +108,23 @@ impl MeshFile {
             area_m2: mesh.area_m2(),
             triangles: mesh.triangles(),
             local_origin_m: origin.world_m().to_array(),
+            origin,
         };
         Ok(Self { mesh: Arc::new(mesh), origin, summary, warnings })
     }
 }
 
 impl LoadedScene {
-    pub(crate) fn from_map(
-        map: VoxelMap,
-        origin: LocalOrigin,
-        summary: MapSummary,
-        warnings: Vec<String>,
-    ) -> Self {
+    pub(crate) fn from_map(made: MadeMap) -> Self {
+        let MadeMap { map, origin, summary, warnings } = made;
         Self { scene: Scene::Voxels(Arc::new(map)), origin, mesh: None, map: Some(summary), warnings }
     }
 }
 
 impl MeshSummary {
-    /// One line of a summary.
+    /// One line of a summary, and one about the local origin where there is one.
     pub(crate) fn line(&self) -> String {
-        format!("mesh           {}\n", self.words())
+        format!("mesh           {}\n{}", self.words(), self.origin.line())
     }
 
     pub(crate) fn words(&self) -> String {

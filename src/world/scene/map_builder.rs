@@ -6,7 +6,7 @@ use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 use serde::Serialize;
 
-use super::{CloudFileError, CloudPoint, LoadedScene, Strays, VoxelMap, VoxelMapError, read_cloud};
+use super::{CloudFileError, CloudPoint, Strays, VoxelMap, VoxelMapError, read_cloud};
 use crate::base::geometry::Pose;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::trajectory::Trajectory;
@@ -41,6 +41,15 @@ impl MapSummary {
     pub(crate) fn knows_free(&self) -> bool {
         self.free_cells > 0
     }
+}
+
+/// A map with where it begins.
+pub(crate) struct MadeMap {
+    /// In the local frame.
+    pub map: VoxelMap,
+    pub origin: LocalOrigin,
+    pub summary: MapSummary,
+    pub warnings: Vec<String>,
 }
 
 /// Why a map cannot be made.
@@ -159,7 +168,7 @@ impl MapBuilder {
     }
 
     /// The map, around its local origin.
-    pub(crate) fn finish(mut self, path: &Path, made_of: &'static str) -> Result<LoadedScene, MapError> {
+    pub(crate) fn finish(mut self, path: &Path, made_of: &'static str) -> Result<MadeMap, MapError> {
         let name = path.display();
         let origin = self.origin.unwrap_or_default();
         let voxel_m = self.map.voxel_m();
@@ -204,7 +213,7 @@ impl MapBuilder {
             points_from_nowhere: self.without_origin,
             local_origin_m: origin.world_m().to_array(),
         };
-        Ok(LoadedScene::from_map(self.map, origin, summary, warnings))
+        Ok(MadeMap { map: self.map, origin, summary, warnings })
     }
 
     /// The map alone, of frames that a caller chose.

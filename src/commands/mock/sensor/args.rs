@@ -69,7 +69,8 @@ pub struct Args {
         allow_hyphen_values = true
     )]
     pub(super) hall: Numbers<6>,
-    /// Trajectory of the platform (TUM format); by default it stands at the origin.
+    /// Trajectory of the platform (TUM, EuRoC or another table whose header names its columns); by default it stands at the
+    /// origin.
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,
     /// Mount of the sensor: m and degrees, in the mount frame (x right, y forward, z up).

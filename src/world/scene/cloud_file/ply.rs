@@ -6,9 +6,10 @@ use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, Property, PropertyAccess, PropertyAccessResult};
 
 use super::{CloudPoint, Fault, point, slot};
-use crate::world::scene::mesh_file::{Passed, element_fault, header_fault, whole_number};
+use crate::world::scene::mesh_file::{Passed, element_fault, header_fault, whole_number, with_numbers};
 
 pub(super) fn read(bytes: &[u8], take: &mut dyn FnMut(CloudPoint)) -> Result<(), Fault> {
+    let bytes = &*with_numbers(bytes);
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)

@@ -41,6 +41,9 @@ pub(super) fn finish(path: &Path, mut soup: Soup, stated: Stated) -> Result<Load
             crossing.polygons
         ));
     }
+    if soup.short_faces > 0 {
+        say(format!("{} faces of fewer than 3 corners left out", soup.short_faces));
+    }
     let endless = soup.drop_endless();
     if endless > 0 {
         say(format!("{endless} triangles with a corner that is not finite (NaN or infinite) dropped"));

@@ -13,7 +13,7 @@ mod stl;
 mod unit;
 
 pub(super) use finish::single_step;
-pub(super) use ply::{Passed, element_fault, header_fault, makes_surface, whole_number};
+pub(super) use ply::{Passed, element_fault, header_fault, makes_surface, whole_number, with_numbers};
 pub use unit::MeshUnit;
 pub(crate) use unit::{UNITS, plausible_units};
 
@@ -85,6 +85,8 @@ struct Soup {
     triangles: Vec<[u32; 3]>,
     /// Which of the triangles are polygons of more than three corners.
     fans: Vec<polygon::Fan>,
+    /// Faces of fewer than three corners.
+    short_faces: usize,
     /// As a comment of the file states it.
     unit: Option<MeshUnit>,
     /// Coarsest step of coordinates that are stored in 32 bits, and where it is; 0 where none are.

@@ -35,10 +35,6 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
                 for word in words {
                     polygon.push(corner(word, soup.vertices.len(), number)?);
                 }
-                if polygon.len() < 3 {
-                    let reason = format!("a face of {} corners, expected at least 3", polygon.len());
-                    return Err(Fault::line(number, reason));
-                }
                 soup.push_polygon(&polygon);
             }
             _ => {}

@@ -59,9 +59,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
         let corners = words.next().and_then(Result::ok).unwrap_or(0) as usize;
         polygon.clear();
         polygon.extend(words.take(corners).map_while(Result::ok));
-        if polygon.len() != corners || corners < 3 {
-            let reason =
-                format!("{line:?}, expected the number of corners, 3 or more, and that many vertices");
+        if polygon.len() != corners || corners == 0 {
+            let reason = format!("{line:?}, expected the number of corners and that many vertices");
             return Err(Fault::line(number, reason));
         }
         soup.push_polygon(&polygon);

@@ -1,6 +1,7 @@
 //! PLY, text and binary of both byte orders: the elements `vertex` (x, y, z), `face` (a list of vertex numbers) and
 //! `tristrips` (lists of strips, with -1 between them).
 
+use std::borrow::Cow;
 use std::io::Cursor;
 
 use glam::DVec3;
@@ -12,6 +13,7 @@ use super::{Fault, MeshUnit, Soup};
 
 /// Reads vertices, faces and strips; other elements are passed over.
 pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
+    let bytes = &*with_numbers(bytes);
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
@@ -52,6 +54,31 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
         }
     }
     Ok(soup)
+}
+
+/// The parser knows no `nan` and no `inf` in text: they become a number that no float holds.
+pub(in crate::world::scene) fn with_numbers(bytes: &[u8]) -> Cow<'_, [u8]> {
+    const END: &[u8] = b"end_header";
+    const ENDLESS: &[u8] = b"9e999";
+    let start = bytes.windows(END.len()).position(|window| window == END).unwrap_or(bytes.len());
+    let (header, body) = bytes.split_at(start);
+    let is_text = header.windows(12).any(|window| window == b"format ascii");
+    let is_endless = |word: &[u8]| {
+        let word = std::str::from_utf8(word).ok().and_then(super::number);
+        word.is_some_and(|number| !number.is_finite())
+    };
+    let mut words = body.split(u8::is_ascii_whitespace);
+    if !is_text || !words.any(is_endless) {
+        return Cow::Borrowed(bytes);
+    }
+    let mut written = header.to_vec();
+    for word in body.split_inclusive(u8::is_ascii_whitespace) {
+        let blank = word.last().filter(|byte| byte.is_ascii_whitespace());
+        let text = &word[..word.len() - usize::from(blank.is_some())];
+        written.extend(if is_endless(text) { ENDLESS } else { text });
+        written.extend(blank);
+    }
+    Cow::Owned(written)
 }
 
 fn vertices(corners: &[i64], place: impl Fn() -> String) -> Result<Vec<u32>, Fault> {

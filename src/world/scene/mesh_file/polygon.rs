@@ -28,8 +28,9 @@ pub(super) struct Crossing {
 }
 
 impl Soup {
-    /// A polygon as a fan of triangles.
+    /// A polygon as a fan of triangles; one of fewer than three corners is no surface and is counted.
     pub(super) fn push_polygon(&mut self, corners: &[u32]) {
+        self.short_faces += usize::from(corners.len() < 3);
         if corners.len() > 3 {
             self.fans.push(Fan { first: self.triangles.len(), triangles: corners.len() - 2 });
         }
@@ -40,12 +41,15 @@ impl Soup {
 
     /// Cuts concave polygons again, now that every vertex is known. Corners beyond the vertices are left to the mesh.
     pub(super) fn cut_polygons(&mut self) -> Crossing {
-        let mut crossing = Crossing::default();
+        let (mut crossing, mut spare) = (Crossing::default(), Vec::new());
         let mut cutter = Cutter::default();
         for fan in std::mem::take(&mut self.fans) {
             let triangles = &mut self.triangles[fan.first..fan.first + fan.triangles];
-            cutter.cut(&self.vertices, triangles, &mut crossing);
+            let needed = cutter.cut(&self.vertices, triangles, &mut crossing);
+            spare.extend(fan.first + needed..fan.first + fan.triangles);
         }
+        let (mut spare, mut number) = (spare.into_iter().peekable(), 0..);
+        self.triangles.retain(|_| spare.next_if_eq(&number.next().unwrap_or(0)).is_none());
         crossing
     }
 }
@@ -59,13 +63,14 @@ struct Cutter {
 }
 
 impl Cutter {
-    fn cut(&mut self, vertices: &[DVec3], fan: &mut [[u32; 3]], crossing: &mut Crossing) {
+    /// Cuts a polygon again where its fan is wrong; how many of the triangles are needed then.
+    fn cut(&mut self, vertices: &[DVec3], fan: &mut [[u32; 3]], crossing: &mut Crossing) -> usize {
         let point = |index: u32| vertices.get(index as usize).copied().filter(|point| point.is_finite());
         self.corners.clear();
         self.corners.extend([fan[0][0], fan[0][1]]);
         self.corners.extend(fan.iter().map(|triangle| triangle[2]));
         if self.corners.iter().any(|corner| point(*corner).is_none()) {
-            return;
+            return fan.len();
         }
         let at = |index: u32| vertices[index as usize] - vertices[fan[0][0] as usize];
         let twice: DVec3 = fan.iter().map(|[_, b, c]| at(*b).cross(at(*c))).sum();
@@ -76,12 +81,12 @@ impl Cutter {
             if spread > 0.0 {
                 crossing.add(0.5 * doubled, 0.5 * spread);
             }
-            return;
+            return fan.len();
         }
         let normal = twice / doubled;
         let turns_back = |[_, b, c]: &[u32; 3]| at(*b).cross(at(*c)).dot(normal) < -ROUNDING * doubled;
         if !fan.iter().any(turns_back) {
-            return;
+            return fan.len();
         }
         let (right, up) = normal.any_orthonormal_pair();
         self.flat.clear();
@@ -92,14 +97,11 @@ impl Cutter {
         if (read - doubled).abs() > ROUNDING * doubled {
             crossing.add(0.5 * doubled, 0.5 * read);
         }
-        // corners on a straight line need no triangle: what is left over has no area and no corner twice counted
-        let mut ears = ears.iter();
-        for triangle in fan {
-            *triangle = match ears.next() {
-                Some(ear) => ear.map(|n| self.corners[n as usize]),
-                None => [self.corners[0]; 3],
-            };
+        // corners on a straight line need no triangle
+        for (triangle, ear) in fan.iter_mut().zip(ears) {
+            *triangle = ear.map(|n| self.corners[n as usize]);
         }
+        ears.len()
     }
 }
 
