@@ -12,6 +12,7 @@ use clap::{Arg, ArgAction, Command, CommandFactory as _, FromArgMatches as _};
 use self::inherit::inherited;
 pub(crate) use self::typed::with_origin;
 use self::typed::{choices, is_typed, within};
+use super::scene_args::WalkText;
 use super::tied_file::TiedFile;
 use super::{Cli, Verb};
 use crate::drive::is_no_path;
@@ -126,6 +127,7 @@ fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
     let of_type = arg.get_value_parser().type_id();
     let value = |text: &String| match () {
         () if of_type == TypeId::of::<TiedFile>() => TiedFile::text_in(text, folder),
+        () if of_type == TypeId::of::<WalkText>() => WalkText::text_in(text, folder),
         // a rig's line may be no file: can:can0
         () if of_type == TypeId::of::<PathBuf>() && !is_no_path(text) => folder.join(text).into_os_string(),
         () => OsString::from(text),

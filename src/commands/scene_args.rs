@@ -1,5 +1,6 @@
 //! Arguments that the verbs about scenes share: the mesh with its unit and axis, its samples, the trajectory through it.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
@@ -91,6 +92,16 @@ impl TrajectoryArgs {
 pub enum WalkText {
     File(PathBuf),
     Waypoints(Vec<Waypoint>),
+}
+
+impl WalkText {
+    /// As it stands in a file of that folder: what is a file lies there.
+    pub(crate) fn text_in(text: &str, folder: &Path) -> OsString {
+        match text.parse() {
+            Ok(Self::File(path)) => folder.join(path).into_os_string(),
+            _ => text.into(),
+        }
+    }
 }
 
 impl std::str::FromStr for WalkText {

@@ -20,6 +20,8 @@ const TURN_RAD_S: f64 = 1.0;
 const HEADROOM_M: f64 = 2.0;
 /// Surfaces nearer to each other than this are one, m.
 const SURFACE_M: f64 = 0.05;
+/// Longest walk along waypoints, m: every revolution of it is cast.
+const MOST_M: f64 = 20_000.0;
 /// Surfaces above one another that are looked at.
 const MOST_SURFACES: usize = 400;
 
@@ -52,6 +54,8 @@ pub(crate) enum WalkError {
          --trajectory (is the z axis up, and the unit right?)"
     )]
     NoFreeFloor,
+    #[error("a walk of {length_m:.0} m, expected {MOST_M:.0} m at most: give nearer waypoints")]
+    TooLong { length_m: f64 },
     #[error("waypoints: {0}")]
     Shape(#[from] TrajectoryError),
 }
@@ -88,6 +92,10 @@ pub(crate) fn along(scene: &Scene, waypoints: &[Waypoint]) -> Result<Walk, WalkE
         };
         floor_before_m = Some(z_m - BODY_HEIGHT_M);
         corners_m.push(at_m.extend(z_m));
+    }
+    let length_m = corners_m.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+    if length_m > MOST_M {
+        return Err(WalkError::TooLong { length_m });
     }
     let trajectory = polyline(&corners_m)?;
     let through = |(leg, pair): (usize, &[DVec3])| {

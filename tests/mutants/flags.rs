@@ -48,6 +48,8 @@ fn bases(kit: &Kit) -> Vec<(&'static str, Vec<String>)> {
     let cloud = kit.path("cloud.pcd").display().to_string();
     std::fs::write(&cloud, super::scene_seeds::pcds().remove(0)).unwrap();
     let room = "--room=-4,-3,0,4,3,3";
+    let search_in_a_room = "optimize --room=-3,-3,0,3,3,3 --trajectory=-1,0,1.6;1,0,1.6 --sensors vlp-16,vlp-16 --evals 6 \
+                            --azimuths 60 --voxel 0.5 --scan-stride 5";
     let search = "optimize --preset paper-vlp-16 --evals 6 --method random --fidelity given";
     let scan = format!("--mount {mount} --trajectory {walk} --azimuths 8 --no-baselines");
     let predict = format!("predict {scan} --voxel 0.5 --fidelity given");
@@ -69,6 +71,7 @@ fn bases(kit: &Kit) -> Vec<(&'static str, Vec<String>)> {
         ("optimize", search.into()),
         ("optimize", format!("{search} --robust expected --draws 2")),
         ("optimize", search.replace("random", "bayesian")),
+        ("optimize", search_in_a_room.into()),
         ("demo", format!("demo --out {out} --evals 2 --rate 100 --speed 20")),
         ("study", format!("study plan pareto --quick --seeds 1 --out {out}")),
         ("study", format!("study submit pareto --quick --seeds 1 --shards 2 --out {out}")),

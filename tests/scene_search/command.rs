@@ -91,7 +91,18 @@ pub fn optimize_searches_a_room() {
     let asked = |threads: &str| {
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"))
             .args(["optimize", ROOM, "--trajectory", "-3,0 3,0 3,2", "--sensors", "vlp-16,os1-16", "--json"])
-            .args(["--azimuths", "180", "--voxel", "0.5", "--evals", "120", "--roll", "free"])
+            .args([
+                "--azimuths",
+                "180",
+                "--voxel",
+                "0.5",
+                "--evals",
+                "120",
+                "--roll",
+                "free",
+                "--scan-stride",
+                "3",
+            ])
             .args(["-o", &mount, "--trajectory-out", &walk])
             .env("RAYON_NUM_THREADS", threads)
             .output()
@@ -127,6 +138,8 @@ pub fn refuses() {
         (&[ROOM, sensors[0], sensors[1], "--trajectory", "0,0 1,2,3,4"], "4 numbers"),
         (&[ROOM, sensors[0], sensors[1], "--trajectory", "0,0 20,0"], "waypoint 2 (20, 0)"),
         (&[ROOM, sensors[0], sensors[1], "--trajectory", "nowhere.tum"], "nowhere.tum"),
+        (&[ROOM, sensors[0], sensors[1], "--trajectory", "0,0,1 1e7,0,1"], "20000 m at most"),
+        (&[ROOM, sensors[0], sensors[1], waypoints[0], waypoints[1], "--voxel", "0.005"], "--voxel"),
         (&[ROOM, sensors[0], sensors[1], waypoints[0], waypoints[1], "--robust", "expected"], "--robust"),
         (&["--preset", "paper-os1-64", sensors[0], sensors[1]], "--sensors"),
         (&[ROOM, sensors[0], sensors[1], waypoints[0], waypoints[1], "--space=0,0.01,0,0,0,0"], "none of"),

@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use super::scene::SceneSearchArgs;
+use super::scene_flags::SceneSearchArgs;
 use crate::commands::experiment_args::{ExperimentArgs, FidelityArg};
 use crate::design::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
 use crate::design::robustness::Criterion;

@@ -2,6 +2,7 @@
 
 mod args;
 mod scene;
+mod scene_flags;
 mod spec;
 
 use std::path::Path;

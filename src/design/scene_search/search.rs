@@ -179,7 +179,10 @@ impl<'a> SceneSearch<'a> {
         for exact in &mut exact {
             exact.predicted = self.predicted(&exact.values);
         }
-        exact.sort_by(|a, b| b.objective().total_cmp(&a.objective()));
+        let violation_m = |exact: &Exact| self.rigs.violation_m(&exact.rig);
+        exact.sort_by(|a, b| {
+            violation_m(a).total_cmp(&violation_m(b)).then(b.objective().total_cmp(&a.objective()))
+        });
         SearchEnd {
             rays: exact.iter().map(|exact| exact.seen.rays).sum(),
             exact,
@@ -349,13 +352,12 @@ impl<'a> SceneSearch<'a> {
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();
-            // what does not keep its distance is never the best
-            if self.tried[at].violation_m == 0.0 || self.exact.is_empty() {
-                self.exact.push(Exact { values, rig, seen, terms, predicted: f64::NAN });
-            }
+            self.exact.push(Exact { values, rig, seen, terms, predicted: f64::NAN });
         }
-        let best = self.exact.iter().map(Exact::objective).fold(f64::NEG_INFINITY, f64::max);
-        self.history.push((self.tried.len(), best));
+        let kept = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
+        if let Some(best) = kept.map(Exact::objective).reduce(f64::max) {
+            self.history.push((self.tried.len(), best));
+        }
     }
 
     fn correct(&mut self) {

@@ -16,8 +16,6 @@ use crate::world::scene::{Mesh, PACKET, RayTile};
 
 /// Beams and columns that are cast together: neighbours on the sphere.
 const TILE: usize = 4;
-/// Voxels of a grid whose bitmaps are held whole (32 MiB each).
-const MOST_VOXELS: usize = 1 << 28;
 /// Bitmaps of all rigs, sensors and threads of a pass, bytes.
 const BITMAP_BYTES: usize = 256 << 20;
 
@@ -50,10 +48,7 @@ impl CastView {
         sampling: &Sampling,
         precision: Precision,
     ) -> Result<Self, ViewError> {
-        let cells = site.grid.len();
-        if cells > MOST_VOXELS {
-            return Err(ViewError::TooManyVoxels { voxel_m: site.grid.voxel_m, cells, most: MOST_VOXELS });
-        }
+        site.check()?;
         let fan = |unit: &Unit| {
             let fan = Fan::new(unit, sampling)?;
             let scans = Scans::of(&fan, &site.trajectory)?;

@@ -30,6 +30,19 @@ pub struct ViewSite {
     pub grid: crate::world::coverage::VoxelGrid,
 }
 
+/// Voxels of a grid whose bitmaps are held whole (32 MiB each).
+const MOST_VOXELS: usize = 1 << 28;
+
+impl ViewSite {
+    fn check(&self) -> Result<(), ViewError> {
+        let (cells, voxel_m) = (self.grid.len(), self.grid.voxel_m);
+        match cells <= MOST_VOXELS {
+            true => Ok(()),
+            false => Err(ViewError::TooManyVoxels { voxel_m, cells, most: MOST_VOXELS }),
+        }
+    }
+}
+
 /// What a rig sees. Counts of a model are expectations.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Seen {

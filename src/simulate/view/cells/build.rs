@@ -15,7 +15,7 @@ const PILOTS: u64 = 9;
 /// Records of a view for each of its rays, as measured in furnished rooms.
 const RECORDS_PER_RAY: f64 = 0.2;
 /// Rays are never coarser or finer than this, rad.
-const STEPS_RAD: (f64, f64) = (0.002, 0.0125);
+const STEPS_RAD: (f64, f64) = (0.002, 0.02);
 /// Rays of all views: beyond this they are coarser.
 const MOST_RAYS: f64 = 120e6;
 
@@ -51,7 +51,7 @@ pub(super) fn build(
     }
     let mut list: Vec<u32> = Vec::new();
     for records in &by_height {
-        list.extend(records.iter().map(|record| record.voxel));
+        list.extend(records.iter().map(|record| record.cell));
         list.sort_unstable();
         list.dedup();
     }
@@ -59,7 +59,7 @@ pub(super) fn build(
         return Err(nothing_visible(site));
     }
     let number = |mut record: Record| {
-        record.voxel = list.binary_search(&record.voxel).unwrap_or(0) as u32;
+        record.cell = list.binary_search(&record.cell).unwrap_or(0) as u32;
         record
     };
     let pack = |records: Vec<Record>| Layer::pack(records.into_iter().map(number).collect(), list.len());
@@ -163,7 +163,7 @@ fn view(
         }
         let from_eye_m = sum_m / solid_sr;
         Record {
-            voxel: own[0].0,
+            cell: own[0].0,
             at_m: (eye_m + from_eye_m).as_vec3().to_array(),
             width_m: (solid_sr.sqrt() * from_eye_m.length()) as f32,
         }
@@ -182,7 +182,7 @@ pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan]
         .par_iter()
         .map(|place| {
             let records = view(site, &map, place, DVec3::ZERO, max_range_m);
-            records.iter().map(|record| record.voxel).collect()
+            records.iter().map(|record| record.cell).collect()
         })
         .collect();
     let mut all = views.concat();

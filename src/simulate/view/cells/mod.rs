@@ -99,6 +99,7 @@ impl CellView {
         sampling: &Sampling,
         fineness: &Fineness,
     ) -> Result<Self, ViewError> {
+        site.check()?;
         let fans: Vec<Fan> =
             units.iter().map(|unit| Fan::new(unit, sampling)).collect::<Result<_, ViewError>>()?;
         let scans: Vec<Scans> =

@@ -22,7 +22,7 @@ impl Block {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Record {
     /// Number of the voxel in the grid, of the list once it is made.
-    pub voxel: u32,
+    pub cell: u32,
     /// In the frame of the body, m.
     pub at_m: [f32; 3],
     /// Square root of the solid angle times the distance, m.
@@ -47,13 +47,13 @@ impl Layer {
         let reach_m = greatest(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
         let step_m = reach_m / f32::from(i16::MAX);
         let width_step_m = greatest(|record| record.width_m) / f32::from(u16::MAX);
-        records.sort_by(|a, b| a.voxel.cmp(&b.voxel).then(b.width_m.total_cmp(&a.width_m)));
+        records.sort_by(|a, b| a.cell.cmp(&b.cell).then(b.width_m.total_cmp(&a.width_m)));
         let mut layer =
             Self { starts: Vec::with_capacity(voxels + 1), blocks: Vec::new(), step_m, width_step_m };
         let mut rest = records.as_slice();
         for voxel in 0..voxels as u32 {
             layer.starts.push(layer.blocks.len() as u32);
-            let count = rest.partition_point(|record| record.voxel <= voxel);
+            let count = rest.partition_point(|record| record.cell <= voxel);
             let (own, others) = rest.split_at(count);
             rest = others;
             for records in own.chunks(LANES) {

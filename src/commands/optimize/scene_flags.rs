@@ -1,0 +1,54 @@
+//! What `optimize` is asked for about a scene.
+
+use std::path::PathBuf;
+
+use crate::commands::scene_args::{MeshArgs, Room, WalkText};
+use crate::commands::scene_file::MapArgs;
+use crate::design::scene_search::WeightRule;
+
+/// Arguments of a search in a scene.
+#[derive(clap::Args, Debug)]
+pub struct SceneSearchArgs {
+    /// Search in this scene in place of a published experiment: a surface (.ply, .obj, .stl, .gltf or .glb), a recorded
+    /// session, or a point cloud (.ply without faces, .pcd, .las or .laz).
+    #[arg(long, value_name = "PATH", help_heading = "Scene")]
+    pub(super) scene: Option<PathBuf>,
+    /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
+    #[arg(
+        long,
+        allow_hyphen_values = true,
+        conflicts_with = "scene",
+        value_name = "CORNERS",
+        help_heading = "Scene"
+    )]
+    pub(super) room: Option<Room>,
+    #[command(flatten)]
+    pub(super) mesh: MeshArgs,
+    #[command(flatten)]
+    pub(super) map: MapArgs,
+    /// Trajectory of the body through the scene: a TUM file, a KITTI file with --rate, or waypoints "x,y x,y ..." that are
+    /// walked 1.6 m above the floor ("x,y,z" gives the height of the rig) [default: a walk through all of the free floor].
+    #[arg(long, value_name = "WALK", allow_hyphen_values = true, help_heading = "Scene")]
+    pub(super) trajectory: Option<WalkText>,
+    /// Poses per second of a trajectory in KITTI format.
+    #[arg(long, value_name = "HZ", help_heading = "Scene", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
+    pub(super) rate: Option<f64>,
+    /// Write the trajectory as it was used (TUM).
+    #[arg(long, value_name = "FILE.tum", help_heading = "Output")]
+    pub(super) trajectory_out: Option<PathBuf>,
+    /// Models of the sensors, with commas between them; two of a kind are a mirrored pair unless --no-mirror.
+    #[arg(long, value_delimiter = ',', value_name = "MODEL,MODEL", help_heading = "Model")]
+    pub(super) sensors: Vec<String>,
+    /// Search with ideal beams, as `predict --ideal` has them.
+    #[arg(long, help_heading = "Model")]
+    pub(super) ideal: bool,
+    /// Judge by every N-th revolution.
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub(super) scan_stride: u32,
+    /// Coefficients of the score: the published ones as shares of the voxels that can be seen here, or as they are.
+    #[arg(long, value_enum, default_value_t, help_heading = "Model")]
+    pub(super) weights: WeightRule,
+    /// The mount that there is: it is judged beside the best one.
+    #[arg(long, value_name = "MOUNT.json", help_heading = "Scene")]
+    pub(super) present: Option<PathBuf>,
+}
