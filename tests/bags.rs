@@ -220,13 +220,12 @@ fn backpack_rooms() {
         assert!(surroundings.notices.is_empty(), "{:?}", surroundings.notices);
         let mut clouds = BagClouds::open(&path, name).unwrap();
         let (mut points, mut sum_m, mut worst_m, mut number) = (0, DVec3::ZERO, 0.0_f64, 0);
-        while let Some(cloud) = clouds.next().unwrap() {
+        while let Some(mut cloud) = clouds.next().unwrap() {
             let (of, child_from_cloud) = surroundings.trajectory_of(&cloud.frame_id).unwrap();
+            assert_eq!(of.place(child_from_cloud, &mut cloud.points), 0);
             number += 1;
             for point in &cloud.points {
-                let world_from_child = of.trajectory.at(point.time_ns).unwrap();
-                let at_m =
-                    world_from_child.transform_point(child_from_cloud.transform_point(point.position_m));
+                let at_m = point.position_m;
                 let to_walls_m = (at_m - low_m).abs().min((at_m - high_m).abs());
                 worst_m = worst_m.max(to_walls_m.min_element());
                 assert!((at_m.cmpge(low_m - 1e-5) & at_m.cmple(high_m + 1e-5)).all(), "{at_m}");

@@ -13,6 +13,9 @@ use super::{Context, Outcome, output, sensor_ids};
 use crate::recording::moment::Moment;
 use crate::recording::packet_writer::{PacketFormat, PacketWriter};
 
+/// Packets looked at before any is written, to know what the sensors are.
+const LOOK_AHEAD: u64 = 20_000;
+
 /// Arguments of `cut`.
 #[derive(clap::Args, Debug)]
 #[command(
@@ -77,7 +80,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let assigns = format.needs_sensors() || !args.only.is_empty();
     let mut start_ns = None;
     for path in &args.recordings {
-        let recording = Recording::open(path, &args.sensors.or_of(context, path))?;
+        let sensors = args.sensors.or_of(context, path);
+        let recording = match assigns {
+            true => Recording::open_to_reread(path, &sensors)?,
+            false => Recording::open(path, &sensors)?,
+        };
         ensure!(
             !recording.is_read_from(&args.out),
             "{}: this file is read; write to another",
@@ -88,6 +95,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             None => writer.insert(PacketWriter::create(&args.out, format)?),
         };
         let mut router = if assigns { recording.router()? } else { Router::new() };
+        let first_names = if assigns { names_of(&recording)? } else { Vec::new() };
         let mut names: BTreeMap<usize, (String, bool)> = BTreeMap::new();
         let ending = recording.each_packet(&mut |packet| {
             let start_ns = *start_ns.get_or_insert(packet.host_time_ns);
@@ -107,7 +115,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 return Ok(());
             };
             let (name, is_wanted) = names.entry(at).or_insert_with(|| {
-                let name = sensor_ids::ids(&router).swap_remove(at);
+                let found = || sensor_ids::ids(&router).swap_remove(at);
+                let name = first_names.get(at).cloned().unwrap_or_else(found);
                 let serial = router.sensors()[at].serial();
                 met.insert(name.clone());
                 let is_wanted =
@@ -147,6 +156,27 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     output::print_result(context.json, &document, || text(&document), &document.losses)?;
     Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+}
+
+/// Ends a pass early.
+#[derive(Debug, thiserror::Error)]
+#[error("enough was read")]
+struct Enough;
+
+/// What the sensors of a recording are called, as `inspect` calls them: what some are shows only after some packets.
+fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
+    let mut router = recording.router()?;
+    let mut packets = 0;
+    let outcome = recording.each_packet(&mut |packet| {
+        packets += 1;
+        ensure!(packets <= LOOK_AHEAD, Enough);
+        router.push(packet, &mut |_, _, _| {});
+        Ok(())
+    });
+    match outcome {
+        Err(error) if !error.is::<Enough>() => Err(error),
+        _ => Ok(sensor_ids::ids(&router)),
+    }
 }
 
 fn text(document: &Document) -> String {

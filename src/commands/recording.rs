@@ -19,8 +19,10 @@ use super::given::{
 use super::output::say_notice;
 use super::tied_file::TiedFile;
 use crate::live::receive::auxiliary_name;
-use crate::recording::bags::{BagPackets, BagSensor, TopicCount, is_bag_at, is_bag_folder};
-use crate::recording::packet_reader::{PacketError, PacketReader};
+use crate::recording::bags::{
+    BagPackets, TopicCount, is_bag_at, is_bag_folder, metadata_in, names_in, notices_of,
+};
+use crate::recording::packet_reader::{PacketError, PacketReader, is_stream, keep_stream};
 use crate::recording::{Manifest, SensorEntry, Session};
 use crate::rig::Rig;
 
@@ -159,7 +161,7 @@ impl Recording {
         };
         let mut spooled = if is_read_again { spool(&path)? } else { None };
         path = spooled.as_ref().map_or(path, |file| file.path().to_owned());
-        let is_read_once = path.as_os_str() == "-" || is_pipe(&path);
+        let is_read_once = is_stream(&path);
         let opened = match session.is_none() && (is_read_once || is_bag_at(&path)) {
             true => Some(PacketReader::open(&path, &name)?),
             false => None,
@@ -180,12 +182,19 @@ impl Recording {
         let mut bag = None;
         if let Some(packets) = opened.as_ref().and_then(PacketReader::bag) {
             is_tied_by_recording = metadata.is_empty();
-            let own = metadata_of_bag(packets, &name, &metadata, &mut unreadable);
+            let serials: Vec<_> = metadata.iter().map(|given| given.metadata.serial_number()).collect();
+            let (own, cannot_be_read) = metadata_in(packets, &name, &serials);
+            unreadable.extend(cannot_be_read);
             bag = Some(BagAbout {
-                names: names_in_bag(packets, &own),
+                names: names_in(packets, &own),
                 holds_clouds_only: packets.holds_clouds_only(),
             });
-            metadata.extend(own);
+            metadata.extend(own.into_iter().map(|of| Given {
+                tie: of.tie(),
+                metadata: of.metadata,
+                text: of.text,
+                name: of.name,
+            }));
         }
         let calibrations = sensors.calibrations()?;
         ensure_named(&calibrations, session.as_ref().map(|(_, manifest)| manifest), capture)?;
@@ -463,7 +472,7 @@ impl Recording {
         });
         let lost_in_bag = reader.bag().map_or_else(Vec::new, BagPackets::losses);
         let topics = reader.bag().map_or_else(Vec::new, |bag| bag.counts().to_vec());
-        let notices = reader.bag().map_or_else(Vec::new, notices_of_bag);
+        let notices = reader.bag().map_or_else(Vec::new, notices_of);
         Ok(Ending {
             counters: reader.counters(),
             unread: damage.as_ref().and_then(|damage| self.unread_behind(damage, &reader)),
@@ -526,86 +535,10 @@ pub(crate) fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
     counters.truncated.iter().map(ToString::to_string).chain(tail).chain(counted).collect()
 }
 
-/// Neither a file nor a folder.
-fn is_pipe(path: &Path) -> bool {
-    std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
-}
-
-/// The metadata that a bag holds of sensors for which none are given.
-fn metadata_of_bag(
-    bag: &BagPackets,
-    name: &str,
-    given: &[Given],
-    unreadable: &mut Vec<String>,
-) -> Vec<Given> {
-    let ousters = bag.sensors().iter().filter(|sensor| sensor.is_ouster()).count();
-    if !given.is_empty() && given.len() >= ousters {
-        return Vec::new();
-    }
-    let tied = bag.sensors().iter().filter_map(|sensor| {
-        sensor.metadata.as_ref().map(|(text, topic)| (text, topic, Some(Tie::Sender(sensor.address))))
-    });
-    let lacks_some = bag.sensors().iter().any(|sensor| sensor.is_ouster() && sensor.metadata.is_none());
-    let others = bag.unassigned_metadata().iter().filter(|_| lacks_some);
-    let mut found: Vec<Given> = Vec::new();
-    for (text, topic, tie) in tied.chain(others.map(|(text, topic)| (text, topic, None))) {
-        let name = format!("{name}:{topic}");
-        match Metadata::parse(text, &name) {
-            Ok(metadata) => {
-                let is_given = |other: &Given| {
-                    metadata.serial_number().is_some()
-                        && other.metadata.serial_number() == metadata.serial_number()
-                };
-                if !given.iter().any(is_given) {
-                    found.push(Given { metadata, text: text.clone(), name, tie });
-                }
-            }
-            Err(error) => unreadable.push(error.to_string()),
-        }
-    }
-    found
-}
-
-/// How the sensors of a bag are called: by their namespaces.
-fn names_in_bag(bag: &BagPackets, own: &[Given]) -> Vec<Named> {
-    let named = |sensor: &BagSensor| {
-        let is_its_own = |given: &&Given| given.tie == Some(Tie::Sender(sensor.address));
-        Named {
-            name: sensor.name.clone(),
-            metadata: own.iter().find(is_its_own).map(|given| given.name.clone()),
-            source: Some(sensor.address),
-            port: Some(sensor.port),
-            aside_port: Some(sensor.aside_port()),
-        }
-    };
-    bag.sensors().iter().map(named).collect()
-}
-
-/// What a bag holds of other makers' sensors, and what is odd about it.
-fn notices_of_bag(bag: &BagPackets) -> Vec<String> {
-    let other = bag.other_packets().map(|(count, maker)| {
-        let TopicCount { topic, kind, messages, .. } = count;
-        format!("{topic}: {messages} messages of {maker} packets ({kind}), which are not decoded here")
-    });
-    other.collect()
-}
-
-/// What can be read but once (standard input as `-`, a pipe), kept in a temporary file; none of another file.
+/// What can be read but once, kept in a temporary file; none of another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
-    let is_standard_input = path.as_os_str() == "-";
-    if !is_standard_input && !is_pipe(path) {
-        return Ok(None);
-    }
-    let keep = || {
-        let mut file = NamedTempFile::new()?;
-        match is_standard_input {
-            true => std::io::copy(&mut std::io::stdin(), &mut file)?,
-            false => std::io::copy(&mut std::fs::File::open(path)?, &mut file)?,
-        };
-        Ok::<_, std::io::Error>(file)
-    };
-    let name = if is_standard_input { "standard input".into() } else { path.display().to_string() };
-    keep().map(Some).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
+    let name = if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() };
+    keep_stream(path).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
 }
 
 /// Drawn on stderr, and only on a terminal.

@@ -162,6 +162,24 @@ impl From<Source> for PacketReader {
     }
 }
 
+/// Whether something can be read but once: standard input as `-`, a pipe.
+pub(crate) fn is_stream(path: &Path) -> bool {
+    path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
+}
+
+/// What can be read but once, kept in a temporary file; none of another file.
+pub(crate) fn keep_stream(path: &Path) -> io::Result<Option<NamedTempFile>> {
+    if !is_stream(path) {
+        return Ok(None);
+    }
+    let mut file = NamedTempFile::new()?;
+    match path.as_os_str() == "-" {
+        true => io::copy(&mut io::stdin(), &mut file)?,
+        false => io::copy(&mut File::open(path)?, &mut file)?,
+    };
+    Ok(Some(file))
+}
+
 /// Counts what goes through.
 struct Counting<R> {
     read: R,

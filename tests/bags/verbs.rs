@@ -198,6 +198,32 @@ fn cloud_files() {
         .sum();
     assert_eq!((points, code), (32_688, 0));
     assert_eq!(document["sensors"].as_array().unwrap().len(), 2);
+    // every point at its own time lies on a wall of the room
+    for (name, count) in [("backpack_room.mcap", 32_688), ("backpack_room_lz4.bag", 41_984)] {
+        let out = folder.path().join("world.csv");
+        let (_, code) = decode(name, &["--frame", "world", "--force", "--out", text_of(&out)]);
+        assert_eq!(code, 0, "{name}");
+        let text = std::fs::read_to_string(&out).unwrap();
+        let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+        let axes =
+            ["x_m", "y_m", "z_m"].map(|axis| header.iter().position(|column| *column == axis).unwrap());
+        let walls_m = [[-6.0, 6.0], [-4.0, 4.0], [-1.5, 2.5]];
+        for line in text.lines().skip(1) {
+            let values: Vec<&str> = line.split(',').collect();
+            let off_m = |axis: usize| {
+                let value: f64 = values[axes[axis]].parse().unwrap();
+                walls_m[axis]
+                    .map(|wall_m: f64| (value - wall_m).abs())
+                    .into_iter()
+                    .fold(f64::INFINITY, f64::min)
+            };
+            let nearest_m = (0..3).map(off_m).fold(f64::INFINITY, f64::min);
+            assert!(nearest_m <= 1.1e-5, "{name}: {line}");
+        }
+        assert_eq!(text.lines().count(), count + 1);
+    }
+    let output = outrigger(&["decode", text_of(&bag("vlp16_points_lz4.mcap")), "--frame", "world"]);
+    assert!(stderr(&output).contains("it holds no trajectory"), "{output:?}");
 }
 
 type Stamped = (u64, Vec<u8>);

@@ -2,8 +2,47 @@
 
 use std::path::Path;
 
-use super::seeds::Kit;
+use super::seeds::{Kit, metadata_of_os1, packets, words};
+use crate::support::datagram::Datagram;
 use crate::support::shared_folder;
+
+impl Kit {
+    /// Some of its capture as a bag.
+    fn cut(&self, name: &str) -> Vec<u8> {
+        self.made(&["cut", &self.name("good.pcap"), "--to", "0.012", "--force", "-o", &self.name(name)], name)
+    }
+
+    /// Points of its capture.
+    fn decode(&self, name: &str) -> Vec<u8> {
+        self.made(&["decode", &self.name("good.pcap"), "--force", "--out", &self.name(name)], name)
+    }
+
+    fn made(&self, arguments: &[&str], name: &str) -> Vec<u8> {
+        let arguments = [words(arguments), words(&["--meta", &self.name("meta.json")])].concat();
+        let output = super::run(&arguments, 60);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {output:?}");
+        self.file(name)
+    }
+
+    /// What its Ouster sends.
+    fn lidar_packets() -> Vec<Datagram> {
+        let [left, _] = packets(metadata_of_os1());
+        left
+    }
+}
+
+pub fn bag(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
+    let path = path.display().to_string();
+    match which {
+        0 => words(&["inspect", &path]),
+        1 => words(&["decode", &path, "--out", &kit.name("out/a.csv")]),
+        _ => words(&["cut", &path, "--out", &kit.name("out/a.pcap")]),
+    }
+}
+
+pub fn bag_folder(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
+    bag(kit, path.parent().unwrap(), which)
+}
 
 /// As `cut` writes it; where there are others' bags, also with packed chunks and as a killed recorder leaves one.
 pub fn ros1_bags(kit: &Kit) -> Vec<Vec<u8>> {

@@ -10,7 +10,7 @@ use sensors::capture::{PcapWriter, PcapngWriter};
 use sensors::ouster::{Metadata, OusterEncoder, Profile, Synthetic};
 use sensors::velodyne::{Column, Product, ReturnMode, VelodyneEncoder};
 
-use super::bag_seeds::{db3_files, lists, mcap_files, packed_files, ros1_bags};
+use super::bag_seeds::{bag, bag_folder, db3_files, lists, mcap_files, packed_files, ros1_bags};
 use super::scene_seeds::{
     OBJ, PLY_CLOUD, glb, gltf, gzip, las, npy, pcds, ply_cloud_binary, ply_mesh, stl_binary, stl_text,
 };
@@ -196,31 +196,8 @@ impl Kit {
         std::fs::create_dir(self.out()).unwrap();
     }
 
-    fn name(&self, name: &str) -> String {
+    pub fn name(&self, name: &str) -> String {
         self.path(name).display().to_string()
-    }
-
-    /// Some of its capture as a bag.
-    pub fn cut(&self, name: &str) -> Vec<u8> {
-        self.made(&["cut", &self.name("good.pcap"), "--to", "0.012", "--force", "-o", &self.name(name)], name)
-    }
-
-    /// Points of its capture.
-    pub fn decode(&self, name: &str) -> Vec<u8> {
-        self.made(&["decode", &self.name("good.pcap"), "--force", "--out", &self.name(name)], name)
-    }
-
-    fn made(&self, arguments: &[&str], name: &str) -> Vec<u8> {
-        let arguments = [words(arguments), words(&["--meta", &self.name("meta.json")])].concat();
-        let output = super::run(&arguments, 60);
-        assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {output:?}");
-        self.file(name)
-    }
-
-    /// What its Ouster sends.
-    pub fn lidar_packets() -> Vec<Datagram> {
-        let [left, _] = packets(metadata_of_os1());
-        left
     }
 
     pub fn file(&self, name: &str) -> Vec<u8> {
@@ -279,7 +256,7 @@ const START_NS: u64 = 1_700_000_000_000_000_000;
 const SEARCH: [&str; 9] =
     ["optimize", "--preset", "paper-vlp-16", "--evals", "6", "--method", "random", "--fidelity", "given"];
 
-fn words(words: &[&str]) -> Vec<String> {
+pub fn words(words: &[&str]) -> Vec<String> {
     words.iter().map(|word| (*word).to_owned()).collect()
 }
 
@@ -382,19 +359,6 @@ fn capture(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
     }
 }
 
-fn bag(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
-    let path = path.display().to_string();
-    match which {
-        0 => words(&["inspect", &path]),
-        1 => words(&["decode", &path, "--out", &kit.name("out/a.csv")]),
-        _ => words(&["cut", &path, "--out", &kit.name("out/a.pcap")]),
-    }
-}
-
-fn bag_folder(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
-    bag(kit, path.parent().unwrap(), which)
-}
-
 fn session(kit: &Kit, _: &Path, which: usize) -> Vec<String> {
     let path = kit.name("session");
     match which {
@@ -413,13 +377,13 @@ const OLD_METADATA: &str = r#"{"beam_altitude_angles": [15, 13, 11, 9, 7, 5, 3, 
 "imu_to_sensor_transform": [1, 0, 0, 6.253, 0, 1, 0, -11.775, 0, 0, 1, 7.645, 0, 0, 0, 1],
 "lidar_to_sensor_transform": [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]}"#;
 
-fn metadata_of_os1() -> Metadata {
+pub fn metadata_of_os1() -> Metadata {
     let wanted = Synthetic::new("os1-16", 122_201_000_998, Profile::Rng19Rfl8Sig16Nir16).columns(512, 16);
     Metadata::synthetic(&wanted).unwrap()
 }
 
 /// What an OS1-16 and a VLP-16 send in three revolutions or so.
-fn packets(metadata: Metadata) -> [Vec<Datagram>; 2] {
+pub fn packets(metadata: Metadata) -> [Vec<Datagram>; 2] {
     let datagram = |host: u8, port: u16, at: usize, payload: &[u8]| Datagram {
         host_time_ns: START_NS + at as u64 * 1_000_000,
         source: ([10, 0, 0, host], port).into(),

@@ -214,6 +214,11 @@ impl Document {
         self.losses = losses;
     }
 
+    /// Adds what the user should know beside the result.
+    pub(crate) fn add_notices(&mut self, notices: impl Iterator<Item = String>) {
+        self.notices.extend(notices);
+    }
+
     /// Counts what is no frame.
     pub(crate) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
         let found = self.found.entry(sensor).or_default();

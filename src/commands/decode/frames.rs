@@ -59,6 +59,16 @@ impl FromStr for FrameRange {
     }
 }
 
+/// The frame that points are in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum OutputFrame {
+    /// Each sensor's own.
+    #[default]
+    Sensor,
+    /// The frame in which the recording has a trajectory, each point at its own time.
+    World,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

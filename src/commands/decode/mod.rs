@@ -14,7 +14,7 @@ use anyhow::bail;
 use sensors::Decoded;
 
 use self::document::Document;
-use self::frames::FrameRange;
+use self::frames::{FrameRange, OutputFrame};
 use self::output::Output;
 use super::given::SensorArgs;
 use super::output::{print_json, print_text, say_notice};
@@ -51,6 +51,9 @@ pub struct Args {
     /// Frames of each sensor, counted from 0, end not included: 2..5, 2.., ..5 or 2. Without inertial samples.
     #[arg(long, value_name = "A..B")]
     frames: Option<FrameRange>,
+    /// Frame of the points: each sensor's own, or the world's, where a bag of clouds holds static transforms and a trajectory.
+    #[arg(long, value_enum, default_value_t)]
+    frame: OutputFrame,
     /// Overwrite files that exist.
     #[arg(long)]
     force: bool,
@@ -70,6 +73,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
     if recording.holds_clouds_only() {
         return clouds::run(args, context, &recording);
+    }
+    if args.frame == OutputFrame::World {
+        bail!(
+            "--frame world: {} holds packets, and only clouds of a bag are placed by its own trajectory; expected a bag with \
+             clouds, static transforms and odometry, poses or transforms",
+            recording.name()
+        );
     }
     let mut output = Output::new(args, args.format(context), &recording)?;
     let mut router = recording.router()?;

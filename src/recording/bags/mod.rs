@@ -34,6 +34,7 @@ pub use cursor::Encoding;
 use files::{BagFile, BagFiles};
 pub(crate) use files::{Packed, is_bag, is_bag_at, is_bag_folder, start_of};
 pub use packets::{BagPacket, BagPackets, BagSensor, TopicCount};
+pub(crate) use packets::{metadata_in, names_in, notices_of};
 pub use roles::Role;
 pub use surroundings::{FrameTree, RecordedTrajectory, Surroundings};
 

@@ -1,6 +1,9 @@
 //! The sensors' packets in a bag, in the order of their record. A bag has no addresses: each sensor gets one of the range for
 //! documentation (192.0.2.0/24), and the ports that its kind sends to by default.
 
+mod described;
+mod layout;
+
 use std::collections::VecDeque;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::ops::Range;
@@ -8,9 +11,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use sensors::Packet;
-use sensors::router::Guess;
 
-use super::cursor::{Cursor, Encoding};
+use self::layout::{
+    OUSTER_IMU_PORT, OUSTER_LIDAR_PORT, VELODYNE_PORT, VELODYNE_POSITION_PORT, ouster_packet, ouster_port,
+    sensor_name, velodyne_packet, velodyne_scan, without_extra_byte,
+};
+use super::cursor::Cursor;
 use super::files::{self, BagFiles};
 use super::roles::Role;
 use super::unpack::{ZSTD, unpack_zstd};
@@ -22,14 +28,6 @@ const MOST_SENSORS: usize = 250;
 const MOST_MESSAGES_AHEAD: u64 = 20_000;
 /// Messages within which every topic of a recording has appeared.
 const MEET_MESSAGES: u64 = 1000;
-
-const OUSTER_LIDAR_PORT: u16 = 7502;
-const OUSTER_IMU_PORT: u16 = 7503;
-const OUSTER_ZONE_PORT: u16 = 7504;
-const VELODYNE_PORT: u16 = 2368;
-const VELODYNE_POSITION_PORT: u16 = 8308;
-/// Data of one packet of a Velodyne.
-const VELODYNE_BYTES: usize = 1206;
 
 /// A sensor of a bag: topics that share a namespace.
 #[derive(Clone, Debug)]
@@ -55,6 +53,8 @@ impl BagSensor {
         if self.is_ouster() { OUSTER_IMU_PORT } else { VELODYNE_POSITION_PORT }
     }
 }
+
+pub(crate) use described::{metadata_in, names_in, notices_of};
 
 /// What a topic held.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -354,58 +354,3 @@ impl BagPackets {
 
 /// Where packets seem to go to.
 const RECEIVER: IpAddr = IpAddr::V4(Ipv4Addr::new(192, 0, 2, 255));
-
-/// What a sensor is called whose topic this is: topics of one Ouster share a namespace.
-fn sensor_name(topic: &Topic, role: Role) -> String {
-    let name = topic.name.trim_matches('/');
-    match (name.rsplit_once('/'), role) {
-        (Some((namespace, _)), _) => namespace.to_owned(),
-        (None, Role::OusterPacket | Role::OusterMetadata) => "ouster".into(),
-        (None, _) => name.to_owned(),
-    }
-}
-
-fn ouster_port(topic: &str) -> u16 {
-    let last = topic.rsplit('/').next().unwrap_or_default();
-    match last {
-        last if last.contains("imu") => OUSTER_IMU_PORT,
-        last if last.contains("zone") => OUSTER_ZONE_PORT,
-        last if last.contains("position") => VELODYNE_POSITION_PORT, // as `cut` writes them
-        _ => OUSTER_LIDAR_PORT,
-    }
-}
-
-/// Ouster's packets have an even length; drivers before July 2023 wrote one zero byte too many behind them.
-fn without_extra_byte(stored: &[u8]) -> &[u8] {
-    match stored.split_last() {
-        Some((0, packet)) if packet.len().is_multiple_of(2) && Guess::of(packet).is_ouster() => packet,
-        _ => stored,
-    }
-}
-
-fn place_of(whole: &[u8], part: &[u8]) -> Range<usize> {
-    let start = part.as_ptr().addr() - whole.as_ptr().addr();
-    start..start + part.len()
-}
-
-fn ouster_packet(encoding: Encoding, message: &[u8]) -> Option<Range<usize>> {
-    let packet = Cursor::new(encoding, message)?.bytes()?;
-    Some(place_of(message, packet))
-}
-
-fn velodyne_packet(encoding: Encoding, message: &[u8]) -> Option<(u64, Range<usize>)> {
-    let mut cursor = Cursor::new(encoding, message)?;
-    let stamp_ns = cursor.time_ns()?;
-    Some((stamp_ns, place_of(message, cursor.take(VELODYNE_BYTES)?)))
-}
-
-fn velodyne_scan(encoding: Encoding, message: &[u8]) -> Option<Vec<(u64, Range<usize>)>> {
-    let mut cursor = Cursor::new(encoding, message)?;
-    cursor.header()?;
-    let count = cursor.count(8 + VELODYNE_BYTES)?;
-    let packet = |_| {
-        let stamp_ns = cursor.time_ns()?;
-        Some((stamp_ns, place_of(message, cursor.take(VELODYNE_BYTES)?)))
-    };
-    (0..count).map(packet).collect()
-}

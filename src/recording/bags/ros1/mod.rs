@@ -1,10 +1,13 @@
 //! ROS 1 bags, format 2.0: records from front to back, also of a bag without index whose recorder was killed.
 //! <https://wiki.ros.org/Bags/Format/2.0>
 
+mod record;
+
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek as _};
 
+use self::record::{Fields, op, record};
 use super::files::ROS1_MAGIC;
 use super::unpack::{MOST_MESSAGE_BYTES, Packing, unpack};
 use super::{BagError, BagFile, Container, Encoding, Losses, Topic};
@@ -13,15 +16,6 @@ use super::{BagError, BagFile, Container, Encoding, Losses, Topic};
 const MOST_HEADER_BYTES: u32 = 1 << 20;
 /// Message definitions are the longest that is read beside chunks and messages.
 const MOST_CONNECTION_BYTES: u32 = 16 << 20;
-
-mod op {
-    pub const MESSAGE: u8 = 2;
-    pub const BAG_HEADER: u8 = 3;
-    pub const INDEX: u8 = 4;
-    pub const CHUNK: u8 = 5;
-    pub const CHUNK_INFO: u8 = 6;
-    pub const CONNECTION: u8 = 7;
-}
 
 pub(super) struct Ros1 {
     file: BufReader<File>,
@@ -45,60 +39,6 @@ pub(super) struct Ros1 {
     message: std::ops::Range<usize>,
     losses: Losses,
     is_ended: bool,
-}
-
-/// Fields of a record's header.
-struct Fields<'a>(&'a [u8]);
-
-impl<'a> Fields<'a> {
-    fn get(&self, wanted: &str) -> Option<&'a [u8]> {
-        let mut rest = self.0;
-        while let Some((length, behind)) = rest.split_first_chunk::<4>() {
-            let (field, next) = behind.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-            let equals = field.iter().position(|byte| *byte == b'=')?;
-            if &field[..equals] == wanted.as_bytes() {
-                return Some(&field[equals + 1..]);
-            }
-            rest = next;
-        }
-        None
-    }
-
-    fn op(&self) -> Option<u8> {
-        self.get("op")?.first().copied()
-    }
-
-    fn u32(&self, name: &str) -> Option<u32> {
-        Some(u32::from_le_bytes(*self.get(name)?.first_chunk()?))
-    }
-
-    fn u64(&self, name: &str) -> Option<u64> {
-        Some(u64::from_le_bytes(*self.get(name)?.first_chunk()?))
-    }
-
-    fn text(&self, name: &str) -> Option<&'a str> {
-        std::str::from_utf8(self.get(name)?).ok()
-    }
-
-    fn time_ns(&self, name: &str) -> Option<u64> {
-        let (seconds, rest) = self.get(name)?.split_first_chunk::<4>()?;
-        let nanoseconds = u32::from_le_bytes(*rest.first_chunk()?);
-        Some(u64::from(u32::from_le_bytes(*seconds)) * 1_000_000_000 + u64::from(nanoseconds))
-    }
-}
-
-/// Header and data of a record that lies in memory, and where the next begins.
-fn record(bytes: &[u8], at: usize) -> Option<(Fields<'_>, std::ops::Range<usize>)> {
-    let (header, data) = part(bytes, at)?;
-    let (content, _) = part(bytes, data)?;
-    Some((Fields(&bytes[header]), content))
-}
-
-/// The counted bytes at a place, and where they end.
-fn part(bytes: &[u8], at: usize) -> Option<(std::ops::Range<usize>, usize)> {
-    let length = u32::from_le_bytes(*bytes.get(at..)?.first_chunk()?) as usize;
-    let end = (at + 4).checked_add(length).filter(|end| *end <= bytes.len())?;
-    Some((at + 4..end, end))
 }
 
 impl Ros1 {
