@@ -20,6 +20,7 @@ mod damaged_files;
 mod fuzz;
 mod inspect;
 mod maps;
+mod mount;
 mod mutants;
 mod optimize;
 mod ouster;
@@ -54,6 +55,7 @@ fn main() -> std::process::ExitCode {
         ("fuzz", fuzz::CASES),
         ("inspect", inspect::CASES),
         ("maps", maps::CASES),
+        ("mount", mount::CASES),
         ("mutants", mutants::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
