@@ -1,5 +1,6 @@
 //! Mounts, the sensors on them, and the files that say so.
 
+mod brackets;
 mod conflicts;
 mod doubts;
 mod drawing;
@@ -11,6 +12,7 @@ mod published_export;
 mod read_mount;
 mod scad;
 mod tf;
+mod slots;
 mod touching;
 mod unit;
 mod urdf;
@@ -25,6 +27,7 @@ pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };
 pub(crate) use scad::scad;
+pub(crate) use slots::MountSlots;
 pub(crate) use tf::{publishers, yaml};
 pub use touching::{Touching, housing_gap_m};
 pub use unit::{CalibrationFile, Unit, UnitChoice, UnitError};
@@ -148,10 +151,10 @@ pub struct Rig {
     pub sensors: Vec<MountedSensor>,
 }
 
-/// Nobody says where a sensor sits.
+/// A sensor without a slot in the mount file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the mount file does not say where {name:?} sits; it names {known}")]
-pub struct NoSeat {
+pub struct NoSlot {
     name: String,
     known: String,
 }
@@ -175,8 +178,8 @@ impl Rig {
     ///
     /// # Errors
     /// No sensor has it.
-    pub(crate) fn seat(&self, name: &str) -> Result<usize, NoSeat> {
-        self.sensors.iter().position(|sensor| sensor.name == name).ok_or_else(|| NoSeat {
+    pub(crate) fn slot(&self, name: &str) -> Result<usize, NoSlot> {
+        self.sensors.iter().position(|sensor| sensor.name == name).ok_or_else(|| NoSlot {
             name: name.to_owned(),
             known: self.sensors.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>().join(", "),
         })
@@ -187,9 +190,9 @@ impl Rig {
         self.sensors.iter().map(|sensor| sensor.mount.z_m).sum::<f64>() / self.sensors.len() as f64
     }
 
-    /// Distances between sensor origins beside what the pair needs, every pair once: the sum of both housing radii, or
-    /// `least_distance_m` where that is more (the published d_min; 0 asks for the housings only).
-    pub(crate) fn clearances(&self, least_distance_m: f64) -> Vec<Clearance> {
+    /// Distances between sensor origins and what each pair needs, every pair once: the sum of both housing radii, or
+    /// `min_distance_m` where that is more (the published d_min; 0 asks for the housings only).
+    pub(crate) fn clearances(&self, min_distance_m: f64) -> Vec<Clearance> {
         let mut pairs = Vec::new();
         for (index, first) in self.sensors.iter().enumerate() {
             for second in &self.sensors[index + 1..] {
@@ -198,7 +201,7 @@ impl Rig {
                     first: first.name.clone(),
                     second: second.name.clone(),
                     distance_m: first.mount.position_m().distance(second.mount.position_m()),
-                    needed_m: housings_m.max(least_distance_m),
+                    needed_m: housings_m.max(min_distance_m),
                 });
             }
         }
@@ -221,7 +224,7 @@ pub struct Clearance {
 
 impl Clearance {
     /// Whether the pair can be built.
-    pub(crate) fn is_kept(&self) -> bool {
+    pub(crate) fn is_sufficient(&self) -> bool {
         self.distance_m >= self.needed_m
     }
 }
@@ -283,9 +286,9 @@ mod tests {
     fn housings_ask_for_their_radii() {
         let near = Rig::mirrored(vec![sensor("a", 0.028)]).clearances(0.0);
         assert_eq!(near.len(), 1);
-        assert!(!near[0].is_kept(), "{near:?}");
+        assert!(!near[0].is_sufficient(), "{near:?}");
         assert!((near[0].needed_m - 0.087).abs() < 1e-12);
-        assert!(Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.0)[0].is_kept());
-        assert!(!Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.12)[0].is_kept());
+        assert!(Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.0)[0].is_sufficient());
+        assert!(!Rig::mirrored(vec![sensor("a", 0.05)]).clearances(0.12)[0].is_sufficient());
     }
 }

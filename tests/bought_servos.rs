@@ -17,11 +17,8 @@ pub const CASES: &[Case] = &[
         "a_servo_that_no_goal_reaches_is_refused_when_opened",
         a_servo_that_no_goal_reaches_is_refused_when_opened,
     ),
-    case("a_late_answer_is_not_taken_for_another", a_late_answer_is_not_taken_for_another),
-    case(
-        "a_rig_whose_answers_are_late_now_and_then_arrives",
-        a_rig_whose_answers_are_late_now_and_then_arrives,
-    ),
+    case("a_late_answer_is_not_mistaken_for_another", a_late_answer_is_not_mistaken_for_another),
+    case("a_rig_with_some_late_answers_arrives", a_rig_with_some_late_answers_arrives),
     case("no_goal_is_far_from_the_shaft", no_goal_is_far_from_the_shaft),
     case("the_shaft_stops_soon_when_the_host_is_killed", the_shaft_stops_soon_when_the_host_is_killed),
     case("torque_that_is_on_already_is_watched_too", torque_that_is_on_already_is_watched_too),
@@ -196,7 +193,7 @@ fn a_servo_that_no_goal_reaches_is_refused_when_opened() {
 }
 
 /// Answers of 44 to 58 ms: limits of 60 degrees were read as -60 and -180.
-fn a_late_answer_is_not_taken_for_another() {
+fn a_late_answer_is_not_mistaken_for_another() {
     let registers = [&[0, 10, 32, 48, 64, 68, 126][..], &[3, 40, 56]];
     std::thread::scope(|scope| {
         for ((make, name, _), registers) in MAKES.into_iter().zip(registers) {
@@ -250,7 +247,7 @@ fn arrives(rig: &Rig, pitches: [f64; 2]) -> Result<(), RigError> {
     Ok(())
 }
 
-fn a_rig_whose_answers_are_late_now_and_then_arrives() {
+fn a_rig_with_some_late_answers_arrives() {
     for (make, name, measured) in [(Make::Dynamixel, "dynamixel", 126), (Make::Feetech, "feetech", 56)] {
         unless_starved(|| {
             let mock = MockServos::start(make, 6).unwrap();

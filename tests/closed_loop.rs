@@ -197,7 +197,13 @@ fn run(
     };
     sensor
         .run(&surroundings, |time_ns, payload| {
-            let packet = Packet { host_time_ns: time_ns + host_late_ns, source, destination, payload };
+            let packet = Packet {
+                host_time_ns: time_ns + host_late_ns,
+                source,
+                destination,
+                link: Default::default(),
+                payload,
+            };
             decoder.push(&packet, &mut take)
         })
         .unwrap();

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::support::{Case, case};
 
 pub const CASES: &[Case] = &[
-    case("what_init_writes_is_taken", what_init_writes_is_taken),
+    case("the_file_that_init_writes_is_accepted", the_file_that_init_writes_is_accepted),
     case("flag_wins_over_environment_over_file", flag_wins_over_environment_over_file),
     case("one_of_several_flags_may_stand_in_the_file", one_of_several_flags_may_stand_in_the_file),
     case("mistakes_are_named_with_their_line", mistakes_are_named_with_their_line),
@@ -36,7 +36,7 @@ fn file(folder: &Path, text: &str) -> PathBuf {
     path
 }
 
-fn what_init_writes_is_taken() {
+fn the_file_that_init_writes_is_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("new");
     let written = outrigger(&["init", dir.to_str().unwrap()], &[]);

@@ -98,7 +98,7 @@ fn meshes() {
 }
 
 fn clouds() {
-    let read: Reader = |path| read_cloud(path, |_| ()).map_err(|error| error.to_string());
+    let read: Reader = |path| read_cloud(path, |_| ()).map(drop).map_err(|error| error.to_string());
     let ply = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
                property double time\nend_header\n0 0 0 1\n1 0 0 2\n";
     feed("a.ply", ply.as_bytes(), read);

@@ -47,6 +47,7 @@ fn source() -> Source {
         vendor: "Velodyne".into(),
         model: "vlp-16".into(),
         serial: "AG123".into(),
+        timestamp_mode: None,
     }
 }
 
@@ -337,7 +338,7 @@ fn write_capture(path: &Path) {
     MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
         .unwrap()
         .run(&around, |host_time_ns, payload| {
-            capture.write(&Packet { host_time_ns, source, destination, payload })
+            capture.write(&Packet { host_time_ns, source, destination, link: Default::default(), payload })
         })
         .unwrap();
     capture.close().unwrap();

@@ -5,6 +5,7 @@
 
 mod support;
 
+mod bags;
 mod bought_servos;
 mod cia402;
 mod cli;
@@ -15,6 +16,7 @@ mod daemon;
 mod decode;
 mod demo;
 mod export;
+mod field_captures;
 mod firmware;
 mod damaged_files;
 mod fuzz;
@@ -28,7 +30,9 @@ mod rig;
 mod rig_damage;
 mod rig_stops;
 mod rig_verbs;
+mod scene_files;
 mod scene_reports;
+mod scene_search;
 mod scenes;
 mod sensor_setup;
 mod session;
@@ -37,9 +41,12 @@ mod study;
 mod tidy;
 mod tied_metadata;
 mod velodyne;
+mod view;
 
 fn main() -> std::process::ExitCode {
     let modules: &[(&str, &[support::Case])] = &[
+        ("bags", bags::CASES),
+        ("bag_verbs", bags::VERBS),
         ("bought_servos", bought_servos::CASES),
         ("cia402", cia402::CASES),
         ("cli", cli::CASES),
@@ -50,6 +57,7 @@ fn main() -> std::process::ExitCode {
         ("decode", decode::CASES),
         ("demo", demo::CASES),
         ("export", export::CASES),
+        ("field_captures", field_captures::CASES),
         ("firmware", firmware::CASES),
         ("damaged_files", damaged_files::CASES),
         ("fuzz", fuzz::CASES),
@@ -63,7 +71,9 @@ fn main() -> std::process::ExitCode {
         ("rig_damage", rig_damage::CASES),
         ("rig_stops", rig_stops::CASES),
         ("rig_verbs", rig_verbs::CASES),
+        ("scene_files", scene_files::CASES),
         ("scene_reports", scene_reports::CASES),
+        ("scene_search", scene_search::CASES),
         ("scenes", scenes::CASES),
         ("sensor_setup", sensor_setup::CASES),
         ("session", session::CASES),
@@ -72,6 +82,7 @@ fn main() -> std::process::ExitCode {
         ("tidy", tidy::CASES),
         ("tied_metadata", tied_metadata::CASES),
         ("velodyne", velodyne::CASES),
+        ("view", view::CASES),
     ];
     support::run(modules)
 }

@@ -283,7 +283,10 @@ fn a_session_is_a_scene() {
         let source: SocketAddr = format!("10.0.0.{}:50000", sensor + 1).parse().unwrap();
         MockSensor::ouster(metadata(sensor as u64))
             .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, payload })
+                writer.write_packet(
+                    sensor,
+                    &Packet { host_time_ns, source, destination, link: Default::default(), payload },
+                )
             })
             .unwrap();
     }

@@ -1,6 +1,6 @@
 //! Search methods on functions with known optima, on awkward objectives, and against reference medians.
 
-mod command;
+pub mod command;
 mod mixed;
 
 use std::convert::Infallible;

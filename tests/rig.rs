@@ -13,11 +13,11 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("pitches_are_applied_over_a_pty_and_read_back", pitches_are_applied_over_a_pty_and_read_back),
     case("a_cut_cable_ends_a_move_with_an_error", a_cut_cable_ends_a_move_with_an_error),
-    case("a_second_program_is_kept_off_the_line", a_second_program_is_kept_off_the_line),
+    case("a_second_program_cannot_open_the_line", a_second_program_cannot_open_the_line),
     case("a_rig_that_does_not_answer_is_named", a_rig_that_does_not_answer_is_named),
     case("each_layer_refuses_its_own_limits", each_layer_refuses_its_own_limits),
     case("faults_are_reported_by_name", faults_are_reported_by_name),
-    case("a_restart_on_the_way_is_told_apart", a_restart_on_the_way_is_told_apart),
+    case("a_restart_during_a_move_is_reported_as_such", a_restart_during_a_move_is_reported_as_such),
     case(
         "slow_answers_are_waited_for_and_wrong_ones_ignored",
         slow_answers_are_waited_for_and_wrong_ones_ignored,
@@ -30,7 +30,7 @@ pub const CASES: &[Case] = &[
     case("stamps_are_on_the_hosts_clock", stamps_are_on_the_hosts_clock),
     case("a_late_answer_is_as_old_as_its_question", a_late_answer_is_as_old_as_its_question),
     case("what_is_not_homed_is_not_measured", what_is_not_homed_is_not_measured),
-    case("axes_home_on_switches_and_lose_their_place", axes_home_on_switches_and_lose_their_place),
+    case("axes_home_on_switches_and_lose_their_zero", axes_home_on_switches_and_lose_their_zero),
     case("the_true_angle_lies_within_the_uncertainty", the_true_angle_lies_within_the_uncertainty),
 ];
 
@@ -53,7 +53,7 @@ fn clean(seed: u64) -> SimulatedLink {
 /// A session that a busy machine does not end: threads that race real time may wait for each other for seconds.
 pub fn patient() -> Options {
     let long = Duration::from_secs(5);
-    Options { heartbeat_timeout: long, silence: long, answer_within: long, ..Options::new_session() }
+    Options { heartbeat_timeout: long, link_timeout: long, answer_within: long, ..Options::new_session() }
 }
 
 fn pitches_are_applied_over_a_pty_and_read_back() {
@@ -117,7 +117,7 @@ fn a_cut_cable_ends_a_move_with_an_error() {
     assert_eq!(rig.reports().into_iter().count(), 0);
 }
 
-fn a_second_program_is_kept_off_the_line() {
+fn a_second_program_cannot_open_the_line() {
     let mock = MockRig::start(MockConfig::default(), 3).unwrap();
     let first = SerialLink::open(mock.path()).unwrap();
     let second = SerialLink::open(mock.path()).err();
@@ -157,7 +157,7 @@ fn a_rig_that_does_not_answer_is_named() {
 
 fn each_layer_refuses_its_own_limits() {
     let outside = |rig: &mut Simulated, pitches: [f64; 2]| match rig.apply(&pitches, |_| {}) {
-        Err(RigError::OutsideLimits { axis, whose, .. }) => (axis, whose),
+        Err(RigError::OutsideLimits { axis, limits_of, .. }) => (axis, limits_of),
         other => panic!("{other:?}"),
     };
     let limits_rad = vec![(-0.5, 0.5), (-2.0, 2.0)];
@@ -220,7 +220,7 @@ fn faults_are_reported_by_name() {
     ready(link, Options::default()).apply(&[0.4, -0.4], |_| {}).unwrap();
 }
 
-fn a_restart_on_the_way_is_told_apart() {
+fn a_restart_during_a_move_is_reported_as_such() {
     let mut link = clean(8);
     link.inject_at(1_200_000, MockFault::Reboot);
     let mut rig = ready(link, Options::default());
@@ -311,7 +311,7 @@ fn a_second_host_takes_over_and_the_first_says_so() {
     link.another_says_at(2_000_000, Frame::command(0, 1, &hello));
     let mut rig = ready(link, Options::default());
     let error = rig.apply(&[1.0, -1.0], |_| {}).unwrap_err();
-    assert!(matches!(error, RigError::TakenOver), "{error}");
+    assert!(matches!(error, RigError::OtherHost), "{error}");
 }
 
 fn a_servo_that_measures_nothing_says_so() {
@@ -325,7 +325,7 @@ fn a_servo_that_measures_nothing_says_so() {
     // the pulse ends at 45 degrees though the firmware would allow 60
     assert!(matches!(
         rig.apply(&[0.9, 0.0], |_| {}),
-        Err(RigError::OutsideLimits { whose: "the servo's own", .. })
+        Err(RigError::OutsideLimits { limits_of: "the servo's own", .. })
     ));
 }
 
@@ -418,7 +418,7 @@ fn truth_of(link: &mut SimulatedLink) -> Arc<Mutex<[i32; 2]>> {
     truth
 }
 
-fn axes_home_on_switches_and_lose_their_place() {
+fn axes_home_on_switches_and_lose_their_zero() {
     let config = MockConfig::default().with_home_switches(-523_599);
     let mut link = SimulatedLink::new(config, 16, NO_DAMAGE);
     link.inject_at(60_000_000, MockFault::Reboot);

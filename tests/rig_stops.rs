@@ -12,8 +12,8 @@ use crate::support::{Case, case};
 
 pub const CASES: &[Case] = &[
     case(
-        "a_pair_whose_host_is_killed_stands_within_ten_degrees",
-        a_pair_whose_host_is_killed_stands_within_ten_degrees,
+        "a_pair_stops_within_ten_degrees_when_its_host_is_killed",
+        a_pair_stops_within_ten_degrees_when_its_host_is_killed,
     ),
     case("every_signal_to_stop_brakes_within_four_degrees", every_signal_to_stop_brakes_within_four_degrees),
     case("a_program_that_nohup_starts_ignores_a_hang_up", a_program_that_nohup_starts_ignores_a_hang_up),
@@ -106,7 +106,7 @@ fn goes_on_deg(seed: u64, what: impl FnOnce(&Running)) -> (f64, MockRig, Running
 }
 
 /// The plan, at 30 degrees a second: 4.5 until the silence is noticed, 2 until it stands.
-fn a_pair_whose_host_is_killed_stands_within_ten_degrees() {
+fn a_pair_stops_within_ten_degrees_when_its_host_is_killed() {
     let repetitions = std::env::var(REPETITIONS).ok().and_then(|count| count.parse().ok()).unwrap_or(2);
     let kill = |seed| goes_on_deg(seed, |mover| mover.signal(Signal::SIGKILL)).0;
     let mut ways_deg: Vec<f64> = (0..repetitions).map(|seed| kill(100 + seed)).collect();

@@ -189,7 +189,7 @@ fn nothing_moves_without_being_armed() {
     let said = refusal(&outrigger(&["rig", "status", "--port", "/dev/null"]));
     assert!(said.contains("cannot open /dev/null: it is no serial device"), "{said}");
     let said = refusal(&outrigger(&["rig", "status", "--port", &port, "--node", "5"]));
-    assert!(said.contains("node 1 is heard") && said.contains("--node 1"), "{said}");
+    assert!(said.contains("node 1 sends") && said.contains("--node 1"), "{said}");
     for port in ["dynamixel:/dev/null@57600:1,1", "cia402:none7@1,200"] {
         let said = refusal(&outrigger(&["rig", "status", "--port", port]));
         assert!(said.contains("two different"), "{said}");

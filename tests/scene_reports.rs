@@ -390,7 +390,7 @@ fn pages_stand_alone() {
     let folder = Folder::new();
     folder.document(&[&GOOD[..], &["--report", "score.html"]].concat());
     let page = is_whole_page(&folder.path("score.html"), 3);
-    assert!(page.contains("can be hit, but nobody saw it") && page.contains("best single"));
+    assert!(page.contains("observable, but unseen") && page.contains("best single"));
     assert!(page.contains("--masters 0.07,0.1,0.05,35,0 --report score.html"), "the command as typed");
     let predict = ["predict", "--mount", "mount.json", "--trajectory", "walk.tum", "--azimuths", "60"];
     let room = ["--room", "0,0,0,6,4,3", "--report", "room.html"];

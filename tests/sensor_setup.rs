@@ -16,9 +16,9 @@ use crate::support::{Case, case};
 pub const CASES: &[Case] = &[
     case("an_ouster_is_read_set_and_saved", an_ouster_is_read_set_and_saved),
     case("a_velodyne_is_read_set_and_saved", a_velodyne_is_read_set_and_saved),
-    case("what_ails_a_sensor_is_said", what_ails_a_sensor_is_said),
-    case("broken_servers_are_told_apart_and_bounded", broken_servers_are_told_apart_and_bounded),
-    case("settings_that_are_not_taken_are_named", settings_that_are_not_taken_are_named),
+    case("faults_of_a_sensor_are_reported", faults_of_a_sensor_are_reported),
+    case("broken_servers_are_distinguished_and_bounded", broken_servers_are_distinguished_and_bounded),
+    case("refused_settings_are_named", refused_settings_are_named),
     case("metadata_of_another_sensor_are_noticed", metadata_of_another_sensor_are_noticed),
     case("sensors_are_discovered", sensors_are_discovered),
     case("the_verb_sets_a_mock_up_and_its_packets_follow", the_verb_sets_a_mock_up_and_its_packets_follow),
@@ -73,7 +73,7 @@ fn an_ouster_is_read_set_and_saved() {
         let wanted = within(Wanted {
             host: Some("auto".into()),
             port: Some(17502),
-            aside_port: Some(17503),
+            auxiliary_port: Some(17503),
             settings: vec![
                 ("lidar_mode".into(), json!("512x20")),
                 ("azimuth_window".into(), json!([90_000, 270_000])),
@@ -133,7 +133,7 @@ fn a_velodyne_is_read_set_and_saved() {
     assert_eq!((&kept["rpm"], &kept["returns"]), (&json!(1200), &json!("Dual")));
 }
 
-fn what_ails_a_sensor_is_said() {
+fn faults_of_a_sensor_are_reported() {
     let mut ill = ouster().sending_to("10.0.0.2:7502".parse().unwrap(), None);
     ill.alert("OVERTEMP", "Unit internal temperature too high");
     ill.alert("SHOT_LIMITING", "Shot limiting mode is active");
@@ -163,7 +163,7 @@ fn what_ails_a_sensor_is_said() {
     );
 }
 
-fn broken_servers_are_told_apart_and_bounded() {
+fn broken_servers_are_distinguished_and_bounded() {
     let said = |fault: WebFault| {
         let web = serve(Behind::Ouster(Box::new(ouster())), Some(fault));
         let address = web.address().to_string();
@@ -209,7 +209,7 @@ fn broken_servers_are_told_apart_and_bounded() {
     assert!(matches!(found.config(), Err(SetupError::Unexpected { .. })));
 }
 
-fn settings_that_are_not_taken_are_named() {
+fn refused_settings_are_named() {
     let wanted = within(Wanted { port: Some(9000), save: true, ..Wanted::default() });
     let web = serve(Behind::Ouster(Box::new(ouster())), Some(WebFault::Reverts));
     let configured = sensor(&web).configure(&wanted).unwrap();

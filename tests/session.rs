@@ -22,7 +22,7 @@ use crate::support::{Case, case, with_machine};
 
 pub const CASES: &[Case] = &[
     case("every_byte_sent_is_in_the_session", round_trip::every_byte_sent_is_in_the_session),
-    case("what_goes_beside_the_packets_comes_back", round_trip::what_goes_beside_the_packets_comes_back),
+    case("servo_reports_and_events_come_back", round_trip::servo_reports_and_events_come_back),
     case("a_session_needs_a_folder_of_its_own", round_trip::a_session_needs_a_folder_of_its_own),
     case("a_changed_file_is_named", round_trip::a_changed_file_is_named),
     case("long_and_empty_datagrams_are_whole", receive::long_and_empty_datagrams_are_whole),
@@ -30,8 +30,8 @@ pub const CASES: &[Case] = &[
     case("what_the_queue_drops_is_counted", receive::what_the_queue_drops_is_counted),
     case("what_waits_is_bounded_in_bytes", receive::what_waits_is_bounded_in_bytes),
     case(
-        "sensors_on_one_port_are_told_apart_by_source",
-        receive::sensors_on_one_port_are_told_apart_by_source,
+        "sensors_on_one_port_are_distinguished_by_source",
+        receive::sensors_on_one_port_are_distinguished_by_source,
     ),
     case("sockets_that_cannot_be_had_are_named", receive::sockets_that_cannot_be_had_are_named),
     case("a_recording_cut_at_any_byte_opens", crash::a_recording_cut_at_any_byte_opens),
@@ -58,8 +58,8 @@ pub const CASES: &[Case] = &[
         taken_away::a_link_in_place_of_the_folder_is_not_followed,
     ),
     case(
-        "a_file_taken_from_a_session_is_named_and_its_packets_counted",
-        taken_away::a_file_taken_from_a_session_is_named_and_its_packets_counted,
+        "a_file_removed_from_a_session_is_named_and_its_packets_counted",
+        taken_away::a_file_removed_from_a_session_is_named_and_its_packets_counted,
     ),
     case("what_is_left_of_a_cut_file_is_counted", taken_away::what_is_left_of_a_cut_file_is_counted),
     with_machine(
@@ -90,10 +90,7 @@ pub const CASES: &[Case] = &[
         "what_is_no_file_in_a_session_is_named_and_not_waited_for",
         doubted::what_is_no_file_in_a_session_is_named_and_not_waited_for,
     ),
-    case(
-        "a_pipe_without_a_writer_is_said_and_not_waited_for",
-        doubted::a_pipe_without_a_writer_is_said_and_not_waited_for,
-    ),
+    case("a_pipe_without_a_writer_is_refused_at_once", doubted::a_pipe_without_a_writer_is_refused_at_once),
     case("buffers_of_a_gltf_lie_beside_it", doubted::buffers_of_a_gltf_lie_beside_it),
     case("too_few_files_are_an_error_and_no_panic", limits::too_few_files_are_an_error_and_no_panic),
     case(

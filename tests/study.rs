@@ -13,7 +13,7 @@ pub const CASES: &[Case] = &[
     case("shards_in_any_order_merge_to_the_same_bytes", shards_in_any_order_merge_to_the_same_bytes),
     case("meshes_come_and_go", meshes_come_and_go),
     case("scripts_run_a_study_to_the_same_bytes", scripts_run_a_study_to_the_same_bytes),
-    case("what_is_missing_or_foreign_is_said", what_is_missing_or_foreign_is_said),
+    case("missing_and_unknown_studies_are_reported", missing_and_unknown_studies_are_reported),
     case("a_signal_ends_a_task_of_minutes_at_once", a_signal_ends_a_task_of_minutes_at_once),
     with_shared("walk_and_mount_are_searched_in_a_house", walk_and_mount_are_searched_in_a_house),
     with_machine(
@@ -135,7 +135,7 @@ fn scripts_run_a_study_to_the_same_bytes() {
     assert!(read(queued.path(), "shards.sbatch").contains("#SBATCH --array=1-3"));
 }
 
-fn what_is_missing_or_foreign_is_said() {
+fn missing_and_unknown_studies_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     assert!(fails(&["run", "published", "--shard", "1/1"], folder).contains("study plan"));
@@ -250,7 +250,7 @@ fn a_signal_ends_a_task_of_minutes_at_once() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(told.elapsed() < Duration::from_secs(10), "{signal} was heeded after {:?}", told.elapsed());
         assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains("interrupted: whole shards are kept"), "{said}");
+        assert!(said.contains("interrupted: whole shards stay"), "{said}");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "plan.json alone");
     }
 }

@@ -13,7 +13,7 @@ pub const MAJOR: u8 = 1;
 /// The node number that means every device.
 pub const BROADCAST: u8 = 0;
 
-/// Which way a message goes.
+/// Direction of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// From the host.
@@ -31,7 +31,7 @@ pub struct MessageId {
     pub major: u8,
     /// Message number.
     pub message: u8,
-    /// Which way it goes.
+    /// From or to the host.
     pub direction: Direction,
     /// 0..=127.
     pub node: u8,

@@ -4,7 +4,7 @@ use crate::config::Limit;
 use crate::fault::Fault;
 use crate::payload::{DecodeError, Fields, Payload, i24_bytes};
 
-/// The largest angle that `MovePair` carries either way, µrad: three bytes each, so the pair fits one CAN frame.
+/// The largest angle that `MovePair` carries in either direction, µrad: three bytes each, so the pair fits one CAN frame.
 pub const PAIR_RANGE_URAD: i32 = (1 << 23) - 1;
 
 /// The key that `ClearFault` must carry to leave an emergency stop: the ASCII text `FREE`.

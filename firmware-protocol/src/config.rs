@@ -20,7 +20,7 @@ coded! {
         ServoMinimum = 5 "servo_minimum",
         /// The servo's own highest angle, µrad; cannot be set.
         ServoMaximum = 6 "servo_maximum",
-        /// Largest error of the encoder's own scale, or of what an unmeasured axis was told, µrad; cannot be set.
+        /// Largest error of the encoder's own scale, or of an unmeasured axis' setpoint, µrad; cannot be set.
         Accuracy = 7 "accuracy",
         /// One count of the encoder, µrad; cannot be set.
         Resolution = 8 "resolution",
@@ -43,10 +43,10 @@ pub enum Home {
         at_urad: i32,
         /// How fast it is approached, and by its sign from which side, µrad/s.
         speed_urad_s: i32,
-        /// Longest way to the switch, µrad.
+        /// Longest distance to the switch, µrad.
         longest_urad: i32,
     },
-    /// The actuator finds its zero by itself when told to.
+    /// The actuator finds its zero by itself on command.
     ByServo {
         /// How long it may take, µs.
         longest_us: u32,
@@ -54,7 +54,7 @@ pub enum Home {
 }
 
 impl Home {
-    /// The usual way to a switch that is closed at and below an angle, µrad: down, at 6 degrees a second.
+    /// The usual search for a switch that is closed at and below an angle, µrad: down, at 6 degrees a second.
     pub const fn switch_below(at_urad: i32) -> Self {
         Self::Switch { at_urad, speed_urad_s: -100_000, longest_urad: 2_200_000 }
     }
@@ -90,7 +90,7 @@ pub struct AxisConfig {
     pub jump_urad: i32,
     /// Distance from the target within which a move is done, and how far the reading may lie outside the limits, µrad.
     pub tolerance_urad: i32,
-    /// Largest error of the encoder's own scale, or of what an unmeasured axis was told, µrad.
+    /// Largest error of the encoder's own scale, or of an unmeasured axis' setpoint, µrad.
     pub accuracy_urad: i32,
     /// One count of the encoder, µrad.
     pub resolution_urad: i32,
@@ -105,7 +105,7 @@ pub struct AxisConfig {
 }
 
 impl AxisConfig {
-    /// How hard it brakes when somebody says hold, or nobody says anything any more, µrad/s²: twice as hard as a move may
+    /// How hard it brakes on a hold and when the host is silent, µrad/s²: twice as hard as a move may
     /// gain speed, whatever profile that move has, and never harder than an emergency stop.
     pub fn brake_urad_s2(&self) -> i32 {
         self.top_acceleration_urad_s2.saturating_mul(2).min(self.e_stop_urad_s2)
@@ -146,7 +146,7 @@ pub struct Config<const N: usize> {
     pub axes: [AxisConfig; N],
     /// Where axes 0 and 1 must not be together.
     pub keep_out: KeepOut,
-    /// How far the planned way stays from that region on each axis, µrad.
+    /// Clearance of the planned path from that region on each axis, µrad.
     pub keep_out_margin_urad: i32,
     /// Time between two positions of an axis, µs.
     pub position_every_us: u32,
@@ -190,10 +190,10 @@ mod tests {
         let config = Config::mirrored_pair(9);
         assert_eq!(config.uid, 9);
         let outwards = [700_000, -700_000];
-        for (pair_urad, kept_out) in
+        for (pair_urad, is_inside) in
             [(outwards, false), ([-700_000, 700_000], true), ([700_000; 2], false), ([-700_000; 2], false)]
         {
-            assert_eq!(config.keep_out.contains(pair_urad, 0), kept_out, "{pair_urad:?}");
+            assert_eq!(config.keep_out.contains(pair_urad, 0), is_inside, "{pair_urad:?}");
         }
     }
 }

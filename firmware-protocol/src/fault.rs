@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_set_holds_what_was_latched_and_not_taken_away() {
+    fn a_set_holds_what_was_latched_and_not_removed() {
         let mut faults = Faults::default();
         assert!(faults.is_empty());
         for fault in Fault::ALL {

@@ -98,13 +98,13 @@ mod tests {
         let grid = || (-40..=340).step_by(20).flat_map(|x| (-120..=120).step_by(20).map(move |y| [x, y]));
         for from in grid() {
             for to in grid().step_by(7) {
-                let said = region.crosses(from, to, 0);
+                let crosses = region.crosses(from, to, 0);
                 let sampled = (0..=2000).any(|t| {
                     let at = |k: usize| from[k] * 1000 + (to[k] - from[k]) * t / 2;
                     (100_000..=200_000).contains(&at(0)) && (-50_000..=50_000).contains(&at(1))
                 });
-                assert!(!sampled || said, "{from:?} -> {to:?}");
-                if said && !sampled {
+                assert!(!sampled || crosses, "{from:?} -> {to:?}");
+                if crosses && !sampled {
                     // a corner that the samples step over: a slightly larger region must contain a sample
                     let near = (0..=2000).any(|t| {
                         let at = |k: usize| from[k] * 1000 + (to[k] - from[k]) * t / 2;
@@ -112,7 +112,7 @@ mod tests {
                     });
                     assert!(near, "{from:?} -> {to:?}");
                 }
-                crossed += usize::from(said);
+                crossed += usize::from(crosses);
             }
         }
         assert!(crossed > 500);

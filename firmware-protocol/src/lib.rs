@@ -14,14 +14,14 @@
 //! let mut rig = Controller::new(Config::default(), [SimulatedAxis::new(1, 0, 0)], ResetCause::PowerOn, 0);
 //! let (mut now_us, session) = (0, 7);
 //! let mut run = |rig: &mut Controller<SimulatedAxis, 1>, ms: u64, order: Option<Command>| {
-//!     let mut told = Vec::new();
-//!     order.iter().for_each(|order| rig.handle(now_us, order, &mut |report| told.push(report)));
+//!     let mut reports = Vec::new();
+//!     order.iter().for_each(|order| rig.handle(now_us, order, &mut |report| reports.push(report)));
 //!     for _ in 0..ms {
 //!         now_us += 1000;
 //!         rig.handle(now_us, &Command::Heartbeat { session, time_ms: 0 }, &mut |_| ());
-//!         rig.step(now_us, &mut |report| told.push(report));
+//!         rig.step(now_us, &mut |report| reports.push(report));
 //!     }
-//!     told
+//!     reports
 //! };
 //! run(&mut rig, 50, None); // it reads its encoder
 //! let hello = Command::Hello { protocol_min: 1, protocol_max: 1, heartbeat_timeout_ms: 300, nonce: session };
@@ -29,8 +29,8 @@
 //! let order = |id, order| Some(Command::Order { id, order });
 //! run(&mut rig, 1, order(1, Order::Arm { armed: true }));
 //! run(&mut rig, 600, order(2, Order::Home { axis: ALL_AXES }));
-//! let told = run(&mut rig, 2000, order(3, Order::MoveTo { axis: 0, position_urad: 436_332 }));
-//! assert!(told.iter().any(|report| matches!(report, Report::Done { .. })));
+//! let reports = run(&mut rig, 2000, order(3, Order::MoveTo { axis: 0, position_urad: 436_332 }));
+//! assert!(reports.iter().any(|report| matches!(report, Report::Done { .. })));
 //! assert_eq!(rig.state(), State::Holding);
 //! ```
 //! Deliberately absent: floats, allocation, clocks (time is an argument in microseconds), a second state machine.

@@ -1,6 +1,6 @@
 //! The serial link layer: `COBS( version u8 | sequence u8 | identifier u32 | data 0..=64 | CRC-32C u32 ) 00`.
 //!
-//! A receiver starts anew at every zero byte, drops whatever is damaged and counts why.
+//! A receiver starts again at every zero byte, drops whatever is damaged and counts why.
 
 use crate::can::{Direction, MessageId};
 use crate::cobs;
@@ -65,7 +65,7 @@ impl Frame {
         Self::new(sequence, Direction::ToHost, node, &report.encode())
     }
 
-    /// A frame from a CAN bus, whose controller checked it already: the identifier's 29 bits and the data. `None` when
+    /// A frame from a CAN bus, checked by its controller already: the identifier's 29 bits and the data. `None` when
     /// they are no rig's, or not of this version.
     pub fn from_can(identifier: u32, bytes: &[u8]) -> Option<Self> {
         let id = MessageId::decode(identifier).filter(|id| id.readable())?;
@@ -101,7 +101,7 @@ impl Frame {
 pub struct LinkCounters {
     /// Whole frames.
     pub frames: u32,
-    /// Frames whose checksum is wrong.
+    /// Frames with a wrong checksum.
     pub checksum_errors: u32,
     /// Frames that are no frames: stuffing, length or identifier.
     pub malformed: u32,

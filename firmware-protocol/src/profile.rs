@@ -74,7 +74,7 @@ impl<const N: usize> Path<N> {
         self.done_nrad >= self.length_urad * NANO || (self.braking.is_some() && self.speed == 0)
     }
 
-    /// Whether it was told to stop on the way.
+    /// Whether it was ordered to stop before its target.
     pub fn is_braking(&self) -> bool {
         self.braking.is_some()
     }
@@ -102,7 +102,7 @@ impl<const N: usize> Path<N> {
         }
     }
 
-    /// Where an axis is told to be now, µrad.
+    /// Setpoint of an axis now, µrad.
     pub fn position_urad(&self, axis: usize) -> i32 {
         self.start_urad[axis] + self.along(axis, self.done_nrad / NANO) as i32
     }
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn brakes_only_when_told() {
+    fn brakes_only_on_command() {
         let mut path = Path::new([0], [400_000], [500_000], [2_000_000]);
         path.advance(10_000);
         assert!(!path.is_braking());

@@ -2,7 +2,7 @@
 
 use crate::servo::{Reading, Sense, Servo, Setpoint};
 
-/// A servo told by pulse width. Its position is what it was told, and every report says so.
+/// A servo driven by pulse width. Its position is its setpoint, and every report says so.
 #[derive(Clone, Copy, Debug)]
 pub struct PulseServo {
     /// Pulse at 0 µrad, quarter microseconds (6000 is 1500 µs).

@@ -14,7 +14,7 @@ coded! {
         Idle = 1 "idle",
         /// Making positions trusted.
         Homing = 2 "homing",
-        /// On the way to a target.
+        /// Moving to a target.
         Moving = 3 "moving",
         /// Armed and standing.
         Holding = 4 "holding",
@@ -48,7 +48,7 @@ coded! {
         Commanded = 1 "commanded",
         /// Measured, but not of late.
         Stale = 2 "stale",
-        /// Read from an encoder whose zero is not known: it counts from where it was switched on, or was caught lying.
+        /// Read from an encoder without a known zero: it counts from where it was switched on, or was caught lying.
         NotHomed = 3 "not_homed",
     }
 }
@@ -56,9 +56,9 @@ coded! {
 coded! {
     /// What became of an order.
     AckCode {
-        /// Taken.
+        /// Accepted.
         Accepted = 0 "accepted",
-        /// Refused: something else is under way.
+        /// Refused: something else is in progress.
         Busy = 1 "busy",
         /// Refused: a fault is latched.
         Fault = 2 "fault",
@@ -66,7 +66,7 @@ coded! {
         Limit = 3 "limit",
         /// Refused: outside the servo's own limits.
         ServoLimit = 4 "servo_limit",
-        /// Refused: the way leads through the keep-out region.
+        /// Refused: the path leads through the keep-out region.
         KeepOut = 5 "keep_out",
         /// Refused: positions are not trusted yet.
         NotHomed = 6 "not_homed",
@@ -197,7 +197,7 @@ pub enum Report {
         /// Largest distance from the target, µrad.
         error_urad: i32,
     },
-    /// Where an axis is told to be, and by which order.
+    /// Setpoint of an axis, and by which order.
     Target {
         /// The axis.
         axis: u8,
@@ -205,7 +205,7 @@ pub enum Report {
         state: State,
         /// Whether this axis is homed.
         homed: bool,
-        /// Number of the last move or homing taken.
+        /// Number of the last move or homing that was accepted.
         id: u16,
         /// The target, µrad.
         target_urad: i32,

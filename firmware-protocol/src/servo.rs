@@ -31,7 +31,7 @@ pub struct Sense {
     /// Between which times the encoder was sampled, µs: at a bus, when the question left and when the answer was there.
     /// Motion between two samples is judged by the longest time that may lie between them.
     pub sampled_us: [u64; 2],
-    /// How far an actuator is that was told to find its zero by itself.
+    /// Progress of an actuator that finds its zero by itself.
     pub homing: ServoHoming,
 }
 
@@ -52,7 +52,7 @@ impl Sense {
 /// How far an actuator is with finding its zero by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ServoHoming {
-    /// It was not told to, or cannot.
+    /// Not ordered, or not possible.
     Idle,
     /// It is about it.
     Underway,
@@ -62,7 +62,7 @@ pub enum ServoHoming {
     Failed,
 }
 
-/// What an actuator is told.
+/// Setpoint of an actuator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Setpoint {
     /// Drive the shaft at all.

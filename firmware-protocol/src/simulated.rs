@@ -122,7 +122,7 @@ impl SimulatedAxis {
         (self.output_nrad / NANO) as i32
     }
 
-    /// Whether it was told to drive its shaft.
+    /// Whether it is ordered to drive its shaft.
     pub fn is_driven(&self) -> bool {
         self.setpoint.torque
     }

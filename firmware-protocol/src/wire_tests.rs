@@ -34,7 +34,7 @@ fn speaks_as_the_golden_vectors() {
         let frames: Vec<Frame> = wire.iter().filter_map(|byte| receiver.push(*byte)).collect();
         let [frame] = frames[..] else { panic!("{line}: {:?}", receiver.counters()) };
         assert_eq!((frame.sequence, frame.id.node), (sequence, node), "{line}");
-        let (said, again) = if direction == "device" {
+        let (encoded, again) = if direction == "device" {
             assert_eq!(frame.id.direction, Direction::ToDevice);
             let command = Command::decode(frame.id.message, frame.data()).unwrap();
             (format!("{command:?}"), Frame::command(sequence, node, &command))
@@ -43,7 +43,7 @@ fn speaks_as_the_golden_vectors() {
             let report = Report::decode(frame.id.message, frame.data()).unwrap();
             (format!("{report:?}"), Frame::report(sequence, node, &report))
         };
-        assert_eq!(said, text);
+        assert_eq!(encoded, text);
         assert_eq!(again.encode().bytes(), wire, "{line}");
         count += 1;
     }
@@ -175,7 +175,7 @@ proptest! {
         }
     }
 
-    /// A receiver takes garbage between frames; a frame after a zero is heard whatever came before.
+    /// A receiver takes garbage between frames; a frame after a zero is decoded whatever came before.
     #[test]
     fn frames_are_found_in_garbage(
         garbage in proptest::collection::vec(any::<u8>(), 0..400),
@@ -189,8 +189,8 @@ proptest! {
         for byte in garbage.iter().chain(&[0]) {
             prop_assert_eq!(receiver.push(*byte), None); // one in 2^32 would pass by chance
         }
-        let heard: Vec<Frame> = wire.bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
-        prop_assert_eq!(heard, [frame]);
+        let decoded: Vec<Frame> = wire.bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
+        prop_assert_eq!(decoded, [frame]);
     }
 
     /// One flipped bit, one lost byte or one byte too many: the frame is dropped and counted.
@@ -205,8 +205,8 @@ proptest! {
             _ => wire.insert(place, 1 << bit),
         }
         let mut receiver = Receiver::default();
-        let heard: Vec<Frame> = wire.iter().chain(&[0]).filter_map(|byte| receiver.push(*byte)).collect();
-        prop_assert_eq!(heard, []);
+        let decoded: Vec<Frame> = wire.iter().chain(&[0]).filter_map(|byte| receiver.push(*byte)).collect();
+        prop_assert_eq!(decoded, []);
         let counters = receiver.counters();
         prop_assert!(counters.checksum_errors + counters.malformed + counters.overlong > 0);
     }
@@ -242,8 +242,8 @@ fn receive_plain(plain: &[u8]) -> (Option<Frame>, LinkCounters) {
     let mut wire = [0; 2 * MAX_WIRE];
     let length = crate::cobs::encode(plain, &mut wire).unwrap();
     let mut receiver = Receiver::default();
-    let heard = wire[..=length].iter().filter_map(|byte| receiver.push(*byte)).last();
-    (heard, receiver.counters())
+    let decoded = wire[..=length].iter().filter_map(|byte| receiver.push(*byte)).last();
+    (decoded, receiver.counters())
 }
 
 #[test]
@@ -251,13 +251,13 @@ fn frames_are_as_long_as_the_layout_allows() {
     let id = MessageId::new(0x05, Direction::ToHost, 1);
     for length in [0, MAX_DATA] {
         let data = vec![0xAB; length];
-        let (heard, counters) = receive(LINK_VERSION, id.encode(), &data);
-        let heard = heard.unwrap();
-        assert_eq!((heard.id, heard.data(), counters.frames), (id, &data[..], 1));
+        let (decoded, counters) = receive(LINK_VERSION, id.encode(), &data);
+        let decoded = decoded.unwrap();
+        assert_eq!((decoded.id, decoded.data(), counters.frames), (id, &data[..], 1));
         let mut receiver = Receiver::default();
-        let again: Vec<_> = heard.encode().bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
-        assert_eq!(again, [heard]);
-        assert_eq!(heard.encode().bytes().len(), MAX_WIRE - MAX_DATA + length);
+        let again: Vec<_> = decoded.encode().bytes().iter().filter_map(|byte| receiver.push(*byte)).collect();
+        assert_eq!(again, [decoded]);
+        assert_eq!(decoded.encode().bytes().len(), MAX_WIRE - MAX_DATA + length);
     }
     let malformed = LinkCounters { malformed: 1, ..LinkCounters::default() };
     assert_eq!(receive(LINK_VERSION, id.encode(), &[0xAB; MAX_DATA + 1]), (None, malformed));
@@ -267,7 +267,7 @@ fn frames_are_as_long_as_the_layout_allows() {
 }
 
 #[test]
-fn other_versions_are_counted_and_their_greetings_heard() {
+fn other_versions_are_counted_and_their_greetings_decoded() {
     let other = LinkCounters { other_version: 1, ..LinkCounters::default() };
     let id =
         |message| MessageId { major: MAJOR + 1, ..MessageId::new(message, Direction::ToDevice, BROADCAST) };
@@ -275,9 +275,9 @@ fn other_versions_are_counted_and_their_greetings_heard() {
     assert_eq!(receive(LINK_VERSION, id(0x03).encode(), &[0; 8]), (None, other));
     assert_eq!(Frame::from_can(id(0x03).encode(), &[0; 8]), None);
     for message in [0x01, 0x02] {
-        let heard = receive(LINK_VERSION, id(message).encode(), &[5; 8]).0.unwrap();
-        assert_eq!(heard.id, id(message));
-        assert_eq!(Frame::from_can(id(message).encode(), &[5; 8]).unwrap().data(), heard.data());
+        let decoded = receive(LINK_VERSION, id(message).encode(), &[5; 8]).0.unwrap();
+        assert_eq!(decoded.id, id(message));
+        assert_eq!(Frame::from_can(id(message).encode(), &[5; 8]).unwrap().data(), decoded.data());
     }
     let malformed = LinkCounters { malformed: 1, ..LinkCounters::default() };
     let valid = id(0x01).encode();
@@ -290,16 +290,16 @@ fn other_versions_are_counted_and_their_greetings_heard() {
 
 #[test]
 fn angles_of_a_pair_beyond_three_bytes_keep_their_sign() {
-    let said = |a_urad, b_urad| {
+    let encoded = |a_urad, b_urad| {
         let bytes = Command::Order { id: 7, order: Order::MovePair { a_urad, b_urad } }.encode();
         match Command::decode(bytes.message(), bytes.bytes()) {
             Ok(Command::Order { order: Order::MovePair { a_urad, b_urad }, .. }) => [a_urad, b_urad],
             other => panic!("{other:?}"),
         }
     };
-    assert_eq!(said(8_388_607, -8_388_607), [8_388_607, -8_388_607]);
-    assert_eq!(said(8_388_608, -8_388_609), [8_388_607, -8_388_607]);
-    assert_eq!(said(i32::MAX, i32::MIN), [8_388_607, -8_388_607]);
+    assert_eq!(encoded(8_388_607, -8_388_607), [8_388_607, -8_388_607]);
+    assert_eq!(encoded(8_388_608, -8_388_609), [8_388_607, -8_388_607]);
+    assert_eq!(encoded(i32::MAX, i32::MIN), [8_388_607, -8_388_607]);
 }
 
 #[test]

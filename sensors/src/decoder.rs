@@ -78,6 +78,7 @@ pub enum Rejected {
 
 /// Counters of one decoder; every loss has a name.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 #[non_exhaustive]
 pub struct DecodeStats {
     /// Packets taken.
@@ -101,6 +102,12 @@ pub struct DecodeStats {
     pub init_id_changes: u64,
     /// Packets of another sensor or format.
     pub foreign: u64,
+    /// Packets whose time stamp contradicts those before and after it; they are dated by these.
+    pub odd_stamps: u64,
+    /// Damaged blocks of packets that were taken without them (Velodyne).
+    pub bad_blocks: u64,
+    /// Pauses of seconds and more that the host's clock saw too: nothing is known to have been sent meanwhile.
+    pub pauses: u64,
     /// Frames handed out.
     pub frames: u64,
     /// Of these, frames with every expected packet.

@@ -105,6 +105,24 @@ impl Frame {
 }
 
 impl Layer {
+    /// Takes the first samples of another layer of the same format.
+    pub(crate) fn copy_samples(&mut self, from: &Self, samples: usize) {
+        fn copy<T: Copy>(to: &mut [T], from: &[T], samples: usize) {
+            if let (Some(to), Some(from)) = (to.get_mut(..samples), from.get(..samples)) {
+                to.copy_from_slice(from);
+            }
+        }
+        copy(&mut self.range_mm, &from.range_mm, samples);
+        copy(&mut self.reflectivity, &from.reflectivity, samples);
+        copy(&mut self.signal, &from.signal, samples);
+        copy(&mut self.near_ir, &from.near_ir, samples);
+        copy(&mut self.flags, &from.flags, samples);
+        copy(&mut self.window, &from.window, samples);
+        copy(&mut self.zone_mask, &from.zone_mask, samples);
+        copy(&mut self.rgb, &from.rgb, samples);
+        copy(&mut self.raw_words, &from.raw_words, samples);
+    }
+
     /// Number of samples with a return.
     pub fn points(&self) -> usize {
         self.range_mm.iter().filter(|range| **range > 0).count()

@@ -23,7 +23,7 @@
 //! let mut returns = Vec::new();
 //! for (time_ns, payload) in &datagrams {
 //!     let (source, destination) = ("192.168.1.201:2368".parse().unwrap(), "192.168.1.1:2368".parse().unwrap());
-//!     let packet = Packet { host_time_ns: 1_700_000_000_000_000_000 + time_ns, source, destination, payload };
+//!     let packet = Packet { host_time_ns: 1_700_000_000_000_000_000 + time_ns, source, destination, link: Default::default(), payload };
 //!     decoder.push(&packet, &mut |decoded| {
 //!         let Decoded::Frame(frame) = decoded else { return };
 //!         returns.push(frame.first.points());
@@ -58,4 +58,4 @@ pub use completed::{Completed, Decoded};
 pub use decoder::{DecodeStats, Decoder, Rejected};
 pub use frame::{Frame, Health, Layer};
 pub use model::{Beam, BeamCorrection, Ray, SensorModel};
-pub use packet::Packet;
+pub use packet::{Link, Packet};

@@ -4,16 +4,14 @@ use crate::ouster::{Metadata, OusterEncoder};
 use crate::velodyne::{Column, Product, ReturnMode, VelodyneEncoder};
 use crate::{Frame, Layer};
 
-/// Time between two columns of an Ouster that turns ten times a second in columns of 512, ns.
-const OUSTER_COLUMN_NS: u64 = 190_000;
-
 /// Lidar packets of a revolution that begins at this time, every return from 4 m.
 pub fn ouster_revolution(metadata: &Metadata, frame_id: u32, start_ns: u64) -> Vec<Vec<u8>> {
     let (columns, channels) = (metadata.columns_per_frame, metadata.pixels_per_column);
+    let column_ns = 1e9 / (metadata.frame_rate_hz * columns as f64);
     let frame = Frame {
         frame_id,
         channels,
-        column_time_ns: (0..columns as u64).map(|column| start_ns + column * OUSTER_COLUMN_NS).collect(),
+        column_time_ns: (0..columns).map(|column| start_ns + (column as f64 * column_ns) as u64).collect(),
         column_azimuth_rad: vec![0.0; columns],
         column_valid: vec![true; columns],
         first: Layer {

@@ -11,7 +11,7 @@ use tempfile::NamedTempFile;
 
 /// A nameless file in the folder of `path`, as readable as the user's umask makes other files; persist it to `path`
 /// when it is whole.
-pub(crate) fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
+pub(crate) fn temporary_near(path: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".outrigger-");
     #[cfg(unix)]
@@ -22,7 +22,7 @@ pub(crate) fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
 /// Without the name of the temporary file, which tells a user nothing.
 fn as_the_system_says(error: io::Error) -> io::Error {
     match error.to_string().split_once(" at path ") {
-        Some((said, _)) => io::Error::new(error.kind(), said.to_owned()),
+        Some((reason, _)) => io::Error::new(error.kind(), reason.to_owned()),
         None => error,
     }
 }
@@ -35,18 +35,18 @@ pub(crate) fn check_place(path: &Path) -> io::Result<()> {
             "it is a folder, expected the name of a file",
         ));
     }
-    temporary_beside(path).map(drop)
+    temporary_near(path).map(drop)
 }
 
 /// Looks whether files could be put into a folder, which is made when there is something to put there.
 pub(crate) fn check_folder(folder: &Path) -> io::Result<()> {
     let nearest = folder.ancestors().find(|at| at.exists()).unwrap_or(Path::new("."));
-    temporary_beside(&nearest.join("file")).map(drop)
+    temporary_near(&nearest.join("file")).map(drop)
 }
 
 /// Puts a file under its name whole or not at all, and on the disk.
 pub(crate) fn write_whole(path: &Path, content: &[u8]) -> io::Result<()> {
-    let mut file = temporary_beside(path)?;
+    let mut file = temporary_near(path)?;
     file.as_file_mut().write_all(content)?;
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
@@ -71,7 +71,7 @@ pub(crate) fn read(path: &Path) -> io::Result<Vec<u8>> {
         let mut start = [0; 4096];
         match file.read(&mut start) {
             Ok(0) => {
-                let words = "it is a pipe that nobody writes to, expected a file";
+                let words = "it is a pipe without a writer, expected a file";
                 return Err(io::Error::new(io::ErrorKind::InvalidInput, words));
             }
             Ok(count) => content.extend_from_slice(&start[..count]),
@@ -143,11 +143,23 @@ pub fn read_text(path: impl AsRef<Path>) -> io::Result<String> {
     text(read(path.as_ref())?)
 }
 
-/// Bytes as text.
+/// Bytes as text; UTF-16 with its byte order mark too, as shells of Windows write it.
 ///
 /// # Errors
 /// The first byte that is none.
 pub fn text(bytes: Vec<u8>) -> io::Result<String> {
+    let in_words = |from: fn([u8; 2]) -> u16| {
+        let words: Vec<u16> = bytes[2..].chunks_exact(2).map(|pair| from([pair[0], pair[1]])).collect();
+        String::from_utf16(&words).map_err(|_| {
+            let words = "expected text in UTF-16, as its first two bytes say, found half of a character";
+            io::Error::new(io::ErrorKind::InvalidData, words)
+        })
+    };
+    match bytes.first_chunk() {
+        Some([0xff, 0xfe]) => return in_words(u16::from_le_bytes),
+        Some([0xfe, 0xff]) => return in_words(u16::from_be_bytes),
+        _ => {}
+    }
     String::from_utf8(bytes).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
         let byte = error.as_bytes()[at];
@@ -214,11 +226,11 @@ mod tests {
     #[test]
     fn a_file_that_cannot_be_whole_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        let taken = folder.path().join("taken");
-        std::fs::create_dir(&taken).unwrap();
-        assert!(write_whole(&taken, b"x").is_err() && check_place(&taken).is_err());
-        let said = check_place(&folder.path().join("absent/a.json")).unwrap_err().to_string();
-        assert!(!said.contains(".outrigger-"), "{said}");
+        let existing = folder.path().join("existing");
+        std::fs::create_dir(&existing).unwrap();
+        assert!(write_whole(&existing, b"x").is_err() && check_place(&existing).is_err());
+        let message = check_place(&folder.path().join("absent/a.json")).unwrap_err().to_string();
+        assert!(!message.contains(".outrigger-"), "{message}");
         assert!(check_place(&folder.path().join("absent/a.json")).is_err());
         check_place(&folder.path().join("a.json")).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
@@ -228,12 +240,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_text_is_said_with_its_place() {
+    fn bytes_that_are_no_text_are_named_with_their_offset() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.pcap");
         std::fs::write(&path, b"ab\xd4\xc3").unwrap();
-        let said = read_text(&path).unwrap_err().to_string();
-        assert!(said.contains("0xd4 at byte 2"), "{said}");
+        let message = read_text(&path).unwrap_err().to_string();
+        assert!(message.contains("0xd4 at byte 2"), "{message}");
         assert_eq!(read_text(folder.path().join("absent")).unwrap_err().kind(), io::ErrorKind::NotFound);
     }
 }

@@ -35,7 +35,7 @@ impl Instructions {
         has.into_iter().filter(|(has, _)| *has).map(|(_, level)| Self(level)).collect()
     }
 
-    /// What to run. Whoever gets a level may run what is compiled for it: there is no other way to get one.
+    /// What to run. Whoever gets a level may run what is compiled for it: no other function returns one.
     #[inline]
     pub(crate) fn level(self) -> Level {
         self.0

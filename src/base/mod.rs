@@ -2,6 +2,7 @@
 
 pub mod features;
 pub mod files;
+pub(crate) mod text;
 pub mod questions;
 pub mod instructions;
 pub mod statistics;

@@ -1,4 +1,4 @@
-//! The one source of randomness: a seeded generator whose numbers are the same on every machine.
+//! The one source of randomness: a seeded generator with the same numbers on every machine.
 
 use rand_core::Rng as _;
 use rand_pcg::Pcg64;

@@ -28,8 +28,8 @@ pub(crate) fn robust_deviation(sizes: &mut [f64]) -> Option<f64> {
     median(sizes).map(|middle| 1.4826 * middle)
 }
 
-/// Place of the greatest value, the first of equals; 0 without values.
-pub(crate) fn greatest(values: &[f64]) -> usize {
+/// The first of equals; 0 without values.
+pub(crate) fn index_of_max(values: &[f64]) -> usize {
     (1..values.len()).fold(0, |best, at| if values[at] > values[best] { at } else { best })
 }
 
@@ -45,7 +45,7 @@ pub(crate) fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
 }
 
 /// Chance of a value of Student's t at least this far from zero, either side, for whole degrees of freedom (Abramowitz and
-/// Stegun, 26.7.3 and 26.7.4).
+/// Stegun, 26.7.3 and 26.7.4). Own code: `statrs` brings a second linear algebra for these lines.
 pub(crate) fn student_two_sided(t: f64, freedom: usize) -> f64 {
     if !t.is_finite() || freedom == 0 {
         return if t.is_infinite() && freedom > 0 { 0.0 } else { 1.0 };
@@ -133,9 +133,9 @@ mod tests {
     }
 
     #[test]
-    fn the_first_of_the_greatest() {
-        assert_eq!(greatest(&[1.0, 3.0, 3.0, 2.0]), 1);
-        assert_eq!((greatest(&[7.0]), greatest(&[])), (0, 0));
+    fn the_first_of_equal_maxima() {
+        assert_eq!(index_of_max(&[1.0, 3.0, 3.0, 2.0]), 1);
+        assert_eq!((index_of_max(&[7.0]), index_of_max(&[])), (0, 0));
     }
 
     #[test]

@@ -1,14 +1,14 @@
 //! `outrigger boresight`: how the sensors of a rig sit to each other, from their recording alone.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use serde::Serialize;
 
 use super::recorded::{Kept, Recorded, RecordedArgs};
 use super::recorded_odometry::{self as odometry, OdometryArgs};
-use super::scene_args::PoseErrorArgs;
+use super::scene_args::{PoseErrorArgs, read_trajectory};
 use super::{Context, Outcome, output};
 use crate::report::chart::signed;
 use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};
@@ -108,8 +108,9 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
         Some("still") => return recorded.still(),
         Some("odometry") => {}
         Some(name) => {
-            let text = crate::base::files::read_text(name).with_context(|| name.to_owned())?;
-            return Trajectory::from_tum(&text).with_context(|| name.to_owned());
+            let (trajectory, notes) = read_trajectory(Path::new(name), None)?;
+            problems.extend(notes);
+            return Ok(trajectory);
         }
         None => {
             if let Some(own) = recorded.own_trajectory()? {

@@ -10,22 +10,26 @@ use super::Verb;
 use super::defaults::section;
 use crate::live::config::Config;
 
-pub(super) mod place;
+#[cfg(feature = "daemon")]
+mod logging;
+pub(super) mod site;
 #[cfg(feature = "daemon")]
 mod serve;
 #[cfg(feature = "daemon")]
 mod service;
 #[cfg(feature = "daemon")]
+mod settings;
+#[cfg(feature = "daemon")]
 mod surroundings;
 
-use place::PlaceArgs;
 #[cfg(feature = "daemon")]
 pub use serve::run;
+use site::SiteArgs;
 
 const AFTER: &str = "\
 Sensors, the rig and the prediction come from the same rig.toml: [[sensor]], [rig] (port, limits_deg, ...), [record] \
 (receive_buffer) and [predict] (mount, scene or room, trajectory). Prints the address of its page when everything runs. \
-Exit codes: 0 ended as told; 3 ended as told, but packets were lost while recording, a session was moved or deleted meanwhile, or a recording ended \
+Exit codes: 0 ended on request; 3 ended on request, but packets were lost while recording, a session was moved or deleted meanwhile, or a recording ended \
 by itself; \
 1 it cannot start or go on: a port, the rig or the page's address is another program's; \
 101 a defect: a part of it died, and it ended in order.";
@@ -43,10 +47,10 @@ pub struct Args {
     /// The token itself, from the environment: a command line can be read by every user of this machine.
     #[arg(long, env = "OUTRIGGER_DAEMON_TOKEN", hide = true, hide_env_values = true)]
     token: Option<String>,
-    /// Name by which this machine is asked for (rover.lan), beside its addresses and localhost; once per name.
+    /// Name by which this machine is asked for (rover.lan), besides its addresses and localhost; once per name.
     #[arg(long, value_name = "NAME")]
     host_name: Vec<String>,
-    /// Site whose pages may listen at /api/v1/foxglove and nothing else (https://app.foxglove.dev); once per site.
+    /// Site with pages that may connect to /api/v1/foxglove and nothing else (https://app.foxglove.dev); once per site.
     #[arg(long, value_name = "URL")]
     foxglove_origin: Vec<String>,
     /// Folder in which each recording gets a folder.
@@ -77,7 +81,7 @@ pub struct Args {
     #[arg(long, value_name = "MIN", default_value = "10", value_parser = parse_minutes)]
     disarm_minutes: Duration,
     #[command(flatten)]
-    place: PlaceArgs,
+    site: SiteArgs,
     /// How the log is written to stderr.
     #[arg(long, value_name = "FORMAT", default_value = "text")]
     log_format: LogFormat,
@@ -92,14 +96,14 @@ enum LogFormat {
     Json,
 }
 
-/// Whether a rig.toml's [daemon] can be read, and what it names of the place.
+/// Whether a rig.toml's [daemon] can be read, and what it names of the site.
 pub(super) fn check(config: &Config, context: super::Context) -> anyhow::Result<()> {
     let args: Args = section(config, &["daemon"], |verb| match verb {
         Verb::Daemon(args) => Some(args),
         _ => None,
     })?;
     #[cfg(feature = "daemon")]
-    surroundings::place(&args.place, &super::rig::axes_of(config)?, context)?;
+    surroundings::read_site(&args.site, &super::rig_args::axes_of(config)?, context)?;
     drop((args, context));
     Ok(())
 }

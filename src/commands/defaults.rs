@@ -1,14 +1,17 @@
 //! What `--config rig.toml` says becomes the defaults of the command line: a flag or an environment variable wins.
 
+mod inherit;
+mod typed;
+
 use std::any::TypeId;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::parser::ValueSource;
-use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
+use clap::{Arg, ArgAction, Command, CommandFactory as _, FromArgMatches as _};
 
-use super::daemon::place::FROM_PREDICT;
+use self::inherit::inherited;
+pub(crate) use self::typed::with_origin;
+use self::typed::{choices, is_typed, within};
 use super::tied_file::TiedFile;
 use super::{Cli, Verb};
 use crate::drive::is_no_path;
@@ -65,94 +68,15 @@ pub(crate) fn apply(
                 continue;
             }
             for choice in mine() {
-                let taken = std::mem::take(verb);
-                *verb = taken.mut_group(&choice.group, |group| group.required(false));
+                let command = std::mem::take(verb);
+                *verb = command.mut_group(&choice.group, |group| group.required(false));
             }
-            let taken = std::mem::take(verb);
+            let command = std::mem::take(verb);
             let folder = crate::base::files::folder_of(&config.path);
-            *verb = taken.mut_arg(id, |arg| with_default(arg, setting, folder));
+            *verb = command.mut_arg(id, |arg| with_default(arg, setting, folder));
         }
     }
     Ok(command)
-}
-
-/// What was typed after a verb.
-fn within<'a>(matches: &'a ArgMatches, verb: &[String]) -> Option<&'a ArgMatches> {
-    verb.iter().try_fold(matches, |matches, name| {
-        matches.subcommand().filter(|(named, _)| named == name).map(|(_, within)| within)
-    })
-}
-
-/// Whether an argument is the user's own and not the file's.
-fn is_typed(matches: &ArgMatches, id: &str) -> bool {
-    let source = matches.value_source(id);
-    matches!(source, Some(ValueSource::CommandLine | ValueSource::EnvVariable))
-}
-
-/// Arguments of which one at most may be given.
-struct Choice {
-    group: clap::Id,
-    members: Vec<clap::Id>,
-}
-
-fn choices(verb: &Command) -> Vec<Choice> {
-    let mut built = verb.clone();
-    built.build(); // until then a group does not know the arguments that name it
-    let groups = built.get_groups().filter(|group| !(*group).clone().is_multiple());
-    let choice = |group: &clap::ArgGroup| Choice {
-        group: group.get_id().clone(),
-        members: group.get_args().cloned().collect(),
-    };
-    groups.map(choice).collect()
-}
-
-/// Keys that a verb takes from another's section where its own does not say otherwise.
-/// A later line wins.
-const INHERITED: [(&str, &str, &[&str]); 6] = [
-    ("daemon", "predict", &FROM_PREDICT),
-    ("record", "predict", &["mount"]),
-    ("record", "daemon", &["mount"]),
-    ("doctor", "rig", &["port"]),
-    ("doctor", "record", &["receive_buffer"]),
-    ("doctor", "daemon", &["out"]),
-];
-
-/// The same as sections.
-fn inherited(config: &Config) -> impl Iterator<Item = Section> + '_ {
-    let named = |name: &str| config.sections.iter().find(|section| section.verb == [name]);
-    INHERITED.iter().filter_map(move |(heir, from, keys)| {
-        let (from, own) = (named(from)?, named(heir));
-        let said =
-            |key: &String| own.is_some_and(|section| section.settings.iter().any(|other| other.key == *key));
-        let taken = |setting: &&Setting| keys.contains(&setting.key.as_str()) && !said(&setting.key);
-        let settings = from.settings.iter().filter(taken).cloned().collect();
-        Some(Section { verb: vec![(*heir).into()], line: from.line, settings })
-    })
-}
-
-/// Adds to an error about a value that the value stands in the file.
-pub(crate) fn with_origin(mut error: clap::Error, config: &Config) -> clap::Error {
-    let text = |kind: ContextKind| match error.get(kind) {
-        Some(ContextValue::String(text)) => Some(text.clone()),
-        _ => None,
-    };
-    if !matches!(error.kind(), ErrorKind::InvalidValue | ErrorKind::ValueValidation) {
-        return error;
-    }
-    let (Some(arg), Some(value)) = (text(ContextKind::InvalidArg), text(ContextKind::InvalidValue)) else {
-        return error;
-    };
-    let flag = |setting: &Setting| format!("--{}", long_name(&setting.key));
-    let origin = config
-        .sections
-        .iter()
-        .flat_map(|section| &section.settings)
-        .find(|setting| setting.values.contains(&value) && arg.split(' ').next() == Some(&flag(setting)));
-    if let Some(setting) = origin {
-        let place = format!("{value}' of {}:{}, '{}", config.path.display(), setting.line, setting.key);
-        error.insert(ContextKind::InvalidValue, ContextValue::String(place));
-    }
-    error
 }
 
 /// The arguments of another verb as a file's section sets them: `words` are the verb and what it cannot do without.

@@ -86,7 +86,25 @@ impl FromStr for RollArg {
     }
 }
 
+/// What holds for a search in any scene, too.
+pub struct SceneSettings {
+    pub voxel_m: Option<f64>,
+    pub columns: Option<u32>,
+    /// The rule; fixed at zero where none is given.
+    pub roll: Roll,
+    pub is_mirrored: bool,
+}
+
 impl ExperimentArgs {
+    pub fn of_scene(&self) -> SceneSettings {
+        SceneSettings {
+            voxel_m: self.voxel,
+            columns: self.azimuths.map(|columns| columns as u32),
+            roll: self.roll.map_or(Roll::Fixed(0.0), |rule| rule.0),
+            is_mirrored: !self.no_mirror,
+        }
+    }
+
     /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
     pub(crate) fn is_new_scene(&self) -> bool {
         let is_fineness_said = self.azimuths.is_some()

@@ -4,16 +4,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Tie, Whose};
+use sensors::router::{GivenCalibration, GivenModel, Tie, Whose};
 use sensors::velodyne::Calibration;
 
 use super::Context;
-use super::tied_file::TiedFile;
+use super::tied_file::{TiedFile, tied_model};
 use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Metadata of an Ouster.
 pub struct Given {
     pub metadata: Metadata,
+    /// The same as it was read.
+    pub text: String,
     /// What messages call them.
     pub name: String,
     /// Which unit's they are, where somebody says.
@@ -32,6 +34,10 @@ pub struct SensorArgs {
     /// :2368=left.xml by the port of the data packets; in a session its name does, left=left.xml.
     #[arg(long, value_name = "[[ADDRESS][:PORT]=|NAME=]FILE", value_parser = TiedFile::parser())]
     pub calibration: Vec<TiedFile>,
+    /// Product of a Velodyne whose packets do not say it (blank factory bytes): hdl-32e; with several, 192.168.1.201=hdl-32e
+    /// or :2368=hdl-32e.
+    #[arg(long, value_name = "[[ADDRESS][:PORT]=]MODEL", value_parser = tied_model)]
+    pub model: Vec<GivenModel>,
 }
 
 impl SensorArgs {
@@ -85,8 +91,8 @@ pub(crate) fn metadata_of(
             refuse!("--meta {tie}=: no file is named behind the equals sign");
         }
         let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
-        let metadata = match text.and_then(|text| Ok(Metadata::parse(&text, &name)?)) {
-            Ok(metadata) => metadata,
+        let (text, metadata) = match text.and_then(|text| Ok((Metadata::parse(&text, &name)?, text))) {
+            Ok((metadata, text)) => (text, metadata),
             Err(error) => {
                 tell(error)?;
                 continue;
@@ -105,7 +111,7 @@ pub(crate) fn metadata_of(
                 other.name,
                 metadata.serial
             ),
-            None => known.push(Given { metadata, name, tie: *tie }),
+            None => known.push(Given { metadata, text, name, tie: *tie }),
         }
     }
     Ok(known)

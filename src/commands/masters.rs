@@ -33,10 +33,10 @@ impl FromStr for Masters {
 }
 
 impl Masters {
-    /// The masters where the sensors are said elsewhere; none may name a model.
+    /// The masters where the sensors are specified elsewhere; none may name a model.
     pub(crate) fn without_models(&self) -> anyhow::Result<Vec<Placement>> {
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| match model {
-            Some(model) => refuse!("master {}: model {model} is not said here", index + 1),
+            Some(model) => refuse!("master {}: model {model} is not specified here", index + 1),
             None => Ok(*placement),
         };
         self.0.iter().enumerate().map(placed).collect()

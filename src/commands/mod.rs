@@ -10,7 +10,7 @@ use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser
 
 use crate::live::config::Config;
 
-/// Ends a verb whose command line cannot be meant, in words as for `format!`: exit code 2.
+/// Ends a verb with a senseless command line, in words as for `format!`: exit code 2.
 macro_rules! refuse {
     ($($words:tt)*) => {
         return Err($crate::commands::wrong_usage(format!($($words)*)))
@@ -19,6 +19,7 @@ macro_rules! refuse {
 
 mod boresight;
 mod compare;
+mod cut;
 mod daemon;
 mod decode;
 mod defaults;
@@ -44,6 +45,7 @@ mod recorded_odometry;
 mod recording;
 mod replay;
 mod rig;
+mod rig_args;
 mod scene_args;
 mod scene_file;
 mod sensor;
@@ -56,6 +58,7 @@ mod study;
 mod tied_file;
 mod unread;
 mod validate;
+mod view;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
@@ -80,14 +83,14 @@ enum Verb {
     /// Write a commented rig.toml.
     Init(init::Args),
     /// Search the mounts that see the most.
-    Optimize(optimize::Args),
+    Optimize(Box<optimize::Args>),
     /// Score given mounts.
     Evaluate(evaluate::Args),
     /// A mount one can build and a robot can read: drawing, URDF, tf, OpenSCAD; and extrinsics read back.
     Mount(mount::Args),
     /// What a mount will cover along a trajectory through a scene.
     Predict(predict::Args),
-    /// Whether a recording covers what was promised, and how far the mounts are off.
+    /// Whether a recording covers what was predicted, and how far the mounts are off.
     Compare(compare::Args),
     /// How the sensors sit to each other, from the recording alone: no model of the scene.
     Boresight(boresight::Args),
@@ -97,12 +100,16 @@ enum Verb {
     Odometry(odometry::Args),
     /// Packets of a capture to points.
     Decode(decode::Args),
+    /// Packets to packets: cut, join, from a bag to a capture and back.
+    Cut(cut::Args),
     /// What is in a capture or session: sensors, formats, rates, every kind of loss, and why nothing decodes.
     Inspect(inspect::Args),
     /// Record raw packets of live sensors.
     Record(record::Args),
     /// Sensors, rig and recorder live, with a page to see and steer them by.
     Daemon(daemon::Args),
+    /// Look at a recording in the browser.
+    View(view::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
     /// How much of a mesh's surface the sensors see along a trajectory.
@@ -132,7 +139,7 @@ pub enum Outcome {
     Defect,
 }
 
-/// What every verb is told beside its own arguments.
+/// What every verb gets besides its own arguments.
 #[derive(Clone, Copy, Debug)]
 pub struct Context {
     /// One JSON document on stdout.
@@ -229,9 +236,11 @@ impl Cli {
             Verb::Stand(args) => stand::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
+            Verb::Cut(args) => cut::run(&args, context),
             Verb::Inspect(args) => inspect::run(&args, context),
             Verb::Record(args) => record::run(&args, context),
             Verb::Daemon(args) => daemon::run(&args, context),
+            Verb::View(args) => view::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
             Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),

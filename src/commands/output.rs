@@ -1,4 +1,4 @@
-//! What every verb prints the same way: the JSON document on stdout, errors on stderr, the command to run again.
+//! What every verb prints alike: the JSON document on stdout, errors on stderr, the command to run again.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -50,7 +50,8 @@ pub(crate) fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBu
 
 /// A value and half of its 95 % interval, for a text or a page; `-` where it is not known.
 pub(crate) fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
-    estimate.map_or("-".into(), |told| format!("{} +- {:.decimals$}", signed(told.value, decimals), told.u95))
+    estimate
+        .map_or("-".into(), |known| format!("{} +- {:.decimals$}", signed(known.value, decimals), known.u95))
 }
 
 /// A p value, for a text or a page: none is nothing.
@@ -70,11 +71,11 @@ pub(crate) fn say_notice(notice: &str) {
 
 /// Prints an error and its causes on stderr.
 pub(crate) fn say_error(error: &anyhow::Error) {
-    let _ = writeln!(std::io::stderr(), "outrigger: {}", said_once(error));
+    let _ = writeln!(std::io::stderr(), "outrigger: {}", without_repetition(error));
 }
 
-/// An error and its causes, without those that an error before them has told already.
-fn said_once(error: &anyhow::Error) -> String {
+/// An error and its causes, without those that an error before them contains already.
+fn without_repetition(error: &anyhow::Error) -> String {
     let mut text = String::new();
     for cause in error.chain().map(ToString::to_string) {
         if !text.contains(&cause) {
@@ -90,8 +91,8 @@ pub(crate) fn again() -> String {
     const ABOUT_THE_RUN: [&str; 2] = ["OUTRIGGER_JSON", "OUTRIGGER_SHARED"];
     let environment = std::env::vars_os().filter_map(|(name, value)| {
         let name = name.into_string().ok().filter(|name| name.starts_with("OUTRIGGER_"))?;
-        let told = !ABOUT_THE_RUN.contains(&name.as_str());
-        told.then(|| format!("{name}={}", quoted(&value.to_string_lossy())))
+        let is_needed = !ABOUT_THE_RUN.contains(&name.as_str());
+        is_needed.then(|| format!("{name}={}", quoted(&value.to_string_lossy())))
     });
     let arguments = std::env::args_os().skip(1).map(|argument| quoted(&argument.to_string_lossy()));
     environment.chain(["outrigger".into()]).chain(arguments).collect::<Vec<_>>().join(" ")
@@ -111,12 +112,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_cause_is_told_once() {
+    fn a_cause_is_printed_once() {
         let missing = || std::io::Error::new(std::io::ErrorKind::NotFound, "no such file");
         let twice = anyhow::Error::new(missing()).context("walk.tum: cannot be read: no such file");
-        assert_eq!(said_once(&twice), "walk.tum: cannot be read: no such file");
+        assert_eq!(without_repetition(&twice), "walk.tum: cannot be read: no such file");
         let once = anyhow::Error::new(missing()).context("walk.tum");
-        assert_eq!(said_once(&once), "walk.tum: no such file");
+        assert_eq!(without_repetition(&once), "walk.tum: no such file");
     }
 
     #[test]

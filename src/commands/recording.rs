@@ -1,20 +1,25 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
+use std::cell::Cell;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::Packet;
-use sensors::capture::{CaptureCounters, CaptureError, CaptureReader, Interface};
+use sensors::capture::{CaptureCounters, CaptureError, Interface};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Named, Router, Tie};
+use sensors::router::{GivenCalibration, GivenModel, Named, Router, Tie};
 use tempfile::NamedTempFile;
 
 use super::given::{
     Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
 };
 use super::tied_file::TiedFile;
-use crate::live::receive::aside_of;
+use crate::live::receive::auxiliary_name;
+use crate::recording::bags::{BagPackets, BagSensor, TopicCount, is_bag_at, is_bag_folder};
+use crate::recording::packet_reader::{PacketError, PacketReader};
 use crate::recording::{Manifest, SensorEntry, Session};
+use crate::rig::Rig;
 
 /// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
 /// has not said yet how it is calibrated.
@@ -26,8 +31,9 @@ const MEET_PACKETS: usize = 1000;
 /// Refuses a folder that is no session.
 pub(crate) fn ensure_recording(path: &Path) -> anyhow::Result<()> {
     ensure!(
-        !path.is_dir() || Session::is_session(path),
-        "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote",
+        !path.is_dir() || Session::is_session(path) || is_bag_folder(path),
+        "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote, or a bag or the \
+         folder of one",
         path.display(),
         crate::recording::file::MANIFEST
     );
@@ -68,14 +74,27 @@ pub struct Recording {
     path: PathBuf,
     metadata: Vec<Given>,
     calibrations: Vec<GivenCalibration>,
+    models: Vec<GivenModel>,
     /// The session that it is, and what that says of itself.
     session: Option<(PathBuf, Manifest)>,
-    /// Its metadata are those of the session, each of what came to its sensor's port.
-    is_tied_by_session: bool,
+    /// The bag that it is: how that calls its sensors, and where their packets seem to come from.
+    bag: Option<BagAbout>,
+    /// Its metadata are its own: those of a session, each of what came to its sensor's port, or of a bag.
+    is_tied_by_recording: bool,
     /// What of these cannot be read, and why.
     unreadable: Vec<String>,
     /// What can be read but once, where it is read more than once.
-    spooled: Option<NamedTempFile>,
+    _spooled: Option<NamedTempFile>,
+    /// Opened already, for the first pass.
+    opened: Mutex<Option<PacketReader>>,
+    /// Whether a bar on the terminal shows how far reading is.
+    shows_progress: bool,
+}
+
+/// What is known of a bag before it is read.
+struct BagAbout {
+    names: Vec<Named>,
+    holds_clouds_only: bool,
 }
 
 /// How a pass over the packets ended.
@@ -83,23 +102,31 @@ pub struct Ending {
     /// What the file holds beside datagrams.
     pub counters: CaptureCounters,
     /// Why reading stopped before the end.
-    pub damage: Option<CaptureError>,
+    pub damage: Option<PacketError>,
     /// Interfaces of the last section.
     pub interfaces: Vec<Interface>,
     /// What was not read behind the damage, in words.
     unread: Option<String>,
     missing: Vec<String>,
+    /// Topics of a bag, and what each held.
+    pub topics: Vec<TopicCount>,
+    /// What else there is to know of a bag, in words.
+    pub notices: Vec<String>,
 }
 
 impl Recording {
     /// Finds the packets (a session folder names them, and brings its metadata along) and reads the metadata.
     /// `-` is standard input.
     pub(crate) fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+        Self::open_for(capture, sensors, false)
+    }
+
+    fn open_for(capture: &Path, sensors: &SensorArgs, is_read_again: bool) -> anyhow::Result<Self> {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
         ensure_recording(capture)?;
-        let (mut session, mut is_tied_by_session, mut unreadable) = (None, false, Vec::new());
-        if capture.is_dir() {
+        let (mut session, mut is_tied_by_recording, mut unreadable) = (None, false, Vec::new());
+        if Session::is_session(capture) {
             let manifest = Manifest::read(capture)?;
             path = packets_of(capture)?;
             if paths.is_empty() {
@@ -117,7 +144,7 @@ impl Recording {
                 // units whose packets do not say whose they are were recorded from ports of their own
                 let tied = |path: PathBuf| TiedFile { tie: recorded_from(&manifest, capture, &path), path };
                 paths = files.into_iter().map(tied).collect();
-                is_tied_by_session = true;
+                is_tied_by_recording = true;
             }
             session = Some((capture.to_owned(), manifest));
         }
@@ -125,15 +152,36 @@ impl Recording {
             true => "standard input".into(),
             false => path.display().to_string(),
         };
+        let mut spooled = if is_read_again { spool(&path)? } else { None };
+        path = spooled.as_ref().map_or(path, |file| file.path().to_owned());
+        let is_read_once = path.as_os_str() == "-" || is_pipe(&path);
+        let opened = match session.is_none() && (is_read_once || is_bag_at(&path)) {
+            true => Some(PacketReader::open(&path, &name)?),
+            false => None,
+        };
+        if let Some(file) = opened.as_ref().and_then(PacketReader::take_spooled) {
+            path = file.path().to_owned();
+            spooled = Some(file);
+        }
         // a session of which one file is damaged has others
         let mut tell = |error: anyhow::Error| {
-            if !is_tied_by_session {
+            if !is_tied_by_recording {
                 return Err(error);
             }
             unreadable.push(format!("{error:#}"));
             Ok(())
         };
-        let metadata = metadata_of(&paths, &mut tell)?;
+        let mut metadata = metadata_of(&paths, &mut tell)?;
+        let mut bag = None;
+        if let Some(packets) = opened.as_ref().and_then(PacketReader::bag) {
+            is_tied_by_recording = metadata.is_empty();
+            let own = metadata_of_bag(packets, &name, &metadata, &mut unreadable);
+            bag = Some(BagAbout {
+                names: names_in_bag(packets, &own),
+                holds_clouds_only: packets.holds_clouds_only(),
+            });
+            metadata.extend(own);
+        }
         let calibrations = sensors.calibrations()?;
         ensure_named(&calibrations, session.as_ref().map(|(_, manifest)| manifest), capture)?;
         Ok(Self {
@@ -141,21 +189,26 @@ impl Recording {
             path,
             metadata,
             calibrations,
+            models: sensors.model.clone(),
             session,
-            is_tied_by_session,
+            bag,
+            is_tied_by_recording,
             unreadable,
-            spooled: None,
+            _spooled: spooled,
+            opened: Mutex::new(opened),
+            shows_progress: true,
         })
     }
 
     /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
     pub(crate) fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
-        let mut recording = Self::open(capture, sensors)?;
-        recording.spooled = spool(&recording.path)?;
-        if let Some(file) = &recording.spooled {
-            recording.path = file.path().to_owned();
-        }
-        Ok(recording)
+        Self::open_for(capture, sensors, true)
+    }
+
+    /// The same, without a bar on the terminal.
+    pub(crate) fn without_progress(mut self) -> Self {
+        self.shows_progress = false;
+        self
     }
 
     /// The session that is read, each of its files held against the manifest: reads all of them.
@@ -166,6 +219,30 @@ impl Recording {
     /// The file that is read.
     pub(crate) fn name(&self) -> String {
         self.name.clone()
+    }
+
+    /// Where it is read from.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether it is a bag with clouds and no packets.
+    pub fn holds_clouds_only(&self) -> bool {
+        self.bag.as_ref().is_some_and(|bag| bag.holds_clouds_only)
+    }
+
+    /// The slot of a rig that a sensor of a bag sits in, where every sensor of the bag is called as one of the rig's.
+    pub fn slot_of(&self, sensor: &sensors::router::Sensor, rig: &Rig) -> Option<usize> {
+        let slot = |name: &str| {
+            let last = name.rsplit('/').next();
+            rig.sensors.iter().position(|mounted| mounted.name == name || Some(mounted.name.as_str()) == last)
+        };
+        let bag = self.bag.as_ref()?;
+        bag.names
+            .iter()
+            .all(|named| slot(&named.name).is_some())
+            .then(|| slot(sensor.name.as_ref()?))
+            .flatten()
     }
 
     /// Whether this is the file that is read.
@@ -222,19 +299,28 @@ impl Recording {
         files.into_iter().take(MOST_FILES_BESIDE).filter(|path| describes(path)).collect()
     }
 
+    /// The metadata of one of its sensors, as they were read.
+    pub fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
+        let name = sensor.metadata_name.as_ref()?;
+        self.metadata.iter().find(|given| given.name == *name).map(|given| given.text.as_str())
+    }
+
     /// A router that knows the sensors of the metadata, and where they send from if that is needed.
     pub(crate) fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
         router.set_names(self.names());
-        for Given { metadata, name, tie } in &self.metadata {
+        for Given { metadata, name, tie, .. } in &self.metadata {
             router.add_tied_ouster(metadata.clone(), name.clone(), *tie);
         }
         for calibration in &self.calibrations {
             router.add_calibration(calibration.clone());
         }
+        for model in &self.models {
+            router.add_model(*model);
+        }
         // a pipe can be read but once
-        if self.path.is_file() {
-            let mut reader = CaptureReader::open(&self.path)?;
+        if self.path.is_file() || self.bag.is_some() {
+            let mut reader = PacketReader::open(&self.path, &self.name)?;
             // damage is found again, and reported, when the packets are decoded
             look_first(|| Some(router.learn(&reader.next().ok()??)));
             router.end_learning();
@@ -266,11 +352,11 @@ impl Recording {
                     (sensor.data_port().is_some(), format!("comes from {address} and goes to port {port}"))
                 }
             };
-            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_tied_by_session) {
+            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_tied_by_recording) {
                 bail!("--meta {tie}={name}: {reason}");
             }
             ensure!(
-                is_found || self.is_tied_by_session, // a session's sensor may have been silent
+                is_found || self.is_tied_by_recording, // a session's sensor may have been silent
                 "--meta {tie}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
                  who sends what where"
             );
@@ -280,7 +366,9 @@ impl Recording {
 
     /// How a session calls its sensors.
     fn names(&self) -> Vec<Named> {
-        let Some((dir, manifest)) = &self.session else { return Vec::new() };
+        let Some((dir, manifest)) = &self.session else {
+            return self.bag.as_ref().map_or_else(Vec::new, |bag| bag.names.clone());
+        };
         let entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry));
         let port = |entry: &SensorEntry| entry.address.map(|address| address.port());
         let named = |entry: &SensorEntry| Named {
@@ -291,7 +379,7 @@ impl Recording {
             aside_port: manifest
                 .sensors
                 .iter()
-                .find(|other| other.name == aside_of(&entry.name))
+                .find(|other| other.name == auxiliary_name(&entry.name))
                 .and_then(port),
         };
         entries.map(named).collect()
@@ -302,11 +390,21 @@ impl Recording {
         &self,
         take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
     ) -> anyhow::Result<Ending> {
-        let mut reader = match self.path.as_os_str() == "-" {
-            true => CaptureReader::new(std::io::stdin(), "standard input")?,
-            false => CaptureReader::open(&self.path)?,
+        self.each_packet_until(&mut |packet| take(packet).map(|()| true))
+    }
+
+    /// The same, as long as `take` says to go on.
+    pub(crate) fn each_packet_until(
+        &self,
+        take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<bool>,
+    ) -> anyhow::Result<Ending> {
+        let opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let mut reader = match opened {
+            Some(opened) => opened,
+            None => PacketReader::open(&self.path, &self.name)?,
         };
-        let bar = progress_bar(&self.path);
+        let bar =
+            if self.shows_progress { progress_bar(&self.path) } else { indicatif::ProgressBar::hidden() };
         let mut packets = 0_u64;
         let mut found = Vec::new();
         let damage = loop {
@@ -314,7 +412,9 @@ impl Recording {
                 Ok(Some((interface, packet))) => {
                     found.resize(found.len().max(interface + 1), 0);
                     found[interface] += 1;
-                    take(&packet)?;
+                    if !take(&packet)? {
+                        break None;
+                    }
                 }
                 Ok(None) => break None,
                 Err(error) => break Some(error),
@@ -329,18 +429,25 @@ impl Recording {
             let contradictions = manifest.contradictions(&found, reader.interfaces());
             manifest.missing().into_iter().chain(manifest.silent(&found)).chain(contradictions).collect()
         });
+        let lost_in_bag = reader.bag().map_or_else(Vec::new, BagPackets::losses);
+        let topics = reader.bag().map_or_else(Vec::new, |bag| bag.counts().to_vec());
+        let notices = reader.bag().map_or_else(Vec::new, notices_of_bag);
         Ok(Ending {
-            counters: reader.counters().clone(),
+            counters: reader.counters(),
             unread: damage.as_ref().and_then(|damage| self.unread_behind(damage, &reader)),
             damage,
             interfaces: reader.interfaces().to_vec(),
-            missing: self.unreadable.iter().cloned().chain(of_session).collect(),
+            missing: self.unreadable.iter().cloned().chain(of_session).chain(lost_in_bag).collect(),
+            topics,
+            notices,
         })
     }
 
     /// How much of the file lies behind damage, in words.
-    fn unread_behind(&self, damage: &CaptureError, reader: &CaptureReader) -> Option<String> {
-        let (CaptureError::Damaged { offset, .. } | CaptureError::Read { offset, .. }) = damage else {
+    fn unread_behind(&self, damage: &PacketError, reader: &PacketReader) -> Option<String> {
+        let PacketError::Capture(CaptureError::Damaged { offset, .. } | CaptureError::Read { offset, .. }) =
+            damage
+        else {
             return None;
         };
         let bytes = std::fs::metadata(&self.path).ok().filter(std::fs::Metadata::is_file)?.len();
@@ -355,6 +462,12 @@ impl Recording {
 }
 
 impl Ending {
+    /// Where packets come from: their sender, or their topic in a bag.
+    pub fn source(&self, sender: SocketAddr) -> String {
+        let topic = self.topics.iter().find(|count| count.from == Some(sender));
+        topic.map_or_else(|| sender.to_string(), |count| count.topic.clone())
+    }
+
     /// Data that is missing because of the file or its recorder, in words.
     pub(crate) fn losses(&self) -> Vec<String> {
         let mut losses = self.missing.clone();
@@ -377,14 +490,78 @@ pub(crate) fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
     ];
     let counted =
         counted.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-    counters.truncated.iter().map(ToString::to_string).chain(counted).collect()
+    let tail = counters.zero_tail.iter().map(ToString::to_string);
+    counters.truncated.iter().map(ToString::to_string).chain(tail).chain(counted).collect()
+}
+
+/// Neither a file nor a folder.
+fn is_pipe(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
+}
+
+/// The metadata that a bag holds of sensors for which none are given.
+fn metadata_of_bag(
+    bag: &BagPackets,
+    name: &str,
+    given: &[Given],
+    unreadable: &mut Vec<String>,
+) -> Vec<Given> {
+    let ousters = bag.sensors().iter().filter(|sensor| sensor.is_ouster()).count();
+    if !given.is_empty() && given.len() >= ousters {
+        return Vec::new();
+    }
+    let tied = bag.sensors().iter().filter_map(|sensor| {
+        sensor.metadata.as_ref().map(|(text, topic)| (text, topic, Some(Tie::Sender(sensor.address))))
+    });
+    let lacks_some = bag.sensors().iter().any(|sensor| sensor.is_ouster() && sensor.metadata.is_none());
+    let others = bag.unassigned_metadata().iter().filter(|_| lacks_some);
+    let mut found: Vec<Given> = Vec::new();
+    for (text, topic, tie) in tied.chain(others.map(|(text, topic)| (text, topic, None))) {
+        let name = format!("{name}:{topic}");
+        match Metadata::parse(text, &name) {
+            Ok(metadata) => {
+                let is_given = |other: &Given| {
+                    metadata.serial_number().is_some()
+                        && other.metadata.serial_number() == metadata.serial_number()
+                };
+                if !given.iter().any(is_given) {
+                    found.push(Given { metadata, text: text.clone(), name, tie });
+                }
+            }
+            Err(error) => unreadable.push(error.to_string()),
+        }
+    }
+    found
+}
+
+/// How the sensors of a bag are called: by their namespaces.
+fn names_in_bag(bag: &BagPackets, own: &[Given]) -> Vec<Named> {
+    let named = |sensor: &BagSensor| {
+        let is_its_own = |given: &&Given| given.tie == Some(Tie::Sender(sensor.address));
+        Named {
+            name: sensor.name.clone(),
+            metadata: own.iter().find(is_its_own).map(|given| given.name.clone()),
+            source: Some(sensor.address),
+            port: Some(sensor.port),
+            aside_port: Some(sensor.aside_port()),
+        }
+    };
+    bag.sensors().iter().map(named).collect()
+}
+
+/// What a bag holds of other makers' sensors, and what is odd about it.
+fn notices_of_bag(bag: &BagPackets) -> Vec<String> {
+    let other = bag.other_packets().map(|(count, maker)| {
+        let TopicCount { topic, kind, messages, .. } = count;
+        format!("{topic}: {messages} messages of {maker} packets ({kind}), which are not decoded here")
+    });
+    other.collect()
 }
 
 /// What can be read but once (standard input as `-`, a pipe), kept in a temporary file; none of another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     let is_standard_input = path.as_os_str() == "-";
-    let is_pipe = std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir());
-    if !is_standard_input && !is_pipe {
+    if !is_standard_input && !is_pipe(path) {
         return Ok(None);
     }
     let keep = || {

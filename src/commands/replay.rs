@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail, ensure};
 use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
-use sensors::capture::CaptureReader;
 
 use super::recording::{self, capture_losses};
 use super::{Context, Outcome, output, signals};
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::recording::Session;
+use crate::recording::bags::{BagPackets, is_bag_folder};
+use crate::recording::packet_reader::PacketReader;
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;
@@ -34,7 +35,8 @@ const TO_END_WITHIN: Duration = Duration::from_secs(1);
                         some of it could not be read, 1 when nothing was sent or it was interrupted (--loop, which ends so: 0)."
 )]
 pub struct Args {
-    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
+    /// Capture (pcap or pcapng; plain, gzip, zstd or lz4), bag (ROS 1, MCAP, db3, or the folder of one), session folder, or -
+    /// for standard input.
     capture: PathBuf,
     /// Where packets go.
     #[arg(long, value_name = "HOST[:PORT]", value_parser = parse_target)]
@@ -180,10 +182,8 @@ fn send_once(
     bar: &ProgressBar,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let mut capture = match path == Path::new("-") {
-        true => CaptureReader::new(std::io::stdin(), "standard input")?,
-        false => CaptureReader::open(path)?,
-    };
+    let name = if path == Path::new("-") { "standard input".into() } else { path.display().to_string() };
+    let mut capture = PacketReader::open(path, &name)?;
     let damage = loop {
         let packet = match capture.next() {
             Ok(Some(packet)) => packet,
@@ -222,7 +222,9 @@ fn send_once(
             bar.tick();
         }
     };
-    sent.losses = damage.iter().map(ToString::to_string).chain(capture_losses(capture.counters())).collect();
+    let lost_in_bag = capture.bag().map_or_else(Vec::new, BagPackets::losses);
+    let damage = damage.iter().map(ToString::to_string);
+    sent.losses = damage.chain(lost_in_bag).chain(capture_losses(&capture.counters())).collect();
     Ok(())
 }
 
@@ -247,7 +249,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
         }
     }
     let (Some(port), true) = (args.to.port, looks_ahead(args)) else { return Ok(()) };
-    let mut capture = CaptureReader::open(path)?;
+    let mut capture = PacketReader::open(path, &path.display().to_string())?;
     let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
     for _ in 0..LOOK_AHEAD {
         // damage is found again, and told of, when the packets are sent
@@ -267,13 +269,13 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
 }
 
 fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
-    if !capture.is_dir() {
-        return Ok(capture.to_owned());
-    }
-    if Session::is_session(capture) {
+    if capture.is_dir() && Session::is_session(capture) {
         return recording::packets_of(capture);
     }
-    bail!("{} is a folder without manifest.json: give a capture file or a session", capture.display())
+    if !capture.is_dir() || is_bag_folder(capture) {
+        return Ok(capture.to_owned());
+    }
+    bail!("{} is a folder without manifest.json: give a capture file, a bag or a session", capture.display())
 }
 
 fn conclude(args: &Args, sent: &Sent, context: Context) -> anyhow::Result<()> {

@@ -4,14 +4,16 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-use crate::world::scene::{BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UpAxis};
+use crate::simulate::walk::Waypoint;
+use crate::world::local_origin::LocalOrigin;
+use crate::world::placement::Placement;
+use crate::world::scene::{
+    BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UNITS, UpAxis, plausible_units,
+};
 use crate::world::surface::{SurfaceSamples, read_points};
-use crate::world::trajectory::{PoseError, Trajectory, outside, suspicions};
-
-const UNITS: [(&str, MeshUnit); 3] =
-    [("m", MeshUnit::Metre), ("cm", MeshUnit::Centimetre), ("mm", MeshUnit::Millimetre)];
+use crate::world::trajectory::{PoseError, ReadTrajectory, Trajectory, suspicions};
 
 /// One of some values, by its name.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
@@ -25,7 +27,7 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
 /// What a mesh file does not say itself.
 #[derive(clap::Args, Debug, Clone, Copy, Default)]
 pub struct MeshArgs {
-    /// Unit of the mesh file [default: m, refused where the size makes that absurd].
+    /// Unit of the mesh file [default: as a comment of the file says, else m, refused where the size makes that absurd].
     #[arg(long, value_name = "UNIT", value_parser = one_of(&UNITS))]
     mesh_unit: Option<MeshUnit>,
     /// Axis of the mesh file that points up [default: z; y for glTF].
@@ -38,29 +40,18 @@ impl MeshArgs {
     pub(crate) fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
         match MeshFile::read(path, self.mesh_unit, self.up) {
             Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
-                bail!("{error}: pass --mesh-unit m, cm or mm{}", guess(extent_units))
+                let guess = MeshUnit::offer(&plausible_units(extent_units), extent_units.into());
+                bail!("{error}: pass --mesh-unit {}{guess}", UNITS.map(|(name, _)| name).join(", "))
             }
             read => Ok(read?),
         }
     }
 }
 
-/// The unit in which an extent looks like a building.
-fn guess(extent_units: [f64; 3]) -> String {
-    let largest = extent_units.into_iter().fold(0.0, f64::max);
-    for (name, per_m) in [("mm", 1e3), ("cm", 1e2)] {
-        if (2.0..=500.0).contains(&(largest / per_m)) {
-            let [x, y, z] = extent_units.map(|units| units / per_m);
-            return format!(" (in {name} it would be {x:.2} x {y:.2} x {z:.2} m)");
-        }
-    }
-    String::new()
-}
-
 /// Way of the body.
 #[derive(clap::Args, Debug, Clone)]
 pub struct TrajectoryArgs {
-    /// Way of the body: TUM format, or KITTI poses with --rate.
+    /// Way of the body: TUM, EuRoC or another table whose header names time, position and quaternion; or KITTI poses with --rate.
     #[arg(long, value_name = "FILE")]
     trajectory: PathBuf,
     /// Poses per second of a trajectory in KITTI format.
@@ -74,18 +65,59 @@ impl TrajectoryArgs {
         self.trajectory.display().to_string()
     }
 
-    /// Reads the file.
-    pub(crate) fn read(&self) -> anyhow::Result<Trajectory> {
-        read_trajectory(&self.trajectory, self.rate).with_context(|| self.name())
+    /// Reads the file into the local frame of a scene; how it was read, and what is odd about it alone.
+    pub(crate) fn read(&self, origin: LocalOrigin) -> anyhow::Result<(Trajectory, Vec<String>)> {
+        let (trajectory, mut notes) = read_trajectory(&self.trajectory, self.rate)?;
+        notes.extend(suspicions(&trajectory, &self.name()));
+        Ok((origin.local_trajectory(trajectory), notes))
     }
 
-    /// What is odd about the trajectory, alone and within a scene.
-    pub(crate) fn doubts(&self, scene: &Scene, trajectory: &Trajectory) -> Vec<String> {
-        let name = self.name();
-        let mut doubts = suspicions(trajectory, &name);
-        let outside = outside(trajectory, scene.kind(), scene.bounds_m());
-        doubts.extend(outside.map(|words| format!("{name}: {words}")));
-        doubts
+    /// Where the trajectory lies in a scene; sensors are `height_m` above it.
+    pub(crate) fn placement(
+        &self,
+        scene: &Scene,
+        trajectory: &Trajectory,
+        height_m: f64,
+        origin: LocalOrigin,
+    ) -> Placement {
+        let mut placement = Placement::new(scene, trajectory, height_m, origin);
+        placement.doubts.iter_mut().for_each(|doubt| *doubt = format!("{}: {doubt}", self.name()));
+        placement
+    }
+}
+
+/// A trajectory as typed: a file, or waypoints "x,y x,y ..." or "x,y,z ...", m.
+#[derive(Clone, Debug)]
+pub enum WalkText {
+    File(PathBuf),
+    Waypoints(Vec<Waypoint>),
+}
+
+impl std::str::FromStr for WalkText {
+    type Err = String;
+
+    /// A path wins over numbers: a file may be called anything.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let is_of_numbers = text.chars().all(|c| c.is_ascii_digit() || " \t.,;+-eE".contains(c));
+        if !is_of_numbers || !text.contains(',') || Path::new(text).exists() {
+            return Ok(Self::File(text.into()));
+        }
+        let mut waypoints = Vec::new();
+        for (index, part) in text.split([' ', '\t', ';']).filter(|part| !part.is_empty()).enumerate() {
+            let found = |what: String| format!("waypoint {} ({part:?}): {what}", index + 1);
+            let numbers = part.split(',').map(|number| number.parse().ok().filter(|v: &f64| v.abs() < 1e8));
+            let numbers: Option<Vec<f64>> = numbers.collect();
+            let numbers = numbers.ok_or_else(|| found("every part must be a number, in m".into()))?;
+            waypoints.push(match numbers[..] {
+                [x, y] => Waypoint { at_m: DVec2::new(x, y), z_m: None },
+                [x, y, z] => Waypoint { at_m: DVec2::new(x, y), z_m: Some(z) },
+                _ => return Err(found(format!("{} numbers, expected x,y or x,y,z", numbers.len()))),
+            });
+        }
+        match waypoints.len() {
+            0 | 1 => Err(format!("{} waypoints, expected two or more: \"0,0 5,0 5,4\"", waypoints.len())),
+            _ => Ok(Self::Waypoints(waypoints)),
+        }
     }
 }
 
@@ -114,17 +146,16 @@ impl PoseErrorArgs {
     }
 }
 
-/// Reads a trajectory: TUM, or KITTI where a rate is given.
-pub(crate) fn read_trajectory(path: &Path, rate_hz: Option<f64>) -> anyhow::Result<Trajectory> {
-    let text = crate::base::files::read_text(path)?;
-    Ok(match rate_hz {
-        Some(rate_hz) => Trajectory::from_kitti(&text, rate_hz)?,
-        None => Trajectory::from_tum(&text).map_err(|error| {
-            let is_kitti = Trajectory::from_kitti(&text, 1.0).is_ok();
-            let error = anyhow::Error::new(error);
-            if is_kitti { error.context("these are poses in KITTI format: give --rate") } else { error }
-        })?,
-    })
+/// Reads a trajectory, in the frame of its file; how it was read, each line after the file's name.
+pub(crate) fn read_trajectory(
+    path: &Path,
+    rate_hz: Option<f64>,
+) -> anyhow::Result<(Trajectory, Vec<String>)> {
+    let name = path.display();
+    let bytes = crate::base::files::read(path).with_context(|| name.to_string())?;
+    let read = Trajectory::read(&bytes, rate_hz).with_context(|| name.to_string())?;
+    let ReadTrajectory { trajectory, notes } = read;
+    Ok((trajectory, notes.into_iter().map(|note| format!("{name}: {note}")).collect()))
 }
 
 /// Where the samples of a surface come from.
@@ -139,13 +170,19 @@ pub struct SampleArgs {
 }
 
 impl SampleArgs {
-    /// Reads or draws the samples.
-    pub(crate) fn samples(&self, mesh: &Mesh, seed: u64) -> anyhow::Result<SurfaceSamples> {
+    /// Reads or draws the samples, in the local frame.
+    pub(crate) fn samples(
+        &self,
+        mesh: &Mesh,
+        origin: LocalOrigin,
+        seed: u64,
+    ) -> anyhow::Result<SurfaceSamples> {
         let Some(path) = &self.samples else {
             return Ok(SurfaceSamples::of_mesh(mesh, self.sample_count as usize, seed));
         };
         let bytes = crate::base::files::read(path).with_context(|| path.display().to_string())?;
         let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
+        let points_m = points_m.into_iter().map(|point_m| origin.local(point_m)).collect();
         SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
     }
 }

@@ -7,7 +7,7 @@ use anyhow::{Context as _, anyhow, bail};
 use super::recorded::axes::{AxisZeros, tilts};
 use super::recorded::feed::{self, Seated, Taken};
 use super::recorded::host_clock;
-use super::scene_args::MeshArgs;
+use super::scene_args::{MeshArgs, read_trajectory};
 use super::stage::Stage;
 use super::{Context, wrong_usage};
 use crate::recording::Session;
@@ -87,22 +87,20 @@ pub(crate) fn read(
     )?;
     let mut making = Making::new(map_args)?;
     let given = map_args.map_path.as_deref();
-    let given = given.map(|path| Ok::<_, anyhow::Error>((path, trajectory(path)?))).transpose()?;
-    let (made_of, mut warnings) = if is_session {
-        ("recording", making.add_session(path, given.map(|(_, trajectory)| trajectory))?)
+    let given = given.map(|path| Ok::<_, anyhow::Error>((path, read_trajectory(path, None)?))).transpose()?;
+    let mut warnings: Vec<String> = given.iter().flat_map(|(_, (_, notes))| notes.clone()).collect();
+    let given = given.map(|(path, (trajectory, _))| (path, trajectory));
+    let made_of = if is_session {
+        warnings.extend(making.add_session(path, given.map(|(_, trajectory)| trajectory))?);
+        "recording"
     } else {
         making.0.add_cloud(path, given)?;
-        ("cloud", Vec::new())
+        "cloud"
     };
-    let (map, summary, doubts) = making.0.finish(path, made_of)?;
-    warnings.extend(doubts);
-    Ok(LoadedScene::from_map(map, summary, warnings))
-}
-
-fn trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let name = path.display().to_string();
-    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
-    Trajectory::from_tum(&text).context(name)
+    let mut loaded = making.0.finish(path, made_of)?;
+    warnings.append(&mut loaded.warnings);
+    loaded.warnings = warnings;
+    Ok(loaded)
 }
 
 /// A map of a recording under way.

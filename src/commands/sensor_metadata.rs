@@ -6,12 +6,12 @@ use anyhow::Context as _;
 use sensors::ouster::Metadata;
 
 use crate::live::config::Stream;
-use crate::live::receive::{Listen, is_aside};
+use crate::live::receive::{Listen, is_auxiliary};
 use crate::live::watch::FirstLook;
 
 /// A look at what a sensor sends first; what it sends beside its lidar packets is nobody's to judge.
 pub(super) fn first_look(sensor: &Stream, metadata: Option<&str>, listens: &[Listen]) -> Option<FirstLook> {
-    if is_aside(&sensor.listen.name, listens.iter().map(|listen| listen.name.as_str())) {
+    if is_auxiliary(&sensor.listen.name, listens.iter().map(|listen| listen.name.as_str())) {
         return None;
     }
     let name = match (&sensor.metadata, &sensor.host) {

@@ -11,12 +11,12 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::output;
 
-/// What comes so soon after a signal is the same wish, told twice: `timeout` signals its child and then the group that the
-/// child is in, and a terminal's Ctrl-C reaches a wrapper that passes it on. Nobody presses Ctrl-C twice in so short a time.
-const SAME_WISH: Duration = Duration::from_millis(80);
+/// What comes so soon after a signal is the same request, sent twice: `timeout` signals its child and then the group that the
+/// child is in, and a terminal's Ctrl-C reaches a wrapper that passes it on. A person does not press Ctrl-C twice in so short a time.
+const SAME_REQUEST: Duration = Duration::from_millis(80);
 
-/// Wishes to stop.
-pub struct Wishes {
+/// Requests to stop.
+pub struct StopRequests {
     interrupt: Signal,
     terminate: Signal,
     /// The terminal or the connection is gone; none under `nohup`, which has this signal ignored.
@@ -32,7 +32,7 @@ fn is_hangup_ignored() -> bool {
     bits.is_some_and(|bits| bits & 1 << (SignalKind::hangup().as_raw_value() - 1) != 0)
 }
 
-impl Wishes {
+impl StopRequests {
     /// From now on signals end the program no more. In a runtime.
     pub(crate) fn new() -> std::io::Result<Self> {
         let (interrupt, terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
@@ -58,7 +58,7 @@ impl Wishes {
             if is_hangup && self.last.is_some() {
                 continue; // a shell and the kernel both say that the terminal is gone: neither insists
             }
-            if self.last.is_none_or(|last| now.duration_since(last) > SAME_WISH) {
+            if self.last.is_none_or(|last| now.duration_since(last) > SAME_REQUEST) {
                 self.last = Some(now);
                 return;
             }
@@ -72,7 +72,7 @@ pub(crate) fn runtime() -> anyhow::Result<Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_all().build().context("no runtime can be made")
 }
 
-/// One message for each [wish](Wishes) from now on, in place of ending the program.
+/// One message for each [request](StopRequests) from now on, in place of ending the program.
 pub(crate) fn interrupts() -> anyhow::Result<Receiver<()>> {
     let runtime = runtime()?;
     let (sender, receiver) = channel();
@@ -81,8 +81,8 @@ pub(crate) fn interrupts() -> anyhow::Result<Receiver<()>> {
         .name("signals".into())
         .spawn(move || {
             runtime.block_on(async {
-                let mut wishes = match Wishes::new() {
-                    Ok(wishes) => wishes,
+                let mut stop_requests = match StopRequests::new() {
+                    Ok(stop_requests) => stop_requests,
                     Err(error) => {
                         let _ = ready.send(Err(error)); // the caller waits for it
                         return;
@@ -90,9 +90,9 @@ pub(crate) fn interrupts() -> anyhow::Result<Receiver<()>> {
                 };
                 let _ = ready.send(Ok(()));
                 loop {
-                    wishes.next().await;
+                    stop_requests.next().await;
                     if sender.send(()).is_err() {
-                        // nobody counts any more: end as the signal would have
+                        // no receiver any more: end as the signal would have
                         std::process::exit(130);
                     }
                 }
@@ -118,7 +118,7 @@ fn flag_then(follows: impl FnOnce(&Receiver<()>) + Send + 'static) -> anyhow::Re
     Ok(flag)
 }
 
-/// A flag that the first Ctrl-C (or SIGTERM) sets, for work of which nothing is lost but what is under way: what has not
+/// A flag that the first Ctrl-C (or SIGTERM) sets, for work that loses only its present step: what has not
 /// ended by itself within `grace` is ended with these last words. A second one ends the program at once.
 pub(crate) fn stop_within(grace: Duration, last_words: &'static str) -> anyhow::Result<Arc<AtomicBool>> {
     flag_then(move |later| {

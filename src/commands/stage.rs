@@ -7,10 +7,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::simulate::Progress;
 
-/// A verb at work; the line is taken away when it ends.
+/// A verb at work; the line disappears when it ends.
 pub struct Stage(ProgressBar);
 
-/// Where nobody knows how much there is to do, and where it is known.
+/// Without and with a known amount of work.
 const UNCOUNTED: &str = "{spinner} {elapsed} {wide_msg}";
 const COUNTED: &str = "{bar:24} {percent:>3} %, {eta} left: {wide_msg}";
 
@@ -26,7 +26,7 @@ impl Stage {
         stage
     }
 
-    /// Goes on to the next part, of which nobody knows how much there is to do.
+    /// Goes on to the next part, with an unknown amount of work.
     pub(crate) fn next(&self, what: impl Into<String>) {
         self.style(UNCOUNTED);
         self.say(what);
@@ -77,7 +77,7 @@ impl Stage {
 
 impl Drop for Stage {
     fn drop(&mut self) {
-        // an error message must not stand beside half a bar
+        // an error message must not stand next to half a bar
         self.0.finish_and_clear();
     }
 }

@@ -5,7 +5,8 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use sensors::router::Tie;
+use sensors::router::{GivenModel, Tie};
+use sensors::velodyne::Product;
 
 /// A file of a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,9 +50,37 @@ impl TiedFile {
     }
 }
 
+/// The product of a Velodyne with or without what tells which one is meant: `MODEL`, `192.168.1.201=MODEL`, `:2368=MODEL`.
+pub fn tied_model(text: &str) -> Result<GivenModel, String> {
+    let (tie, name) = match text.split_once('=') {
+        None => (None, text),
+        Some((tie, name)) => {
+            let unknown = || format!("{tie}: no address and no port, expected ADDRESS=MODEL or :PORT=MODEL");
+            (Some(Tie::from_text(tie).ok_or_else(unknown)??), name)
+        }
+    };
+    let product = Product::from_name(name).ok_or_else(|| {
+        let known: Vec<&str> = Product::ALL.into_iter().map(Product::name).collect();
+        format!("{name}: no Velodyne model, expected one of {}", known.join(", "))
+    })?;
+    Ok(GivenModel { tie, product })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn models_with_and_without_their_sensor() {
+        let product = Product::Hdl32e;
+        assert_eq!(tied_model("HDL-32E"), Ok(GivenModel { tie: None, product }));
+        assert_eq!(tied_model(":2368=hdl-32e"), Ok(GivenModel { tie: Some(Tie::Port(2368)), product }));
+        for (wrong, words) in [("os1-64", "no Velodyne"), ("x=hdl-32e", "no address"), (":0=hdl-32e", "1 to")]
+        {
+            let said = tied_model(wrong).unwrap_err();
+            assert!(said.contains(words), "{said}");
+        }
+    }
 
     #[test]
     fn files_with_and_without_their_sensor() {

@@ -4,17 +4,27 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use sensors::capture::CaptureCounters;
+use sensors::ouster::Correction;
 use sensors::router::{Family, Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 use super::sensor_ids;
+use crate::recording::bags::TopicCount;
 
 /// Lists what the file holds, and says what to do.
 pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Ending) -> String {
     let counters = &ending.counters;
     let mut text = format!("{}: no LiDAR data was decoded.", recording.name());
     let unclaimed: Vec<&Unclaimed> = router.unclaimed().collect();
-    if counters.frames == 0 {
+    if !ending.topics.is_empty() && counters.datagrams == 0 {
+        text.push_str(
+            " It has no topic with packets of an Ouster or a Velodyne that can be read; its topics:",
+        );
+        for TopicCount { topic, kind, messages, .. } in &ending.topics {
+            let _ = write!(text, "\n  {topic} ({kind}): {messages} messages");
+        }
+        ending.notices.iter().for_each(|notice| text.push_str(&format!("\n  {notice}")));
+    } else if counters.frames == 0 {
         text.push_str(" The file holds no packets at all.");
     } else if counters.datagrams == 0 {
         text.push_str(" It holds no whole UDP packet.");
@@ -22,6 +32,9 @@ pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Endin
         text.push_str(" It holds:");
         for Unclaimed { port, length, packets, reason, .. } in &unclaimed {
             let _ = write!(text, "\n  {packets} packets of {length} bytes to port {port}: {reason}");
+        }
+        for words in router.sensors().iter().filter_map(Sensor::only_positions) {
+            let _ = write!(text, "\n  {words}");
         }
     }
     for sensor in router.sensors() {
@@ -118,14 +131,39 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
     let rival = sensor.rival().zip(sensor.two_sources());
     let rival = rival.map(|(rival, words)| format!("{id}: {} packets: {words}", rival.packets));
+    let mixed = sensor.mixed().map(|words| format!("{id}: {words}"));
     let counted = [
         (counters.lost_packets, "packets never came"),
         (counters.late, "packets came too late"),
         (counters.malformed, "packets are malformed"),
         (counters.crc_errors, "packets fail their checksum"),
+        (counters.bad_blocks, "blocks are damaged; the rest of their packets was taken"),
     ]
     .into_iter()
     .filter(|(count, _)| *count > 0)
     .map(|(count, what)| format!("{id}: {count} {what}"));
-    counted.chain(rival).collect()
+    counted.chain(rival).chain(mixed).collect()
+}
+
+/// What is not as it was said or as one expects, and costs nothing.
+pub fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
+    let counters = sensor.stats();
+    let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
+    let corrected = sensor.corrections().iter().map(|Correction { setting, said, found }| match *setting {
+        // says that settings may differ, and is none
+        "initialization_id" => format!(
+            "{id}: {file} is of initialization {said}, the packets of {found}: settings may have changed in between"
+        ),
+        _ => format!("{id}: {file} says {setting} {said}, its packets have {found}: decoded as the packets are"),
+    });
+    let counted = [
+        (counters.odd_stamps, "packets have a time stamp that contradicts their neighbours, which date them"),
+        (
+            counters.pauses,
+            "pauses of seconds or more, by the host's clock too: nothing is known to be lost in them",
+        ),
+    ];
+    let counted = counted.into_iter().filter(|(count, _)| *count > 0);
+    let counted = counted.map(|(count, what)| format!("{id}: {count} {what}"));
+    corrected.chain(counted).chain(sensor.does_not_turn().map(|words| format!("{id}: {words}"))).collect()
 }

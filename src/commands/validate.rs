@@ -28,7 +28,7 @@ use crate::world::trajectory::Trajectory;
                   mounts without the others."
 )]
 pub struct Args {
-    /// Surface: .ply, .obj, .stl, .gltf or .glb.
+    /// Surface: .ply, .obj, .stl, .off, .gltf or .glb.
     #[arg(long, value_name = "FILE")]
     mesh: PathBuf,
     #[command(flatten)]
@@ -82,12 +82,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut warnings: Vec<String> = units.iter().filter_map(|unit| unit.notice.clone()).collect();
     warnings.dedup();
     let read = args.mesh_args.read(&args.mesh)?;
-    let scene = Scene::Mesh(read.mesh.clone());
+    let (scene, origin) = (Scene::Mesh(read.mesh.clone()), read.origin);
     warnings.extend(read.warnings);
-    let trajectory = args.trajectory.read()?;
+    let (trajectory, notes) = args.trajectory.read(origin)?;
+    warnings.extend(notes);
     let fans = fans(args, &units, &trajectory)?;
-    warnings.extend(args.trajectory.doubts(&scene, &trajectory));
-    let samples = args.samples.samples(&read.mesh, args.seed)?;
+    let placement = args.trajectory.placement(&scene, &trajectory, rig.mean_height_m(), origin);
+    warnings.extend(placement.doubts);
+    let samples = args.samples.samples(&read.mesh, origin, args.seed)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
     let sensors = IdealSensors { scene, trajectory, rig, fans };
     let prepare_s = start.elapsed().as_secs_f64();
@@ -113,10 +115,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         write_flags(path, &completeness.covered(MAIN_RANK)).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page(&document, &sensors, &surface, &output::again());
+        let page = page(&document, &sensors, &surface, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    Ok(Outcome::Done)
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }
 
 /// The sensors of `--mounts` or of the mount file.

@@ -1,4 +1,4 @@
-//! What was seen so far, beside what was promised.
+//! Seen cells so far, with the predicted coverage.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -12,15 +12,15 @@ use crate::recording::export::foxglove::Voxels;
 use crate::world::coverage::Coverage;
 
 /// Cells sent to a page at most; more are merged by eights.
-const MOST_CELLS: usize = 40_000;
+const MAX_CELLS: usize = 40_000;
 
 /// How a cell is drawn.
 const MISSING: u8 = 0;
-const KEPT: u8 = 1;
+const CONFIRMED: u8 = 1;
 const SEEN: u8 = 2;
 
 /// Cells of a Foxglove grid at most, 5 bytes each; more are merged by eights.
-const MOST_VOXELS: usize = 1 << 19;
+const MAX_VOXELS: usize = 1 << 19;
 /// Of each state: 1 more than on the page (0 is empty), then red, green, blue and opacity.
 const COLOURS: [[u8; 5]; 3] = [[1, 214, 69, 65, 110], [2, 46, 160, 67, 200], [3, 56, 132, 222, 200]];
 
@@ -62,7 +62,7 @@ impl LiveCoverage {
     }
 
     /// The prediction is ready.
-    pub(crate) fn promise(&self, predicted: Option<&Coverage>) {
+    pub(crate) fn set_predicted(&self, predicted: Option<&Coverage>) {
         let cells = predicted.map(Coverage::union_cells);
         let mut inner = self.lock();
         inner.predicted = cells;
@@ -81,7 +81,7 @@ impl LiveCoverage {
         inner.version += 1;
     }
 
-    /// Begins anew.
+    /// Starts again.
     pub(crate) fn clear(&self) {
         let mut inner = self.lock();
         inner.seen = Coverage::new(inner.seen.grid().clone(), inner.seen.sensors());
@@ -95,7 +95,7 @@ impl LiveCoverage {
         inner.seen.bytes() + inner.predicted.as_ref().map_or(0, |cells| std::mem::size_of_val(&cells[..]))
     }
 
-    /// Where the platform is taken to be.
+    /// Assumed pose of the platform.
     pub(crate) fn pose(&self) -> &'static str {
         self.pose
     }
@@ -111,12 +111,12 @@ impl LiveCoverage {
         if inner.counted.0 != inner.version {
             let union = inner.seen.union();
             let is_seen = |cell: &&usize| union[**cell / 64] >> (**cell % 64) & 1 == 1;
-            let kept = inner.predicted.as_ref().map(|cells| cells.iter().filter(is_seen).count() as u64);
+            let confirmed = inner.predicted.as_ref().map(|cells| cells.iter().filter(is_seen).count() as u64);
             let status = CoverageStatus {
                 voxel_m: inner.seen.grid().voxel_m,
                 seen: union.iter().map(|word| u64::from(word.count_ones())).sum(),
                 predicted: inner.predicted.as_ref().map(|cells| cells.len() as u64),
-                seen_of_predicted: kept,
+                seen_of_predicted: confirmed,
                 last_point_age_s: None,
                 outside: inner.seen.outside(),
                 pose: self.pose,
@@ -132,17 +132,17 @@ impl LiveCoverage {
 
     /// As the page draws it.
     pub(crate) fn message(&self, time_ns: u64) -> Vec<u8> {
-        let (origin_m, edge_m, cells) = self.merged(|cells| cells.len() <= MOST_CELLS);
-        let mut cells: Vec<_> = cells.into_iter().take(MOST_CELLS).collect();
+        let (origin_m, edge_m, cells) = self.merged(|cells| cells.len() <= MAX_CELLS);
+        let mut cells: Vec<_> = cells.into_iter().take(MAX_CELLS).collect();
         cells.sort_unstable();
         picture::cells(time_ns, origin_m, edge_m, &cells)
     }
 
-    /// As Foxglove draws it: the block of cells around all that was seen or promised.
+    /// As Foxglove draws it: the block of cells around all that was seen or predicted.
     pub(crate) fn voxels(&self) -> Voxels {
         let (origin_m, edge_m, cells) = self.merged(|cells| {
             let [low, high] = bounds(cells);
-            (0..3).map(|axis| usize::from(high[axis] - low[axis]) + 1).product::<usize>() <= MOST_VOXELS
+            (0..3).map(|axis| usize::from(high[axis] - low[axis]) + 1).product::<usize>() <= MAX_VOXELS
         });
         if cells.is_empty() {
             return Voxels { origin_m, edge_m, ..Voxels::default() };
@@ -175,7 +175,7 @@ impl LiveCoverage {
             cells.extend(missing);
             for cell in &seen {
                 let state = cells.entry(place(*cell)).or_insert(SEEN);
-                *state = if *state == MISSING { KEPT } else { *state };
+                *state = if *state == MISSING { CONFIRMED } else { *state };
             }
             if fits(&cells) || merge >= 64 {
                 return (grid.origin_m, grid.voxel_m * merge as f64, cells);
@@ -192,10 +192,10 @@ impl LiveCoverage {
 /// What is known of where the platform is, and what that means for coverage.
 fn about_pose(pose: &str, without_pose: u64) -> String {
     let known = if pose == "standing" {
-        "No trajectory is given, so the platform's place is not known: it is taken to stand at the origin, and coverage is \
+        "No trajectory is given, so the platform's place is not known: it is assumed at the origin, and coverage is \
          right only while it does."
     } else {
-        "The platform is taken to be where the given trajectory says."
+        "The platform follows the given trajectory."
     };
     match without_pose {
         0 => known.into(),
@@ -205,7 +205,7 @@ fn about_pose(pose: &str, without_pose: u64) -> String {
     }
 }
 
-/// Least and greatest place; the first cell where there is none.
+/// Min and max corner; the first cell where there is none.
 fn bounds(cells: &HashMap<[u16; 3], u8>) -> [[u16; 3]; 2] {
     let mut bounds = cells.keys().next().map_or([[0; 3]; 2], |first| [*first; 2]);
     for place in cells.keys() {
@@ -223,15 +223,15 @@ mod tests {
     use crate::world::coverage::VoxelGrid;
 
     #[test]
-    fn cells_are_missing_kept_or_merely_seen() {
+    fn cells_are_missing_confirmed_or_merely_seen() {
         let grid = VoxelGrid { origin_m: DVec3::ZERO, voxel_m: 0.5, cells: [8, 4, 2] };
         let live = LiveCoverage::new(Coverage::new(grid.clone(), 2), "standing", true);
         assert!(live.status().predicting && live.status().predicted.is_none());
-        let mut promised = Coverage::new(grid, 1);
+        let mut predicted = Coverage::new(grid, 1);
         for at in [[0.1, 0.1, 0.1], [1.1, 0.1, 0.1]] {
-            promised.add(0, DVec3::from(at));
+            predicted.add(0, DVec3::from(at));
         }
-        live.promise(Some(&promised));
+        live.set_predicted(Some(&predicted));
         live.add(1, &[DVec3::splat(0.2), DVec3::new(2.1, 1.1, 0.6), DVec3::splat(99.0)], 3);
         assert!(live.status().about.contains("3 points"), "{}", live.status().about);
         assert!(live.status().about.contains("not known"));
@@ -240,7 +240,7 @@ mod tests {
         let message = live.message(7);
         let cells: Vec<_> =
             message[picture::HEADER_BYTES..].chunks(8).map(|cell| (cell[0], cell[6])).collect();
-        assert_eq!(cells, [(0, KEPT), (2, MISSING), (4, SEEN)]);
+        assert_eq!(cells, [(0, CONFIRMED), (2, MISSING), (4, SEEN)]);
         let before = live.version();
         live.clear();
         assert!(live.version() > before);
@@ -252,9 +252,9 @@ mod tests {
         let grid = VoxelGrid { origin_m: DVec3::new(-1.0, 0.0, 2.0), voxel_m: 0.5, cells: [8, 4, 2] };
         let live = LiveCoverage::new(Coverage::new(grid.clone(), 1), "standing", false);
         assert_eq!(live.voxels().cells, [0; 3]);
-        let mut promised = Coverage::new(grid, 1);
-        promised.add(0, DVec3::new(0.1, 0.6, 2.1));
-        live.promise(Some(&promised));
+        let mut predicted = Coverage::new(grid, 1);
+        predicted.add(0, DVec3::new(0.1, 0.6, 2.1));
+        live.set_predicted(Some(&predicted));
         live.add(0, &[DVec3::new(1.1, 1.1, 2.6)], 0);
         let voxels = live.voxels();
         assert_eq!(

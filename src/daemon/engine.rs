@@ -13,17 +13,17 @@ use super::coverage::LiveCoverage;
 use super::hub::Hub;
 use super::intake::Intake;
 use super::journal::Journal;
-use super::live::{self, Inlet, Subject};
+use super::live::{self, DecodeQueue, Subject};
 use super::log::Log;
-use super::place::{Motion, Place};
 use super::problems;
-use super::recorder::{Papers, Recorder, RecorderError, RecorderSettings};
+use super::recorder::{Recorder, RecorderError, RecorderSettings, SessionAttachments};
 use super::rig::{RigCommandError, RigHost, RigSettings};
+use super::session_sink::SessionSink;
+use super::site::{Motion, Site};
 use super::status::{LastSession, RecorderStatus, RigState, Status};
 use super::supervision::{Pulse, Role, Supervision};
 use super::surroundings::Surroundings;
 use super::survey::Survey;
-use super::tap::Tap;
 use crate::drive::RigError;
 use crate::live::config::SensorConfig;
 use crate::live::receive::{self, Listen, ReceiveError, now_ns};
@@ -32,15 +32,15 @@ use crate::rig::MountFile;
 use crate::world::coverage::Coverage;
 use crate::world::scene::VoxelMapError;
 
-mod look;
+mod sampler;
 mod memory;
 mod pages;
 mod proposal;
 
 pub use proposal::ProposalError;
 
-use look::Look;
 use proposal::Proposals;
+use sampler::Sampler;
 
 /// How often the state is put together.
 const LOOK: Duration = Duration::from_millis(200);
@@ -58,7 +58,7 @@ pub struct SensorSettings {
     pub metadata: Option<String>,
 }
 
-/// Everything the daemon is told.
+/// Everything that the daemon needs to start.
 #[derive(Clone, Debug)]
 pub struct Settings {
     /// Sensors.
@@ -69,9 +69,9 @@ pub struct Settings {
     pub recorder: RecorderSettings,
     /// The rig, where there is one.
     pub rig: Option<RigSettings>,
-    /// Mounts, scene and way.
-    pub place: Place,
-    /// Text of the rig.toml, kept with each session.
+    /// Mounts, scene and trajectory.
+    pub site: Site,
+    /// Text of the rig.toml, stored with each session.
     pub config: Option<String>,
     /// Who watches the threads.
     pub supervision: Arc<Supervision>,
@@ -112,7 +112,7 @@ pub enum DaemonError {
 pub struct Ending {
     /// The recorder's last state.
     pub recorder: RecorderStatus,
-    /// Packets were lost while recording, or a recording ended that nobody ended.
+    /// Packets were lost while recording, or a recording ended by itself.
     pub data_lost: bool,
     /// Components that died, and how.
     pub deaths: Vec<String>,
@@ -130,13 +130,13 @@ pub(super) struct Core {
     pub(super) sensors: Vec<SensorSettings>,
     pub(super) intake: Arc<Intake>,
     /// One per sensor.
-    pub(super) inlets: Mutex<Vec<Inlet>>,
+    pub(super) decode_queues: Mutex<Vec<DecodeQueue>>,
     /// Streams of each sensor.
     pub(super) streams: Vec<Vec<usize>>,
     pub(super) rig: Option<RigHost>,
     pub(super) journal: Arc<Journal>,
     pub(super) coverage: Arc<LiveCoverage>,
-    pub(super) place: Arc<Place>,
+    pub(super) site: Arc<Site>,
     motion: Arc<Motion>,
     pages: broadcast::Sender<Bytes>,
     hub: Arc<Hub>,
@@ -144,7 +144,7 @@ pub(super) struct Core {
     pub(super) proposals: Proposals,
     supervision: Arc<Supervision>,
     log: Option<Log>,
-    tap: Arc<Tap>,
+    sink: Arc<SessionSink>,
     status: watch::Sender<Arc<Status>>,
     quit: AtomicBool,
 }
@@ -152,17 +152,17 @@ pub(super) struct Core {
 impl Daemon {
     /// Binds every port, finds the rig, opens the folder of sessions; all or nothing.
     pub(crate) fn start(settings: Settings) -> Result<Self, DaemonError> {
-        let Settings { sensors, receive, recorder, rig, place, config, supervision, log } = settings;
+        let Settings { sensors, receive, recorder, rig, site, config, supervision, log } = settings;
         let (journal, lines) = Journal::new();
         let journal = Arc::new(journal);
-        let place = Arc::new(place);
-        let motion = Arc::new(Motion::new(place.rig.sensors.len()));
-        let pose = if place.trajectory.is_some() { "trajectory" } else { "standing" };
-        let seen = Coverage::new(place.grid(), sensors.len());
-        let coverage = Arc::new(LiveCoverage::new(seen, pose, place.scene.is_some()));
+        let site = Arc::new(site);
+        let motion = Arc::new(Motion::new(site.rig.sensors.len()));
+        let pose = if site.trajectory.is_some() { "trajectory" } else { "standing" };
+        let seen = Coverage::new(site.grid(), sensors.len());
+        let coverage = Arc::new(LiveCoverage::new(seen, pose, site.scene.is_some()));
         let (pages, _) = broadcast::channel(PAGE_BACKLOG);
         let hub = Arc::new(Hub::new(sensors.iter().map(|sensor| sensor.config.name.clone())));
-        let survey = Arc::new(Survey::new(place.voxel_m)?);
+        let survey = Arc::new(Survey::new(site.voxel_m)?);
         let mut listens: Vec<Listen> = Vec::new();
         let (mut sensor_of, mut streams, mut infos) = (Vec::new(), Vec::new(), Vec::new());
         for (sensor, SensorSettings { config, metadata }) in sensors.iter().enumerate() {
@@ -177,7 +177,7 @@ impl Daemon {
             streams.push(mine);
         }
         let around = Surroundings {
-            place: Arc::clone(&place),
+            site: Arc::clone(&site),
             motion: Arc::clone(&motion),
             coverage: Arc::clone(&coverage),
             journal: Arc::clone(&journal),
@@ -186,12 +186,12 @@ impl Daemon {
             survey: Arc::clone(&survey),
         };
         for sensor in &sensors {
-            if let Some(error) = place.unseated(&sensor.config.name) {
+            if let Some(error) = site.unseated(&sensor.config.name) {
                 journal.tell_of(&sensor.config.name, "unseated", error.to_string());
             }
         }
         let mut threads = Vec::new();
-        let mut inlets = Vec::new();
+        let mut decode_queues = Vec::new();
         for (sensor, settings) in sensors.iter().enumerate() {
             let subject = Subject {
                 sensor,
@@ -199,55 +199,56 @@ impl Daemon {
                 model: settings.config.model.clone(),
                 metadata: metadata_of(settings)?,
             };
-            let (inlet, thread) = live::start(subject, around.clone(), &supervision)?;
-            inlets.push(inlet);
+            let (decode_queue, thread) = live::start(subject, around.clone(), &supervision)?;
+            decode_queues.push(decode_queue);
             threads.push(thread);
         }
         // before the first packet: what is seen is drawn by the angles at which the axes stand
         let rig = rig
             .map(|rig| RigHost::start(rig, Arc::clone(&journal), Arc::clone(&motion), &supervision))
             .transpose()?;
-        let of_streams: Vec<Inlet> = sensor_of.iter().map(|sensor| inlets[*sensor].clone()).collect();
-        let tap = Arc::new(Tap::new(recorder.held_up));
+        let of_streams: Vec<DecodeQueue> =
+            sensor_of.iter().map(|sensor| decode_queues[*sensor].clone()).collect();
+        let sink = Arc::new(SessionSink::new(recorder.held_up));
         let names: Vec<String> =
             sensor_of.iter().map(|sensor| sensors[*sensor].config.name.clone()).collect();
-        let intake = Intake::start(&listens, &sensor_of, receive, &tap, &of_streams, &names, &supervision)?;
+        let intake = Intake::start(&listens, &sensor_of, receive, &sink, &of_streams, &names, &supervision)?;
         let intake = Arc::new(intake);
         drop(of_streams);
-        let papers = Papers {
+        let attachments = SessionAttachments {
             sensors: infos
                 .into_iter()
                 .enumerate()
                 .map(|(stream, (listen, metadata))| SensorInfo::of(&listen, intake.address(stream), metadata))
                 .collect(),
             config,
-            mount: place.mount.clone(),
-            calibrations: place.calibrations.clone(),
-            trajectory: place.trajectory.clone().filter(|_| !place.starts_with_recording),
+            mount: site.mount.clone(),
+            calibrations: site.calibrations.clone(),
+            trajectory: site.trajectory.clone().filter(|_| !site.starts_with_recording),
         };
         let recorder = Recorder::start(
             recorder,
-            papers,
+            attachments,
             Arc::clone(&intake),
-            Arc::clone(&tap),
+            Arc::clone(&sink),
             Arc::clone(&journal),
             lines,
             &supervision,
         )?;
         if recorder.status().recording {
-            begin_way(&place, &motion);
+            begin_trajectory(&site, &motion);
             survey.begin();
         }
-        let first = look::empty(&recorder.status());
+        let first = sampler::empty(&recorder.status());
         let core = Arc::new(Core {
             sensors,
             intake,
-            inlets: Mutex::new(inlets),
+            decode_queues: Mutex::new(decode_queues),
             streams,
             rig,
             journal,
             coverage,
-            place,
+            site,
             motion,
             pages,
             hub,
@@ -255,15 +256,15 @@ impl Daemon {
             proposals: Proposals::default(),
             supervision,
             log,
-            tap,
+            sink,
             status: watch::Sender::new(Arc::new(first)),
             quit: AtomicBool::new(false),
         });
-        // it ends by itself, and nobody waits for it
+        // it ends by itself; no thread waits for it
         drop(spawn("predict", Role::Passing, &core, |core, _| core.predict())?);
         let recorder_status = recorder.reader();
         let look = move |core: &Core, pulse: &Pulse| core.watch(&recorder_status, pulse);
-        threads.push(spawn("look", Role::Essential, &core, look)?);
+        threads.push(spawn("state", Role::Essential, &core, look)?);
         Ok(Self { core, recorder, threads: Mutex::new(threads) })
     }
 
@@ -296,7 +297,7 @@ impl Daemon {
     pub(crate) fn begin_recording(&self, label: String) -> Result<String, RecorderError> {
         let name = self.recorder.begin(label)?;
         self.core.coverage.clear();
-        begin_way(&self.core.place, &self.core.motion);
+        begin_trajectory(&self.core.site, &self.core.motion);
         self.core.survey.begin();
         self.core.proposals.forget();
         Ok(name)
@@ -333,9 +334,9 @@ impl Daemon {
         self.core.rig.as_ref().map(RigHost::state)
     }
 
-    /// Latency from the kernel's stamp to the points' way to the page, by sensor.
+    /// Latency from the kernel's stamp until points leave for the page, by sensor.
     pub(crate) fn picture_latency(&self) -> Vec<super::Percentiles> {
-        self.core.inlets().iter().map(|inlet| inlet.latency().percentiles()).collect()
+        self.core.decode_queues().iter().map(|decode_queue| decode_queue.latency().percentiles()).collect()
     }
 
     /// Ends everything: what was received is written, the session closed, the rig disarmed.
@@ -345,12 +346,12 @@ impl Daemon {
         self.core.intake.stop();
         let mut recorder = self.recorder.quit();
         // a recorder that died has left its session open
-        if let Some(session) = self.core.tap.exchange(None) {
+        if let Some(session) = self.core.sink.exchange(None) {
             recorder.failed |= session.close(Some(&self.core.intake.tally())).is_err();
             recorder.ended_early = true;
         }
         self.core.quit.store(true, Ordering::Relaxed);
-        self.core.inlets().clear();
+        self.core.decode_queues().clear();
         if let Some(rig) = &self.core.rig {
             rig.quit();
         }
@@ -363,30 +364,31 @@ impl Daemon {
 }
 
 impl Core {
-    pub(super) fn inlets(&self) -> std::sync::MutexGuard<'_, Vec<Inlet>> {
-        self.inlets.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn decode_queues(&self) -> std::sync::MutexGuard<'_, Vec<DecodeQueue>> {
+        self.decode_queues.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn predict(&self) {
-        live::give_way();
+        live::lower_priority();
         // its own, single thread: the pool of the process would take every core from the recorder
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::give_way()).build();
-        let predicted = pool.ok().and_then(|pool| pool.install(|| self.place.predict()));
-        self.coverage.promise(predicted.as_ref());
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::lower_priority()).build();
+        let predicted = pool.ok().and_then(|pool| pool.install(|| self.site.predict()));
+        self.coverage.set_predicted(predicted.as_ref());
     }
 
     fn watch(&self, recorder: &dyn Fn() -> RecorderStatus, pulse: &Pulse) {
-        let mut look = Look::new(self);
+        let mut sampler = Sampler::new(self);
         let mut sent = (Instant::now(), 0);
-        let mut deaths_told = 0;
+        let mut deaths_reported = 0;
         while !self.quit.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
             pulse.beat();
-            for death in self.supervision.deaths().into_iter().skip(deaths_told) {
-                deaths_told += 1;
+            for death in self.supervision.deaths().into_iter().skip(deaths_reported) {
+                deaths_reported += 1;
                 self.journal.tell("component_dead", death);
             }
-            self.status.send_replace(Arc::new(look.look(self, recorder())));
+            self.status.send_replace(Arc::new(sampler.sample(self, recorder())));
             let version = self.coverage.version();
             if self.pages.receiver_count() > 0 && version != sent.1 && sent.0.elapsed() >= SEND_CELLS {
                 sent = (Instant::now(), version);
@@ -406,8 +408,8 @@ fn spawn(
     core.supervision.spawn(name, role, move |pulse| work(&shared, pulse))
 }
 
-fn begin_way(place: &Place, motion: &Motion) {
-    if let Some(trajectory) = place.trajectory.as_ref().filter(|_| place.starts_with_recording) {
+fn begin_trajectory(site: &Site, motion: &Motion) {
+    if let Some(trajectory) = site.trajectory.as_ref().filter(|_| site.starts_with_recording) {
         motion.begin(trajectory, now_ns());
     }
 }

@@ -1,4 +1,4 @@
-//! Points on their way to those who listen in Foxglove's way: made only while somebody does, bounded, never waited for.
+//! Points for Foxglove clients: made only while one listens, bounded, never waited for.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -36,7 +36,7 @@ pub(super) struct Wanted {
 }
 
 impl Hub {
-    /// Nobody listens yet.
+    /// Without clients.
     pub(crate) fn new(names: impl Iterator<Item = String>) -> Self {
         let (poured, _) = broadcast::channel(BACKLOG);
         Self { sensors: names.map(|name| (name, AtomicUsize::new(0))).collect(), poured }
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_made_that_nobody_wants() {
+    fn without_clients_no_message_is_made() {
         let hub = Arc::new(Hub::new(["left", "right"].map(str::to_owned).into_iter()));
         let mut messages = hub.listen();
         let (first, second) = (hub.want(1), hub.want(1));

@@ -7,8 +7,8 @@ use std::sync::{Mutex, PoisonError};
 use crate::drive::ServoReport;
 use crate::live::receive::now_ns;
 
-/// Events kept for the page.
-const KEPT: usize = 100;
+/// Events for the page.
+const MAX_EVENTS: usize = 100;
 /// Lines that may wait for the recorder before they are dropped and counted.
 const WAITING: usize = 4096;
 
@@ -48,7 +48,7 @@ pub struct Event {
 
 /// A line for the session.
 #[derive(Debug)]
-pub(super) enum Line {
+pub(super) enum Entry {
     Event(Event),
     Servo(ServoReport),
 }
@@ -57,12 +57,12 @@ pub(super) enum Line {
 #[derive(Debug)]
 pub(super) struct Journal {
     newest: Mutex<VecDeque<Event>>,
-    lines: SyncSender<Line>,
+    lines: SyncSender<Entry>,
 }
 
 impl Journal {
     /// The journal, and the lines that the recorder is to write.
-    pub(crate) fn new() -> (Self, Receiver<Line>) {
+    pub(crate) fn new() -> (Self, Receiver<Entry>) {
         let (lines, waiting) = sync_channel(WAITING);
         (Self { newest: Mutex::default(), lines }, waiting)
     }
@@ -81,10 +81,10 @@ impl Journal {
     /// A reading of the rig, for the session only.
     pub(crate) fn servo(&self, report: ServoReport) {
         // a recorder that is that far behind is stalled by its disk, and says so
-        let _ = self.lines.try_send(Line::Servo(report));
+        let _ = self.lines.try_send(Entry::Servo(report));
     }
 
-    /// Writes down that an axis has no zero, and that it has one again; `known` has what a session was told of each so far.
+    /// Writes down that an axis has no zero, and that it has one again; `known` has what the session holds of each so far.
     pub(crate) fn tell_homing(&self, report: &ServoReport, known: &mut BTreeMap<usize, bool>) {
         let (axis, has_zero) = match report.source.as_str() {
             "measured" => (report.axis, true),
@@ -121,11 +121,11 @@ impl Journal {
             name => tracing::info!(event = name, sensor = event.sensor, "{}", event.words),
         }
         let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        if newest.len() == KEPT {
+        if newest.len() == MAX_EVENTS {
             newest.pop_front();
         }
         newest.push_back(event.clone());
         drop(newest);
-        let _ = self.lines.try_send(Line::Event(event)); // as with a reading
+        let _ = self.lines.try_send(Entry::Event(event)); // as with a reading
     }
 }

@@ -1,4 +1,5 @@
-//! How long packets take, counted without keeping them.
+//! How long packets take, counted without storing them. (Own code: `hdrhistogram` takes no value through a shared reference,
+//! and receive threads must not wait for a lock.)
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -16,7 +17,7 @@ pub(super) struct Latency {
 /// What was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Percentiles {
-    /// How many times were taken.
+    /// Number of times.
     pub count: u64,
     /// Median, ms.
     pub p50_ms: f64,

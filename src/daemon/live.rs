@@ -1,4 +1,4 @@
-//! One thread per sensor that decodes what comes, counts, and makes the picture. It gives way to everything else.
+//! One thread per sensor that decodes what comes, counts, and makes the picture. Everything else has priority.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
@@ -27,17 +27,17 @@ const PUBLISH: Duration = Duration::from_millis(250);
 /// Priority of these threads (`nice`).
 const NICE: i32 = 10;
 /// Kinds of strange packets that are named.
-const STRANGERS: usize = 3;
+const MAX_UNASSIGNED: usize = 3;
 
-/// Makes the present thread give way to those that receive and record.
-pub(super) fn give_way() {
+/// Gives the present thread a lower priority than those that receive and record.
+pub(super) fn lower_priority() {
     // a system without priorities runs it like the others
     let _ = rustix::process::setpriority_process(None, NICE);
 }
 
-/// Where a lane hands over packets.
+/// Queue into which a receive worker puts packets.
 #[derive(Clone)]
-pub(super) struct Inlet {
+pub(super) struct DecodeQueue {
     queue: SyncSender<Datagram>,
     shared: Arc<Shared>,
 }
@@ -47,7 +47,7 @@ struct Shared {
     dropped: AtomicU64,
     waiting: AtomicUsize,
     waiting_bytes: AtomicUsize,
-    most_waiting_bytes: AtomicUsize,
+    max_waiting_bytes: AtomicUsize,
     numbers: Mutex<Numbers>,
     /// From the kernel's stamp until points were handed to the page's connections.
     latency: Latency,
@@ -88,16 +88,16 @@ pub(super) struct Numbers {
     pub as_of: Option<Instant>,
 }
 
-impl Inlet {
+impl DecodeQueue {
     /// Takes a packet if there is room; counts it otherwise.
     pub(crate) fn offer(&self, datagram: Datagram) {
         let (shared, held) = (&self.shared, datagram.held_bytes());
-        // a sensor has one lane: nobody else adds meanwhile
+        // a sensor has one receive worker: no other thread adds meanwhile
         let bytes = shared.waiting_bytes.load(Ordering::Relaxed) + held;
         if bytes <= WAITING_BYTES {
             shared.add(held);
             if self.queue.try_send(datagram).is_ok() {
-                shared.most_waiting_bytes.fetch_max(bytes, Ordering::Relaxed);
+                shared.max_waiting_bytes.fetch_max(bytes, Ordering::Relaxed);
                 return;
             }
             shared.take(held);
@@ -106,8 +106,8 @@ impl Inlet {
     }
 
     /// The most bytes of packets that ever waited here.
-    pub(crate) fn most_waiting_bytes(&self) -> usize {
-        self.shared.most_waiting_bytes.load(Ordering::Relaxed)
+    pub(crate) fn max_waiting_bytes(&self) -> usize {
+        self.shared.max_waiting_bytes.load(Ordering::Relaxed)
     }
 
     /// Packets that were left out.
@@ -126,7 +126,7 @@ impl Inlet {
     }
 }
 
-/// What a live thread is told.
+/// What a live thread works on.
 pub(super) struct Subject {
     /// Number of the sensor.
     pub sensor: usize,
@@ -137,15 +137,15 @@ pub(super) struct Subject {
     pub metadata: Option<(Metadata, String)>,
 }
 
-/// Starts the thread; it ends when every inlet is gone.
+/// Starts the thread; it ends when every queue handle is gone.
 pub(super) fn start(
     subject: Subject,
     around: Surroundings,
     supervision: &Arc<Supervision>,
-) -> std::io::Result<(Inlet, JoinHandle<()>)> {
+) -> std::io::Result<(DecodeQueue, JoinHandle<()>)> {
     let (queue, waiting) = sync_channel(WAITING);
     let shared = Arc::new(Shared::default());
-    let inlet = Inlet { queue, shared: Arc::clone(&shared) };
+    let decode_queue = DecodeQueue { queue, shared: Arc::clone(&shared) };
     let mut router = Router::new();
     if let Some((metadata, name)) = subject.metadata {
         router.add_ouster(metadata, name);
@@ -166,7 +166,7 @@ pub(super) fn start(
     };
     let component = format!("live {}", live.name);
     let thread = supervision.spawn(&component, Role::Dispensable, move |pulse| live.run(&waiting, pulse))?;
-    Ok((inlet, thread))
+    Ok((decode_queue, thread))
 }
 
 struct Live {
@@ -180,13 +180,13 @@ struct Live {
     points: u64,
     not_its_own: u64,
     frames_not_drawn: u64,
-    /// Restarts and clock jumps that were told.
+    /// Restarts and clock jumps that were reported.
     seen: [u64; 2],
 }
 
 impl Live {
     fn run(mut self, waiting: &Receiver<Datagram>, pulse: &Pulse) {
-        give_way();
+        lower_priority();
         let mut published = Instant::now();
         loop {
             pulse.beat();
@@ -232,15 +232,15 @@ impl Live {
         let report = sensor.map(|sensor| self.watch.report(self.name.clone(), sensor));
         let mut unclaimed: Vec<Unclaimed> = self.router.unclaimed().cloned().collect();
         unclaimed.sort_by_key(|entry| std::cmp::Reverse(entry.packets));
-        unclaimed.truncate(STRANGERS);
+        unclaimed.truncate(MAX_UNASSIGNED);
         if let Some(report) = &report {
             let jumps = report.clock.as_ref().map_or(0, |clock| clock.jump_count);
-            let [restarts_told, jumps_told] = self.seen;
+            let [restarts_reported, jumps_reported] = self.seen;
             let restarts = report.counters.init_id_changes;
-            if restarts > restarts_told {
+            if restarts > restarts_reported {
                 self.journal.tell_of(&self.name, "sensor_restarted", "the sensor was initialised again");
             }
-            if jumps > jumps_told && restarts == restarts_told {
+            if jumps > jumps_reported && restarts == restarts_reported {
                 let by_s = report
                     .clock
                     .as_ref()

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_that_stands_still_holds_up_nobody_and_is_told_what_it_missed() {
+    fn a_reader_that_stands_still_holds_up_no_thread_and_gets_the_number_of_lost_lines() {
         let (mut log, permit, text) = log();
         let most = WAITING as u64 + 1; // the queue and the line in the writer's hand
         log.write_all(b"line 0\n").unwrap();

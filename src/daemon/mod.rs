@@ -1,15 +1,15 @@
 //! The daemon: sensors, rig and recorder of one `rig.toml`, live, with a page to see and steer them by.
 //!
 //! ```text
-//! socket -> receive thread -> lane thread -> session on the disk     (first; a slow disk holds up the lane alone)
-//!                                       \-> live thread -> Status     (gives way, and counts what it left out)
-//!                                                     \-> points, coverage -> page
+//! socket -> receive thread -> receive worker -> session on the disk     (first; a slow disk holds up this worker alone)
+//!                                          \-> live thread -> Status     (low priority, and counts what it left out)
+//!                                                        \-> points, coverage -> page
 //! rig <-> drive::Rig's thread <-> rig thread -> Status, session
 //! coverage, map of the place -> better pitches, when asked -> rig and a new session, when agreed to
 //! ```
 //!
 //! Three things never wait for each other: receiving, the rig's conversation, and the page. The recorder comes before
-//! the picture: a lane hands its packets to the session first and to the live thread after that, and there without
+//! the picture: a receive worker hands its packets to the session first and to the live thread after that, and there without
 //! waiting. Everything that happens is an [`Event`]: a line of the session, a line of the log, a line on the page.
 
 mod coverage;
@@ -22,16 +22,16 @@ mod live;
 mod log;
 mod painter;
 mod picture;
-mod place;
+mod site;
 mod problems;
 mod recorder;
 mod rig;
+mod session_sink;
 mod status;
 mod steady;
 mod supervision;
 mod surroundings;
 mod survey;
-mod tap;
 mod web;
 
 pub use engine::{Daemon, DaemonError, Ending, ProposalError, SensorSettings, Settings};
@@ -39,9 +39,9 @@ pub use journal::Event;
 pub use latency::Percentiles;
 pub use log::Log;
 pub use picture::{COVERAGE_KIND, POINTS_KIND};
-pub use place::Place;
 pub use recorder::{RecorderError, RecorderSettings};
 pub use rig::{RigCommandError, RigSettings};
+pub use site::Site;
 pub use status::{
     Component, ComponentState, CoverageStatus, LastSession, LogStatus, MemoryStatus, Problem, Proposal,
     RecorderStatus, RigState, SensorLosses, SensorState, SensorStatus, Severity, Status,

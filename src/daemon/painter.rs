@@ -1,4 +1,4 @@
-//! What is made of a decoded revolution: points for pages, coverage, messages for those who listen in Foxglove's way.
+//! What is made of a decoded revolution: points for pages, coverage, messages for Foxglove clients.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::recording::export::{Cloud, Source, foxglove};
 /// Points drawn of one revolution.
 const POINTS: usize = 6000;
 /// Points of one revolution in a Foxglove message: 2 MB.
-const MOST_POURED: usize = 1 << 16;
+const MAX_POINTS: usize = 1 << 16;
 
 /// Points of a frame for the page, and all of them for coverage.
 pub(super) struct Painter {
@@ -29,14 +29,14 @@ pub(super) struct Painter {
     placed_m: Vec<DVec3>,
     /// Sensor and point of those that are mapped.
     rays_m: Vec<[DVec3; 2]>,
-    /// For those who listen in Foxglove's way, while there are any.
+    /// For Foxglove clients, while there are any.
     cloud: Option<Cloud>,
 }
 
 impl Painter {
     /// Of a sensor by number and name.
     pub(crate) fn new(sensor: usize, name: &str, around: Surroundings) -> Self {
-        let axis = around.place.mounted(name).map(|(axis, _)| axis);
+        let axis = around.site.mounted(name).map(|(axis, _)| axis);
         Self {
             sensor,
             axis,
@@ -53,8 +53,8 @@ impl Painter {
     /// Takes a whole revolution.
     pub(crate) fn draw(&mut self, sensor: &Sensor, model: &SensorModel, frame: &Frame) {
         self.frames += 1;
-        let Surroundings { place, motion, .. } = &self.around;
-        let mount = self.axis.and_then(|axis| Some((axis, place.rig.sensors.get(axis)?)));
+        let Surroundings { site, motion, .. } = &self.around;
+        let mount = self.axis.and_then(|axis| Some((axis, site.rig.sensors.get(axis)?)));
         let body_from_sensor =
             mount.map_or(Pose::IDENTITY, |(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
         if self.around.pages.receiver_count() > 0 {
@@ -77,11 +77,12 @@ impl Painter {
             vendor: sensor.vendor().into(),
             model: sensor.product(),
             serial: sensor.serial().into(),
+            timestamp_mode: sensor.timestamp_mode(),
         };
         let cloud = self.cloud.get_or_insert_with(|| Cloud::new(Arc::new(source()), model));
         cloud.fill(model, frame);
         // others each time, as on the page
-        let stride = cloud.points.len().div_ceil(MOST_POURED);
+        let stride = cloud.points.len().div_ceil(MAX_POINTS);
         let mut at = self.frames as usize;
         cloud.points.retain(|_| {
             at += 1;
@@ -94,13 +95,13 @@ impl Painter {
 
     /// A few points of the frame, others each time.
     fn paint(&self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
-        let Surroundings { place, motion, pages, .. } = &self.around;
+        let Surroundings { site, motion, pages, .. } = &self.around;
         let samples = frame.first.range_mm.len();
         // odd, so that it shares no factor with the number of channels
         let stride = samples.div_ceil(POINTS) | 1;
         let time_ns = frame.host_time_ns[1];
         let world_from_body =
-            motion.world_from_body(place.trajectory.as_ref(), time_ns).unwrap_or(Pose::IDENTITY);
+            motion.world_from_body(site.trajectory.as_ref(), time_ns).unwrap_or(Pose::IDENTITY);
         let world_from_sensor = world_from_body * *body_from_sensor;
         let mut points_m = Vec::with_capacity(POINTS);
         for index in (self.frames as usize % stride..samples).step_by(stride) {
@@ -120,7 +121,7 @@ impl Painter {
 
     /// Every point of the frame, each where the platform was when it was measured.
     fn cover(&mut self, model: &SensorModel, frame: &Frame, body_from_sensor: &Pose) {
-        let Surroundings { place, motion, coverage, survey, .. } = &self.around;
+        let Surroundings { site, motion, coverage, survey, .. } = &self.around;
         let projector = self.projector.get_or_insert_with(|| Projector::new(model));
         projector.follow(model);
         let Some([first_ns, _]) = frame.time_span_ns() else { return };
@@ -142,7 +143,7 @@ impl Painter {
                 let hits = layer.range_mm[samples.clone()].iter().zip(&self.points_m[samples]);
                 let hits = hits.filter(|(range_mm, _)| **range_mm > 0);
                 let since_ns = frame.column_time_ns[column].saturating_sub(first_ns);
-                match motion.world_from_body(place.trajectory.as_ref(), begun_ns + since_ns) {
+                match motion.world_from_body(site.trajectory.as_ref(), begun_ns + since_ns) {
                     Some(world_from_body) => {
                         let world_from_sensor = world_from_body * *body_from_sensor;
                         let origin_m = world_from_sensor.transform_point(lidar_m);

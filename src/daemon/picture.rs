@@ -11,7 +11,7 @@
 //! ```
 //!
 //! A point is `i16 x, y, z` in counts from the origin, `u8` reflectivity, `u8` 0. A cell is `u16 i, j, k`, then
-//! `u8` 0 promised and not seen, 1 promised and seen, 2 seen without a promise, then `u8` 0.
+//! `u8` 0 predicted and unseen, 1 predicted and seen, 2 seen and not predicted, then `u8` 0.
 
 use glam::DVec3;
 

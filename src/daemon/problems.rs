@@ -20,7 +20,7 @@ pub(super) fn problems(status: &Status) -> Vec<Problem> {
     status.rig.iter().for_each(|rig| rig::problems(rig, status.recorder.recording, &mut list));
     of_recorder(&status.recorder, &mut list);
     if status.recorder.recording {
-        status.coverage.iter().for_each(|coverage| of_coverage(coverage, &mut list)); // before, no way has begun
+        status.coverage.iter().for_each(|coverage| of_coverage(coverage, &mut list)); // before, no trajectory has begun
     }
     if let Some(jump_s) = status.host_clock_jump_s {
         list.warn(
@@ -67,7 +67,7 @@ pub(super) fn of_daemon(status: &mut Status) {
         );
     }
     if late(status.recorder.age_ms) {
-        let what = format!("The recorder has said nothing for {:.0} s.", status.recorder.age_ms * 1e-3);
+        let what = format!("The recorder has been silent for {:.0} s.", status.recorder.age_ms * 1e-3);
         list.error(
             "recorder",
             "recorder_late",
@@ -85,7 +85,7 @@ pub(super) fn of_daemon(status: &mut Status) {
         );
     } else if status.log.stuck_s > 0.0 {
         let what = format!(
-            "Who reads the log has taken nothing for {:.0} s: {} lines are lost.",
+            "The reader of the log has read nothing for {:.0} s: {} lines are lost.",
             status.log.stuck_s, status.log.lost_lines
         );
         list.warn(
@@ -164,8 +164,10 @@ fn of_recorder(recorder: &RecorderStatus, list: &mut List) {
     if let (true, Some(last)) =
         (recorder.recording, recorder.last.as_ref().filter(|last| last.why == "displaced"))
     {
-        let what =
-            format!("{}.", last.failure.as_deref().unwrap_or("A session was taken away while recording"));
+        let what = format!(
+            "{}.",
+            last.failure.as_deref().unwrap_or("A session was moved or deleted while recording")
+        );
         let on = recorder.session.as_deref().unwrap_or("another session");
         let advice =
             format!("Recording goes on in {on}. Leave the folder of a session alone until it is closed.");
@@ -187,7 +189,7 @@ fn of_recorder(recorder: &RecorderStatus, list: &mut List) {
         list.error(
             "recorder",
             "disk_slow",
-            format!("The disk has not taken packets for {:.1} s; they wait in memory.", recorder.stalled_s),
+            format!("The disk has accepted no packets for {:.1} s; they wait in memory.", recorder.stalled_s),
             "If this lasts, packets are lost. Record to a faster disk.",
         );
     }

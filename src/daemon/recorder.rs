@@ -8,10 +8,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::intake::Intake;
-use super::journal::{Journal, Line};
+use super::journal::{Entry, Journal};
+use super::session_sink::SessionSink;
 use super::status::{LastSession, RecorderStatus};
 use super::supervision::{Pulse, Role, Supervision};
-use super::tap::Tap;
 use crate::live::receive::{Tally, now_ns};
 use crate::recording::{self, Manifest, SensorInfo, SessionError, SessionWriter};
 use crate::rig::{CalibrationFile, MountFile};
@@ -19,7 +19,7 @@ use crate::world::trajectory::Trajectory;
 
 /// How often the recorder looks at the disk and its own files.
 const LOOK: Duration = Duration::from_millis(100);
-/// Rates are taken over this time at least.
+/// Rates are means over this time at least.
 const RATE_OVER: Duration = Duration::from_millis(1000);
 
 /// How to record.
@@ -41,9 +41,9 @@ pub struct RecorderSettings {
     pub held_up: Duration,
 }
 
-/// What each session gets beside packets.
+/// What each session holds besides packets.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Papers {
+pub(super) struct SessionAttachments {
     pub sensors: Vec<SensorInfo>,
     pub config: Option<String>,
     pub mount: Option<MountFile>,
@@ -51,7 +51,7 @@ pub(super) struct Papers {
     pub trajectory: Option<Trajectory>,
 }
 
-/// Why the recorder did not do as told.
+/// Why the recorder refused an order.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// A session is open.
@@ -62,13 +62,13 @@ pub enum RecorderError {
     NotRecording,
     /// Too little space.
     #[error(
-        "{free_mib} MiB are free where sessions go, and recording ends below {least_mib} MiB: make room first"
+        "{free_mib} MiB are free where sessions go, and recording ends below {min_mib} MiB: make room first"
     )]
     DiskFull {
         /// Free, MiB.
         free_mib: u64,
         /// Needed, MiB.
-        least_mib: u64,
+        min_mib: u64,
     },
     /// The session cannot be written.
     #[error(transparent)]
@@ -98,11 +98,11 @@ impl Recorder {
     /// Makes the folder and starts the thread.
     pub(crate) fn start(
         settings: RecorderSettings,
-        papers: Papers,
+        attachments: SessionAttachments,
         intake: Arc<Intake>,
-        tap: Arc<Tap>,
+        sink: Arc<SessionSink>,
         journal: Arc<Journal>,
-        lines: Receiver<Line>,
+        lines: Receiver<Entry>,
         supervision: &Arc<Supervision>,
     ) -> Result<Self, RecorderError> {
         let folder = &settings.folder;
@@ -116,17 +116,17 @@ impl Recorder {
         let at_start = settings.at_start;
         let mut worker = Worker {
             settings,
-            papers,
+            attachments,
             intake,
-            tap,
+            sink,
             journal,
             lines,
             status: Arc::clone(&status),
             open: None,
             rate: None,
-            told: Told::default(),
+            notices: Notices::default(),
         };
-        worker.look_at_disk();
+        worker.check_disk();
         if at_start {
             worker.begin("")?;
         }
@@ -199,24 +199,24 @@ struct Open {
     has_zero: BTreeMap<usize, bool>,
 }
 
-/// What was already said about the present state.
+/// What was already reported about the present state.
 #[derive(Default)]
-struct Told {
+struct Notices {
     low_disk: bool,
     stalled: bool,
 }
 
 struct Worker {
     settings: RecorderSettings,
-    papers: Papers,
+    attachments: SessionAttachments,
     intake: Arc<Intake>,
-    tap: Arc<Tap>,
+    sink: Arc<SessionSink>,
     journal: Arc<Journal>,
-    lines: Receiver<Line>,
+    lines: Receiver<Entry>,
     status: Arc<Mutex<RecorderStatus>>,
     open: Option<Open>,
     rate: Option<(Instant, u64)>,
-    told: Told,
+    notices: Notices,
 }
 
 impl Worker {
@@ -230,7 +230,7 @@ impl Worker {
                 }
                 Ok(Order::Split(mount, reply)) => {
                     self.write_lines(); // what the rig did until now belongs to the session before
-                    self.papers.mount = mount.or(self.papers.mount.take());
+                    self.attachments.mount = mount.or(self.attachments.mount.take());
                     drop(reply.send(self.rotate("reconfigured")));
                 }
                 Ok(Order::Quit) | Err(RecvTimeoutError::Disconnected) => {
@@ -242,7 +242,7 @@ impl Worker {
                 Err(RecvTimeoutError::Timeout) => {}
             }
             self.write_lines();
-            self.look();
+            self.check();
             self.publish();
         }
     }
@@ -252,16 +252,16 @@ impl Worker {
         if let Some(open) = &self.open {
             return Err(RecorderError::AlreadyRecording(open.name.clone()));
         }
-        self.look_at_disk();
-        let least_bytes = self.settings.stop_below_bytes;
-        if let Some(free_bytes) = self.state().free_bytes.filter(|free_bytes| *free_bytes < least_bytes) {
-            let [free_mib, least_mib] = [free_bytes, least_bytes].map(|bytes| bytes >> 20);
-            return Err(RecorderError::DiskFull { free_mib, least_mib });
+        self.check_disk();
+        let min_bytes = self.settings.stop_below_bytes;
+        if let Some(free_bytes) = self.state().free_bytes.filter(|free_bytes| *free_bytes < min_bytes) {
+            let [free_mib, min_mib] = [free_bytes, min_bytes].map(|bytes| bytes >> 20);
+            return Err(RecorderError::DiskFull { free_mib, min_mib });
         }
-        self.tap.latency().clear();
+        self.sink.latency().clear();
         let open = self.make(label, 1)?;
         let name = open.name.clone();
-        self.tap.exchange(Some(Arc::clone(&open.session)));
+        self.sink.exchange(Some(Arc::clone(&open.session)));
         self.open = Some(open);
         self.journal.tell("recording", format!("recording {name}"));
         self.write_lines();
@@ -271,14 +271,14 @@ impl Worker {
 
     fn make(&self, label: &str, part: u32) -> Result<Open, RecorderError> {
         let name = free_name(&self.settings.folder);
-        let session = SessionWriter::create(&self.settings.folder.join(&name), &self.papers.sensors)?;
-        if let Some(config) = &self.papers.config {
+        let session = SessionWriter::create(&self.settings.folder.join(&name), &self.attachments.sensors)?;
+        if let Some(config) = &self.attachments.config {
             session.put_config(config)?;
         }
-        if let Some(mount) = &self.papers.mount {
-            session.put_mount(mount, &self.papers.calibrations)?;
+        if let Some(mount) = &self.attachments.mount {
+            session.put_mount(mount, &self.attachments.calibrations)?;
         }
-        if let Some(trajectory) = &self.papers.trajectory {
+        if let Some(trajectory) = &self.attachments.trajectory {
             session.put_trajectory(trajectory)?;
         }
         let begun_ns = now_ns();
@@ -300,8 +300,8 @@ impl Worker {
         let (label, part) = next.ok_or(RecorderError::NotRecording)?;
         match self.make(&label, part) {
             Ok(next) => {
-                let [packets, bytes] = self.tap.counts();
-                self.tap.exchange(Some(Arc::clone(&next.session)));
+                let [packets, bytes] = self.sink.counts();
+                self.sink.exchange(Some(Arc::clone(&next.session)));
                 self.journal.tell("rotated", format!("part {part} goes into {}", next.name));
                 let name = next.name.clone();
                 if let Some(full) = self.open.replace(next) {
@@ -319,8 +319,8 @@ impl Worker {
 
     fn end(&mut self, why: &'static str) -> Option<LastSession> {
         let open = self.open.take()?;
-        let counts = self.tap.counts();
-        self.tap.exchange(None);
+        let counts = self.sink.counts();
+        self.sink.exchange(None);
         Some(self.close(open, why, counts))
     }
 
@@ -378,8 +378,8 @@ impl Worker {
             let Some(open) = &mut self.open else { continue };
             // a refusal is the session's failure, which it keeps
             let _ = match line {
-                Line::Event(event) => open.session.write_event(&event),
-                Line::Servo(report) => {
+                Entry::Event(event) => open.session.write_event(&event),
+                Entry::Servo(report) => {
                     self.journal.tell_homing(&report, &mut open.has_zero);
                     open.session.write_servo(&report)
                 }
@@ -387,24 +387,24 @@ impl Worker {
         }
     }
 
-    fn look(&mut self) {
-        self.look_at_disk();
+    fn check(&mut self) {
+        self.check_disk();
         let stalled = self.intake.stalled_s() > 0.5;
-        if stalled && !self.told.stalled {
+        if stalled && !self.notices.stalled {
             self.journal.tell("disk_slow", "the disk takes packets more slowly than they come");
         }
-        self.told.stalled = stalled;
+        self.notices.stalled = stalled;
         let Some(open) = &self.open else { return };
         let state = self.state();
         let full = state.free_bytes.is_some_and(|free_bytes| free_bytes < self.settings.stop_below_bytes);
         let old = self.settings.rotate_after.is_some_and(|after| open.begun.elapsed() >= after);
-        let large = self.settings.rotate_bytes.is_some_and(|bytes| self.tap.counts()[1] >= bytes);
+        let large = self.settings.rotate_bytes.is_some_and(|bytes| self.sink.counts()[1] >= bytes);
         if let Some(displaced) = open.session.displaced().cloned() {
             self.journal.tell("session_displaced", displaced.words);
             if self.rotate("displaced").is_err() {
                 self.end_early("displaced");
             }
-        } else if self.tap.has_failed() {
+        } else if self.sink.has_failed() {
             self.end_early("failed");
         } else if full {
             self.journal.tell("disk_full", "recording ends in good order: the disk is nearly full");
@@ -414,17 +414,17 @@ impl Worker {
         }
     }
 
-    /// Ends a recording that nobody ended.
+    /// Ends a recording without an order.
     fn end_early(&mut self, why: &'static str) {
         self.write_lines();
         self.end(why);
         self.status.lock().unwrap_or_else(PoisonError::into_inner).ended_early = true;
     }
 
-    fn look_at_disk(&mut self) {
+    fn check_disk(&mut self) {
         // a file system that does not say what is free gets no warning, and still the error when it is full
         let free_bytes = recording::free_bytes(&self.settings.folder).ok();
-        let bytes = if self.open.is_some() { self.tap.counts()[1] } else { 0 };
+        let bytes = if self.open.is_some() { self.sink.counts()[1] } else { 0 };
         let mut bytes_per_s = self.state().bytes_per_s;
         match self.rate {
             Some((since, before)) if bytes >= before => {
@@ -440,11 +440,11 @@ impl Worker {
             usable.filter(|_| bytes_per_s > 0.0).map(|usable_bytes| usable_bytes as f64 / bytes_per_s);
         let low = free_bytes.is_some_and(|free_bytes| free_bytes < self.settings.warn_below_bytes)
             || seconds_left.is_some_and(|left_s| left_s < recording::LOW_DISK_SECONDS);
-        if low && !self.told.low_disk {
+        if low && !self.notices.low_disk {
             let free_mib = free_bytes.unwrap_or(0) >> 20;
             self.journal.tell("low_disk", format!("{free_mib} MiB are left where sessions go"));
         }
-        self.told.low_disk = low;
+        self.notices.low_disk = low;
         let mut state = self.status.lock().unwrap_or_else(PoisonError::into_inner);
         state.free_bytes = free_bytes;
         state.bytes_per_s = bytes_per_s;
@@ -457,7 +457,7 @@ impl Worker {
     }
 
     fn publish(&self) {
-        let [packets, bytes] = if self.open.is_some() { self.tap.counts() } else { [0; 2] };
+        let [packets, bytes] = if self.open.is_some() { self.sink.counts() } else { [0; 2] };
         let losses = self.open.as_ref().map(|open| self.intake.tally().since(&open.before).lost());
         let mut state = self.status.lock().unwrap_or_else(PoisonError::into_inner);
         state.recording = self.open.is_some();
@@ -466,7 +466,7 @@ impl Worker {
         state.part = self.open.as_ref().map_or(0, |open| open.part);
         (state.packets, state.bytes) = (packets, bytes);
         state.session_lost = losses.unwrap_or(0);
-        state.latency = self.tap.latency().percentiles();
+        state.latency = self.sink.latency().percentiles();
         state.as_of = Some(Instant::now());
     }
 }

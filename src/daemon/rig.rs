@@ -1,6 +1,6 @@
-//! The rig: found, lost and found again; told what to do by one operator at a time.
+//! The rig: found, lost and found again; one operator at a time gives it orders.
 //!
-//! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nobody.
+//! Whatever moves needs the armed state. Hold and e-stop need nothing and wait for nothing.
 
 mod error;
 mod telling;
@@ -17,7 +17,7 @@ use firmware_protocol::KeepOut;
 pub use error::RigCommandError;
 
 use super::journal::Journal;
-use super::place::Motion;
+use super::site::Motion;
 use super::status::RigState;
 use super::supervision::{Pulse, Role, Supervision};
 use crate::drive::{Interrupt, LinkError, Options, Rig, RigError, RigStatus, ServoReport};
@@ -171,7 +171,7 @@ impl RigHost {
         lock(&self.shared.state).recorded_pitches_deg = pitches_deg.to_vec();
     }
 
-    /// Decelerates and holds, whatever is under way.
+    /// Decelerates and holds, whatever moves.
     pub(crate) fn hold(&self) -> Result<(), RigCommandError> {
         self.shared.stop(1)
     }
@@ -181,7 +181,7 @@ impl RigHost {
         self.shared.stop(2)
     }
 
-    /// Takes latched faults away whose causes are gone.
+    /// Clears latched faults without a cause any more.
     pub(crate) fn clear(&self) -> Result<(), RigCommandError> {
         self.shared.command("clear", false, Rig::clear_faults)
     }
@@ -190,7 +190,7 @@ impl RigHost {
     pub(crate) fn quit(&self) {
         self.shared.quit.store(true, Ordering::Relaxed);
         if let (Some(_), Some(interrupt)) = (self.state().busy, &*lock(&self.shared.interrupt)) {
-            interrupt.raise(); // what is under way ends with a hold
+            interrupt.raise(); // the present move ends with a hold
         }
         if let Some(thread) = lock(&self.thread).take() {
             let _ = thread.join();
@@ -220,7 +220,7 @@ impl Shared {
         let (pitches, axes) = (state.mount_pitches_deg.len(), status.axes.len());
         if pitches != 0 && pitches != axes && state.status.is_none() {
             let words = format!(
-                "the mount names {pitches} sensors, the rig has {axes} axes: axis 0 is taken to turn the first of them, and \
+                "the mount names {pitches} sensors, the rig has {axes} axes: axis 0 is assumed to turn the first of them, and \
                  the mount cannot be applied from here; `sensors` under [rig.apply] says which sit on axis 0, 1, ..."
             );
             self.journal.tell("mount_of_others", words);
@@ -248,7 +248,7 @@ impl Shared {
     }
 
     fn run(&self, pulse: &Pulse) {
-        // a rig that nobody watches any more is let go of: it misses its heartbeat and disarms itself
+        // an unwatched rig is let go of: it misses its heartbeat and disarms itself
         let _unwatched = LetGo(self);
         while !self.quit.load(Ordering::Relaxed) {
             let rig = lock(&self.rig).clone();
@@ -309,7 +309,7 @@ impl Shared {
         Ok(())
     }
 
-    /// The sensor on an axis turned with it; one whose zero is not known stands where the mount says, for all that is known.
+    /// The sensor on an axis turned with it; one without a known zero is assumed at its mount's pitch.
     fn turn(&self, axis: usize, source: &str, pitch_rad: f64) {
         match source {
             "measured" => self.motion.set_pitch_rad(axis, pitch_rad),
@@ -395,7 +395,7 @@ impl Shared {
         state
     }
 
-    /// Interrupts what is under way: once to hold, twice for an emergency stop.
+    /// Interrupts the present move: once to hold, twice for an emergency stop.
     fn stop(&self, level: u8) -> Result<(), RigCommandError> {
         let interrupt = lock(&self.interrupt).clone();
         let Some(interrupt) = interrupt else { return Err(self.not_connected()) };
@@ -458,7 +458,7 @@ mod tests {
     use crate::rig::Mount;
 
     #[test]
-    fn a_rig_that_is_lost_is_taken_to_stand_where_it_stood() {
+    fn a_rig_that_is_lost_is_assumed_to_stand_where_it_stood() {
         let start_urad = Some([300_000, -200_000]);
         let mock = MockRig::start(MockConfig { start_urad, ..MockConfig::default() }, 3).unwrap();
         let settings = RigSettings {

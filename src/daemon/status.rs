@@ -57,7 +57,7 @@ pub struct Status {
     pub events: Vec<Event>,
 }
 
-/// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands beside it.
+/// Memory of the daemon, bytes. Whatever grows with what arrives has a bound, which stands next to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct MemoryStatus {
     /// Resident, by the system's own counting; none where it does not say.
@@ -85,7 +85,7 @@ pub struct MemoryStatus {
 pub struct Reconfiguration {
     /// A proposal is being made.
     pub thinking: bool,
-    /// The newest one that nobody agreed to yet.
+    /// The newest one that waits for agreement.
     pub proposal: Option<Proposal>,
 }
 
@@ -106,9 +106,9 @@ pub struct Proposal {
     pub proposed: Outlook,
     /// Whether they see enough more to be worth the move.
     pub is_better: bool,
-    /// Poses of the way that were looked from.
+    /// Poses of the trajectory that were looked from.
     pub poses: usize,
-    /// Where the platform is taken to be: `standing` or `trajectory`.
+    /// Assumed pose of the platform: `standing` or `trajectory`.
     pub pose: &'static str,
     /// The map had no more room: it is of the first part of the recording only.
     pub map_is_full: bool,
@@ -151,7 +151,8 @@ pub struct SensorStatus {
     /// Where its packets are received.
     pub address: Option<SocketAddr>,
     /// Where its IMU or position packets are received.
-    pub address_aside: Option<SocketAddr>,
+    #[serde(rename = "address_aside")]
+    pub auxiliary_address: Option<SocketAddr>,
     /// Where its packets come from.
     pub source: Option<String>,
     /// Packets received of both streams.
@@ -186,11 +187,11 @@ pub struct SensorStatus {
     pub recent_clock_jumps: u64,
     /// Times the sensor was initialised again.
     pub restarts: u64,
-    /// Packets left out of the picture so that recording kept up; they are recorded.
+    /// Packets left out of the picture so that recording keeps up; they are recorded.
     pub picture_dropped: u64,
     /// Revolutions counted and not drawn, for the same reason.
     pub frames_not_drawn: u64,
-    /// Its clock beside the host's.
+    /// Its clock against the host's.
     pub clock: Option<ClockReport>,
     /// Clock that its metadata says it uses.
     pub timestamp_mode: Option<String>,
@@ -263,7 +264,7 @@ pub struct RigState {
     pub limits_deg: Vec<[f64; 2]>,
     /// Until the daemon disarms it by itself, s.
     pub disarms_in_s: Option<f64>,
-    /// Since it last said where its axes are, ms; none before the first time.
+    /// Since its last positions, ms; none before the first time.
     pub age_ms: Option<f64>,
     /// The moment that the age of each axis in `status` is of.
     #[serde(skip)]
@@ -305,7 +306,7 @@ pub struct RecorderStatus {
     pub lost: u64,
     /// A session could not be written to its end.
     pub failed: bool,
-    /// A recording ended that nobody ended.
+    /// A recording ended by itself.
     pub ended_early: bool,
     /// Since the recorder put this out, ms.
     pub age_ms: f64,
@@ -381,9 +382,9 @@ pub struct CoverageStatus {
     pub last_point_age_s: Option<f64>,
     /// Points outside the grid.
     pub outside: u64,
-    /// Where the platform is taken to be: `standing` or `trajectory`.
+    /// Assumed pose of the platform: `standing` or `trajectory`.
     pub pose: &'static str,
-    /// Points whose time the trajectory does not cover.
+    /// Points at times that the trajectory does not cover.
     pub without_pose: u64,
     /// What to know about these numbers, for people.
     pub about: String,

@@ -1,4 +1,4 @@
-//! The host's clock beside one that only goes forward.
+//! The host's clock against one that only goes forward.
 
 use std::time::{Duration, Instant};
 
@@ -14,13 +14,13 @@ pub struct HostClock {
 }
 
 impl HostClock {
-    /// From a pair of readings taken at once.
+    /// From a pair of simultaneous readings.
     pub(crate) fn new(steady: Instant, unix_ns: u64) -> Self {
         Self { begun: steady, offset_ns: i128::from(unix_ns) }
     }
 
     /// How far the system's time was set forward since the last look, s; none where it was not.
-    pub(crate) fn look(&mut self, steady: Instant, unix_ns: u64) -> Option<f64> {
+    pub(crate) fn sample(&mut self, steady: Instant, unix_ns: u64) -> Option<f64> {
         let since: Duration = steady.saturating_duration_since(self.begun);
         let offset_ns = i128::from(unix_ns) - since.as_nanos() as i128;
         let moved_s = (offset_ns - self.offset_ns) as f64 * 1e-9;
@@ -34,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_is_told_once_and_slewing_never() {
+    fn a_step_is_reported_once_and_slewing_never() {
         let begun = Instant::now();
         let mut clock = HostClock::new(begun, 1_000_000_000_000);
         let mut set_ns = 0i64;
@@ -48,7 +48,7 @@ mod tests {
             };
             let steady = begun + Duration::from_millis(100 * look);
             let unix_ns = 10_000_000_000_000i64 + 100_000_000 * look as i64 + set_ns;
-            steps.extend(clock.look(steady, unix_ns as u64));
+            steps.extend(clock.sample(steady, unix_ns as u64));
         }
         // the first look tells of the wrong beginning
         let expected = [9000.0, -3600.0, 2.0];

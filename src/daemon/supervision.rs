@@ -15,7 +15,7 @@ use tokio::sync::watch;
 use super::status::{Component, ComponentState};
 
 /// Components that are listed: a defect that strikes with every request must not fill the memory.
-const MOST: usize = 64;
+const MAX_COMPONENTS: usize = 64;
 /// A component that is to be broken is broken after this time.
 const BREAK_AFTER: Duration = Duration::from_secs(2);
 
@@ -57,7 +57,7 @@ impl Pulse<'_> {
     pub(crate) fn beat(&self) {
         let is_due = self.breaks_at.is_some_and(|at| Instant::now() >= at);
         if is_due && !self.supervision.is_ending() {
-            panic!("told to, as a test");
+            panic!("ordered, as a test");
         }
     }
 }
@@ -88,12 +88,12 @@ impl Supervision {
         IS_WATCHED.set(true);
         let is_to_break = self.to_be_broken.as_deref() == Some(name);
         let pulse = Pulse { breaks_at: is_to_break.then(|| Instant::now() + BREAK_AFTER), supervision: self };
-        // what it shares with others is behind locks that are taken again after a panic
+        // what it shares with others is behind locks that are usable after a panic
         let outcome = catch_unwind(AssertUnwindSafe(|| work(&pulse)));
         match outcome {
             Err(payload) => self.died(name, role, format!("it panicked: {}", words(&*payload))),
             Ok(()) if role != Role::Passing && !self.is_ending() => {
-                self.died(name, role, "it ended though nobody had told it to".into());
+                self.died(name, role, "it ended without an order".into());
             }
             Ok(()) => self.set(name, role, ComponentState::Ended, None),
         }
@@ -157,7 +157,7 @@ impl Supervision {
         let essential = role == Role::Essential;
         if let Some(known) = components.iter_mut().find(|known| known.name == name) {
             (known.state, known.why) = (state, why);
-        } else if components.len() < MOST {
+        } else if components.len() < MAX_COMPONENTS {
             components.push(Component { name: name.to_owned(), essential, state, why });
         }
     }
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_that_nobody_asked_for_is_a_death_and_one_that_was_asked_for_is_none() {
+    fn an_end_without_an_order_is_a_death_and_an_ordered_one_is_none() {
         let supervision = Arc::new(Supervision::default());
         let spawn = |name, role, work: fn(&Pulse)| {
             supervision.spawn(name, role, work).unwrap().join().unwrap();
@@ -190,20 +190,20 @@ mod tests {
         spawn("predict", Role::Passing, |_| {});
         spawn("live left", Role::Dispensable, |_| panic!("index out of bounds"));
         assert!(supervision.death.borrow().is_none(), "the daemon goes on without its picture");
-        spawn("lane left", Role::Essential, |_| {});
-        spawn("look", Role::Essential, |_| panic!("second"));
+        spawn("receive left", Role::Essential, |_| {});
+        spawn("state", Role::Essential, |_| panic!("second"));
         assert_eq!(
             states(&supervision),
             [
                 ("predict".to_owned(), ComponentState::Ended),
                 ("live left".to_owned(), ComponentState::Dead),
-                ("lane left".to_owned(), ComponentState::Dead),
-                ("look".to_owned(), ComponentState::Dead)
+                ("receive left".to_owned(), ComponentState::Dead),
+                ("state".to_owned(), ComponentState::Dead)
             ]
         );
         assert_eq!(
             supervision.death.borrow().as_deref(),
-            Some("lane left: it ended though nobody had told it to"),
+            Some("receive left: it ended without an order"),
             "the first one is the cause"
         );
         assert_eq!(supervision.deaths()[0], "live left: it panicked: index out of bounds");
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_a_thread_that_is_not_watched_is_said_and_of_one_that_receives_is_the_end() {
+    fn a_panic_of_an_unwatched_thread_is_reported_and_of_one_that_receives_is_the_end() {
         let supervision = Supervision::default();
         for _ in 0..1000 {
             supervision.panicked("tokio-rt-worker", "a handler");
@@ -226,14 +226,14 @@ mod tests {
 
     #[test]
     fn a_component_breaks_when_it_is_to() {
-        let supervision = Arc::new(Supervision::new(Some("look".into())));
-        let thread = supervision.spawn("look", Role::Essential, |pulse| {
+        let supervision = Arc::new(Supervision::new(Some("state".into())));
+        let thread = supervision.spawn("state", Role::Essential, |pulse| {
             loop {
                 pulse.beat();
                 std::thread::sleep(Duration::from_millis(5));
             }
         });
         thread.unwrap().join().unwrap();
-        assert_eq!(states(&supervision), [("look".to_owned(), ComponentState::Dead)]);
+        assert_eq!(states(&supervision), [("state".to_owned(), ComponentState::Dead)]);
     }
 }

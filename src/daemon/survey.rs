@@ -12,10 +12,10 @@ pub(super) const RAYS: usize = 2000;
 /// Longer returns are not mapped, m: their rays cross more cells than they tell about.
 const LONGEST_RAY_M: f64 = 80.0;
 /// What the map may take, bytes; then it only stays as it is.
-const MOST_BYTES: usize = 64 << 20;
-/// Poses kept of the way; when there are more, every second one goes.
-const MOST_POSES: usize = 256;
-/// A pose is kept when the platform has moved so far since the last one, m.
+const MAX_BYTES: usize = 64 << 20;
+/// Poses stored of the trajectory; when there are more, every second one goes.
+const MAX_POSES: usize = 256;
+/// A pose is stored when the platform has moved so far since the last one, m.
 const APART_M: f64 = 0.25;
 
 /// What live threads map.
@@ -27,7 +27,7 @@ pub(super) struct Survey {
 #[derive(Debug)]
 struct Inner {
     map: VoxelMap,
-    way: Vec<Pose>,
+    poses: Vec<Pose>,
     apart_m: f64,
     is_full: bool,
     /// Recording goes on: only then is there anything to map.
@@ -38,17 +38,17 @@ impl Survey {
     /// Of cells with this edge, m.
     pub(crate) fn new(voxel_m: f64) -> Result<Self, VoxelMapError> {
         let map = empty(voxel_m)?;
-        let inner = Inner { map, way: Vec::new(), apart_m: APART_M, is_full: false, is_open: false };
+        let inner = Inner { map, poses: Vec::new(), apart_m: APART_M, is_full: false, is_open: false };
         Ok(Self { inner: Mutex::new(inner) })
     }
 
-    /// Recording began: the map begins anew.
+    /// Recording began: the map starts again.
     pub(crate) fn begin(&self) {
         let mut inner = self.lock();
         if let Ok(map) = empty(inner.map.voxel_m()) {
             inner.map = map; // the edge was good before
         }
-        inner.way.clear();
+        inner.poses.clear();
         (inner.apart_m, inner.is_full, inner.is_open) = (APART_M, false, true);
     }
 
@@ -68,30 +68,30 @@ impl Survey {
         if !inner.is_open || rays_m.is_empty() {
             return;
         }
-        let last = inner.way.last();
+        let last = inner.poses.last();
         let is_far = last
             .is_none_or(|last| last.translation_m.distance(world_from_body.translation_m) > inner.apart_m);
         if is_far {
-            inner.way.push(*world_from_body);
-            if inner.way.len() > MOST_POSES {
+            inner.poses.push(*world_from_body);
+            if inner.poses.len() > MAX_POSES {
                 let mut keep = false;
-                inner.way.retain(|_| {
+                inner.poses.retain(|_| {
                     keep = !keep;
                     keep
                 });
                 inner.apart_m *= 2.0;
             }
         }
-        inner.is_full = inner.map.bytes() > MOST_BYTES;
+        inner.is_full = inner.map.bytes() > MAX_BYTES;
         if !inner.is_full {
             rays_m.iter().for_each(|[origin_m, point_m]| inner.map.add_return(*origin_m, *point_m));
         }
     }
 
-    /// The map and the way as they are now, and whether the map is full.
+    /// The map and the poses as they are now, and whether the map is full.
     pub(crate) fn now(&self) -> (VoxelMap, Vec<Pose>, bool) {
         let inner = self.lock();
-        (inner.map.clone(), inner.way.clone(), inner.is_full)
+        (inner.map.clone(), inner.poses.clone(), inner.is_full)
     }
 
     /// Memory of the map, bytes.
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_recording_is_mapped_and_the_way_stays_short() {
+    fn only_a_recording_is_mapped_and_the_poses_stay_few() {
         let survey = Survey::new(0.5).unwrap();
         let ray = [[DVec3::ZERO, DVec3::new(5.0, 0.1, 0.1)]];
         survey.add(&ray, &Pose::IDENTITY);
@@ -122,9 +122,9 @@ mod tests {
         for step in 0..2000 {
             survey.add(&ray, &Pose::from_translation(DVec3::new(f64::from(step) * 0.3, 0.0, 0.0)));
         }
-        let (map, way, is_full) = survey.now();
-        assert!(map.counts()[1] == 1 && !is_full && way.len() <= MOST_POSES && way.len() > MOST_POSES / 3);
-        assert!(way.last().unwrap().translation_m.x > 500.0, "the newest are kept: {}", way.len());
+        let (map, poses, is_full) = survey.now();
+        assert!(map.counts()[1] == 1 && !is_full && poses.len() <= MAX_POSES && poses.len() > MAX_POSES / 3);
+        assert!(poses.last().unwrap().translation_m.x > 500.0, "the newest stay: {}", poses.len());
         survey.end();
         survey.add(&[[DVec3::ZERO, DVec3::Y * 3.0]], &Pose::IDENTITY);
         assert_eq!(survey.now().0.counts(), map.counts(), "what came after the end is left out");
@@ -154,7 +154,7 @@ mod tests {
                 break;
             }
         }
-        assert!(before > MOST_BYTES && before < 2 * MOST_BYTES, "{before}");
+        assert!(before > MAX_BYTES && before < 2 * MAX_BYTES, "{before}");
         survey.add(&[[DVec3::ZERO, DVec3::Z * -50.0]], &Pose::IDENTITY);
         assert_eq!(survey.bytes(), before);
     }

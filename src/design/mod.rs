@@ -6,3 +6,4 @@ pub mod robustness;
 pub mod fidelity;
 pub mod optimize;
 pub mod reconfigure;
+pub(crate) mod scene_search;

@@ -390,7 +390,7 @@ impl Objective {
         self.rig(sensors)
             .clearances(self.least_distance_m)
             .into_iter()
-            .filter(|pair| !pair.is_kept())
+            .filter(|pair| !pair.is_sufficient())
             .collect()
     }
 

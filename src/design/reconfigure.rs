@@ -39,7 +39,7 @@ pub struct Question<'a> {
     /// Least and greatest pitch of each axis, rad.
     pub limits_rad: &'a [[f64; 2]],
     /// Pairs of pitches that the rig refuses, rad.
-    pub is_kept_out: &'a (dyn Fn(&[f64]) -> bool + Sync),
+    pub is_excluded: &'a (dyn Fn(&[f64]) -> bool + Sync),
 }
 
 /// What a set of pitches sees of a map.
@@ -180,7 +180,7 @@ fn violation(question: &Question<'_>, pitches_rad: &[f64]) -> f64 {
     for (sensor, pitch_rad) in rig.sensors.iter_mut().zip(pitches_rad) {
         sensor.mount.pitch_rad = *pitch_rad;
     }
-    rig.housing_shortfall_m() + f64::from(u8::from((question.is_kept_out)(pitches_rad)))
+    rig.housing_shortfall_m() + f64::from(u8::from((question.is_excluded)(pitches_rad)))
 }
 
 /// Rounded, and within limits all the same.
@@ -233,7 +233,7 @@ mod tests {
         let poses = [Pose::IDENTITY];
         let free = |_: &[f64]| false;
         let mut question =
-            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_kept_out: &free };
+            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         let answer = propose(&question, 1, 60).unwrap();
         assert_eq!(answer, propose(&question, 1, 60).unwrap(), "the same again");
         assert_eq!(answer.now, outlook(&question, &[0.6]));
@@ -244,7 +244,7 @@ mod tests {
         assert!(answer.best.score() >= answer.now.score());
 
         let keep_out = |pitches_rad: &[f64]| (pitches_rad[0] - answer.pitches_rad[0]).abs() < 0.1;
-        question.is_kept_out = &keep_out;
+        question.is_excluded = &keep_out;
         let elsewhere = propose(&question, 1, 60).unwrap();
         let at_rest = elsewhere.pitches_rad == [0.6];
         assert!(at_rest || !keep_out(&elsewhere.pitches_rad), "{elsewhere:?}");
@@ -257,7 +257,7 @@ mod tests {
         rig.sensors[1].mount.x_m = 0.4;
         let (free, poses, limits_rad) = (|_: &[f64]| false, [Pose::IDENTITY], [[-0.7, 0.7]; 2]);
         let question =
-            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_kept_out: &free };
+            Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         let answer = propose(&question, 1, 60).unwrap();
         assert!(answer.best.score() as f64 > 1.05 * answer.now.score() as f64, "{answer:?}");
         assert!((answer.pitches_rad[0] - answer.pitches_rad[1]).abs() > 0.02, "{answer:?}");
@@ -270,7 +270,7 @@ mod tests {
         let free = |_: &[f64]| false;
         let (poses, limits_rad) = ([Pose::IDENTITY], [[-0.5, 0.5]]);
         let mut question =
-            Question { map: &empty, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_kept_out: &free };
+            Question { map: &empty, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         assert!(matches!(propose(&question, 1, 5), Err(ReconfigureError::NothingSeen)));
         question.limits_rad = &[];
         assert!(matches!(propose(&question, 1, 5), Err(ReconfigureError::Axes { sensors: 1, limits: 0 })));

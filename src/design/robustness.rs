@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::base::rng::Rng;
-use crate::base::statistics::greatest;
+use crate::base::statistics::index_of_max;
 use crate::design::objective::Objective;
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Simulator};
 
@@ -208,7 +208,7 @@ impl Robustness {
             .collect::<Result<_, ExperimentError>>()?;
         let Some(spreads) = spreads else { return Ok(None) };
         let counts: Vec<f64> = spreads.iter().map(|spread| spread.counts(criterion)).collect();
-        let best = greatest(&counts);
+        let best = index_of_max(&counts);
         let few = self.draws.div_ceil(FEW);
         let experiment = self.objectives[0].simulator().experiment();
         let first_rays: u64 = candidates.iter().map(|sensors| experiment.rays(sensors)).sum();

@@ -43,7 +43,7 @@ impl BusPort {
 
     /// Sends one question.
     pub(crate) fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        let _ = self.port.set_timeout(WRITE_TIMEOUT); // cannot fail: it is kept in memory
+        let _ = self.port.set_timeout(WRITE_TIMEOUT); // cannot fail: it is stored in memory
         self.port.write_all(bytes).map_err(|error| match error.kind() {
             ErrorKind::TimedOut => LinkError::WriteTimeout { path: self.path.clone(), after: WRITE_TIMEOUT },
             _ => self.hung_up(&error.to_string()),
@@ -61,7 +61,7 @@ impl BusPort {
             if left.is_zero() {
                 return Ok(None);
             }
-            let _ = self.port.set_timeout(left); // cannot fail: it is kept in memory
+            let _ = self.port.set_timeout(left); // cannot fail: it is stored in memory
             let mut bytes = [0; 256];
             let count = match self.port.read(&mut bytes) {
                 Ok(0) => return Err(self.hung_up("end of file")),

@@ -22,7 +22,7 @@ pub struct CanLink {
     name: String,
     socket: CanSocket,
     counters: LinkCounters,
-    /// What the CAN controller last said of itself.
+    /// Last error report of the CAN controller.
     trouble: Option<String>,
 }
 

@@ -1,4 +1,4 @@
-//! Sending on a CAN interface whose queue may be full.
+//! Sending on a CAN interface with a queue that may be full.
 //!
 //! SocketCAN says ENOBUFS at once, whatever the socket's time limit is, and no poll tells when there is room again
 //! (`Documentation/networking/can.rst`, "transmit queue"). So a message is offered again until its time is over, and then the

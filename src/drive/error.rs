@@ -13,7 +13,7 @@ pub enum LinkError {
     Open {
         /// The device file.
         path: String,
-        /// What the system said.
+        /// The system's reason.
         reason: String,
     },
     /// Another program has it.
@@ -27,7 +27,7 @@ pub enum LinkError {
     HungUp {
         /// The device file.
         path: String,
-        /// What the system said.
+        /// The system's reason.
         reason: String,
     },
     /// The other end does not read.
@@ -40,7 +40,7 @@ pub enum LinkError {
     },
     /// The interface's queue takes no more.
     #[error(
-        "rig cable: the send queue of {path} stayed full for {after:?} ({offers} offers): nobody on the bus acknowledges \
+        "rig cable: the send queue of {path} stayed full for {after:?} ({offers} offers): no device on the bus acknowledges \
          (check bit rate, cable and termination), or it is overloaded; the message was not sent"
     )]
     QueueFull {
@@ -51,7 +51,7 @@ pub enum LinkError {
         /// How often the message was offered.
         offers: u32,
     },
-    /// A CAN adapter said no.
+    /// A CAN adapter refused a command.
     #[error(
         "rig cable: the CAN adapter {path} refused {command} with BEL, expected a carriage return: {advice}"
     )]
@@ -73,7 +73,7 @@ pub enum LinkError {
         path: String,
         /// The axis.
         axis: usize,
-        /// How far it was told to go so far, degrees.
+        /// Ordered so far, degrees.
         ordered_deg: f64,
         /// What measured it.
         by: &'static str,
@@ -106,14 +106,14 @@ pub enum RigError {
     #[error(transparent)]
     Link(#[from] LinkError),
     /// Nothing sensible comes back.
-    #[error("rig: no answer to {what} within {within:?} ({heard})")]
+    #[error("rig: no answer to {what} within {within:?} ({received})")]
     NoAnswer {
         /// What was asked.
         what: &'static str,
         /// How long.
         within: Duration,
-        /// What was heard meanwhile.
-        heard: String,
+        /// What arrived meanwhile.
+        received: String,
     },
     /// It speaks another version.
     #[error(
@@ -143,7 +143,7 @@ pub enum RigError {
     },
     /// A pitch outside limits known here.
     #[error(
-        "rig: axis {axis}: {target_deg:.3} deg is outside {whose} limits {minimum_deg:.3}..{maximum_deg:.3} deg"
+        "rig: axis {axis}: {target_deg:.3} deg is outside {limits_of} limits {minimum_deg:.3}..{maximum_deg:.3} deg"
     )]
     OutsideLimits {
         /// The axis.
@@ -151,21 +151,21 @@ pub enum RigError {
         /// Where it should have gone, degrees.
         target_deg: f64,
         /// `the configured`, `the firmware's` or `the servo's own`.
-        whose: &'static str,
+        limits_of: &'static str,
         /// Lowest angle, degrees.
         minimum_deg: f64,
         /// Highest angle, degrees.
         maximum_deg: f64,
     },
-    /// The way leads through the configured keep-out region.
-    #[error("rig: the way from {from_deg:?} to {to_deg:?} deg leads through the configured keep-out region")]
+    /// The path leads through the configured keep-out region.
+    #[error("rig: the path from {from_deg:?} to {to_deg:?} deg leads through the configured keep-out region")]
     KeepOut {
         /// Where the pair stands, degrees.
         from_deg: [f64; 2],
         /// Where it should have gone, degrees.
         to_deg: [f64; 2],
     },
-    /// The rig said no.
+    /// The rig refused an order.
     #[error("rig: {what} refused: {}{}", explain(*code), axis_text(*axis))]
     Refused {
         /// What was ordered.
@@ -191,7 +191,7 @@ pub enum RigError {
         /// Its axis, if it has one.
         axis: Option<usize>,
     },
-    /// The rig started anew and forgot where it is.
+    /// The rig restarted and forgot where it is.
     #[error("rig: it restarted ({}): not homed, connect and home again", cause.name())]
     Restarted {
         /// Why it started.
@@ -199,7 +199,7 @@ pub enum RigError {
     },
     /// Another program opened a session with the rig.
     #[error("rig: another program took it over; it is disarmed until one of them is alone")]
-    TakenOver,
+    OtherHost,
     /// Two rigs answer with one node number.
     #[error("rig: two rigs answer as node {node} ({}): give one of them another number", uids.map(|uid| format!("{uid:016x}")).join(" and "))]
     SameNode {
@@ -208,8 +208,8 @@ pub enum RigError {
         /// The rigs' unique numbers.
         uids: [u64; 2],
     },
-    /// The overall time ran out; it was told to hold.
-    #[error("rig: {what} did not end within {within:?}; told it to hold")]
+    /// The overall time ran out; it has the order to hold.
+    #[error("rig: {what} did not end within {within:?}; ordered it to hold")]
     Late {
         /// What it was doing.
         what: &'static str,
@@ -226,10 +226,10 @@ pub enum RigError {
         /// Where it should stand, degrees.
         target_deg: f64,
     },
-    /// The user said stop.
+    /// The user stopped it.
     #[error("rig: interrupted, {action}")]
     Interrupted {
-        /// What the rig was told.
+        /// What the rig does.
         action: &'static str,
     },
     /// The thread that talks to the rig is gone.
@@ -249,7 +249,7 @@ fn explain(code: AckCode) -> &'static str {
         AckCode::Limit => "outside the firmware's limits",
         AckCode::ServoLimit => "outside the servo's own limits",
         AckCode::KeepOut => {
-            "the straight way there leads through the keep-out region of its firmware, in which the pair would touch"
+            "the straight path there leads through the keep-out region of its firmware, in which the pair would touch"
         }
         AckCode::NotHomed => "not homed",
         AckCode::NotArmed => "not armed",

@@ -1,8 +1,8 @@
 //! How well an angle is known: what the encoder resolves, how much its readings scatter while the axis holds, what its own
 //! scale errs, and the play between it and the load.
 
-/// Readings of a hold that are kept.
-const KEPT: usize = 64;
+/// Readings of a hold.
+const MAX_READINGS: usize = 64;
 
 /// Parts of the error of an angle that the rig tells of itself, µrad.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,14 +23,14 @@ pub(super) struct Held {
 }
 
 impl Held {
-    /// Takes a reading; an axis that moves, or has another target, begins anew.
+    /// Takes a reading; an axis that moves, or has another target, starts again.
     pub(crate) fn hear(&mut self, holds: bool, target_urad: i32, position_urad: i32) {
         if !holds || target_urad != self.target_urad {
             self.readings.clear();
         }
         self.target_urad = target_urad;
         if holds {
-            if self.readings.len() == KEPT {
+            if self.readings.len() == MAX_READINGS {
                 self.readings.pop_front();
             }
             self.readings.push_back(position_urad);
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_add_up_and_motion_begins_anew() {
+    fn parts_add_up_and_motion_starts_again() {
         let encoder = Encoder { accuracy_urad: 100, resolution_urad: 383, lost_motion_urad: 2000 };
         let mut held = Held::default();
         assert_eq!((held.mean_urad(), held.uncertainty_urad(encoder, true)), (None, 292));

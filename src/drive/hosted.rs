@@ -217,7 +217,7 @@ struct Worker<A> {
     recovered: Option<u16>,
     /// Motion of each axis that is none: noise and play.
     noise_urad: [i32; 2],
-    /// How far a goal may lie ahead of its shaft. Farther would be a fault soon, and a shaft whose host dies goes no farther.
+    /// How far a goal may lie ahead of its shaft. Farther would be a fault soon, and a shaft goes no farther when its host dies.
     lead_urad: [i32; 2],
     /// Commands that came during the first move.
     waiting: VecDeque<Frame>,
@@ -231,7 +231,7 @@ struct Worker<A> {
 /// Why the conversation ends.
 enum End {
     Link(LinkError),
-    NobodyListens,
+    HostLeft,
 }
 
 impl From<LinkError> for End {
@@ -246,16 +246,16 @@ impl<A: Actuators> Worker<A> {
             let started_us = self.now_us();
             match self.round(round) {
                 Ok(()) => {}
-                Err(End::NobodyListens) => return self.actuators.leave(),
+                Err(End::HostLeft) => return self.actuators.leave(),
                 Err(End::Link(error)) => {
-                    let _ = self.sender.send(Err(error)); // nobody may be left to tell
+                    let _ = self.sender.send(Err(error)); // the host may be gone
                     return;
                 }
             }
             let used = Duration::from_micros(self.now_us() - started_us);
             let [before, stepped] = self.stepped;
             // set points went on by all the time since the step before: a shaft that follows at once is to have a part of it,
-            // or its next reading would be taken for a leap
+            // or its next reading would count as a leap
             let catching_up = stepped.duration_since(before).min(LONGEST_STEP) / 3;
             std::thread::sleep(ROUND.saturating_sub(used).max(catching_up.saturating_sub(stepped.elapsed())));
         }
@@ -264,10 +264,10 @@ impl<A: Actuators> Worker<A> {
     fn round(&mut self, round: u32) -> Result<(), End> {
         self.listen(round)?;
         while let Some(frame) = self.next_command()? {
-            self.obey(&frame)?;
+            self.execute(&frame)?;
         }
         self.step();
-        // what was heard first: telling may take a while
+        // received frames first: sending may take a while
         self.send_reports()?;
         self.set_busy(false);
         Ok(self.tell()?)
@@ -280,7 +280,7 @@ impl<A: Actuators> Worker<A> {
         match self.commands.try_recv() {
             Ok(frame) => Ok(Some(frame)),
             Err(TryRecvError::Empty) => Ok(None),
-            Err(TryRecvError::Disconnected) => Err(End::NobodyListens),
+            Err(TryRecvError::Disconnected) => Err(End::HostLeft),
         }
     }
 
@@ -289,15 +289,15 @@ impl<A: Actuators> Worker<A> {
             self.sequence = self.sequence.wrapping_add(1);
             let received =
                 Received { time_ns: steady_now_ns(), frame: Frame::report(self.sequence, 1, &report) };
-            // a full queue drops: nobody listens, and positions come again
+            // a full queue drops: the host does not read, and positions come again
             if let Err(TrySendError::Disconnected(_)) = self.sender.try_send(Ok(received)) {
-                return Err(End::NobodyListens);
+                return Err(End::HostLeft);
             }
         }
         Ok(())
     }
 
-    fn obey(&mut self, frame: &Frame) -> Result<(), End> {
+    fn execute(&mut self, frame: &Frame) -> Result<(), End> {
         let Ok(command) = Command::decode(frame.id.message, frame.data()) else { return Ok(()) };
         if frame.id.direction != Direction::ToDevice {
             return Ok(());

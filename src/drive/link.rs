@@ -29,7 +29,7 @@ pub trait Link: Send {
     /// What the receiver counted.
     fn counters(&self) -> LinkCounters;
 
-    /// What a device behind this line says of its own errors, in words. Empty for a rig, whose faults say it.
+    /// A device's own errors, in words. Empty for a rig: it reports faults.
     fn device_errors(&self, axis: usize) -> Vec<String>;
 
     /// Whether devices behind this line are being set up, and silence means nothing.

@@ -1,7 +1,7 @@
 //! Links to a servo rig and the host's side of the conversation with it.
 //!
 //! [`Rig`] is what the rest of the program uses: `Rig::connect(path)`, `.home()`, `.arm()`, `.apply(&[pitch_rad])`,
-//! `.reports()`. Its thread keeps the watchdog fed, so the rig holds while the program records. [`RigController`] is the
+//! `.reports()`. Its thread serves the watchdog, so the rig holds while the program records. [`RigController`] is the
 //! same conversation without a thread or a clock: a [`Link`] says what time it is.
 
 mod bus_port;

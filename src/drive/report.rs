@@ -15,7 +15,7 @@ pub struct ServoReport {
     /// from. Absent where nothing measures the angle, and in sessions from before it was recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty_urad: Option<i32>,
-    /// Where the axis is told to be, µrad.
+    /// Setpoint of the axis, µrad.
     pub target_urad: i32,
     /// How the angle is known: `measured`, `commanded`, `stale` or `not_homed`.
     pub source: String,
@@ -39,7 +39,7 @@ pub struct WatchedAxis {
     pub state: String,
     /// The angle, degrees.
     pub position_deg: f64,
-    /// Where it is told to be, degrees.
+    /// Its setpoint, degrees.
     pub target_deg: f64,
     /// How the angle is known: `measured`, `commanded`, `stale` or `not_homed`.
     pub source: String,
@@ -66,7 +66,7 @@ impl From<ServoReport> for WatchedAxis {
 }
 
 impl WatchedAxis {
-    /// An axis of which no reading comes any more: its last one, and what is known beside it.
+    /// An axis of which no reading comes any more: its last one, and what else is known.
     pub(crate) fn last_of(status: &AxisStatus, now_ns: u64) -> Self {
         Self {
             time_ns: now_ns.saturating_sub((status.age_ms * 1e6) as u64),
@@ -90,7 +90,7 @@ pub struct AxisStatus {
     pub state: String,
     /// The angle, degrees.
     pub position_deg: f64,
-    /// Where it is told to be, degrees.
+    /// Its setpoint, degrees.
     pub target_deg: f64,
     /// How the angle is known: `measured`, `commanded`, `stale`, or `not_homed` where the encoder's zero is not known.
     pub source: String,
@@ -131,8 +131,8 @@ pub struct RigStatus {
     pub homing_moves: bool,
     /// Its axes.
     pub axes: Vec<AxisStatus>,
-    /// Whole frames heard.
+    /// Whole frames received.
     pub frames: u32,
-    /// Damaged frames heard.
+    /// Damaged frames received.
     pub damaged: u32,
 }

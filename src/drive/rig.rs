@@ -100,7 +100,7 @@ impl Rig {
         self.axes
     }
 
-    /// Stops what is under way, from any thread.
+    /// Stops the present move, from any thread.
     pub(crate) fn interrupt(&self) -> Interrupt {
         self.interrupt.clone()
     }
@@ -151,7 +151,7 @@ impl Rig {
         self.ask(|reply| Job::EmergencyStop(asked, reply))
     }
 
-    /// Takes latched faults away whose causes are gone.
+    /// Clears latched faults without a cause any more.
     pub(crate) fn clear_faults(&self) -> Result<(), RigError> {
         self.simple(RigController::clear_faults)
     }
@@ -222,7 +222,7 @@ impl Worker {
     fn run(mut self) {
         loop {
             let result = self.controller.idle(TURN);
-            let result = result.and_then(|()| self.controller.obey_interrupt());
+            let result = result.and_then(|()| self.controller.apply_interrupt());
             match result {
                 Ok(()) | Err(RigError::Interrupted { .. } | RigError::Refused { .. }) => {}
                 Err(error) => return self.end(error),

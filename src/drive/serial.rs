@@ -39,7 +39,7 @@ impl SerialLink {
     /// Opens a device file, for this program alone.
     pub fn open(path: &Path) -> Result<Self, LinkError> {
         let mut link = Self::open_framed(path, None)?;
-        link.write(&[0])?; // ends what another program left half said
+        link.write(&[0])?; // ends what another program left half sent
         Ok(link)
     }
 
@@ -58,7 +58,7 @@ impl SerialLink {
         if let Some(rate) = slcan {
             slcan::open_channel(&mut port, &path, rate)?;
         }
-        // what the rig said to nobody is old
+        // what the rig sent before is old
         port.clear(serialport::ClearBuffer::Input).map_err(failed)?;
         let (sender, frames) = sync_channel(WAITING_FRAMES);
         let counters = Arc::new(Mutex::new(LinkCounters::default()));
@@ -177,7 +177,7 @@ impl Reader {
                 Ok(count) => {
                     let time_ns = steady_now_ns();
                     for frame in bytes[..count].iter().filter_map(|byte| self.framing.push(*byte)) {
-                        // a full queue drops: nobody listens, and positions come again
+                        // a full queue drops: the host does not read, and positions come again
                         if let Err(TrySendError::Disconnected(_)) =
                             self.sender.try_send(Ok(Received { time_ns, frame }))
                         {
@@ -188,7 +188,7 @@ impl Reader {
                     if let Framing::Slcan(receiver) = &self.framing
                         && let Err(refused) = receiver.refuse_refusals(&self.path)
                     {
-                        let _ = self.sender.send(Err(refused)); // nobody may be left to tell
+                        let _ = self.sender.send(Err(refused)); // the host may be gone
                         return;
                     }
                     continue;

@@ -23,7 +23,7 @@ const BEL: u8 = 0x07;
 const ANSWER_WITHIN: Duration = Duration::from_millis(200);
 /// No answer still comes after so long a silence: three times the latency of a usual USB serial port.
 const QUIET: Duration = Duration::from_millis(50);
-/// Messages that were refused, and none taken, for this long mean that none will be.
+/// When every message was refused for this long, none will be accepted.
 const REFUSED_FOR: Duration = Duration::from_millis(100);
 
 /// Bit rates of the protocol; their place is the digit of the command `S`.
@@ -83,7 +83,7 @@ pub(super) fn open_channel(port: &mut TTYPort, name: &str, rate: BitRate) -> Res
     Ok(())
 }
 
-/// Reads until nothing came for a while: no late answer is taken for that to the next command.
+/// Reads until nothing came for a while: no late answer is mistaken for that to the next command.
 fn wait_for_quiet(port: &mut TTYPort, name: &str) -> Result<(), LinkError> {
     let end = Instant::now() + ANSWER_WITHIN;
     let mut bytes = [0; 256];
@@ -165,7 +165,7 @@ pub struct SlcanReceiver {
     line: Vec<u8>,
     overlong: bool,
     counters: LinkCounters,
-    /// Messages refused since one was taken: when the first and the last were, and how many.
+    /// Messages refused since one was accepted: when the first and the last were, and how many.
     refused: Option<(Instant, Instant, u32)>,
 }
 
@@ -185,7 +185,7 @@ impl SlcanReceiver {
         Err(LinkError::AdapterRefused {
             path: name.to_owned(),
             command: format!("{count} messages in a row (`t`, `T`: send) within {lasted:.1?}"),
-            advice: "its buffer is full and nobody on the bus acknowledges, or its channel was closed: check the bit rate \
+            advice: "its buffer is full and no device on the bus acknowledges, or its channel was closed: check the bit rate \
                      (PATH@BITRATE), cable and termination"
                 .into(),
         })

@@ -1,4 +1,4 @@
-//! What the host knows about a rig from what it heard.
+//! What the host knows about a rig from its messages.
 
 use std::collections::VecDeque;
 
@@ -13,10 +13,10 @@ use super::{Received, ServoReport};
 const STALE_NS: u64 = 250_000_000;
 /// Clock comparisons that are remembered; the quickest of them counts.
 const CLOCK_SAMPLES: usize = 8;
-/// Questions for the clock whose answers may still come: seconds of them.
+/// Questions for the clock with an answer that may still come: seconds of them.
 const ASKED_CLOCKS: usize = 16;
 
-/// One axis, as last heard.
+/// One axis, as last received.
 #[derive(Clone, Debug, Default)]
 pub(super) struct AxisView {
     /// Angle, how it is known, the earliest moment at which it may have been read.
@@ -36,7 +36,7 @@ pub(super) struct TargetView {
     pub id: u16,
     pub state: State,
     pub homed: bool,
-    pub heard_ns: u64,
+    pub received_ns: u64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -55,7 +55,7 @@ pub(super) struct HeartbeatView {
     pub faults: Faults,
 }
 
-/// Everything heard.
+/// Everything received.
 #[derive(Clone, Debug, Default)]
 pub(super) struct View {
     pub info: Option<InfoView>,
@@ -65,28 +65,28 @@ pub(super) struct View {
     pub firmware: Option<u32>,
     pub heartbeat: Option<HeartbeatView>,
     /// Heartbeats of another session since the last one of ours; a few may be late ones from before.
-    pub strangers: u32,
+    pub other_heartbeats: u32,
     /// The session of the last of them, 0 for none.
-    pub stranger: u32,
-    /// When the rig was last heard.
-    pub heard_ns: u64,
+    pub other_session: u32,
+    /// Time of the rig's last message.
+    pub received_ns: u64,
     pub axes: Vec<AxisView>,
     /// The axes were brought where they stand from below.
     pub from_below: bool,
     pub ack: Option<(u16, u8, AckCode, i32)>,
-    /// Axis of each latched fault, as told.
+    /// Axis of each latched fault, as reported.
     pub fault_axis: [Option<u8>; Fault::ALL.len()],
     asked_clocks: VecDeque<(u16, u64)>,
     /// Round trip, and device minus host at its middle, ns.
     clocks: VecDeque<(u64, i64)>,
     /// Messages that are none of this version's.
     pub not_understood: u32,
-    /// A node that was heard and is not the one that is talked to, and when last.
+    /// Another node that sends, and when it last did.
     pub other_node: Option<(u8, u64)>,
 }
 
 impl View {
-    /// Takes what was heard; a report line when it was a position that is due.
+    /// Reads a message; a report line when it was a position that is due.
     pub(crate) fn hear(
         &mut self,
         received: &Received,
@@ -107,7 +107,7 @@ impl View {
             return None;
         };
         let now_ns = received.time_ns;
-        self.heard_ns = now_ns;
+        self.received_ns = now_ns;
         match report {
             Report::Info { protocol, axes, reset, session, capabilities } => {
                 let homing_moves = capabilities & 2 != 0;
@@ -120,15 +120,15 @@ impl View {
             Report::Build { firmware, .. } => self.firmware = Some(firmware),
             Report::Heartbeat { armed, faults, session: theirs, .. } => {
                 if theirs == session {
-                    self.strangers = 0;
+                    self.other_heartbeats = 0;
                     self.heartbeat = Some(HeartbeatView { armed, faults });
                     for fault in Fault::ALL.into_iter().filter(|fault| !faults.contains(*fault)) {
                         self.fault_axis[usize::from(fault.code())] = None;
                     }
                 } else if self.heartbeat.is_some() {
-                    // before ours came, they are what the rig said to nobody: a line may hold seconds of it
-                    self.strangers += 1;
-                    self.stranger = theirs;
+                    // before ours came, they are old messages: a line may hold seconds of them
+                    self.other_heartbeats += 1;
+                    self.other_session = theirs;
                 }
             }
             Report::TimeSync { sequence, device_us } => self.compare_clocks(sequence, device_us, now_ns),
@@ -146,7 +146,7 @@ impl View {
             }
             Report::Target { axis, state, homed, id, target_urad } => {
                 if let Some(axis) = self.axes.get_mut(usize::from(axis)) {
-                    axis.target = Some(TargetView { target_urad, id, state, homed, heard_ns: now_ns });
+                    axis.target = Some(TargetView { target_urad, id, state, homed, received_ns: now_ns });
                 }
             }
             Report::Position { axis, source, time_ms, position_urad } => {
@@ -166,13 +166,13 @@ impl View {
         now_ns: u64,
         every_ns: u64,
     ) -> Option<ServoReport> {
-        // before the first comparison nobody can say how long it was on its way
+        // before the first comparison its delay is not known
         let (read_ns, earliest_ns) = self.host_times_ns(time_ms, now_ns)?;
         let number = usize::from(axis);
         let source = self.source_of(source, number);
         let view = self.axes.get_mut(number)?;
         if view.position.is_some_and(|(_, _, before_ns)| earliest_ns < before_ns) {
-            return None; // overtaken on the way
+            return None; // overtaken by a later one
         }
         view.position = Some((position_urad, source, earliest_ns));
         let target = view.target?;
@@ -198,12 +198,12 @@ impl View {
     }
 
     /// How an angle is known. A rig with a switch to seek may have firmware that calls what it counts before that measured.
-    fn source_of(&self, told: Source, axis: usize) -> Source {
+    fn source_of(&self, reported: Source, axis: usize) -> Source {
         let target = self.axes.get(axis).and_then(|view| view.target);
         let seeks = self.info.is_some_and(|info| info.homing_moves);
-        match told {
+        match reported {
             Source::Measured if seeks && target.is_none_or(|target| !target.homed) => Source::NotHomed,
-            told => told,
+            reported => reported,
         }
     }
 
@@ -244,14 +244,14 @@ impl View {
         Some((read_ns, read_ns.saturating_sub(round_trip_ns / 2)))
     }
 
-    /// Names of latched faults of an axis; a fault whose axis was not heard belongs to all.
+    /// Names of latched faults of an axis; a fault without a reported axis belongs to all.
     pub(crate) fn faults_of(&self, axis: usize) -> Vec<String> {
         let faults = self.heartbeat.map_or(Faults::default(), |heartbeat| heartbeat.faults);
         faults
             .iter()
             .filter(|fault| match self.fault_axis[usize::from(fault.code())] {
                 None | Some(ALL_AXES) => true,
-                Some(told) => usize::from(told) == axis,
+                Some(reported) => usize::from(reported) == axis,
             })
             .map(|fault| fault.name().to_owned())
             .collect()
@@ -269,11 +269,11 @@ impl View {
     /// Half the width in which the true angle lies around the readings, µrad; none where it is not measured.
     pub(crate) fn uncertainty_urad(&self, axis: usize, source: Source) -> Option<i32> {
         let view = self.axes.get(axis).filter(|_| source == Source::Measured)?;
-        let told = |limit| self.limit(axis, limit).unwrap_or(0);
+        let known = |limit| self.limit(axis, limit).unwrap_or(0);
         let encoder = Encoder {
-            accuracy_urad: told(Limit::Accuracy),
-            resolution_urad: told(Limit::Resolution),
-            lost_motion_urad: told(Limit::LostMotion),
+            accuracy_urad: known(Limit::Accuracy),
+            resolution_urad: known(Limit::Resolution),
+            lost_motion_urad: known(Limit::LostMotion),
         };
         Some(view.held.uncertainty_urad(encoder, self.from_below))
     }

@@ -1,4 +1,4 @@
-//! `rig.toml`: the sensors of a rig, and what the verbs of the command line are told unless flags or environment say
+//! `rig.toml`: the sensors of a rig, and settings of the verbs of the command line, unless flags or environment say
 //! otherwise.
 //!
 //! ```toml
@@ -51,7 +51,7 @@ pub struct SensorConfig {
     /// Where its lidar packets arrive on this host.
     pub listen: Option<SocketAddr>,
     /// Where its IMU (Ouster) or position packets (Velodyne) arrive.
-    pub listen_aside: Option<SocketAddr>,
+    pub listen_auxiliary: Option<SocketAddr>,
     /// The only address its packets may come from.
     pub source: Option<IpAddr>,
     /// Metadata file of an Ouster.
@@ -65,7 +65,7 @@ pub struct SensorConfig {
 pub struct Stream {
     /// Where it is received, and under which name.
     pub listen: Listen,
-    /// Name of the sensor's model, for its lidar packets, where that is said.
+    /// Name of the sensor's model, for its lidar packets, where that is specified.
     pub model: Option<String>,
     /// Metadata file of the sensor, for its lidar packets.
     pub metadata: Option<PathBuf>,
@@ -74,18 +74,18 @@ pub struct Stream {
 }
 
 impl SensorConfig {
-    /// Its lidar packets, and what it sends beside them.
+    /// Its lidar packets, and its auxiliary stream.
     pub(crate) fn streams(&self) -> impl Iterator<Item = Stream> + use<> {
-        let Self { name, model, listen, listen_aside, source, metadata, host } = self.clone();
-        let aside = listen_aside.map(|address| {
-            let listen = Listen { name: crate::live::receive::aside_of(&name), address, source };
+        let Self { name, model, listen, listen_auxiliary, source, metadata, host } = self.clone();
+        let auxiliary = listen_auxiliary.map(|address| {
+            let listen = Listen { name: crate::live::receive::auxiliary_name(&name), address, source };
             Stream { listen, model: None, metadata: None, host: None }
         });
         let lidar = listen.map(|address| {
             let listen = Listen { name, address, source };
             Stream { listen, model: Some(model), metadata, host }
         });
-        lidar.into_iter().chain(aside)
+        lidar.into_iter().chain(auxiliary)
     }
 }
 
@@ -111,7 +111,7 @@ pub struct Setting {
     pub values: Vec<String>,
 }
 
-/// Why a file was not taken.
+/// Why a file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// It cannot be read.
@@ -147,7 +147,7 @@ struct SensorTable {
     host: Option<String>,
 }
 
-/// What `listen` may be; anything, until it is looked at: what is wrong with it is then said.
+/// What `listen` may be; anything at first: what is wrong with it is reported when it is read.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Endpoint {
@@ -230,7 +230,8 @@ impl Reader<'_> {
     }
 
     fn sensor(&self, table: SensorTable) -> Result<SensorConfig, String> {
-        let SensorTable { name, model, listen, listen_aside, source, metadata, host } = table;
+        let SensorTable { name, model, listen, listen_aside: listen_auxiliary, source, metadata, host } =
+            table;
         if name.is_empty() || !name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) {
             return Err(format!(
                 "sensor name {name:?}: expected letters, digits, dots, dashes and underscores"
@@ -240,7 +241,7 @@ impl Reader<'_> {
         let folder = crate::base::files::folder_of(self.path);
         Ok(SensorConfig {
             listen: listen.map(Endpoint::address).transpose().map_err(|why| format!("listen = {why}"))?,
-            listen_aside: listen_aside
+            listen_auxiliary: listen_auxiliary
                 .map(Endpoint::address)
                 .transpose()
                 .map_err(|why| format!("listen_aside = {why}"))?,
@@ -335,7 +336,7 @@ mod tests {
         .unwrap();
         let sensor = &config.sensors[0];
         assert_eq!(sensor.listen.unwrap().to_string(), "0.0.0.0:7502");
-        assert_eq!(sensor.listen_aside.unwrap().to_string(), "[::1]:7503");
+        assert_eq!(sensor.listen_auxiliary.unwrap().to_string(), "[::1]:7503");
         assert_eq!(sensor.metadata.as_deref(), Some(Path::new("rigs/left.json")));
         let section =
             |verb: &str| config.sections.iter().find(|section| section.verb.join(" ") == verb).unwrap();

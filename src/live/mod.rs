@@ -5,3 +5,4 @@ pub mod clocks;
 pub mod watch;
 pub mod setup;
 pub mod config;
+mod stream;

@@ -1,5 +1,5 @@
 //! Servos on a half-duplex bus behind a pty: registers over simulated axes. Answers can be made late, registers set as
-//! another program may have left them, and every goal is kept.
+//! another program may have left them, and every goal is logged.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use super::pty::Pty;
 use super::servo_table::{GoalWrite, MockBus, Table};
 use crate::drive::bus_servos::Register;
 
-/// Whose servos.
+/// Make of the servos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Make {
     /// Dynamixel XM430-W350.
@@ -122,7 +122,7 @@ impl Drop for MockServos {
     }
 }
 
-/// Answers on their way.
+/// Answers still to come.
 struct Outbox {
     lateness: Option<Lateness>,
     asked: u32,

@@ -7,7 +7,7 @@ use crate::drive::bus_servos::{BROADCAST, Register, TURN_COUNTS, counts, instruc
 use crate::drive::dynamixel::packet::{Packet, PacketReceiver, STATUS};
 use crate::drive::dynamixel::table;
 
-/// The first register that may be written with torque on: those before it are kept in EEPROM.
+/// The first register that may be written with torque on: those before it are in EEPROM.
 const FIRST_RAM: u16 = 64;
 /// Temperature at which a servo shuts down, °C.
 const SHUTDOWN_C: i8 = 80;

@@ -1,4 +1,4 @@
-//! Feetech STS servos: a goal switches torque on and is clamped to the limits, and nothing stops a servo whose host is gone.
+//! Feetech STS servos: a goal switches torque on and is clamped to the limits, and nothing stops a servo when its host is gone.
 
 use firmware_protocol::{Reading, Servo, Setpoint};
 

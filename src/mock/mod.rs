@@ -1,6 +1,7 @@
 //! Devices to test against: sensors on loopback with their web servers, a rig behind a pty.
 
 pub mod bus_servos;
+mod device;
 mod dynamixel;
 mod feetech;
 mod pty;
@@ -9,3 +10,5 @@ pub mod sensor;
 mod servo_table;
 pub mod transmit;
 pub mod web;
+
+pub(crate) use device::Device;

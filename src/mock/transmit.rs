@@ -39,7 +39,7 @@ const FASTEST_BYTES_PER_S: f64 = 50e6;
 #[derive(Debug)]
 pub struct Transmitter {
     socket: UdpSocket,
-    /// Others beside it, for packets that are to come from elsewhere.
+    /// Further ones, for packets that are to come from elsewhere.
     others: Vec<UdpSocket>,
     clock: Clock,
 }
@@ -151,7 +151,7 @@ impl Transmitter {
                 Err(error) if error.raw_os_error() == Some(nix::libc::ENOBUFS) => {
                     std::thread::sleep(Duration::from_millis(1));
                 }
-                // nobody listens yet: a sensor does not care
+                // no receiver yet: a sensor does not care
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => return Ok(()),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),

@@ -58,7 +58,7 @@ impl SessionClock {
 
     /// Looks whether the host's clock was set: the event that says so.
     pub(crate) fn look(&mut self) -> Option<Value> {
-        let step = self.line.look((self.read)())?;
+        let step = self.line.sample((self.read)())?;
         Some(serde_json::json!({
             "time_ns": step.between_ns[1], "event": HOST_CLOCK_STEP, "step_ns": step.step_ns,
             "between_ns": step.between_ns, "words": step.words(self.line.begin().unix_ns),

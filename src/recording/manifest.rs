@@ -52,7 +52,10 @@ pub struct Manifest {
 impl Manifest {
     /// Whether an entry is what another one sends beside its lidar packets.
     pub fn is_aside(&self, entry: &SensorEntry) -> bool {
-        crate::live::receive::is_aside(&entry.name, self.sensors.iter().map(|sensor| sensor.name.as_str()))
+        crate::live::receive::is_auxiliary(
+            &entry.name,
+            self.sensors.iter().map(|sensor| sensor.name.as_str()),
+        )
     }
 
     /// Why the session is not whole, where it is not.

@@ -20,7 +20,7 @@
 //! let walk = folder.path().join("walk");
 //! let writer = SessionWriter::create(&walk, &[SensorInfo { name: "left".into(), ..SensorInfo::default() }])?;
 //! let (source, destination) = ("192.168.1.201:2368".parse()?, "192.168.1.1:2368".parse()?);
-//! writer.write_packet(0, &Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload: b"..." })?;
+//! writer.write_packet(0, &Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, link: Default::default(), payload: b"..." })?;
 //! writer.close(None)?;
 //!
 //! let session = Session::open(&walk)?; // every file against its checksum
@@ -40,11 +40,17 @@
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
+pub mod bags;
 mod clock;
 mod disk;
 pub mod export;
 mod manifest;
 mod open;
+pub(crate) mod moment;
+pub(crate) mod packet_reader;
+pub(crate) mod packet_writer;
+mod parts;
+pub(crate) mod playback;
 mod receiving;
 mod session;
 mod shared;
@@ -56,6 +62,7 @@ mod writer;
 pub use clock::{ClockSource, HOST_CLOCK_STEP};
 pub use disk::{FileEntry, LOW_DISK_BYTES, LOW_DISK_SECONDS, free_bytes};
 pub use manifest::{FORMAT, Losses, Manifest, SensorEntry};
+pub(crate) use parts::Parts;
 pub use receiving::Recording;
 pub use session::{Session, SessionPackets};
 pub use whereabouts::Displaced;

@@ -3,9 +3,10 @@
 use glam::DVec3;
 
 use crate::report::chart::{CellMap, number};
+use crate::world::local_origin::LocalOrigin;
 
 /// Most columns along the longer side of a map.
-const MOST_COLUMNS: f64 = 160.0;
+const MAX_COLUMNS: f64 = 160.0;
 /// Scenes higher than this, m, are shown in layers.
 const LAYERED_M: f64 = 1.5;
 /// Shares of the height up to which the lower layers reach.
@@ -20,16 +21,24 @@ pub struct FromAbove {
     size: [usize; 2],
     /// Upper ends of all layers, m.
     tops_m: Vec<f64>,
+    /// Height of the local frame in that of the files, m: heights are told in the latter.
+    base_m: f64,
     classes: usize,
     counts: Vec<u32>,
 }
 
 impl FromAbove {
+    /// The same, of points in the local frame that begins at `origin`.
+    pub(crate) fn around(mut self, origin: LocalOrigin) -> Self {
+        self.base_m = origin.world_m().z;
+        self
+    }
+
     /// Nothing counted yet, for points within these bounds. Columns are at least `column_m` wide.
     pub(crate) fn new(bounds_m: [DVec3; 2], column_m: f64, classes: usize) -> Self {
         let [low_m, high_m] = bounds_m;
         let extent_m = high_m - low_m;
-        let column_m = column_m.max(extent_m.x.max(extent_m.y) / MOST_COLUMNS);
+        let column_m = column_m.max(extent_m.x.max(extent_m.y) / MAX_COLUMNS);
         let size = [extent_m.x, extent_m.y].map(|side_m| (side_m / column_m).ceil().max(1.0) as usize);
         let mut tops_m = Vec::new();
         if extent_m.z > LAYERED_M {
@@ -37,7 +46,7 @@ impl FromAbove {
         }
         tops_m.push(high_m.z);
         let counts = vec![0; tops_m.len() * size[0] * size[1] * classes];
-        Self { low_m, column_m, size, tops_m, classes, counts }
+        Self { low_m, column_m, size, tops_m, base_m: 0.0, classes, counts }
     }
 
     /// Counts a point.
@@ -76,7 +85,11 @@ impl FromAbove {
                 if counts.iter().all(|count| *count == 0) { None } else { cell(counts) }
             };
             CellMap {
-                title: format!("from {} to {} m high", number(bottom_m, 2), number(*top_m, 2)),
+                title: format!(
+                    "from {} to {} m high",
+                    number(self.base_m + bottom_m, 2),
+                    number(self.base_m + *top_m, 2)
+                ),
                 width: ny,
                 cells: (0..nx * ny).map(of_place).collect(),
             }

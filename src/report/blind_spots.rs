@@ -1,10 +1,11 @@
-//! Groups of neighbouring cells that nobody sees.
+//! Groups of neighbouring unseen cells.
 
 use std::collections::BTreeSet;
 
 use glam::DVec3;
 
 use crate::world::coverage::VoxelGrid;
+use crate::world::local_origin::LocalOrigin;
 
 /// Neighbouring cells that could be seen and are not.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -15,6 +16,14 @@ pub struct BlindSpot {
     pub centre_m: [f64; 3],
     /// Extent along the axes, m.
     pub extent_m: [f64; 3],
+}
+
+impl BlindSpot {
+    /// The same group in the frame of the files.
+    pub(crate) fn in_world(mut self, origin: LocalOrigin) -> Self {
+        self.centre_m = origin.world(self.centre_m.into()).to_array();
+        self
+    }
 }
 
 /// The largest groups of cells that share a face, an edge or a corner; at most `most` of them, the largest first.

@@ -8,13 +8,13 @@ use crate::world::coverage::Coverage;
 
 /// Number of classes of [`who_saw`].
 pub const WHO_CLASSES: usize = 5;
-/// The class of what nobody saw, in [`who_saw`].
+/// The class of unseen cells, in [`who_saw`].
 pub const UNSEEN: usize = 4;
-/// Steps of the share that nobody saw.
+/// Steps of the unseen share.
 const UNSEEN_STEPS: usize = 5;
 
-/// Classes by who saw a cell: several, the first sensor alone, the second alone, another alone, nobody.
-pub(crate) fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASSES] {
+/// Classes by who saw a cell: several, the first sensor alone, the second alone, another alone, unseen.
+pub(crate) fn who_classes(names: &[&str], unseen: &str) -> [CellClass; WHO_CLASSES] {
     let only = |sensor: usize| match names {
         [_] => "seen".to_owned(),
         _ => names.get(sensor).map_or("-".into(), |name| format!("{name} only")),
@@ -24,7 +24,7 @@ pub(crate) fn who_classes(names: &[&str], nobody: &str) -> [CellClass; WHO_CLASS
         CellClass::new("c-left", only(0)),
         CellClass::new("c-right", only(1)),
         CellClass::new("c-odd", "another one only"),
-        CellClass::new("c-bad", nobody),
+        CellClass::new("c-bad", unseen),
     ]
 }
 
@@ -43,18 +43,18 @@ pub(crate) fn who_covers(coverage: &Coverage, cell: usize) -> usize {
     who_saw((0..coverage.sensors()).map(|sensor| coverage.contains(sensor, cell)))
 }
 
-/// Who saw what on the walls of a box whose coverage is in the mount frame's axes.
+/// Who saw what on the walls of a box, with coverage in the mount frame's axes.
 pub(crate) fn unfolded(report: &mut Report, coverage: &Coverage, names: &[&str]) {
     report.heading("Who saw what");
     report.maps(
         "Voxels by who saw them",
         &unfold_mount_box(coverage.grid(), &|cell| Some(who_covers(coverage, cell))),
-        &who_classes(names, "can be hit, but nobody saw it"),
+        &who_classes(names, "observable, but unseen"),
         "The box unfolded: floor and ceiling seen from above, the platform's front (+y) up the page; walls from inside.",
     );
 }
 
-/// Who saw what from above, and where how much of it is seen by nobody.
+/// Who saw what from above, and the unseen share of each place.
 pub(crate) fn from_above(report: &mut Report, above: &FromAbove, classes: &[CellClass], what: &str) {
     report.maps(
         &format!("Who saw what, {what} seen from above"),
@@ -71,14 +71,14 @@ pub(crate) fn from_above(report: &mut Report, above: &FromAbove, classes: &[Cell
     const CSS: [&str; UNSEEN_STEPS] = ["c-s0", "c-s1", "c-s2", "c-s3", "c-s4"];
     let shares: Vec<_> = (0..UNSEEN_STEPS).map(|step| CellClass::new(CSS[step], steps(step))).collect();
     report.maps(
-        &format!("Share of the {what} that nobody saw"),
+        &format!("Unseen share of the {what}"),
         &above.share(UNSEEN, UNSEEN_STEPS),
         &shares,
         "Share of the surface in each square that could be seen from the path and is not.",
     );
 }
 
-/// The largest groups of cells that nobody saw.
+/// The largest groups of unseen cells.
 pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m: f64) {
     if spots.is_empty() {
         report.paragraph("Nothing that could be seen is missed.");
@@ -97,7 +97,7 @@ pub(crate) fn blind_spot_table(report: &mut Report, spots: &[BlindSpot], voxel_m
     report.table(&["voxels", "about, m2", "centre x, y, z, m", "extent x, y, z, m"], &rows);
 }
 
-/// The least translation eigenvalue along the way: `[x, eigenvalue]`.
+/// The min translation eigenvalue along the trajectory: `[x, eigenvalue]`.
 pub(crate) fn registration_section(
     report: &mut Report,
     quality: Option<&RegistrationQuality>,
@@ -105,7 +105,7 @@ pub(crate) fn registration_section(
     least: Vec<[f64; 2]>,
 ) {
     let (Some(quality), Some(first), Some(last)) = (quality, least.first(), least.last()) else { return };
-    report.heading("How well scans are tied down");
+    report.heading("Registration strength");
     report.table(
         &["least eigenvalue per hit", "median", "5th percentile"],
         &[
@@ -124,7 +124,7 @@ pub(crate) fn registration_section(
     let degenerate = vec![[first[0], DEGENERATE], [last[0], DEGENERATE]];
     let chart = LineChart {
         title: format!(
-            "Least translation eigenvalue per hit of {} scans along the way: median {:.4}, 5th percentile {:.4}, \
+            "Least translation eigenvalue per hit of {} scans along the trajectory: median {:.4}, 5th percentile {:.4}, \
              degenerate below {DEGENERATE}",
             quality.scans, quality.translation_median, quality.translation_p5
         ),
@@ -150,7 +150,7 @@ pub(crate) fn registration_section(
     );
 }
 
-/// A table of single sensors, and what one sensor reaches at each pitch beside the mounts (`of_mounts`).
+/// A table of single sensors, and what one sensor reaches at each pitch, with the mounts' value (`of_mounts`).
 pub(crate) fn baselines_section<T>(
     report: &mut Report,
     baselines: &Baselines<T>,
@@ -159,7 +159,7 @@ pub(crate) fn baselines_section<T>(
     y_label: &str,
     of_mounts: Option<f64>,
 ) {
-    report.heading("Beside single sensors");
+    report.heading("Baselines: single sensors");
     report.table(header, rows);
     let searched = baselines.pitch_search.clone();
     let (Some(first), Some(last)) = (searched.first().copied(), searched.last().copied()) else { return };

@@ -12,8 +12,12 @@ pub(crate) mod completeness;
 pub(crate) mod figures;
 pub(crate) mod prediction;
 pub(crate) mod score;
+pub(crate) mod scene_search;
 pub(crate) mod search;
+pub(crate) mod seen;
 mod unfold;
+#[cfg(feature = "daemon")]
+pub(crate) mod viewer;
 
 pub use above::FromAbove;
 pub use blind_spots::{BlindSpot, blind_spots};
@@ -75,10 +79,10 @@ impl Report {
         self.close_figure(caption);
     }
 
-    /// Maps beside each other, as many as fit the page, with a legend of the classes and a caption.
+    /// Maps side by side, as many as fit the page, with a legend of the classes and a caption.
     pub(crate) fn maps(&mut self, label: &str, maps: &[CellMap], classes: &[CellClass], caption: &str) {
         self.body.push_str("<figure><div class=\"maps\">");
-        for map in &maps.iter().map(|map| map.coarse(MOST_SQUARES)).collect::<Vec<_>>() {
+        for map in &maps.iter().map(|map| map.coarse(MAX_SQUARES)).collect::<Vec<_>>() {
             let _ = write!(
                 self.body,
                 "<div style=\"max-width:{}px\"><p>{}</p>{}</div>",
@@ -128,8 +132,8 @@ impl Report {
     }
 }
 
-/// Squares along the longer side of a map; more cannot be told apart.
-const MOST_SQUARES: usize = 220;
+/// Squares along the longer side of a map; more cannot be distinguished.
+const MAX_SQUARES: usize = 220;
 
 /// Pixels per cell at most: a map fills at most half a wide page.
 fn cell_px(map: &CellMap) -> usize {

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_cell_left_of_the_way_lies_left_on_the_floor() {
+    fn the_cell_left_of_the_path_lies_left_on_the_floor() {
         let bounds = [DVec3::new(-2.0, -1.0, 0.0), DVec3::new(2.0, 1.0, 1.0)];
         let grid = VoxelGrid::centred_on(bounds, 1.0);
         let marked = grid.index(DVec3::new(2.0, 1.0, 0.0));

@@ -13,7 +13,7 @@ pub(crate) struct Conflicts {
 
 impl Rig {
     pub(crate) fn conflicts(&self) -> Conflicts {
-        let violations = self.clearances(0.0).into_iter().filter(|pair| !pair.is_kept()).collect();
+        let violations = self.clearances(0.0).into_iter().filter(|pair| !pair.is_sufficient()).collect();
         Conflicts { violations, touching: self.touching() }
     }
 }

@@ -16,7 +16,7 @@ pub struct FoundWith {
     pub phase: Phase,
     /// Price of a sensor of each preset.
     pub lambda: Vec<f64>,
-    /// Weight of how well scans are tied down.
+    /// Weight of registration strength.
     pub registration_weight: f64,
     /// Least of that which is allowed.
     pub least_conditioning: f64,

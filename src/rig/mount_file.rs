@@ -16,7 +16,7 @@
 //!
 //! The last four are optional: which experiment the mount was found in (of a rig of several models the experiments of
 //! all, with commas between them), its score there and what else that rests on, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
-//! roll_deg), whose models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by
+//! roll_deg); their models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by
 //! name of a sensor, the file (as seen from the mount file) with the calibration of the unit in its place. Angles stay in degrees here, so
 //! that writing and reading loses nothing.
 
@@ -59,7 +59,7 @@ pub struct MountFile {
     /// Its score there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<f64>,
-    /// What that score rests on beside the experiment.
+    /// What that score rests on besides the experiment.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found_with: Option<Box<FoundWith>>,
 }

@@ -12,7 +12,7 @@ use super::{Mount, MountFile, SensorEntry};
 
 /// Sensor names of the released program, with ours.
 const SENSOR_TYPES: [(&str, &str); 2] = [("Ouster OS1-64", "os1-64"), ("Velodyne VLP-16", "vlp-16")];
-/// Greatest part of a rotation that no mount has, before a file is refused: angles are written to the bit.
+/// Largest part of a rotation that no mount has, before a file is refused: angles are written to the bit.
 const YAW_TOLERANCE: f64 = 1e-6;
 
 /// The content of the published export.

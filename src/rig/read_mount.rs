@@ -20,6 +20,14 @@ impl MountFile {
         Ok(file)
     }
 
+    /// The same with its sensors in the order of a rig's axes.
+    pub(crate) fn read_by_axis(path: &Path, names: &[String]) -> Result<Self, MountFileError> {
+        Self::read(path)?.by_axis(names).map_err(|reason| MountFileError::Wrong {
+            path: path.to_owned(),
+            reason: format!("--sensors {}: {reason}", names.join(",")),
+        })
+    }
+
     pub(super) fn from_json(text: &str) -> Result<Self, String> {
         if published_export::is_published(text) {
             let file = published_export::mount_file(text)?;

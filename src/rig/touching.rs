@@ -1,4 +1,4 @@
-//! Whether housings touch as they are tilted: two upright cylinders whose origins keep the sum of their radii are apart,
+//! Whether housings touch as they are tilted: two upright cylinders are apart when their origins keep the sum of their radii,
 //! tilted or tall ones need not be.
 
 use glam::DVec3;
@@ -10,7 +10,7 @@ const TOUCH_M: f64 = 1e-4;
 /// Alternating projections; their error falls below a tenth of a millimetre long before, unless housings graze.
 const ROUNDS: usize = 400;
 
-/// Two sensors whose housings touch.
+/// Two sensors with housings that touch.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Touching {
     /// One sensor.
@@ -26,7 +26,7 @@ impl std::fmt::Display for Touching {
 }
 
 impl Rig {
-    /// The pairs of sensors whose housings, as round as the models say and tilted with them, touch or lie in each other.
+    /// Pairs of sensors with housings (cylinders of the models' radius, tilted with them) that touch or lie in each other.
     pub(crate) fn touching(&self) -> Vec<Touching> {
         let mut pairs = Vec::new();
         for (index, first) in self.sensors.iter().enumerate() {
@@ -116,8 +116,8 @@ mod tests {
 
     #[test]
     fn upright_housings_are_apart_by_their_radii_and_heights() {
-        let beside = |x_m| sensor("os1-64", Mount { x_m, ..Mount::default() });
-        assert!((housing_gap_m(&beside(0.0), &beside(0.1)) - 0.013).abs() < 1e-6);
+        let at = |x_m| sensor("os1-64", Mount { x_m, ..Mount::default() });
+        assert!((housing_gap_m(&at(0.0), &at(0.1)) - 0.013).abs() < 1e-6);
         let tall = |z_m| sensor("hdl-64e-s3", Mount { z_m, ..Mount::default() });
         // apart by more than both radii, yet each stands in the other
         assert!(housing_gap_m(&tall(0.0), &tall(0.25)) < TOUCH_M);
@@ -135,7 +135,7 @@ mod tests {
         let head_m = model.sensor_from_lidar().translation.z + 0.5 * model.housing_height_m;
         let reach_m = head_m * 25.0_f64.to_radians().sin() + 0.0435 * 25.0_f64.to_radians().cos();
         assert_eq!(pair(reach_m - 0.001).touching().len(), 1);
-        assert!(pair(reach_m - 0.001).clearances(0.0)[0].is_kept(), "the origins are far enough apart");
+        assert!(pair(reach_m - 0.001).clearances(0.0)[0].is_sufficient(), "the origins are far enough apart");
         let shortfall_m = |x_m| pair(x_m).housing_shortfall_m();
         assert!(shortfall_m(reach_m - 0.01) > shortfall_m(reach_m - 0.001));
         assert_eq!(shortfall_m(reach_m + 0.001), 0.0);

@@ -12,10 +12,10 @@ use sensors::{SensorModel, catalogue};
 use super::{MountFile, MountedSensor, Rig};
 use crate::base::files;
 
-/// Beams of two products that differ by less than this are taken for the same, rad (root mean square).
+/// Beams of two products that differ by less than this count as the same, rad (root mean square).
 const SAME_BEAMS_RAD: f64 = 1e-6;
 
-/// A sensor and how it spins where nobody says otherwise.
+/// A sensor and its default rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unit {
     /// Beams, limits and housing.
@@ -26,11 +26,11 @@ pub struct Unit {
     pub rate_hz: f64,
     /// Where its IMU sits, of a calibrated Ouster.
     pub sensor_from_imu: Option<DAffine3>,
-    /// What was concluded and not said, for the user.
+    /// What was concluded and not stated, for the user.
     pub notice: Option<String>,
 }
 
-/// The file with a sensor's calibration, to be kept beside what was measured with it.
+/// The file with a sensor's calibration, to be stored with what was measured with it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationFile {
     /// Name of the sensor.
@@ -97,14 +97,14 @@ impl FileKind {
 
 impl Unit {
     /// The nominal sensor of a catalogue name: Ouster models turn in 1024 columns, others in 1800, 10 times a second.
-    pub(crate) fn nominal(name: &str) -> Result<Self, UnitError> {
+    pub fn nominal(name: &str) -> Result<Self, UnitError> {
         let model = catalogue::nominal(name)?;
         let columns = if Product::from_name(name).is_some() { 1800 } else { 1024 };
         Ok(Self { model, columns, rate_hz: 10.0, sensor_from_imu: None, notice: None })
     }
 
     /// The calibrated unit of a file; its ending says which kind. `stated` is the catalogue name of its model, where
-    /// somebody said it: limits and housing of Ouster metadata without a product line, and the product of a Velodyne.
+    /// it is stated: limits and housing of Ouster metadata without a product line, and the product of a Velodyne.
     ///
     /// # Errors
     /// A file that cannot be read or is malformed, a stated model with other channels, or no model to take limits from.
@@ -166,7 +166,7 @@ impl Unit {
     }
 }
 
-/// The product whose nominal elevations are nearest to those of a calibration, and a notice about the conclusion.
+/// The product with nominal elevations nearest to those of a calibration, and a notice about the conclusion.
 fn nearest(path: &Path, calibration: &Calibration) -> Result<(Product, Option<String>), UnitError> {
     let lasers = calibration.lasers.len();
     let far_rad = |product: Product| {
@@ -187,8 +187,9 @@ fn nearest(path: &Path, calibration: &Calibration) -> Result<(Product, Option<St
     let alike: Vec<_> = alike.map(|(_, product)| product.name()).collect();
     let others = if alike.is_empty() { String::new() } else { format!(" (like {})", alike.join(", ")) };
     let (path, name) = (path.display(), product.name());
-    let notice =
-        format!("{path}: taken for a {name} by its elevations{others}; {name}:{path} states it, or another");
+    let notice = format!(
+        "{path}: identified as a {name} by its elevations{others}; {name}:{path} states it, or another"
+    );
     Ok((product, Some(notice)))
 }
 
@@ -291,7 +292,7 @@ pub enum UnitError {
         source: CalibrationError,
     },
     /// A calibration of a Velodyne for another maker's model.
-    #[error("{}: a Velodyne calibration, but the sensor is said to be a {stated}", path.display())]
+    #[error("{}: a Velodyne calibration, but the sensor is specified as a {stated}", path.display())]
     NotVelodyne {
         /// The file.
         path: PathBuf,
@@ -318,7 +319,7 @@ pub enum UnitError {
         /// Lasers in it.
         lasers: usize,
     },
-    /// A choice for nobody.
+    /// A choice for no sensor.
     #[error("no sensor of the rig is called {name:?}; it has {known}")]
     NoSuchSensor {
         /// As asked for.
@@ -351,7 +352,7 @@ mod tests {
         }
     }
 
-    /// A calibration in the ROS driver's YAML whose beams are those of a nominal model, each a little higher.
+    /// A calibration in the ROS driver's YAML with the beams of a nominal model, each a little higher.
     fn yaml(name: &str, more_rad: f64) -> String {
         let model = catalogue::nominal(name).unwrap();
         let mut text = "distance_resolution: 0.002\nlasers:\n".to_owned();
@@ -412,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn each_sensor_of_a_rig_is_what_was_said_last() {
+    fn the_last_statement_about_a_sensor_counts() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("front.yaml"), yaml("vlp-16", 2e-3)).unwrap();
         let mut file = MountFile::new(vec![entry("left", "os1-64"), entry("front", "vlp-16")]);

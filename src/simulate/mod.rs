@@ -12,6 +12,8 @@ pub mod published;
 pub(crate) mod rounds;
 pub mod scan;
 pub mod sweep;
+pub mod view;
+pub(crate) mod walk;
 
 /// Progress of a long computation, for whoever shows it.
 pub(crate) enum Progress {

@@ -90,7 +90,7 @@ impl Study for Joint {
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
-        let place = Place::new(&task.scene, &task.sensor)?;
+        let place = Site::new(&task.scene, &task.sensor)?;
         let (walk, mount) = (place.walk_variables(), mount_variables());
         let level = LEVEL.to_vec();
         let found = if task.part == "together" {
@@ -228,13 +228,13 @@ fn search(
 }
 
 /// A scene, its grid and the beams that look at it.
-struct Place {
+struct Site {
     scene: Scene,
     grid: VoxelGrid,
     fan: BeamFan,
 }
 
-impl Place {
+impl Site {
     fn new(path: &Path, sensor: &str) -> Result<Self, StudyError> {
         let loaded = load_mesh(path, None, None).map_err(StudyError::of)?;
         let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
@@ -283,10 +283,10 @@ impl Place {
     fn blocked_m(&self, corners_m: &[DVec3]) -> f64 {
         let mut blocked_m = 0.0;
         for pair in corners_m.windows(2) {
-            let way = pair[1] - pair[0];
-            let length_m = way.length();
+            let step = pair[1] - pair[0];
+            let length_m = step.length();
             if length_m > 1e-6
-                && let Some(hit) = self.scene.cast(pair[0], way / length_m)
+                && let Some(hit) = self.scene.cast(pair[0], step / length_m)
             {
                 blocked_m += (length_m + CLEARANCE_M - hit.distance_m).max(0.0);
             }

@@ -43,7 +43,7 @@ impl Study for Methods {
 
     fn about(&self) -> &'static str {
         "Which search method finds the best mounts in so many evaluations, and are its mounts better once sampling noise, \
-         mount errors and spin phase are taken out?"
+         mount errors and spin phase are left out?"
     }
 
     fn tasks(&self, size: &Size) -> Result<Vec<Value>, StudyError> {
@@ -111,7 +111,7 @@ impl Study for Methods {
     }
 }
 
-/// What mounts are judged by beside the objective that was searched.
+/// What mounts are judged by besides the objective that was searched.
 struct Judges {
     tolerance: Robustness,
     built: Robustness,
@@ -190,7 +190,7 @@ fn scores(rows: &[&Row], preset: &str, path: &str) -> Table {
     table
 }
 
-/// The mounts under the converged model and under mount errors, at the greatest budget.
+/// The mounts under the converged model and under mount errors, at the max budget.
 fn truly(rows: &[&Row], preset: &str, path: &str) -> (Table, String) {
     let mut table = Table::new(
         &format!("truth-{preset}-{path}"),
@@ -239,7 +239,7 @@ fn truly(rows: &[&Row], preset: &str, path: &str) -> (Table, String) {
         let alike = if alike.is_empty() {
             "no other's interval reaches it".into()
         } else {
-            format!("not told apart from it: {}", alike.join(", "))
+            format!("not distinguishable from it: {}", alike.join(", "))
         };
         format!(
             "{preset}, path {path}: as built the mounts of {name} score best, {}; {alike}.",

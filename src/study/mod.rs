@@ -1,16 +1,16 @@
-//! Studies: many runs whose rows together answer a question.
+//! Studies: many runs with rows that together answer a question.
 //!
 //! A study is a list of tasks and, for each, a function from the task to plain rows; findings are made from all rows. Tasks
 //! know nothing of each other, so they may run in any order, on any number of machines ([`shard`]): the merged rows are the
-//! same to the byte. Measured times are the exception; fields that hold one begin with `wall_` and are kept apart.
+//! same to the byte. Measured times are the exception; fields that hold one begin with `wall_` and are stored apart.
 
 mod joint;
-mod kept;
 mod methods;
 mod page;
 mod pareto;
 mod published;
 mod rows;
+mod saved_rows;
 mod scenes;
 mod searches;
 mod sensor_count;
@@ -19,6 +19,7 @@ mod speed_accuracy;
 mod spread;
 mod stability;
 pub mod submit;
+mod terminal;
 mod walks;
 
 pub use page::{csv, findings_page};

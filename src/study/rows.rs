@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-/// One row: names to numbers, texts, lists. Names are kept in alphabetical order.
+/// One row: names to numbers, texts, lists. Names are in alphabetical order.
 pub type Row = Map<String, Value>;
 
 /// The field of a row that stands for a task which failed: why.

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::rows::{FAILED, Row, chosen, row_of, text};
 use super::walks::Walk;
 use super::{Claim, Figure, Findings, Size, Study, StudyError, Table, Verdict};
-use crate::base::statistics::greatest;
+use crate::base::statistics::index_of_max;
 use crate::report::chart::{self, LineChart, Series};
 use crate::rig::Mount;
 use crate::simulate::fan::BeamFan;
@@ -22,7 +22,7 @@ const VOXEL_M: f64 = 0.2;
 const COLUMNS: usize = 180;
 const SCANS_PER_S: f64 = 2.5;
 /// Half the distance between the two sensors of a pair, m.
-const ASIDE_M: f64 = 0.1;
+const HALF_DISTANCE_M: f64 = 0.1;
 /// Pitches that see less than the best by this share are as good: what a rig built to 1 degree differs by.
 const ALIKE: f64 = 0.005;
 
@@ -64,7 +64,7 @@ impl Study for Scenes {
 
     fn run(&self, task: &Value) -> Result<Vec<Row>, StudyError> {
         let task: Task = serde_json::from_value(task.clone()).map_err(StudyError::of)?;
-        let (scene, way) = match walked(&task) {
+        let (scene, trajectory) = match walked(&task) {
             Ok(walked) => walked,
             // one bad file of a folder does not keep the others from being studied
             Err(StudyError(reason)) => {
@@ -77,17 +77,19 @@ impl Study for Scenes {
         let (columns, rate_hz) = if task.quick { (60, 1.0) } else { (COLUMNS, SCANS_PER_S) };
         let fan = BeamFan::nominal(&model, columns, rate_hz);
         let grid = VoxelGrid::centred_on(scene.bounds_m(), VOXEL_M);
-        let voxels = |mounts: &[Mount]| fan.coverage(&scene, &way, mounts, &grid).0.union_count();
+        let voxels = |mounts: &[Mount]| fan.coverage(&scene, &trajectory, mounts, &grid).0.union_count();
         let at =
             |x_m: f64, pitch_deg: f64| Mount { x_m, pitch_rad: pitch_deg.to_radians(), ..Mount::default() };
         let pitches: Vec<f64> = (0..=75).step_by(if task.quick { 15 } else { 3 }).map(f64::from).collect();
-        let pairs: Vec<u64> =
-            pitches.iter().map(|pitch| voxels(&[at(-ASIDE_M, -pitch), at(ASIDE_M, *pitch)])).collect();
+        let pairs: Vec<u64> = pitches
+            .iter()
+            .map(|pitch| voxels(&[at(-HALF_DISTANCE_M, -pitch), at(HALF_DISTANCE_M, *pitch)]))
+            .collect();
         let single: Vec<u64> = pitches.iter().map(|pitch| voxels(&[at(0.0, *pitch)])).collect();
         let mut row = row_of(&task);
         let name = task.scene.file_stem().map(|name| name.to_string_lossy().into_owned());
         row.insert("scene".into(), json!(name));
-        row.insert("length_m".into(), json!((way.length_m() * 10.0).round() / 10.0));
+        row.insert("length_m".into(), json!((trajectory.length_m() * 10.0).round() / 10.0));
         row.insert("pitches_deg".into(), json!(pitches));
         row.insert("pair_voxels".into(), json!(pairs));
         row.insert("single_voxels".into(), json!(single));
@@ -120,7 +122,7 @@ impl Study for Scenes {
         }
         for row in rows.iter().filter(|row| row.contains_key(FAILED)) {
             let reason = text(row, FAILED);
-            if !findings.failed.iter().any(|told| told == reason) {
+            if !findings.failed.iter().any(|reported| reported == reason) {
                 findings.failed.push(reason.to_owned());
             }
         }
@@ -140,9 +142,9 @@ impl Study for Scenes {
 fn walked(task: &Task) -> Result<(Scene, Trajectory), StudyError> {
     let mesh = load_mesh(&task.scene, None, None).map_err(StudyError::of)?.mesh;
     let scene = Scene::Mesh(Arc::new(mesh));
-    let way = task.walk.through(&scene);
-    let way = way.map_err(|error| StudyError(format!("{}: {error}", task.scene.display())))?;
-    Ok((scene, way))
+    let trajectory = task.walk.through(&scene);
+    let trajectory = trajectory.map_err(|error| StudyError(format!("{}: {error}", task.scene.display())))?;
+    Ok((scene, trajectory))
 }
 
 /// The meshes of a folder, or the one that is named.
@@ -188,7 +190,7 @@ impl Place {
     }
 
     fn best(&self) -> usize {
-        greatest(&self.pair)
+        index_of_max(&self.pair)
     }
 
     /// Share of this place's best that a pitch sees.
@@ -229,7 +231,7 @@ fn best_table(sensor: &str, places: &[Place]) -> Table {
         ],
     );
     for place in places {
-        let (best, alone) = (place.best(), greatest(&place.single));
+        let (best, alone) = (place.best(), index_of_max(&place.single));
         let [low, high] = place.alike_deg();
         table.rows.push(vec![
             place.name.clone(),
@@ -245,13 +247,13 @@ fn best_table(sensor: &str, places: &[Place]) -> Table {
     table
 }
 
-/// What the pair of one scene sees in another, as a share of that one's best; a scene's walks are taken together.
+/// What the pair of one scene sees in another, as a share of that one's best; a scene's walks count together.
 fn served_table(sensor: &str, places: &[Place]) -> Table {
     let scenes = scenes(places);
     let mut table = Table::new(
         &format!("served-{sensor}"),
         &format!("One scene's pair of {sensor} in another"),
-        "Row: whose pair. Column: where it is used; share of what that scene's own best pairs see, the mean over its walks.",
+        "Row: the pair's own scene. Column: where it is used; share of what that scene's own best pairs see, the mean over its walks.",
         &["pair of", "pitch"],
     );
     table.columns.extend(scenes.iter().map(|(name, _)| name.clone()));
@@ -281,14 +283,14 @@ fn mean_share(places: &[&Place], pitch: usize) -> f64 {
     places.iter().map(|place| place.share(pitch)).sum::<f64>() / places.len() as f64
 }
 
-fn least_share(places: &[&Place], pitch: usize) -> f64 {
+fn min_share(places: &[&Place], pitch: usize) -> f64 {
     places.iter().map(|place| place.share(pitch)).fold(f64::INFINITY, f64::min)
 }
 
-/// The pitch at which a figure over places is greatest.
+/// The pitch at which a figure over places is at its max.
 fn fairest(places: &[&Place], figure: fn(&[&Place], usize) -> f64) -> usize {
     let count = places.first().map_or(0, |place| place.pair.len());
-    greatest(&(0..count).map(|pitch| figure(places, pitch)).collect::<Vec<_>>())
+    index_of_max(&(0..count).map(|pitch| figure(places, pitch)).collect::<Vec<_>>())
 }
 
 fn shares_figure(sensor: &str, places: &[Place]) -> Figure {
@@ -317,19 +319,19 @@ fn shares_figure(sensor: &str, places: &[Place]) -> Figure {
     }
 }
 
-/// The pitch whose worst place is best, with those that are as good.
+/// The pitch with the best worst place, with those that are as good.
 fn recommend(sensor: &str, places: &[Place]) -> (String, Claim) {
     let all: Vec<&Place> = places.iter().collect();
-    let pitch = fairest(&all, least_share);
-    let least = least_share(&all, pitch);
+    let pitch = fairest(&all, min_share);
+    let least = min_share(&all, pitch);
     let alike: Vec<f64> = (0..all[0].pair.len())
-        .filter(|other| least_share(&all, *other) >= least - ALIKE)
+        .filter(|other| min_share(&all, *other) >= least - ALIKE)
         .map(|other| all[0].pitches_deg[other])
         .collect();
     let (low, high) = (alike.first().copied().unwrap_or(0.0), alike.last().copied().unwrap_or(0.0));
     let gains: Vec<f64> =
-        all.iter().map(|place| place.pair[pitch] / place.single[greatest(&place.single)] - 1.0).collect();
-    let [least_gain, most_gain] = [
+        all.iter().map(|place| place.pair[pitch] / place.single[index_of_max(&place.single)] - 1.0).collect();
+    let [min_gain, max_gain] = [
         gains.iter().copied().fold(f64::INFINITY, f64::min),
         gains.iter().copied().fold(f64::NEG_INFINITY, f64::max),
     ];
@@ -338,8 +340,8 @@ fn recommend(sensor: &str, places: &[Place]) -> (String, Claim) {
          {} to {} more than the best single sensor.",
         all[0].pitches_deg[pitch],
         100.0 * least,
-        percent(least_gain),
-        percent(most_gain)
+        percent(min_gain),
+        percent(max_gain)
     );
     let everywhere = least >= 0.95;
     let claim = Claim {

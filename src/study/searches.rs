@@ -29,7 +29,7 @@ pub struct SearchTask {
     pub roll_deg: Option<f64>,
     /// Price of a sensor.
     pub lambda: f64,
-    /// Least and greatest number of masters.
+    /// Min and max number of masters.
     pub masters: [u32; 2],
     /// Whether each has a mirror image.
     pub mirror: bool,
@@ -92,7 +92,7 @@ impl SearchTask {
     pub(crate) fn objective(&self, experiment: &Experiment) -> Result<Objective, StudyError> {
         let mut weights = Weights { sensor_cost: self.lambda, ..Weights::default() };
         if let Some(angle_deg) = self.least_angle_deg {
-            // an angle of nothing is always kept
+            // an angle of nothing always stays
             (weights.angle_min_deg, weights.angle_penalty) = (angle_deg, DEAR);
         }
         let simulator = Simulator::new(experiment).map_err(StudyError::of)?;

@@ -63,7 +63,7 @@ impl Study for SensorCount {
         let mut table = Table::new(
             "sensor-count",
             "Best J known by number of sensors, and the prices at which each number wins",
-            "J at lambda 2000, best over the seeds. What was found with roll 0 counts among the mounts whose roll is free. A \
+            "J at lambda 2000, best over the seeds. What was found with roll 0 counts among the mounts with free roll. A \
              number wins at the lambdas of its column; where it has none, it never does.",
             &[
                 "sensor",
@@ -151,8 +151,8 @@ fn winner(worths: [f64; 3], lambda: f64) -> usize {
 
 fn row_of(preset: &str, path: &str, roll: &str, worths: [f64; 3], at_2000: usize) -> Vec<String> {
     // at this price two numbers of sensors are worth the same
-    let tie = |few: usize, many: usize| (worths[many] - worths[few]) / (COUNTS[many] - COUNTS[few]);
-    let (one_two, two_four, one_four) = (tie(0, 1), tie(1, 2), tie(0, 2));
+    let equal_price = |few: usize, many: usize| (worths[many] - worths[few]) / (COUNTS[many] - COUNTS[few]);
+    let (one_two, two_four, one_four) = (equal_price(0, 1), equal_price(1, 2), equal_price(0, 2));
     let n = |value: f64| chart::number(value, 0);
     let from = |value: f64| n(value.max(0.0)); // no price is below nothing
     let below = |value: f64| if value > 0.0 { n(value) } else { "never".into() };
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn prices_at_which_numbers_tie() {
+    fn prices_at_which_numbers_are_equal() {
         let row = row_of("p", "lateral", "0", [30_000.0, 34_000.0, 35_000.0], 2);
         assert_eq!(row[6..9], ["4,000", "500 and 4,000", "500"]);
         let row = row_of("p", "lateral", "0", [30_000.0, 31_000.0, 36_000.0], 4);

@@ -7,9 +7,9 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::kept::{Kept, sha256_of};
 use super::page::line;
 use super::rows::FAILED;
+use super::saved_rows::{SavedRows, sha256_of};
 use super::{Findings, Row, Size, Study, StudyError, csv, findings_page, named};
 use crate::base::files;
 use crate::base::questions::first_difference;
@@ -89,18 +89,18 @@ impl ShardFile {
 pub enum Ran {
     /// It was run, or lay there whole.
     Whole,
-    /// A damaged file lay there, or one of tasks that failed; this is said of it, and it was run again.
+    /// A damaged file lay there, or one of tasks that failed; this is its fault, and it was run again.
     Again(String),
     /// Stopped before the end: nothing was written.
     Stopped,
 }
 
-/// A shard, or what is said of a damaged one.
+/// A shard, or the fault of a damaged one.
 type ReadShard = Result<ShardFile, String>;
 
 /// Why the file of a shard cannot be used.
 enum Unusable {
-    /// Nobody's work is lost when it is done again.
+    /// No work is lost when it is done again.
     Damaged(String),
     /// Somebody else's, or not to be read at all.
     Foreign(StudyError),
@@ -119,7 +119,7 @@ impl Plan {
     }
 
     /// Writes `plan.json` into a folder, which is made. A plan that lies there already must be of the same study and size;
-    /// where only tasks came or went, what was done of the others is kept, and how many these are is told.
+    /// where only tasks came or went, the results of the others stay; returns how many these are.
     pub(crate) fn write(&self, folder: &Path) -> Result<Option<usize>, StudyError> {
         std::fs::create_dir_all(folder).map_err(|error| StudyError::at(folder, error))?;
         let path = folder.join("plan.json");
@@ -134,10 +134,10 @@ impl Plan {
                     format!("{} holds another plan, {difference}: give another folder", path.display());
                 return Err(StudyError(words));
             }
-            let kept = there.keep(folder)?;
-            done = Some(self.tasks.iter().filter(|task| kept.of(task).is_some()).count());
-            kept.write(folder)?;
-            // only now, and before the plan: whatever ends this in between, the next call finds what is kept
+            let saved = there.keep(folder)?;
+            done = Some(self.tasks.iter().filter(|task| saved.of(task).is_some()).count());
+            saved.write(folder)?;
+            // only now, and before the plan: whatever ends this in between, the next call finds the saved rows
             for (path, _) in there.shards(folder)? {
                 std::fs::remove_file(&path).map_err(|error| StudyError::at(&path, error))?;
             }
@@ -155,17 +155,17 @@ impl Plan {
     }
 
     /// Everything that was done of this plan and did not fail.
-    fn keep(&self, folder: &Path) -> Result<Kept, StudyError> {
-        let mut kept = Kept::read(folder)?;
+    fn keep(&self, folder: &Path) -> Result<SavedRows, StudyError> {
+        let mut saved = SavedRows::read(folder)?;
         for (_, shard) in self.shards(folder)? {
             // a damaged one is done again
             for (task, rows) in shard.map_or(Vec::new(), |file| file.done) {
                 if !rows.iter().any(|row| row.contains_key(FAILED)) {
-                    kept.keep(&self.tasks[task], rows);
+                    saved.keep(&self.tasks[task], rows);
                 }
             }
         }
-        Ok(kept)
+        Ok(saved)
     }
 
     /// Reads `plan.json`.
@@ -190,7 +190,7 @@ impl Plan {
     }
 
     /// Runs one shard's tasks and writes its file; one that lies there whole is left as it is, a damaged one is replaced.
-    /// `progress` is told how many tasks are done.
+    /// `progress` gets the number of finished tasks.
     pub(crate) fn run_shard(
         &self,
         folder: &Path,
@@ -211,10 +211,10 @@ impl Plan {
             }
         }
         let study = named(&self.study)?;
-        let kept = Kept::read(folder)?;
+        let saved = SavedRows::read(folder)?;
         let mine: Vec<usize> = shard.tasks(self.tasks.len()).collect();
         let done = on_all_cores(&mine, progress, stop, |task| {
-            let rows = kept
+            let rows = saved
                 .of(&self.tasks[task])
                 .map_or_else(|| study.run(&self.tasks[task]), |rows| Ok(rows.clone()));
             rows.map_err(|error| StudyError(format!("task {task} ({}): {error}", self.tasks[task])))
@@ -250,7 +250,7 @@ impl Plan {
         Ok(file)
     }
 
-    /// The shards that lie in a folder; in place of a damaged one what is said of it.
+    /// The shards that lie in a folder; in place of a damaged one its fault.
     fn shards(&self, folder: &Path) -> Result<Vec<(PathBuf, ReadShard)>, StudyError> {
         let entries = std::fs::read_dir(folder).map_err(|error| StudyError::at(folder, error))?;
         let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();

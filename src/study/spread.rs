@@ -12,15 +12,15 @@ pub struct Spread {
     /// How many values.
     pub count: usize,
     /// Least.
-    pub least: f64,
+    pub min: f64,
     /// First quartile.
     pub low: f64,
     /// Median.
     pub median: f64,
     /// Third quartile.
     pub high: f64,
-    /// Greatest.
-    pub greatest: f64,
+    /// Max.
+    pub max: f64,
     /// 95 % of the medians of resampled values lie in here (Efron 1979, doi:10.1214/aos/1176344552).
     pub interval: [f64; 2],
 }
@@ -29,7 +29,7 @@ impl Spread {
     /// Of these values; none without any.
     pub(crate) fn of(values: &[f64]) -> Option<Self> {
         let sorted = sorted(values.iter().copied());
-        let (&least, &greatest) = (sorted.first()?, sorted.last()?);
+        let (&min, &max) = (sorted.first()?, sorted.last()?);
         let mut rng = Rng::new(sorted.len() as u64, 0);
         let mut medians: Vec<f64> = (0..RESAMPLES)
             .map(|_| {
@@ -42,20 +42,20 @@ impl Spread {
         medians.sort_by(f64::total_cmp);
         Some(Self {
             count: sorted.len(),
-            least,
+            min,
             low: at(&sorted, 0.25),
             median: at(&sorted, 0.5),
             high: at(&sorted, 0.75),
-            greatest,
+            max,
             interval: [at(&medians, 0.025), at(&medians, 0.975)],
         })
     }
 
-    /// Median, then the range from least to greatest.
+    /// Median, then the range from min to max.
     pub(crate) fn words(&self, decimals: usize) -> String {
-        let [least, median, greatest] =
-            [self.least, self.median, self.greatest].map(|value| chart::number(value, decimals));
-        if self.count == 1 { median } else { format!("{median} ({least} to {greatest})") }
+        let [min, median, max] =
+            [self.min, self.median, self.max].map(|value| chart::number(value, decimals));
+        if self.count == 1 { median } else { format!("{median} ({min} to {max})") }
     }
 }
 
@@ -68,7 +68,7 @@ mod tests {
         let values: Vec<f64> = (0..=20).rev().map(f64::from).collect();
         let spread = Spread::of(&values).unwrap();
         assert_eq!(
-            [spread.least, spread.low, spread.median, spread.high, spread.greatest],
+            [spread.min, spread.low, spread.median, spread.high, spread.max],
             [0.0, 5.0, 10.0, 15.0, 20.0]
         );
         assert!(spread.interval[0] < 10.0 && spread.interval[1] > 10.0, "{spread:?}");

@@ -5,7 +5,9 @@
 
 use std::path::Path;
 
+use super::StudyError;
 use super::shard::Plan;
+use crate::base::files;
 
 /// What runs the shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -23,6 +25,19 @@ pub struct Script {
     pub name: &'static str,
     /// Content.
     pub text: String,
+}
+
+/// Writes the scripts of a planned study into its folder; returns the command that starts them.
+pub(crate) fn write(plan: &Plan, engine: Engine, shards: usize, folder: &Path) -> Result<String, StudyError> {
+    let program =
+        std::env::current_exe().map_err(|error| StudyError(format!("this program's own path: {error}")))?;
+    let folder = folder.canonicalize().map_err(|error| StudyError::at(folder, error))?;
+    let scripts = scripts(plan, engine, shards, &program, &folder);
+    for script in &scripts {
+        let path = folder.join(script.name);
+        files::write_whole(&path, script.text.as_bytes()).map_err(|error| StudyError::at(&path, error))?;
+    }
+    Ok(format!("sh {}", folder.join(scripts[0].name).display()))
 }
 
 /// The scripts of a planned study; the first one starts the others. `program` and `folder` are absolute.

@@ -15,12 +15,12 @@ const TURN_RAD_S: f64 = 1.5;
 const CLEARANCE_M: f64 = 0.5;
 /// And is at most so long.
 const LONGEST_M: f64 = 12.0;
-/// Nobody walks less than this.
+/// Shortest walk.
 const SHORTEST_M: f64 = 2.0;
 /// Places along each side of the scene at which a walk is looked for, besides its middle.
 const PLACES: u32 = 9;
 const DIRECTIONS: u32 = 24;
-/// A pause of a walk that stops, and the way between two, m.
+/// A pause of a walk that stops, and the distance between two, m.
 const PAUSE_NS: u64 = 2_000_000_000;
 const PAUSE_EVERY_M: f64 = 2.0;
 /// Steps of stairs, m.
@@ -49,7 +49,7 @@ impl Walk {
     /// The walk through a scene, along the longest free line that is found or around its middle.
     pub(crate) fn through(self, scene: &Scene) -> Result<Trajectory, StudyError> {
         let [from_m, to_m] = longest_line(scene).ok_or_else(|| {
-            StudyError(format!("no place to stand with {SHORTEST_M} m of free way was found in it"))
+            StudyError(format!("no place to stand with {SHORTEST_M} m of free floor was found in it"))
         })?;
         let line = |corners_m: &[DVec3]| {
             Trajectory::polyline(corners_m, SPEED_M_S, TURN_RAD_S, 0).map_err(StudyError::of)
@@ -83,10 +83,10 @@ pub(super) fn longest_line(scene: &Scene) -> Option<[DVec3; 2]> {
     let lines = stands.flat_map(|stand_m| {
         (0..DIRECTIONS).map(move |step| {
             let (sin, cos) = (std::f64::consts::PI * f64::from(step) / f64::from(DIRECTIONS)).sin_cos();
-            let way = DVec3::new(cos, sin, 0.0);
-            let ahead_m = free_m(scene, stand_m, way);
-            let back_m = free_m(scene, stand_m, -way);
-            [stand_m - back_m * way, stand_m + ahead_m * way]
+            let direction = DVec3::new(cos, sin, 0.0);
+            let ahead_m = free_m(scene, stand_m, direction);
+            let back_m = free_m(scene, stand_m, -direction);
+            [stand_m - back_m * direction, stand_m + ahead_m * direction]
         })
     });
     // the first of equals: the middle before all others
@@ -114,42 +114,42 @@ fn ground_m(scene: &Scene, at: DVec3) -> Option<f64> {
     None
 }
 
-/// How far a person can go, m: what stands in the way at the height of the rig, of the hips or of the knees ends it.
-fn free_m(scene: &Scene, from_m: DVec3, way: DVec3) -> f64 {
+/// How far a person can go, m: what stands at the height of the rig, of the hips or of the knees ends it.
+fn free_m(scene: &Scene, from_m: DVec3, direction: DVec3) -> f64 {
     let at = |height_m: f64| {
         let from_m = DVec3 { z: from_m.z - HEIGHT_M + height_m, ..from_m };
-        scene.cast(from_m, way).map_or(LONGEST_M, |hit| hit.distance_m)
+        scene.cast(from_m, direction).map_or(LONGEST_M, |hit| hit.distance_m)
     };
     let nearest_m = [HEIGHT_M, 1.0, 0.5].into_iter().map(at).fold(LONGEST_M, f64::min);
     (nearest_m - CLEARANCE_M).clamp(0.0, LONGEST_M / 2.0)
 }
 
-/// The same way with a pause every two metres.
-fn with_pauses(way: &Trajectory) -> Result<Trajectory, StudyError> {
-    let [start_ns, end_ns] = way.time_span_ns();
+/// The same trajectory with a pause every two metres.
+fn with_pauses(trajectory: &Trajectory) -> Result<Trajectory, StudyError> {
+    let [start_ns, end_ns] = trajectory.time_span_ns();
     let step_ns = (PAUSE_EVERY_M / SPEED_M_S * 1e9) as u64;
     let mut stamped: Vec<(u64, Pose)> = Vec::new();
     let (mut late_ns, mut at_ns) = (0, start_ns);
     while at_ns < end_ns {
-        let Some(pose) = way.at(at_ns) else { break };
+        let Some(pose) = trajectory.at(at_ns) else { break };
         stamped.push((at_ns + late_ns, pose));
         late_ns += PAUSE_NS;
         stamped.push((at_ns + late_ns, pose));
         at_ns += step_ns;
     }
-    stamped.extend(way.at(end_ns).map(|pose| (end_ns + late_ns, pose)));
+    stamped.extend(trajectory.at(end_ns).map(|pose| (end_ns + late_ns, pose)));
     Trajectory::new(stamped).map_err(StudyError::of)
 }
 
-/// Corners of a way up a flight of steps at its middle and down again.
+/// Corners of a path up a flight of steps at its middle and down again.
 fn steps(from_m: DVec3, to_m: DVec3) -> Vec<DVec3> {
     let length_m = from_m.distance(to_m);
-    let way = (to_m - from_m) / length_m;
+    let direction = (to_m - from_m) / length_m;
     let most = ((length_m / 2.0 - 0.5) / STEP_ON_M).floor().max(1.0);
     let count = (FLIGHT_M / STEP_UP_M).floor().min(most) as u32;
     let flight_m = f64::from(count) * STEP_ON_M;
     let middle_m = length_m / 2.0;
-    let at = |along_m: f64, up_m: f64| from_m + along_m * way + up_m * DVec3::Z;
+    let at = |along_m: f64, up_m: f64| from_m + along_m * direction + up_m * DVec3::Z;
     let mut corners_m = vec![from_m];
     for n in 0..=count {
         corners_m.push(at(middle_m - flight_m + f64::from(n) * STEP_ON_M, f64::from(n) * STEP_UP_M));
@@ -186,11 +186,11 @@ mod tests {
     #[test]
     fn every_walk_stays_in_the_room_at_the_height_of_its_rig() {
         for walk in Walk::ALL {
-            let way = walk.through(&room()).unwrap();
-            let stations = way.stations_m(0.25);
+            let trajectory = walk.through(&room()).unwrap();
+            let stations = trajectory.stations_m(0.25);
             assert!(stations.len() > 10, "{walk:?}");
             for at in &stations {
-                // half a metre along the way is less across
+                // half a metre along the path is less across
                 assert!(at.x.abs() < 3.95 && at.y.abs() < 2.95, "{walk:?}: {at}");
                 assert!((HEIGHT_M - 1e-6..HEIGHT_M + FLIGHT_M + 1e-6).contains(&at.z), "{walk:?}: {at}");
             }
@@ -207,10 +207,10 @@ mod tests {
     #[test]
     fn the_ground_is_the_lowest_floor_with_room_for_a_head() {
         assert!((ground_m(&room(), DVec3::new(0.5, 0.5, 0.0)).unwrap()).abs() < 1e-2);
-        // nobody stands in a crawl space, but on its roof
+        // a person stands not in a crawl space, but on its roof
         let low = room_of(4.0, 3.0, 1.5);
         assert!((ground_m(&low, DVec3::new(0.5, 0.5, 0.0)).unwrap() - 1.5).abs() < 1e-2);
         let closet = room_of(0.5, 0.5, 2.5);
-        assert!(Walk::Straight.through(&closet).unwrap_err().to_string().contains("free way"));
+        assert!(Walk::Straight.through(&closet).unwrap_err().to_string().contains("free floor"));
     }
 }

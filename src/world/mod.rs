@@ -4,3 +4,5 @@ pub mod scene;
 pub mod trajectory;
 pub mod coverage;
 pub mod surface;
+pub mod local_origin;
+pub(crate) mod placement;

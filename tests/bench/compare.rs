@@ -72,7 +72,10 @@ fn record(session: &Path, house: &Path, way: &Trajectory) {
         let source: SocketAddr = format!("10.0.0.{}:50000", number + 1).parse().unwrap();
         MockSensor::ouster(metadata(number as u64))
             .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(number, &Packet { host_time_ns, source, destination, payload })
+                writer.write_packet(
+                    number,
+                    &Packet { host_time_ns, source, destination, link: Default::default(), payload },
+                )
             })
             .unwrap();
     }

@@ -82,7 +82,8 @@ fn revolution(metadata: &Metadata) -> Frame {
     let mut whole = None;
     let mut sensor = MockSensor::ouster(metadata.clone());
     let sent = sensor.run(&around, |host_time_ns, payload| {
-        let packet = Packet { host_time_ns, source: address, destination: address, payload };
+        let packet =
+            Packet { host_time_ns, source: address, destination: address, link: Default::default(), payload };
         decoder
             .push(&packet, &mut |decoded| {
                 if let (Decoded::Frame(frame), None) = (decoded, &whole)

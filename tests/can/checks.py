@@ -175,7 +175,7 @@ def stuck_adapter():
 def queue_full():
     with stuck_adapter() as (name, master):
         said = rig(name, "status", code=1)
-        peers.expect_said("full queue", said, f"send queue of can:{name}", "nobody on the bus acknowledges", "not sent")
+        peers.expect_said("full queue", said, f"send queue of can:{name}", "no device on the bus acknowledges", "not sent")
         said = peers.rig(sys.argv[1], f"cia402:{name}@1,2", "status", code=1)
         peers.expect_said("full queue", said, f"send queue of cia402:{name}", "not sent")
         # an adapter that is slow, not dead: what was offered again arrives, every message once

@@ -106,8 +106,13 @@ fn record(path: &Path, step_ns: i64, link_ns: u64, is_old: bool) {
     let ends: [SocketAddr; 2] = ["10.0.0.1:7502".parse().unwrap(), "10.0.0.100:7502".parse().unwrap()];
     measure(START_NS, START_NS + END_MS * MS, &mut |time_ns, payload| {
         now_ns.store(time_ns + 2 * MS, Ordering::Relaxed); // written a little after it came
-        let packet =
-            Packet { host_time_ns: unix_ns(time_ns), source: ends[0], destination: ends[1], payload };
+        let packet = Packet {
+            host_time_ns: unix_ns(time_ns),
+            source: ends[0],
+            destination: ends[1],
+            link: Default::default(),
+            payload,
+        };
         writer.write_packet(0, &packet).unwrap();
     });
     writer
@@ -257,7 +262,13 @@ pub fn months_between_two_packets_take_no_memory() {
     let ends: [SocketAddr; 2] = ["10.0.0.1:7502".parse().unwrap(), "10.0.0.100:7502".parse().unwrap()];
     for start_ns in [START_NS, START_NS + 100 * DAY_NS as u64] {
         measure(start_ns, start_ns + 500 * MS, &mut |host_time_ns, payload| {
-            let packet = Packet { host_time_ns, source: ends[0], destination: ends[1], payload };
+            let packet = Packet {
+                host_time_ns,
+                source: ends[0],
+                destination: ends[1],
+                link: Default::default(),
+                payload,
+            };
             capture.write(&packet).unwrap();
         });
     }

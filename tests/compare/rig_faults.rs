@@ -94,7 +94,13 @@ impl Recorded {
                     if is_dead {
                         return Ok(());
                     }
-                    capture.write(&Packet { host_time_ns, source, destination, payload })
+                    capture.write(&Packet {
+                        host_time_ns,
+                        source,
+                        destination,
+                        link: Default::default(),
+                        payload,
+                    })
                 })
                 .unwrap();
         }

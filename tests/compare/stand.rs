@@ -71,7 +71,10 @@ impl Servo {
         MockSensor::velodyne(Product::Vlp16, ReturnMode::Strongest, 10.0)
             .unwrap()
             .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(0, &Packet { host_time_ns, source, destination, payload })
+                writer.write_packet(
+                    0,
+                    &Packet { host_time_ns, source, destination, link: Default::default(), payload },
+                )
             })
             .unwrap();
         for time_ns in (START_NS..end_ns).step_by(20_000_000) {

@@ -68,7 +68,12 @@ fn record_from(session: &Path, mount: &MountFile, sources: &[&str]) {
     let destination = "10.0.0.100:2368".parse().unwrap();
     spin(BEGIN_NS, |host_time_ns, payload| {
         for source in &sources {
-            writer.write_packet(0, &Packet { host_time_ns, source: *source, destination, payload }).unwrap();
+            writer
+                .write_packet(
+                    0,
+                    &Packet { host_time_ns, source: *source, destination, link: Default::default(), payload },
+                )
+                .unwrap();
         }
     });
     writer.put_mount(mount, &mount.calibration_files().unwrap()).unwrap();
@@ -239,7 +244,12 @@ pub fn one_way_needs_one_clock() {
         let (source, destination) = (SOURCE.parse().unwrap(), "10.0.0.100:2368".parse().unwrap());
         for (sensor, ahead_ns) in [(0, 0), (1, ahead_ns)] {
             spin(BEGIN_NS + ahead_ns, |host_time_ns, payload| {
-                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, payload }).unwrap();
+                writer
+                    .write_packet(
+                        sensor,
+                        &Packet { host_time_ns, source, destination, link: Default::default(), payload },
+                    )
+                    .unwrap();
             });
         }
         writer.put_mount(&mount, &[]).unwrap();

@@ -26,7 +26,7 @@ fn full_pipe() -> (OwnedFd, OwnedFd) {
     (reader, writer)
 }
 
-pub fn a_log_that_nobody_takes_holds_up_nothing() {
+pub fn a_log_without_a_reader_holds_up_nothing() {
     let bench = Bench::new(&["left"], "");
     let (reader, stuck) = full_pipe();
     let (gone, broken) = pipe().unwrap();
@@ -69,7 +69,7 @@ pub fn a_log_that_nobody_takes_holds_up_nothing() {
     assert_eq!(daemon.end().0, Some(0));
 }
 
-pub fn a_stdout_that_nobody_takes_holds_up_nothing() {
+pub fn a_stdout_without_a_reader_holds_up_nothing() {
     let bench = Bench::new(&["left"], "");
     let (_reader, stuck) = full_pipe();
     let (gone, broken) = pipe().unwrap();
@@ -93,14 +93,14 @@ pub fn a_stdout_that_nobody_takes_holds_up_nothing() {
 }
 
 pub fn a_part_that_is_needed_ends_the_daemon_in_order() {
-    for component in ["recorder", "lane left", "look"] {
+    for component in ["recorder", "receive left", "state"] {
         let bench = Bench::new(&["left"], "");
         let daemon = bench.start(&["--record", "--break-component", component]);
         let sensor = Sending::ouster(daemon.sensor(0));
         let (code, log) = daemon.ended();
         let sent = sensor.unplug();
         assert_eq!(code, Some(101), "{component}: {log}");
-        assert!(log.contains(&format!("{component}: it panicked: told to, as a test")), "{log}");
+        assert!(log.contains(&format!("{component}: it panicked: ordered, as a test")), "{log}");
         let session = &bench.sessions()[0];
         let manifest = session.manifest();
         assert!(manifest.complete && session.problems().is_empty(), "{component}: {:?}", session.problems());
@@ -109,7 +109,7 @@ pub fn a_part_that_is_needed_ends_the_daemon_in_order() {
     }
 }
 
-pub fn a_part_that_is_not_needed_is_said_to_be_dead() {
+pub fn a_part_that_is_not_needed_is_reported_dead() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&["--record", "--break-component", "live left"]);
     let sensor = Sending::ouster(daemon.sensor(0));

@@ -90,7 +90,7 @@ pub fn metadata_of_another_sensor() {
     assert_eq!(bench.sessions()[0].manifest().sensors[0].packets, sent);
 }
 
-pub fn foreign_packets_and_a_storm_of_garbage() {
+pub fn packets_of_other_sensors_and_a_storm_of_garbage() {
     let bench = Bench::new(&["left"], "");
     let config = std::fs::read_to_string(bench.path("rig.toml")).unwrap();
     let config = config.replace("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:0\"\nsource = \"127.0.0.1\"");

@@ -179,7 +179,7 @@ pub fn foxglove_sees_points_cells_frames_and_axes() {
     assert_eq!(daemon.end().0, Some(0));
 }
 
-pub fn foxglove_asks_wrongly_and_is_told() {
+pub fn wrong_foxglove_requests_get_an_error() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&["--foxglove-origin", "https://app.foxglove.dev"]);
     assert_eq!(connect(&daemon, None).err(), Some(400));

@@ -44,7 +44,7 @@ fn refused(daemon: &Running, path: &str, body: &str, words: &str) {
     assert!(answer["error"].as_str().unwrap().contains(words), "{answer}");
 }
 
-pub fn the_rig_moves_when_armed_and_stops_when_told() {
+pub fn the_rig_moves_when_armed_and_stops_on_command() {
     let rig = MockRig::start(MockConfig::default(), 3).unwrap();
     let bench = bench([-20.0, 20.0]);
     plug(&bench, &rig);
@@ -126,7 +126,7 @@ pub fn axes_turn_the_sensors_that_are_named_for_them() {
     assert_eq!(mount.sensors[0].name, "right", "a session's mounts are in the order of the axes");
 }
 
-pub fn a_sensor_that_the_mounts_do_not_name_is_told() {
+pub fn a_sensor_without_a_slot_is_reported() {
     let bench = Bench::new(&["left", "right"], "[predict]\nmount = \"mount.json\"\n");
     let sensors =
         vec![entry("left", "os1-16", [-0.1, 0.0], -20.0), entry("mirrored", "vlp-16", [0.1, 0.0], 20.0)];

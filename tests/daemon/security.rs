@@ -6,7 +6,7 @@ use super::program::{Bench, exchange, exchange_bytes};
 
 const SECRET: &str = "correct-horse-battery";
 
-pub fn strangers_are_refused() {
+pub fn unknown_hosts_and_origins_are_refused() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&[]);
     let address = daemon.address;

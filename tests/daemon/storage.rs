@@ -35,7 +35,7 @@ pub fn a_killed_daemon_leaves_a_session_that_opens() {
 }
 
 /// `timeout` signals its child and then the group that the child is in: one wish, told twice.
-pub fn a_wish_to_stop_that_is_told_twice_closes_the_session() {
+pub fn a_stop_signal_sent_twice_closes_the_session() {
     for round in 0..4 {
         let bench = Bench::new(&["left"], "");
         let mut daemon = bench.start(&["--record"]);
@@ -58,7 +58,7 @@ fn packets_in(bench: &Bench) -> u64 {
 }
 
 /// One session is moved, the next deleted with the folder of all of them: recording goes on, and what is lost is counted.
-pub fn a_session_that_is_taken_away_goes_on_in_another() {
+pub fn a_session_that_is_removed_goes_on_in_another() {
     let bench = Bench::new(&["left"], "");
     let daemon = bench.start(&["--record"]);
     let sensor = Sending::ouster(daemon.sensor(0));

@@ -171,7 +171,7 @@ pub fn a_recording_is_cut_into_sessions_without_a_gap() {
     assert_eq!(packets, sent, "each packet once");
 }
 
-pub fn the_end_is_told_to_the_service_manager() {
+pub fn the_service_manager_is_notified_of_the_end() {
     let bench = Bench::new(&["left"], "");
     let manager = UnixDatagram::bind(bench.path("notify")).unwrap();
     manager.set_read_timeout(Some(PATIENCE)).unwrap();

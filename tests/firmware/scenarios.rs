@@ -40,7 +40,7 @@ cases! {
 fn patient() -> Options {
     Options {
         heartbeat_timeout: Duration::from_secs(3),
-        silence: Duration::from_secs(3), // the emulator looks for a reopened pty once a second
+        link_timeout: Duration::from_secs(3), // the emulator looks for a reopened pty once a second
         answer_within: Duration::from_secs(30),
         settle_within: Duration::from_secs(120),
         ..Options::new_session()
@@ -182,7 +182,7 @@ fn refuses_what_lies_outside_its_limits() {
     let rig = ready(&board);
     let outside = rig.apply(&[1.1, 0.0]);
     assert!(
-        matches!(outside, Err(RigError::OutsideLimits { axis: 0, whose: "the firmware's", .. })),
+        matches!(outside, Err(RigError::OutsideLimits { axis: 0, limits_of: "the firmware's", .. })),
         "{outside:?}"
     );
     drop(rig);

@@ -102,7 +102,7 @@ fn an_hour() {
     let link = BoardTime { line, now_ms: 0, at_urad: [0; 2], connected: false, seen: seen.clone() };
     let options = Options {
         heartbeat_timeout: Duration::from_secs(5),
-        silence: Duration::from_secs(60),
+        link_timeout: Duration::from_secs(60),
         answer_within: Duration::from_secs(60),
         retry: Duration::from_secs(2),
         // the board runs ahead of this program: its moves pause whenever it hears nothing for 150 ms of its time

@@ -4,6 +4,7 @@
 //! `MUTANTS` says how many there are of each format, `MUTANTS_OF` of which one alone. One that fails is kept under `target/mutants`; made small it belongs
 //! into `tests/mutants/regressions/FORMAT`, from where it is read on every run.
 
+mod bag_seeds;
 mod flags;
 mod mutate;
 mod scene_seeds;
@@ -21,6 +22,7 @@ pub const CASES: &[Case] = &[
     case("meshes", || feed_all("mesh")),
     case("clouds", || feed_all("cloud")),
     case("captures", || feed_all("capture")),
+    case("bags", || feed_all("bag")),
     case("documents", || feed_all("document")),
     case("sessions", || feed_all("session")),
     case("flags", flags::feed),

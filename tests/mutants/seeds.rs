@@ -10,6 +10,7 @@ use sensors::capture::{PcapWriter, PcapngWriter};
 use sensors::ouster::{Metadata, OusterEncoder, Profile, Synthetic};
 use sensors::velodyne::{Column, Product, ReturnMode, VelodyneEncoder};
 
+use super::bag_seeds::{db3_files, lists, mcap_files, packed_files, ros1_bags};
 use super::scene_seeds::{
     OBJ, PLY_CLOUD, glb, gltf, gzip, las, npy, pcds, ply_cloud_binary, ply_mesh, stl_binary, stl_text,
 };
@@ -73,6 +74,11 @@ pub const FORMATS: &[Format] = &[
     format("capture", "pcap", "a.pcap", |kit| vec![kit.file("good.pcap")], 3, capture),
     format("capture", "pcapng", "a.pcapng", |kit| vec![kit.file("good.pcapng")], 3, capture),
     format("capture", "pcap.gz", "a.pcap.gz", |kit| vec![gzip(&kit.file("good.pcap"))], 3, capture),
+    format("bag", "ros1-bag", "a.bag", ros1_bags, 3, bag),
+    format("bag", "mcap", "a.mcap", mcap_files, 3, bag),
+    format("bag", "db3", "a.db3", db3_files, 3, bag),
+    format("bag", "zstd", "a.zstd", packed_files, 3, capture),
+    format("bag", "bag-list", "folder/metadata.yaml", lists, 3, bag_folder),
     format("document", "tum", "a.tum", |kit| vec![kit.file("walk.tum")], 2, trajectory),
     format("document", "kitti", "a.kitti", |_| vec![KITTI.into()], 1, kitti),
     format("document", "mount", "a-mount.json", |kit| vec![kit.file("mount.json")], 1, mount),
@@ -206,7 +212,30 @@ impl Kit {
         self.path(name).display().to_string()
     }
 
-    fn file(&self, name: &str) -> Vec<u8> {
+    /// Some of its capture as a bag.
+    pub fn cut(&self, name: &str) -> Vec<u8> {
+        self.made(&["cut", &self.name("good.pcap"), "--to", "0.012", "--force", "-o", &self.name(name)], name)
+    }
+
+    /// Points of its capture.
+    pub fn decode(&self, name: &str) -> Vec<u8> {
+        self.made(&["decode", &self.name("good.pcap"), "--force", "--out", &self.name(name)], name)
+    }
+
+    fn made(&self, arguments: &[&str], name: &str) -> Vec<u8> {
+        let arguments = [words(arguments), words(&["--meta", &self.name("meta.json")])].concat();
+        let output = super::run(&arguments, 60);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{arguments:?}: {output:?}");
+        self.file(name)
+    }
+
+    /// What its Ouster sends.
+    pub fn lidar_packets() -> Vec<Datagram> {
+        let [left, _] = packets(metadata_of_os1());
+        left
+    }
+
+    pub fn file(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.path(name)).unwrap()
     }
 
@@ -372,6 +401,19 @@ fn capture(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
         1 => words(&["decode", &path, "--meta", &meta, "--out", &kit.name("out/a.pcd")]),
         _ => words(&["decode", &path, "--meta", &meta, "--out", &kit.name("out/a.laz")]),
     }
+}
+
+fn bag(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
+    let path = path.display().to_string();
+    match which {
+        0 => words(&["inspect", &path]),
+        1 => words(&["decode", &path, "--out", &kit.name("out/a.csv")]),
+        _ => words(&["cut", &path, "--out", &kit.name("out/a.pcap")]),
+    }
+}
+
+fn bag_folder(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
+    bag(kit, path.parent().unwrap(), which)
 }
 
 fn session(kit: &Kit, _: &Path, which: usize) -> Vec<String> {

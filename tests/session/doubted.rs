@@ -50,7 +50,13 @@ fn session(dir: &Path, of_right: u64) -> PathBuf {
     let (source, destination) = ("10.0.0.1:2368".parse().unwrap(), "10.0.0.2:2368".parse().unwrap());
     for number in 0..10 + of_right {
         let sensor = if number < 10 { 0 } else { 2 };
-        let packet = Packet { host_time_ns: 1_000 + number, source, destination, payload: b"payload" };
+        let packet = Packet {
+            host_time_ns: 1_000 + number,
+            source,
+            destination,
+            link: Default::default(),
+            payload: b"payload",
+        };
         writer.write_packet(sensor, &packet).unwrap();
     }
     writer.close(None).unwrap();
@@ -240,7 +246,7 @@ pub fn what_is_no_file_in_a_session_is_named_and_not_waited_for() {
     assert_eq!(inspect(&dir).0, Some(0));
 }
 
-pub fn a_pipe_without_a_writer_is_said_and_not_waited_for() {
+pub fn a_pipe_without_a_writer_is_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let pipe = |name: &str| {
         let path = folder.path().join(name);
@@ -259,16 +265,16 @@ pub fn a_pipe_without_a_writer_is_said_and_not_waited_for() {
         let output = outrigger(&arguments);
         let message = String::from_utf8_lossy(&output.stderr);
         assert!(
-            !output.status.success() && message.contains("pipe that nobody writes to"),
+            !output.status.success() && message.contains("pipe without a writer"),
             "{arguments:?}: {message}"
         );
     }
     for name in ["room.ply", "room.obj", "room.gltf"] {
         let error = outrigger::world::scene::load_mesh(Path::new(&pipe(name)), None, None).err().unwrap();
-        assert!(format!("{:#}", anyhow::Error::new(error)).contains("pipe that nobody writes to"), "{name}");
+        assert!(format!("{:#}", anyhow::Error::new(error)).contains("pipe without a writer"), "{name}");
     }
     for (name, words) in
-        [("cloud.pcd", "pipe that nobody writes to"), ("cloud.las", "it is a pipe, expected a file")]
+        [("cloud.pcd", "pipe without a writer"), ("cloud.las", "it is a pipe, expected a file")]
     {
         let error = outrigger::world::scene::read_cloud(Path::new(&pipe(name)), |_| {}).err().unwrap();
         assert!(format!("{:#}", anyhow::Error::new(error)).contains(words), "{name}");
@@ -284,7 +290,7 @@ pub fn a_pipe_without_a_writer_is_said_and_not_waited_for() {
     });
     let text = loop {
         match outrigger::base::files::read_text(&written) {
-            Err(error) if error.to_string().contains("nobody writes") => {} // its writer comes next
+            Err(error) if error.to_string().contains("without a writer") => {} // its writer comes next
             text => break text.unwrap(),
         }
     };

@@ -92,7 +92,7 @@ pub fn what_waits_is_bounded_in_bytes() {
         receiver.recv_blocking().unwrap();
     }
     let after = monitor.memory();
-    assert_eq!((after.waiting_bytes, after.most_waiting_bytes), (0, memory.most_waiting_bytes));
+    assert_eq!((after.waiting_bytes, after.max_waiting_bytes), (0, memory.max_waiting_bytes));
     for sent in 51..=60 {
         from.send_to(&[1; 9_000], to).unwrap();
         wait_until("it was received", || counted() == sent);
@@ -105,7 +105,7 @@ pub fn what_waits_is_bounded_in_bytes() {
     );
 }
 
-pub fn sensors_on_one_port_are_told_apart_by_source() {
+pub fn sensors_on_one_port_are_distinguished_by_source() {
     // all of 127.0.0.0/8 is this host
     let first = Receiver::start(&[listen("probe")], Options::default()).unwrap().address(0);
     let address = format!("0.0.0.0:{}", first.port()).parse().unwrap();

@@ -66,7 +66,7 @@ pub fn every_byte_sent_is_in_the_session() {
     }
 }
 
-pub fn what_goes_beside_the_packets_comes_back() {
+pub fn servo_reports_and_events_come_back() {
     let folder = tempfile::tempdir().unwrap();
     let info =
         SensorInfo { name: "left".into(), metadata: Some("{\"a\":1}".into()), ..SensorInfo::default() };

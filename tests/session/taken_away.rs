@@ -90,7 +90,7 @@ pub fn a_folder_deleted_while_recording_is_counted_and_recording_goes_on() {
     let (code, stdout, message) = interrupt(recorder);
     assert_eq!((code, stdout.trim()), (Some(3), dir.to_str().unwrap()), "{message}");
     let words = format!("{} was deleted while recording", dir.display());
-    assert!(message.contains(&words) && message.contains("100 whose file was taken away"), "{message}");
+    assert!(message.contains(&words) && message.contains("100 in a deleted file"), "{message}");
     let session = Session::open(&dir).unwrap();
     let manifest = session.manifest();
     assert_eq!((manifest.sensors[0].packets, manifest.sensors[0].losses.deleted), (50, 100));
@@ -146,13 +146,16 @@ fn write(writer: &SessionWriter, sensor: usize, number: u64) {
     let (source, destination) = ("10.0.0.1:7502".parse().unwrap(), "10.0.0.2:7502".parse().unwrap());
     let payload = &number.to_le_bytes();
     writer
-        .write_packet(sensor, &Packet { host_time_ns: 1_000 + number, source, destination, payload })
+        .write_packet(
+            sensor,
+            &Packet { host_time_ns: 1_000 + number, source, destination, link: Default::default(), payload },
+        )
         .unwrap();
 }
 
 type TakeAway = fn(&Path);
 
-pub fn a_file_taken_from_a_session_is_named_and_its_packets_counted() {
+pub fn a_file_removed_from_a_session_is_named_and_its_packets_counted() {
     let cases: [(&str, TakeAway, &str, [u64; 2]); 7] = [
         (
             "deleted",

@@ -18,7 +18,13 @@ pub struct Datagram {
 impl Datagram {
     pub fn packet(&self) -> Packet<'_> {
         let Self { host_time_ns, source, destination, payload } = self;
-        Packet { host_time_ns: *host_time_ns, source: *source, destination: *destination, payload }
+        Packet {
+            host_time_ns: *host_time_ns,
+            source: *source,
+            destination: *destination,
+            link: Default::default(),
+            payload,
+        }
     }
 }
 

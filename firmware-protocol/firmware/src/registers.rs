@@ -33,7 +33,7 @@ pub fn sleep() {
     }
 }
 
-/// Starts anew (AIRCR.SYSRESETREQ).
+/// Restarts (AIRCR.SYSRESETREQ).
 pub fn restart() -> ! {
     write(0xE000_ED0C, 0x05FA_0004);
     loop {

@@ -21,7 +21,7 @@ pub struct Rig<S> {
     next_us: u64,
 }
 
-/// Frames on their way to the line.
+/// Frames that wait for the serial line.
 struct Out {
     bytes: Queue<OUT_BYTES>,
     node: u8,

@@ -1,5 +1,5 @@
 //! What the fuzz targets do with bytes: nothing may panic, what decodes must encode to the same again, and a rig must stay
-//! inside its limits whatever it is told.
+//! inside its limits whatever order arrives.
 
 use firmware_protocol::simulated::SimulatedAxis;
 use firmware_protocol::{Command, Config, Controller, Direction, Frame, Order, Receiver, Report, ResetCause};
@@ -9,8 +9,8 @@ pub fn line(bytes: &[u8]) {
     let mut receiver = Receiver::default();
     for frame in bytes.iter().filter_map(|byte| receiver.push(*byte)) {
         let mut again = Receiver::default();
-        let heard = frame.encode().bytes().iter().find_map(|byte| again.push(*byte));
-        assert_eq!(heard, Some(frame));
+        let decoded = frame.encode().bytes().iter().find_map(|byte| again.push(*byte));
+        assert_eq!(decoded, Some(frame));
     }
     if let [message, data @ ..] = bytes {
         if let Ok(command) = Command::decode(*message, data) {

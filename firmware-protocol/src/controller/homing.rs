@@ -41,7 +41,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 Home::ByServo { longest_us } => self.home_by_servo(number, longest_us),
             };
             if !self.homing[number] {
-                // before anything says that it is homed: the last angle told counts from elsewhere
+                // before anything says that it is homed: the last reported angle counts from elsewhere
                 self.tell_position(number, tell);
             }
             match went_on {
@@ -87,7 +87,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 self.stop_seeking();
             }
             Some(Seeking::Found) => {
-                // at rest where it was found, not where it was on its way to
+                // at rest where it was found, not at its target
                 let axis = &mut self.axes[number];
                 axis.set_homed(true);
                 axis.seeking = None;
@@ -95,7 +95,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 self.homing[number] = false;
                 self.homing_since_us = self.now_us;
             }
-            // the whole way went by
+            // it turned the whole distance without the switch
             Some(_) if self.path.is_none() => return Err(longest),
             Some(_) => {}
         }

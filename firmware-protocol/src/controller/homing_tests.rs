@@ -9,7 +9,7 @@ use crate::{AckCode, AxisConfig, Config, Fault, Order, Report, State};
 const AT_URAD: i32 = 40_000;
 const LOST_MOTION_URAD: i32 = 3000;
 
-/// Told to home, its switch open.
+/// Homing was ordered, its switch is open.
 fn seeking(home: Home) -> Rig<1> {
     let axis = AxisConfig {
         jump_urad: 1_000_000,
@@ -65,8 +65,10 @@ fn a_switch_is_sought_as_far_as_it_may_be_and_no_further() {
         assert!(rig.now_us < 1_000_000, "it goes on for ever");
         rig.follow(1);
     }
-    let told = |report: &&Report| matches!(report, Report::Fault { .. });
-    let Some(Report::Fault { fault, detail, .. }) = rig.reports.iter().find(told) else { panic!("no fault") };
+    let is_fault = |report: &&Report| matches!(report, Report::Fault { .. });
+    let Some(Report::Fault { fault, detail, .. }) = rig.reports.iter().find(is_fault) else {
+        panic!("no fault")
+    };
     assert_eq!((*fault, *detail), (Fault::EncoderInvalid, 20_000));
 }
 

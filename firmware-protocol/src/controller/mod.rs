@@ -18,7 +18,7 @@ mod watch;
 
 /// Time a move may take to settle after its path ended, µs.
 const SETTLE_US: u64 = 1_000_000;
-/// A host whose heartbeat stays away for so long may be dead: what moves brakes, and goes on when it comes again. A pair that
+/// Without a heartbeat for so long the host may be dead: what moves brakes, and goes on when it comes again. A pair that
 /// coasted until the agreed timeout would be 30 degrees further.
 const SILENCE_US: u64 = 150_000;
 /// Readings that stay together for so long after a stop are those of a shaft that stands, µs.
@@ -36,7 +36,7 @@ struct Axis {
     unanswered: u32,
     /// Lowest and highest set point since it was read.
     swept_urad: (i32, i32),
-    /// Where the servo is told to be.
+    /// Setpoint of the servo.
     setpoint_urad: i32,
     /// Where the last order wants it.
     target_urad: i32,
@@ -57,7 +57,7 @@ struct Axis {
     supply_since: Option<u64>,
     jumped_us: Option<u64>,
     torque_wanted_since: Option<u64>,
-    told_urad: i32,
+    reported_urad: i32,
 }
 
 impl Axis {
@@ -74,7 +74,7 @@ impl Axis {
             &mut self.setpoint_urad,
             &mut self.target_urad,
             &mut self.quiet_urad,
-            &mut self.told_urad,
+            &mut self.reported_urad,
             &mut self.swept_urad.0,
             &mut self.swept_urad.1,
         ] {
@@ -157,7 +157,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             supply_since: None,
             jumped_us: None,
             torque_wanted_since: None,
-            told_urad: 0,
+            reported_urad: 0,
         });
         Self {
             config,
@@ -221,7 +221,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     /// Takes one command; answers go to `tell`.
     pub fn handle(&mut self, now_us: u64, command: &Command, tell: &mut impl FnMut(Report)) {
         self.now_us = self.now_us.max(now_us);
-        self.obey(command, tell);
+        self.execute(command, tell);
     }
 
     /// Reads the actuators, looks for faults, moves on, tells the actuators where to be, reports. Call it about every
@@ -263,7 +263,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 self.path = None;
                 self.path_ended_us = Some(self.now_us);
                 if path.is_braking() {
-                    self.rest_where_told();
+                    self.rest_at_setpoint();
                 }
             }
         }
@@ -292,7 +292,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
     }
 
     /// Stopped before the target: what it stands on is the target now.
-    fn rest_where_told(&mut self) {
+    fn rest_at_setpoint(&mut self) {
         let disarmed = core::mem::take(&mut self.disarm_when_stopped) || !self.armed;
         if disarmed {
             self.push_nowhere();
@@ -320,7 +320,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
     }
 
-    /// Once a disarmed rig stands, what it was told at the moment that it stopped is no longer what it stands on: shafts
+    /// Once a disarmed rig stands, its setpoint at the moment that it stopped is no longer its position: shafts
     /// swing on and come back. Once, not ever again: a load would pull a set point along that follows it.
     fn come_to_rest(&mut self) {
         if self.armed {

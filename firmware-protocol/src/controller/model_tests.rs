@@ -85,7 +85,7 @@ struct Invariants {
     slack_urad: [i32; 2],
     disarmed_since_us: Option<u64>,
     disarmed_at: [i32; 2],
-    /// The greatest play of each axis since it stood there: gears that lose play give up what they had at once.
+    /// Largest play of each axis since it stood there: gears that lose play give up what they had at once.
     play_urad: [i32; 2],
     moved: bool,
 }
@@ -170,7 +170,7 @@ fn live(seed: u64, events: &[Event]) -> Result<bool, TestCaseError> {
                 let axis = bench.controller.servo_mut(*axis).unwrap();
                 axis.repair(1500);
                 axis.inject(AxisFault::Overheat(-100));
-                // a shaft that may turn again goes to where it was told to stand
+                // a shaft that may turn again goes to its setpoint
                 invariants.disarmed_since_us = None;
             }
             Event::Feed(feeds) => bench.feeds = *feeds,

@@ -24,7 +24,7 @@ fn to(position_urad: i32) -> Order {
 }
 
 #[test]
-fn a_session_is_opened_once_and_fed_by_its_own_host() {
+fn only_the_host_that_opened_a_session_keeps_it_alive() {
     let mut rig = Rig::new(config(), Reading::Measured(0));
     rig.run(2);
     rig.tell(hello(0));
@@ -54,20 +54,20 @@ fn a_session_is_opened_once_and_fed_by_its_own_host() {
 
 #[test]
 fn a_heartbeat_may_stay_away_between_a_tenth_and_five_seconds() {
-    for (asked_ms, kept_ms) in [(0, 100), (300, 300), (60_000, 5000)] {
+    for (asked_ms, timeout_ms) in [(0, 100), (300, 300), (60_000, 5000)] {
         let mut rig = Rig::new(config(), Reading::Measured(0));
         rig.run(2);
         let nonce = 9; // which the bench does not feed
         rig.tell(Command::Hello { protocol_min: 1, protocol_max: 1, heartbeat_timeout_ms: asked_ms, nonce });
         assert_eq!(rig.order(Order::Arm { armed: true }), AckCode::Accepted);
-        rig.run(kept_ms);
+        rig.run(timeout_ms);
         assert!(rig.controller.faults().is_empty(), "{asked_ms} ms");
         let clear = Order::ClearFault { fault: Fault::Watchdog, key: 0 };
         assert_eq!(rig.order(clear), AckCode::Accepted, "there is no cause yet");
         rig.reports.clear();
         rig.run(1);
-        let told = |report: &Report| matches!(report, Report::Fault { fault: Fault::Watchdog, detail, .. } if *detail == kept_ms as i32 + 1);
-        assert!(rig.reports.iter().any(told), "{asked_ms} ms");
+        let is_watchdog = |report: &Report| matches!(report, Report::Fault { fault: Fault::Watchdog, detail, .. } if *detail == timeout_ms as i32 + 1);
+        assert!(rig.reports.iter().any(is_watchdog), "{asked_ms} ms");
         assert_eq!(rig.order(clear), AckCode::CauseRemains);
     }
 }
@@ -116,10 +116,10 @@ fn stops_within(order: Order) -> i32 {
 }
 
 #[test]
-fn a_stop_decelerates_as_it_was_told_but_never_harder_than_an_emergency_stop() {
+fn a_stop_decelerates_as_ordered_but_never_harder_than_an_emergency_stop() {
     let near = |order, expected: i32| {
-        let way = stops_within(order);
-        assert!((way - expected).abs() < 600, "{order:?}: {way} urad");
+        let distance = stops_within(order);
+        assert!((distance - expected).abs() < 600, "{order:?}: {distance} urad");
     };
     // twice as hard as a move gains speed
     near(Order::Hold, 31_250);
@@ -160,8 +160,8 @@ fn a_hold_brakes_within_four_degrees_whatever_the_profile() {
     assert!(before.velocity_urad_s > 450_000, "{before:?}");
     assert_eq!(rig.order(Order::Hold), AckCode::Accepted);
     rig.follow(600);
-    let way_urad = rig.setpoint(0).position_urad - before.position_urad;
-    assert!((20_000..69_813).contains(&way_urad), "{way_urad} urad");
+    let moved_urad = rig.setpoint(0).position_urad - before.position_urad;
+    assert!((20_000..69_813).contains(&moved_urad), "{moved_urad} urad");
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn moves_are_refused_with_the_axis_that_cannot_go_there() {
     assert_eq!(rig.answer(103, Order::MoveTo { axis: 2, position_urad: 0 }), (AckCode::BadArgument, 2));
     assert_eq!(rig.answer(104, pair(most, -most)), (AckCode::Accepted, 0));
     rig.follow(4000);
-    assert_eq!([rig.setpoint(0), rig.setpoint(1)].map(|told| told.position_urad), [most, -most]);
+    assert_eq!([rig.setpoint(0), rig.setpoint(1)].map(|setpoint| setpoint.position_urad), [most, -most]);
     assert_eq!(rig.controller.state(), State::Holding);
     let mut one = Rig::ready(Config { axes: [axis()], ..Config::default() });
     assert_eq!(one.order(pair(0, 0)), AckCode::BadArgument);
@@ -256,8 +256,11 @@ fn a_move_settles_within_its_tolerance_or_is_a_fault_after_a_second() {
         while rig.setpoint(0).position_urad != 20_000 {
             rig.run(1);
         }
-        let told = Report::Done { id: rig.id, axis: ALL_AXES, error_urad: short_urad };
-        assert_eq!((rig.controller.state() == State::Holding, rig.reports.contains(&told)), (done, done));
+        let done_report = Report::Done { id: rig.id, axis: ALL_AXES, error_urad: short_urad };
+        assert_eq!(
+            (rig.controller.state() == State::Holding, rig.reports.contains(&done_report)),
+            (done, done)
+        );
         rig.run(1000);
         assert!(rig.controller.faults().is_empty());
         rig.run(1);
@@ -288,11 +291,11 @@ fn a_profile_stays_within_the_limits_and_is_driven() {
 }
 
 #[test]
-fn limits_are_set_while_disarmed_and_told_as_they_are() {
+fn limits_are_set_while_disarmed_and_reported() {
     let mut rig = Rig::new(config(), Reading::Measured(0));
     rig.run(2);
     rig.tell(hello(HOST));
-    let told = |rig: &mut Rig<2>, limit| {
+    let reported = |rig: &mut Rig<2>, limit| {
         rig.reports.clear();
         rig.tell(Command::GetLimit { axis: 1, limit });
         match rig.reports[..] {
@@ -301,20 +304,20 @@ fn limits_are_set_while_disarmed_and_told_as_they_are() {
         }
     };
     let given = AxisConfig::default();
-    for (limit, value, refused, taken) in [
+    for (limit, value, refused, accepted) in [
         (Limit::Minimum, given.minimum_urad, [given.maximum_urad, -1_500_001], -1_500_000),
         (Limit::Maximum, given.maximum_urad, [-1_500_000, 1_500_001], 1_500_000),
         (Limit::Speed, 500_000, [999, 20_000_001], 1000),
         (Limit::Acceleration, given.top_acceleration_urad_s2, [999, 100_000_001], 1000),
         (Limit::Current, given.current_limit_ma.into(), [0, 40_000], 1),
     ] {
-        assert_eq!(told(&mut rig, limit), value);
+        assert_eq!(reported(&mut rig, limit), value);
         let set = |value| Order::SetLimit { axis: 1, limit, value };
         for value in refused {
             assert_eq!(rig.order(set(value)), AckCode::BadArgument, "{limit:?} {value}");
         }
-        assert_eq!(rig.order(set(taken)), AckCode::Accepted, "{limit:?}");
-        assert_eq!(told(&mut rig, limit), taken);
+        assert_eq!(rig.order(set(accepted)), AckCode::Accepted, "{limit:?}");
+        assert_eq!(reported(&mut rig, limit), accepted);
     }
     for (limit, value) in [
         (Limit::ServoMinimum, -1_500_000),
@@ -323,7 +326,7 @@ fn limits_are_set_while_disarmed_and_told_as_they_are() {
         (Limit::Resolution, given.resolution_urad),
         (Limit::LostMotion, given.lost_motion_urad),
     ] {
-        assert_eq!(told(&mut rig, limit), value);
+        assert_eq!(reported(&mut rig, limit), value);
         assert_eq!(rig.order(Order::SetLimit { axis: 1, limit, value: 1 }), AckCode::BadArgument);
     }
     let far = Order::SetLimit { axis: 2, limit: Limit::Speed, value: 5000 };

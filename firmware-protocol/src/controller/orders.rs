@@ -17,7 +17,7 @@ fn refuse(code: AckCode) -> Answer {
 }
 
 impl<S: Servo, const N: usize> Controller<S, N> {
-    pub(super) fn obey(&mut self, command: &Command, tell: &mut impl FnMut(Report)) {
+    pub(super) fn execute(&mut self, command: &Command, tell: &mut impl FnMut(Report)) {
         match *command {
             Command::Hello { protocol_min, protocol_max, heartbeat_timeout_ms, nonce } => {
                 if (protocol_min..=protocol_max).contains(&PROTOCOL_VERSION) && nonce != 0 {
@@ -60,7 +60,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let stops =
             matches!(order, Order::EStop | Order::Stop { .. } | Order::Hold | Order::Arm { armed: false });
         let answer =
-            if outdated && !stops { refuse(AckCode::Outdated) } else { self.obey_order(id, order, tell) };
+            if outdated && !stops { refuse(AckCode::Outdated) } else { self.execute_order(id, order, tell) };
         if !outdated {
             self.last_order = Some(id);
         }
@@ -73,7 +73,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         tell(Report::Ack { id, message, code, detail });
     }
 
-    fn obey_order(&mut self, id: u16, order: Order, tell: &mut impl FnMut(Report)) -> Answer {
+    fn execute_order(&mut self, id: u16, order: Order, tell: &mut impl FnMut(Report)) -> Answer {
         match order {
             Order::EStop => {
                 self.raise(Fault::EStop, ALL_AXES, 1, tell);
@@ -130,7 +130,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let usual = self.brake_urad_s2();
         match &mut self.path {
             Some(path) => path.brake(deceleration_urad_s2.unwrap_or(usual)),
-            None => self.rest_where_told(),
+            None => self.rest_at_setpoint(),
         }
         if self.state == State::Homing {
             self.state = State::Holding;
@@ -157,7 +157,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             State::Idle => {
                 self.armed = true;
                 self.state = State::Holding;
-                // a session that was silent while disarmed starts anew
+                // a session that was silent while disarmed starts again
                 self.heartbeat_us = self.now_us;
             }
             _ => {}
@@ -212,7 +212,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         if let ([a, b, ..], [to_a, to_b, ..]) = (&start[..], &targets[..]) {
             let (from, to) = ([*a, *b], [*to_a, *to_b]);
             let margin = self.config.keep_out_margin_urad;
-            // from inside, the way out of a convex region is open
+            // from inside, the path out of a convex region is open
             let blocked = if self.config.keep_out.contains(from, margin) {
                 self.config.keep_out.contains(to, margin)
             } else {
@@ -252,7 +252,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
             self.state = if self.faults.contains(Fault::EStop) { State::EStop } else { State::Fault };
         } else if matches!(self.state, State::Fault | State::EStop) {
             if self.path.is_none() {
-                self.rest_where_told();
+                self.rest_at_setpoint();
             }
             self.state = State::Idle;
         }

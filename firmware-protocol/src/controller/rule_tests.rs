@@ -3,7 +3,7 @@
 use std::vec;
 use std::vec::Vec;
 
-use super::sampling_tests::Told;
+use super::sampling_tests::IdealServo;
 use super::watch::is_jump;
 use super::{Axis, Controller};
 use crate::command::CLEAR_KEY;
@@ -16,7 +16,7 @@ use crate::{
 
 /// Servos that do as the test says, and a clock that goes on by a millisecond a step.
 pub(super) struct Rig<const N: usize> {
-    pub(super) controller: Controller<Told, N>,
+    pub(super) controller: Controller<IdealServo, N>,
     pub(super) now_us: u64,
     pub(super) id: u16,
     pub(super) reports: Vec<Report>,
@@ -31,7 +31,7 @@ pub(super) fn hello(nonce: u32) -> Command {
 impl<const N: usize> Rig<N> {
     pub(super) fn new(config: Config<N>, reading: Reading) -> Self {
         let sense = Sense { reading, supply_mv: 12_000, ..Sense::UNREAD };
-        let servos = [Told { sense, setpoint: Setpoint::default() }; N];
+        let servos = [IdealServo { sense, setpoint: Setpoint::default() }; N];
         let controller = Controller::new(config, servos, ResetCause::Software, 0);
         Self { controller, now_us: 0, id: 0, reports: vec![] }
     }
@@ -74,7 +74,7 @@ impl<const N: usize> Rig<N> {
         self.controller.servo_mut(axis).unwrap().setpoint
     }
 
-    /// One step; torque as it was told, readings taken just now.
+    /// One step; torque as ordered, readings of this moment.
     pub(super) fn step(&mut self) {
         for axis in 0..N {
             self.sense(axis).torque = self.setpoint(axis).torque;
@@ -109,7 +109,7 @@ impl<const N: usize> Rig<N> {
         self.order(Order::ClearFault { fault, key: CLEAR_KEY })
     }
 
-    /// Steps until there is a fault, and what was told about it.
+    /// Steps until there is a fault, and its report.
     pub(super) fn fault_after(&mut self, longest_ms: u64) -> Option<(u64, Fault, i32)> {
         for ms in 1..=longest_ms {
             self.reports.clear();
@@ -205,9 +205,9 @@ fn a_shaft_stalls_after_it_stood_away_and_again_when_it_is_pushed_away() {
     }
 }
 
-/// What comes and goes is no fault: patience begins anew.
+/// What comes and goes is no fault: the timeout starts again.
 #[test]
-fn patience_begins_anew_when_a_cause_goes() {
+fn the_timeout_starts_again_when_a_cause_goes() {
     let mut rig = ready(axis());
     for _ in 0..10 {
         rig.sense(0).supply_mv = 9000;
@@ -230,10 +230,7 @@ fn a_servo_that_measures_nothing_has_no_supply_to_watch_nor_a_place_to_leave() {
     assert!(rig.setpoint(0).torque);
     assert_eq!(rig.order(Order::Arm { armed: false }), AckCode::Accepted);
     rig.run(5);
-    assert!(
-        rig.setpoint(0).torque && rig.controller.state() == State::Idle,
-        "it stays where it was told to be"
-    );
+    assert!(rig.setpoint(0).torque && rig.controller.state() == State::Idle, "it stays at its setpoint");
 }
 
 #[test]
@@ -311,7 +308,7 @@ fn a_jump_may_be_cleared_after_half_a_second_without_one() {
 }
 
 #[test]
-fn a_first_fault_is_told_and_a_second_of_its_kind_changes_nothing() {
+fn a_first_fault_is_reported_and_a_second_of_its_kind_changes_nothing() {
     let mut rig = ready(axis());
     rig.sense(0).temperature_c = 80;
     assert_eq!(rig.fault_after(1), Some((1, Fault::OverTemperature, 80)));
@@ -334,7 +331,7 @@ fn a_first_fault_is_told_and_a_second_of_its_kind_changes_nothing() {
     assert_eq!(rig.setpoint(0).current_limit_ma, 1500);
 }
 
-/// From inside the region the way out is open, and no other.
+/// From inside the region the path out is open, and no other.
 #[test]
 fn a_pair_in_its_keep_out_region_is_a_fault_once_both_are_homed() {
     let keep_out = KeepOut::inside(&[HalfPlane { a: -1, b: 1, c: 300_000 }]).unwrap();

@@ -7,12 +7,12 @@ use crate::{ALL_AXES, AxisConfig, Command, Config, Fault, Order, ResetCause, Sta
 
 /// An actuator that says what the test puts into it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Told {
+pub(super) struct IdealServo {
     pub(super) sense: Sense,
     pub(super) setpoint: Setpoint,
 }
 
-impl Servo for Told {
+impl Servo for IdealServo {
     fn sense(&mut self, _now_us: u64) -> Sense {
         self.sense
     }
@@ -32,7 +32,7 @@ const NOISE_URAD: i32 = 8000;
 const JUMP_URAD: i32 = 34_907;
 
 struct Bench {
-    controller: Controller<Told, 1>,
+    controller: Controller<IdealServo, 1>,
     now_us: u64,
     id: u16,
 }
@@ -40,7 +40,7 @@ struct Bench {
 impl Bench {
     fn new(home: Home) -> Self {
         let axes = [AxisConfig { jump_urad: NOISE_URAD, home, ..AxisConfig::default() }];
-        let servo = Told { sense: Sense::UNREAD, setpoint: Setpoint::default() };
+        let servo = IdealServo { sense: Sense::UNREAD, setpoint: Setpoint::default() };
         let controller =
             Controller::new(Config { axes, ..Config::default() }, [servo], ResetCause::PowerOn, 0);
         let mut bench = Self { controller, now_us: 0, id: 0 };
@@ -68,7 +68,7 @@ impl Bench {
         self.controller.handle(self.now_us, &Command::Order { id: self.id, order }, &mut |_| {});
     }
 
-    fn servo(&mut self) -> &mut Told {
+    fn servo(&mut self) -> &mut IdealServo {
         self.controller.servo_mut(0).unwrap()
     }
 
@@ -108,7 +108,7 @@ fn a_jump_of_two_degrees_at_rest_is_found() {
     }
 }
 
-/// At 30 degrees a second the shaft lags, a round takes 300 ms after its reading was taken, and the next reading is where the
+/// At 30 degrees a second the shaft lags, a round takes 300 ms after its reading, and the next reading is where the
 /// shaft was sent: with the stamps of the samples that is motion, with those of the rounds it would be a leap.
 #[test]
 fn a_late_poll_during_a_fast_move_is_no_jump() {
@@ -122,7 +122,7 @@ fn a_late_poll_during_a_fast_move_is_no_jump() {
         }
         let sent_to = bench.servo().setpoint.position_urad;
         assert!(sent_to > 150_000 && bench.controller.faults().is_empty());
-        // taken at the begin of a round that then waited for something else
+        // sampled at the begin of a round that then waited for something else
         bench.poll(300_000, if honest { 300_000 } else { 1000 }, Some(sent_to - lag_urad));
         bench.poll(5000, 1000, Some(sent_to));
         bench.has(Fault::EncoderJump)
@@ -132,7 +132,7 @@ fn a_late_poll_during_a_fast_move_is_no_jump() {
 }
 
 #[test]
-fn a_jump_on_the_way_is_found_and_lagging_is_none() {
+fn a_jump_while_moving_is_found_and_lagging_is_none() {
     for jumped in [false, true] {
         let mut bench = Bench::holding();
         bench.order(Order::MoveTo { axis: 0, position_urad: 900_000 });
@@ -147,7 +147,7 @@ fn a_jump_on_the_way_is_found_and_lagging_is_none() {
 
 #[test]
 fn an_encoder_is_missing_by_questions_and_by_time() {
-    // the host was kept from its work: no question, no fault
+    // the host could not run: no question, no fault
     let mut bench = Bench::holding();
     bench.poll(400_000, 1000, Some(0));
     assert!(bench.controller.faults().is_empty());

@@ -71,8 +71,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         }
         if due(now, &mut self.schedule.slow_us, SLOW_US) {
             for (number, axis) in self.axes.iter_mut().enumerate() {
-                let moved = i64::from(axis.measured_urad) - i64::from(axis.told_urad);
-                axis.told_urad = axis.measured_urad;
+                let moved = i64::from(axis.measured_urad) - i64::from(axis.reported_urad);
+                axis.reported_urad = axis.measured_urad;
                 let speed = moved * 1000 / SLOW_US as i64;
                 tell(Report::Effort {
                     axis: number as u8,
@@ -97,7 +97,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         tell(Report::Position {
             axis: number as u8,
             source: self.source(number),
-            // an answer may be long on its way: the angle is as old as its question
+            // an answer may take long: the angle is as old as its question
             time_ms: (axis.asked_us / 1000) as u16,
             position_urad: axis.measured_urad,
         });

@@ -157,11 +157,11 @@ fn a_position_is_as_old_as_its_question() {
     rig.reports.clear();
     let Rig { controller, reports, .. } = &mut rig;
     (0..25).for_each(|ms| controller.step(now_us + 1000 * ms, &mut |report| reports.push(report)));
-    let told = rig.reports.iter().find_map(|report| match report {
+    let age_ms = rig.reports.iter().find_map(|report| match report {
         Report::Position { axis: 0, time_ms, .. } => Some(*time_ms),
         _ => None,
     });
-    assert_eq!(told, Some(((now_us - 700_000) / 1000) as u16));
+    assert_eq!(age_ms, Some(((now_us - 700_000) / 1000) as u16));
 }
 
 #[test]
@@ -186,14 +186,14 @@ fn a_position_is_measured_commanded_or_stale() {
 }
 
 #[test]
-fn a_fault_is_told_again_with_the_time_it_came() {
+fn a_fault_is_reported_again_with_the_time_it_came() {
     let mut rig = Rig::ready(config());
     rig.reports.clear();
     rig.sense(1).temperature_c = 99;
     rig.run(1);
     let time_ms = (rig.now_us / 1000) as u16;
     rig.run(400);
-    let told = rig.reports.iter().filter(|report| matches!(report, Report::Fault { .. }));
+    let faults = rig.reports.iter().filter(|report| matches!(report, Report::Fault { .. }));
     let expected = Report::Fault { fault: Fault::OverTemperature, axis: 1, time_ms, detail: 99 };
-    assert_eq!(told.collect::<Vec<_>>(), [&expected; 3]);
+    assert_eq!(faults.collect::<Vec<_>>(), [&expected; 3]);
 }

@@ -244,7 +244,7 @@ fn every_axis_fault_is_found_by_name() {
 }
 
 #[test]
-fn a_silent_host_is_a_watchdog_fault_that_stops_on_the_way() {
+fn a_silent_host_is_a_watchdog_fault_that_stops_the_move() {
     let mut bench = Bench::ready(6);
     assert_eq!(bench.pair(800_000, -100_000), AckCode::Accepted);
     bench.run(300);
@@ -263,9 +263,9 @@ fn a_silent_host_is_a_watchdog_fault_that_stops_on_the_way() {
     assert_eq!(bench.order(clear), AckCode::Accepted);
 }
 
-/// 150 ms at 30 degrees a second and the way that braking takes: 6.5 degrees, and what the shaft lags behind.
+/// 150 ms at 30 degrees a second and the braking distance: 6.5 degrees, and what the shaft lags behind.
 #[test]
-fn a_pair_whose_host_is_silent_stands_within_ten_degrees_and_goes_on_when_it_is_back() {
+fn a_pair_with_a_silent_host_stops_within_ten_degrees_and_goes_on_when_it_is_back() {
     let mut bench = Bench::ready(6);
     assert_eq!(bench.pair(1_000_000, -150_000), AckCode::Accepted);
     bench.run(800);
@@ -287,8 +287,8 @@ fn a_pair_whose_host_is_silent_stands_within_ten_degrees_and_goes_on_when_it_is_
     let before = bench.at()[0];
     bench.feeds = false;
     bench.run(2000);
-    let way_deg = (f64::from(before - bench.at()[0]) * 1e-6).to_degrees();
-    assert!((3.0..9.0).contains(&way_deg), "{way_deg} degrees");
+    let moved_deg = (f64::from(before - bench.at()[0]) * 1e-6).to_degrees();
+    assert!((3.0..9.0).contains(&moved_deg), "{moved_deg} degrees");
     assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Fault, false));
 }
 
@@ -341,7 +341,7 @@ fn another_host_finds_a_disarmed_rig() {
     assert_eq!((bench.controller.state(), bench.controller.armed()), (State::Idle, false));
 }
 
-/// A pair whose encoders count from where they were switched on, with switches at -30 degrees.
+/// A pair with encoders that count from where they were switched on, with switches at -30 degrees.
 fn switched(start_urad: [i32; 2]) -> Bench {
     const AT_URAD: i32 = -523_599;
     let mut config = config();
@@ -392,12 +392,12 @@ fn a_rig_that_still_brakes_from_seeking_takes_no_move() {
     assert_eq!(bench.pair(0, 0), AckCode::Accepted);
 }
 
-/// A host that puts the last angle it heard beside "homed" must not have one that counts from elsewhere.
+/// A host that pairs the last angle it received with "homed" must not have one that counts from elsewhere.
 #[test]
-fn an_angle_of_the_new_zero_is_told_before_homed_is() {
+fn an_angle_of_the_new_zero_is_reported_before_homed_is() {
     let mut bench = switched([200_000, -600_000]);
     assert_eq!(bench.order(Order::Home { axis: ALL_AXES }), AckCode::Accepted);
-    let (mut heard, mut homed) = ([None; 2], [false; 2]);
+    let (mut angles, mut homed) = ([None; 2], [false; 2]);
     while bench.controller.state() == State::Homing {
         bench.reports.clear();
         bench.step(1000);
@@ -405,15 +405,19 @@ fn an_angle_of_the_new_zero_is_told_before_homed_is() {
         for report in &bench.reports {
             match *report {
                 Report::Position { axis, position_urad, .. } => {
-                    heard[usize::from(axis)] = Some(position_urad)
+                    angles[usize::from(axis)] = Some(position_urad)
                 }
                 Report::Target { axis, homed: is_homed, .. } => homed[usize::from(axis)] = is_homed,
                 Report::Done { .. } => homed = [true; 2],
                 _ => {}
             }
             for axis in (0..2).filter(|axis| homed[*axis]) {
-                let angle = heard[axis].unwrap_or(i32::MAX);
-                assert!((angle - at[axis]).abs() < 10_000, "axis {axis} at {}: {angle} was told", at[axis]);
+                let angle = angles[axis].unwrap_or(i32::MAX);
+                assert!(
+                    (angle - at[axis]).abs() < 10_000,
+                    "axis {axis} at {}: {angle} was reported",
+                    at[axis]
+                );
             }
         }
     }
@@ -435,7 +439,7 @@ fn a_switch_that_never_closes_is_a_fault() {
 }
 
 #[test]
-fn homing_on_a_switch_stops_when_told() {
+fn homing_on_a_switch_stops_on_command() {
     let mut bench = switched([200_000, 0]);
     assert_eq!(bench.order(Order::Home { axis: 0 }), AckCode::Accepted);
     bench.run(1000);

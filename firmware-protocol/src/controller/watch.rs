@@ -17,7 +17,7 @@ const JUMP_QUIET_US: u64 = 500_000;
 /// A servo has this long to switch its torque on.
 const TORQUE_US: u64 = 50_000;
 /// Readings in a row that must stay away before an encoder is missing: one poll may be lost, and time may pass because the
-/// host, not the encoder, was kept from its work.
+/// host, not the encoder, could not run.
 const MISSING_POLLS: u32 = 3;
 /// Set points do not go on by readings older than this: a slow poll of one servo of two.
 const BLIND_US: u64 = 60_000;
@@ -30,7 +30,7 @@ const REST_URAD: i32 = 2500;
 
 impl<S: Servo, const N: usize> Controller<S, N> {
     /// Takes a reading of every actuator. Motion is judged by the longest time that may lie between the samples, and a driven
-    /// shaft's by where it was told to be meanwhile: it goes there, and is pushed off at most at its top speed.
+    /// shaft's by its setpoint meanwhile: it goes there, and is pushed off at most at its top speed.
     pub(super) fn read(&mut self) {
         for (number, (axis, servo)) in self.axes.iter_mut().zip(&mut self.servos).enumerate() {
             axis.sense = servo.sense(self.now_us);
@@ -46,11 +46,11 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                     continue;
                 }
             };
-            let [asked_us, heard_us] = axis.sense.sampled_us.map(|stamp| stamp.min(self.now_us));
+            let [asked_us, received_us] = axis.sense.sampled_us.map(|stamp| stamp.min(self.now_us));
             let by_itself = axis.seeking == Some(Seeking::ByServo) || self.state == State::Boot;
             if !by_itself
                 && axis.sense.reading != Reading::Unmeasured
-                && is_jump(axis, &self.config.axes[number], now, heard_us)
+                && is_jump(axis, &self.config.axes[number], now, received_us)
             {
                 axis.jumped_us = Some(self.now_us);
             }
@@ -59,7 +59,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
                 axis.quiet_urad = now;
             }
             axis.measured_urad = now;
-            (axis.asked_us, axis.measured_us, axis.unanswered) = (asked_us, heard_us, 0);
+            (axis.asked_us, axis.measured_us, axis.unanswered) = (asked_us, received_us, 0);
             axis.swept_urad = (axis.setpoint_urad, axis.setpoint_urad);
         }
     }
@@ -108,7 +108,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         let following_us =
             since(error > config.following_urad && driven.is_some(), &mut axis.following_since);
         let away_us = since(error > config.stall_urad && driven.is_some() && measured, &mut axis.stall_since);
-        // until the last sample, not until now: what a slow bus has not told yet may have moved
+        // until the last sample, not until now: what a slow bus has not reported yet may have moved
         let still_us = axis.asked_us.saturating_sub(axis.quiet_us);
         let over = |time: Option<u64>, longest: u64| time.is_some_and(|time| time > longest);
         let is_lost = sense.reading == Reading::Invalid || (sense.reading == Reading::Missing && missing);
@@ -136,7 +136,7 @@ impl<S: Servo, const N: usize> Controller<S, N> {
         new.map(|(_, fault, detail)| (fault, detail))
     }
 
-    /// How long the host has said nothing, µs.
+    /// How long the host is silent, µs.
     pub(super) fn silence_us(&self) -> u64 {
         self.now_us.saturating_sub(self.heartbeat_us)
     }
@@ -254,8 +254,8 @@ impl<S: Servo, const N: usize> Controller<S, N> {
 }
 
 /// Whether a shaft cannot have moved from its last angle to this one, µrad, in the time between the samples.
-pub(super) fn is_jump(axis: &Axis, config: &AxisConfig, now_urad: i32, heard_us: u64) -> bool {
-    let elapsed_us = heard_us.saturating_sub(axis.asked_us).min(1_000_000) as i64;
+pub(super) fn is_jump(axis: &Axis, config: &AxisConfig, now_urad: i32, received_us: u64) -> bool {
+    let elapsed_us = received_us.saturating_sub(axis.asked_us).min(1_000_000) as i64;
     let within = |speed_urad_s: i64| speed_urad_s * elapsed_us / 1_000_000 + i64::from(config.jump_urad);
     let (before, now) = (i64::from(axis.measured_urad), i64::from(now_urad));
     let step = (now - before).abs();

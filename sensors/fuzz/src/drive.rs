@@ -100,7 +100,7 @@ pub fn router(bytes: &[u8]) {
         time_ns += 1_000_000;
         let source = SocketAddr::from(([10, 0, 0, who & 3], 7502));
         let destination = SocketAddr::from(([10, 0, 0, 9], 2368 + u16::from(who >> 2)));
-        let packet = Packet { host_time_ns: time_ns, source, destination, payload };
+        let packet = Packet { host_time_ns: time_ns, source, destination, link: Default::default(), payload };
         router.learn(&packet);
         router.push(&packet, &mut |_, _, _| {});
         given += 1;
@@ -139,7 +139,8 @@ fn drive(decoder: &mut dyn Decoder, bytes: &[u8], length: usize) {
         };
         rest = next;
         host_time_ns += 1_000_000;
-        let packet = Packet { host_time_ns, source: address, destination: address, payload };
+        let packet =
+            Packet { host_time_ns, source: address, destination: address, link: Default::default(), payload };
         let _ = decoder.push(&packet, &mut check);
     }
     decoder.finish(&mut check);

@@ -7,6 +7,7 @@ use std::net::{IpAddr, SocketAddr};
 use etherparse::{IpNumber, Ipv6ExtensionSlice, LaxIpSlice, UdpSlice};
 
 use super::reassembly::{Fragment, Key};
+use crate::Link;
 
 /// What a frame carries.
 pub(super) enum Carried<'a> {
@@ -24,10 +25,10 @@ pub(super) enum Carried<'a> {
     Malformed,
 }
 
-/// Takes a frame of a link type apart.
-pub(super) fn dissect(link_type: u16, frame: &[u8]) -> Carried<'_> {
-    match network(link_type, frame) {
-        Network::Ip(packet) => ip(packet),
+/// Takes a frame of a link type apart; what its link says of the sender goes into `link`.
+pub(super) fn dissect<'a>(link_type: u16, frame: &'a [u8], link: &mut Link) -> Carried<'a> {
+    match network(link_type, frame, link) {
+        Network::Ip(packet) => ip(packet, *link),
         Network::Other => Carried::NotIp,
         Network::Unsupported => Carried::OtherLinkType,
         Network::Short => Carried::Cut,
@@ -54,7 +55,19 @@ enum Network<'a> {
     Short,
 }
 
-fn network(link_type: u16, frame: &[u8]) -> Network<'_> {
+fn network<'a>(link_type: u16, frame: &'a [u8], link: &mut Link) -> Network<'a> {
+    // the sender's hardware address: of Ethernet, of Linux cooked v1 and v2 (of 6 bytes, as their headers say)
+    let hardware = match link_type {
+        1 => frame.get(6..12),
+        113 if frame.get(4..6) == Some(&[0, 6]) => frame.get(6..12),
+        276 if frame.get(11) == Some(&6) => frame.get(12..18),
+        _ => None,
+    };
+    link.hardware = hardware.and_then(|bytes| bytes.try_into().ok()).unwrap_or_default();
+    // Linux cooked v2 knows the interface of each packet of a capture of all of them
+    if let (276, Some(&[_, _, high, low])) = (link_type, frame.get(4..8)) {
+        link.interface = u16::from_be_bytes([high, low]);
+    }
     // null, Ethernet, raw (as registered and as BSDs wrote it), loop, Linux cooked v1, IPv4, IPv6, Linux cooked v2
     let (ether_type, skip) = match link_type {
         1 => (frame.get(12..14), 14),
@@ -66,18 +79,19 @@ fn network(link_type: u16, frame: &[u8]) -> Network<'_> {
     };
     let Some(&[high, low]) = ether_type else { return Network::Short };
     let Some(rest) = frame.get(skip..) else { return Network::Short };
-    by_ether_type(u16::from_be_bytes([high, low]), rest)
+    by_ether_type(u16::from_be_bytes([high, low]), rest, link)
 }
 
 /// Passes over VLAN tags (one, two, or as many as there are).
-fn by_ether_type(mut ether_type: u16, mut rest: &[u8]) -> Network<'_> {
+fn by_ether_type<'a>(mut ether_type: u16, mut rest: &'a [u8], link: &mut Link) -> Network<'a> {
     loop {
         match ether_type {
             0x0800 | 0x86dd => return Network::Ip(rest),
             0x8100 | 0x88a8 | 0x9100 | 0x9200 => {
-                let Some((&[_, _, high, low], inner)) = rest.split_first_chunk() else {
+                let Some((&[tag_high, tag_low, high, low], inner)) = rest.split_first_chunk() else {
                     return Network::Short;
                 };
+                link.vlan = u16::from_be_bytes([tag_high, tag_low]) & 0x0fff;
                 ether_type = u16::from_be_bytes([high, low]);
                 rest = inner;
             }
@@ -94,7 +108,7 @@ fn by_version(packet: &[u8]) -> Network<'_> {
     }
 }
 
-fn ip(packet: &[u8]) -> Carried<'_> {
+fn ip(packet: &[u8], link: Link) -> Carried<'_> {
     let Ok((ip, stopped)) = LaxIpSlice::from_slice(packet) else {
         return if packet.len() < 20 { Carried::Cut } else { Carried::Malformed };
     };
@@ -128,6 +142,6 @@ fn ip(packet: &[u8]) -> Carried<'_> {
         }),
     };
     let Some((identification, offset, more)) = place else { return Carried::Malformed };
-    let key = Key { source, destination, identification };
+    let key = Key { source, destination, link, identification };
     Carried::Fragment(Fragment { key, offset, more, payload: payload.payload })
 }

@@ -64,6 +64,30 @@ impl std::fmt::Display for Truncated {
     }
 }
 
+/// Zeros from a record's place to the end of the file: a recorder that lost its power leaves room that it never wrote.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct ZeroTail {
+    /// Where they begin, in the unpacked stream; all before it was delivered.
+    pub offset: u64,
+    /// How many there are.
+    pub bytes: u64,
+    /// Of these, those of a record's header.
+    #[serde(skip)]
+    pub(super) header_bytes: u64,
+}
+
+impl std::fmt::Display for ZeroTail {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { offset, bytes, header_bytes } = self;
+        write!(
+            out,
+            "the record header at byte {offset} is empty, and from byte {} on nothing but zeros follows ({bytes} bytes in \
+             all): the recorder was cut off, by a loss of power perhaps, before it wrote them",
+            offset + header_bytes
+        )
+    }
+}
+
 /// What was met on the way. Everything that was not delivered as a UDP packet has a name here.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[non_exhaustive]
@@ -92,4 +116,6 @@ pub struct CaptureCounters {
     pub dropped_by_recorder: u64,
     /// The file ends inside a record.
     pub truncated: Option<Truncated>,
+    /// Nothing but zeros follows the last record.
+    pub zero_tail: Option<ZeroTail>,
 }

@@ -11,7 +11,7 @@ use pcap_parser::pcapng::SHB_MAGIC;
 
 use super::buffer::Buffer;
 use super::clock::Clock;
-use super::error::{CaptureCounters, CaptureError, Truncated};
+use super::error::{CaptureCounters, CaptureError, Truncated, ZeroTail};
 use super::identify::looks_like;
 use super::pcapng_blocks::{self as blocks, Body, Bytes};
 
@@ -116,6 +116,10 @@ impl Framing {
         if !self.need(HEADER, counters)? {
             return Ok(None);
         }
+        if is_zeros(&self.buffer.available()[..HEADER]) {
+            self.pass_zeros(HEADER as u64, counters)?;
+            return Ok(None);
+        }
         let captured = order.u32(self.buffer.available(), 8);
         if captured > MAX_CAPTURED {
             return Err(self.damaged(
@@ -158,6 +162,10 @@ impl Framing {
                 return Ok(None);
             }
             let head = self.buffer.available();
+            if is_zeros(&head[..12]) {
+                self.pass_zeros(12, counters)?;
+                return Ok(None);
+            }
             if head.starts_with(&SHB_MAGIC.to_le_bytes()) {
                 match head.get(8..12) {
                     Some([0x4d, 0x3c, 0x2b, 0x1a]) => self.format = Format::Pcapng { order: Bytes::Little },
@@ -295,6 +303,35 @@ impl Framing {
         Ok(have == length)
     }
 
+    /// Passes over zeros where a record should begin: no recorder writes a record of length 0 and time 0. Up to the end of
+    /// the file they are noted; zeros with something behind them are damage.
+    fn pass_zeros(&mut self, header_bytes: u64, counters: &mut CaptureCounters) -> Result<(), CaptureError> {
+        const STEP: usize = 4096;
+        let offset = self.buffer.offset();
+        let mut bytes = 0;
+        loop {
+            let have = match self.buffer.fill(STEP) {
+                Ok(have) => have,
+                Err(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+                    self.buffer.available().len()
+                }
+                Err(error) => return Err(self.stopped(error)),
+            };
+            let zeros = self.buffer.available()[..have].iter().take_while(|byte| **byte == 0).count();
+            bytes += zeros as u64;
+            self.buffer.consume(zeros);
+            if zeros < have {
+                let found = format!("{bytes} zero bytes, and other bytes behind them");
+                let expected = "a record that begins with its time and length".into();
+                return Err(CaptureError::Damaged { name: self.name.clone(), offset, found, expected });
+            }
+            if have == 0 {
+                counters.zero_tail = Some(ZeroTail { offset, bytes, header_bytes });
+                return Ok(());
+            }
+        }
+    }
+
     fn stopped(&self, source: std::io::Error) -> CaptureError {
         let offset = self.buffer.offset() + self.buffer.available().len() as u64;
         CaptureError::Read { name: self.name.clone(), offset, source }
@@ -303,4 +340,8 @@ impl Framing {
     fn damaged(&self, found: String, expected: String) -> CaptureError {
         CaptureError::Damaged { name: self.name.clone(), offset: self.buffer.offset(), found, expected }
     }
+}
+
+fn is_zeros(bytes: &[u8]) -> bool {
+    bytes.iter().all(|byte| *byte == 0)
 }

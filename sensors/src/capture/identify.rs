@@ -3,9 +3,9 @@
 /// Says what a file looks like that is neither pcap nor pcapng.
 pub(super) fn looks_like(start: &[u8]) -> String {
     const KNOWN: &[(&[u8], &str)] = &[
-        (b"#ROSBAG V2.0", "a ROS 1 bag (convert it, or record packets instead)"),
-        (b"\x89MCAP0\r\n", "an MCAP recording (of messages, not of packets)"),
-        (b"SQLite format 3", "an SQLite database, perhaps a ROS 2 bag"),
+        (b"#ROSBAG V", "a ROS 1 bag within gzip (unpack it first)"),
+        (b"\x89MCAP0\r\n", "an MCAP file within gzip (unpack it first)"),
+        (b"SQLite format 3", "an SQLite database within gzip, perhaps a ROS 2 bag (unpack it first)"),
         (b"snoop\0\0\0", "a Solaris snoop capture (convert it: editcap -F pcapng)"),
         (b"GMBU", "a Microsoft Network Monitor capture (convert it: editcap -F pcapng)"),
         (b"\xa1\xb2\xcd\x34", "Kuznetzov's modified pcap (convert it: editcap -F pcapng)"),
@@ -27,7 +27,10 @@ pub(super) fn looks_like(start: &[u8]) -> String {
     if let Some((_, name)) = KNOWN.iter().find(|(magic, _)| start.starts_with(magic)) {
         return (*name).into();
     }
-    if start.get(4..8) == Some(b"OSF!") || start.get(8..12) == Some(b"OSF!") {
+    // a flatbuffer's length, its root, and its identifier
+    if start.get(8..12) == Some(b"OSF$")
+        || [4..8, 8..12].iter().any(|at| start.get(at.clone()) == Some(b"OSF!"))
+    {
         return "an Ouster OSF recording (convert it: ouster-cli source FILE save out.pcap)".into();
     }
     let text = start.iter().all(|byte| matches!(byte, b'\t' | b'\n' | b'\r' | 0x20..=0x7e));

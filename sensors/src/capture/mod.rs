@@ -16,7 +16,7 @@ mod reassembly;
 #[cfg(test)]
 mod tests;
 
-pub use error::{CaptureCounters, CaptureError, Truncated};
+pub use error::{CaptureCounters, CaptureError, Truncated, ZeroTail};
 pub use framing::Interface;
 pub use pcap_writer::PcapWriter;
 pub use pcapng_writer::PcapngWriter;

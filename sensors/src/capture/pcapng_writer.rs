@@ -202,6 +202,7 @@ mod tests {
             host_time_ns: 1_697_084_088_551_168_123,
             source: "10.0.0.1:7502".parse().unwrap(),
             destination: "10.0.0.2:7503".parse().unwrap(),
+            link: Default::default(),
             payload,
         }
     }

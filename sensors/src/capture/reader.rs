@@ -15,7 +15,7 @@ use super::dissect::{Carried, dissect, udp};
 use super::error::{CaptureCounters, CaptureError};
 use super::framing::{Framing, Interface, LinkFrame};
 use super::reassembly::{Added, Reassembly};
-use crate::Packet;
+use crate::{Link, Packet};
 
 /// Reads a capture from front to back: pcap or pcapng in either byte order, plain or gzip. Memory does not depend on
 /// the file's length, and no packet costs an allocation (but for those with pcapng options of their own).
@@ -28,7 +28,7 @@ use crate::Packet;
 /// let mut file = Vec::new();
 /// let mut writer = PcapWriter::new(&mut file)?;
 /// for (host_time_ns, payload) in [(1, b"one"), (2, b"two")] {
-///     writer.write(&Packet { host_time_ns, source, destination, payload })?;
+///     writer.write(&Packet { host_time_ns, source, destination, link: Default::default(), payload })?;
 /// }
 /// file.pop(); // the disk was full
 ///
@@ -52,6 +52,7 @@ pub struct CaptureReader {
 struct Found {
     source: SocketAddr,
     destination: SocketAddr,
+    link: Link,
     time_ns: u64,
     place: Place,
 }
@@ -124,8 +125,8 @@ impl CaptureReader {
             Place::InFrame(payload) => self.framing.buffer.at(payload),
             Place::Reassembled { slot, payload } => &self.reassembly.datagram(slot)[payload],
         };
-        let Found { source, destination, time_ns: host_time_ns, .. } = found;
-        Ok(Some((self.interface, Packet { host_time_ns, source, destination, payload })))
+        let Found { source, destination, link, time_ns: host_time_ns, .. } = found;
+        Ok(Some((self.interface, Packet { host_time_ns, source, destination, link, payload })))
     }
 
     /// What was met so far.
@@ -163,12 +164,13 @@ impl CaptureReader {
             &mut counters.malformed
         };
         let time_ns = frame.time_ns;
-        match dissect(frame.link_type, bytes) {
+        let mut link = Link { interface: frame.interface as u16, ..Link::default() };
+        match dissect(frame.link_type, bytes, &mut link) {
             Carried::Udp { source, destination, payload } => {
                 let payload = within(bytes, payload);
                 let place =
                     Place::InFrame(frame.place.start + payload.start..frame.place.start + payload.end);
-                return Some(Found { source, destination, time_ns, place });
+                return Some(Found { source, destination, link, time_ns, place });
             }
             Carried::Fragment(fragment) => {
                 counters.fragments += 1;
@@ -182,7 +184,7 @@ impl CaptureReader {
                         {
                             let payload = within(datagram, payload);
                             let place = Place::Reassembled { slot, payload };
-                            return Some(Found { source, destination, time_ns, place });
+                            return Some(Found { source, destination, link, time_ns, place });
                         }
                         counters.malformed += 1;
                     }

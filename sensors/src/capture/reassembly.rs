@@ -6,6 +6,8 @@
 
 use std::net::IpAddr;
 
+use crate::Link;
+
 /// Datagrams under way at once; Linux allows for fewer bytes.
 const SLOTS: usize = 64;
 /// A datagram whose last fragment is older than this is given up. Fragments of one datagram leave a sensor back to
@@ -19,6 +21,7 @@ const UNITS: usize = 8192;
 pub(super) struct Key {
     pub(super) source: IpAddr,
     pub(super) destination: IpAddr,
+    pub(super) link: Link,
     pub(super) identification: u32,
 }
 
@@ -256,6 +259,7 @@ mod tests {
     const KEY: Key = Key {
         source: IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)),
         destination: IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2)),
+        link: Link { interface: 0, vlan: 0, hardware: [0; 6] },
         identification: 7,
     };
 

@@ -14,6 +14,7 @@ fn packet(payload: &[u8]) -> Packet<'_> {
         host_time_ns: TIME_NS,
         source: "10.5.6.101:40000".parse().unwrap(),
         destination: "10.5.6.1:7502".parse().unwrap(),
+        link: Default::default(),
         payload,
     }
 }

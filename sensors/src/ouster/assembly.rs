@@ -72,8 +72,12 @@ impl Assembly {
         self.rejected_since = 0;
         self.first_order = u64::MAX;
         self.last_order = 0;
-        self.frame = output.completed.spent_frame().unwrap_or_else(|| blank_frame(output.metadata));
+        // one of another mode has another size
+        let spent = output.completed.spent_frame();
+        let spent = spent.filter(|frame| frame.columns() == output.metadata.columns_per_frame);
+        self.frame = spent.unwrap_or_else(|| blank_frame(output.metadata));
         let frame = &mut self.frame;
+        (frame.expected_packets, frame.azimuth_rate_rad_per_ns) = expectations(output.metadata);
         frame.frame_id = place.frame_id;
         frame.column_time_ns.fill(0);
         frame.column_valid.fill(false);
@@ -82,6 +86,29 @@ impl Assembly {
         frame.complete = false;
         frame.host_time_ns = [place.host_time_ns; 2];
         frame.health = Health::default();
+    }
+
+    /// The sensor is set differently than it was thought to be: columns keep their numbers, and their azimuths follow.
+    pub(super) fn follow(&mut self, metadata: &Metadata) {
+        self.came.resize(metadata.packet_slots().div_ceil(64), 0);
+        if !self.open {
+            return;
+        }
+        if self.frame.columns() != metadata.columns_per_frame {
+            let mut frame = blank_frame(metadata);
+            let columns = frame.columns().min(self.frame.columns());
+            frame.column_time_ns[..columns].copy_from_slice(&self.frame.column_time_ns[..columns]);
+            frame.column_valid[..columns].copy_from_slice(&self.frame.column_valid[..columns]);
+            frame.first.copy_samples(&self.frame.first, columns * frame.channels);
+            if let (Some(second), Some(from)) = (&mut frame.second, &self.frame.second) {
+                second.copy_samples(from, columns * frame.channels);
+            }
+            let Frame { frame_id, packets, restarts, host_time_ns, health, .. } = self.frame;
+            self.frame = Frame { frame_id, packets, restarts, host_time_ns, health, ..frame };
+        }
+        (self.frame.expected_packets, self.frame.azimuth_rate_rad_per_ns) = expectations(metadata);
+        let expects = |slot: &usize| metadata.expects_slot(*slot) && has(&self.came, *slot);
+        self.expected_came = (0..metadata.packet_slots()).filter(expects).count();
     }
 
     /// Packets were refused that may belong here.
@@ -178,6 +205,11 @@ impl Assembly {
 /// Whether a slot is set in a bitmap of slots.
 pub(super) fn has(came: &[u64], slot: usize) -> bool {
     came.get(slot / 64).is_some_and(|word| word >> (slot % 64) & 1 == 1)
+}
+
+/// Packets of a revolution and the encoder's rate, rad/ns.
+fn expectations(metadata: &Metadata) -> (Option<u32>, f64) {
+    (Some(metadata.packets_per_frame() as u32), std::f64::consts::TAU * metadata.frame_rate_hz * 1e-9)
 }
 
 /// A frame of the sensor's size without a sample.

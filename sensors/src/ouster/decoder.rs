@@ -4,6 +4,7 @@ use std::net::SocketAddr;
 
 use super::assembly::{Output, Place};
 use super::claim::Claim;
+use super::evidence::{Correction, Evidence, Mode};
 use super::imu;
 use super::metadata::{ImuProfile, Metadata};
 use super::profile::Profile;
@@ -14,14 +15,20 @@ use crate::{Completed, DecodeStats, Decoder, Packet, Rejected, SensorModel};
 
 /// Decodes the packets of one sensor. Memory is bounded and reused: a few frames and a few held packets.
 pub struct OusterDecoder {
-    metadata: Metadata,
-    lidar_bytes: usize,
+    pub(super) metadata: Metadata,
+    pub(super) lidar_bytes: usize,
     imu_bytes: usize,
-    stream: Stream,
+    pub(super) stream: Stream,
     stats: DecodeStats,
     source: Option<SocketAddr>,
     completed: Completed,
     nmea: Option<(u64, String)>,
+    pub(super) evidence: Evidence,
+    /// Mode of the metadata as they were given.
+    pub(super) given: Mode,
+    pub(super) corrections: Vec<Correction>,
+    /// A packet of the sensor has been looked at: its header is laid out as that one's.
+    pub(super) is_met: bool,
 }
 
 /// What a packet turned out to be.
@@ -48,6 +55,10 @@ impl OusterDecoder {
             source: None,
             completed: Completed::default(),
             nmea: None,
+            evidence: Evidence::default(),
+            given: Mode::of(&metadata),
+            corrections: Vec::new(),
+            is_met: false,
             metadata,
         }
     }
@@ -80,7 +91,7 @@ impl OusterDecoder {
             return self.claim_anonymous(packet, self.metadata.imu_port);
         }
         if self.metadata.profile == Profile::Legacy {
-            let fits = bytes.len() == self.lidar_bytes && self.locate(bytes).is_ok();
+            let fits = bytes.len() == self.lidar_bytes && self.ensure_columns(bytes).is_ok();
             return if fits { self.claim_anonymous(packet, self.metadata.lidar_port) } else { Claim::No };
         }
         let header = Header::read(self.header_kind(bytes), bytes);
@@ -170,25 +181,40 @@ impl OusterDecoder {
 
     /// Slot and time of a lidar packet, if its columns follow one another from a packet boundary.
     fn locate(&self, bytes: &[u8]) -> Result<(usize, u64), Rejected> {
+        let (first_id, last_id, time_ns) = self.ensure_columns(bytes)?;
+        let expected = self.metadata.columns_per_frame;
+        if last_id >= expected {
+            let reason = format!("column {last_id}, expected less than {expected}");
+            return Err(Rejected::Malformed { reason });
+        }
+        Ok((first_id / self.metadata.columns_per_packet, time_ns))
+    }
+
+    /// First column, last valid one (or the first) and time of a lidar packet whose columns follow one another from a packet
+    /// boundary, in whatever mode.
+    pub(super) fn ensure_columns(&self, bytes: &[u8]) -> Result<(usize, usize, u64), Rejected> {
         let format = self.metadata.packet_format();
         let first = format.read_column(format.column(bytes, 0));
         let first_id = usize::from(first.measurement_id);
-        if first_id % format.columns_per_packet != 0 || first_id >= self.metadata.columns_per_frame {
-            let reason = format!(
-                "first column {first_id}, expected a multiple of {} below {}",
-                format.columns_per_packet, self.metadata.columns_per_frame
-            );
+        if first_id % format.columns_per_packet != 0 {
+            let reason =
+                format!("first column {first_id}, expected a multiple of {}", format.columns_per_packet);
             return Err(Rejected::Malformed { reason });
         }
+        let mut last_id = first_id;
         for index in 1..format.columns_per_packet {
             let column = format.read_column(format.column(bytes, index));
             let id = usize::from(column.measurement_id);
-            if column.valid && (id != first_id + index || id >= self.metadata.columns_per_frame) {
+            if !column.valid {
+                continue;
+            }
+            if id != first_id + index {
                 let reason = format!("column {id} where {} belongs", first_id + index);
                 return Err(Rejected::Malformed { reason });
             }
+            last_id = id;
         }
-        Ok((first_id / format.columns_per_packet, first.time_ns))
+        Ok((first_id, last_id, first.time_ns))
     }
 
     /// For packets that do not identify themselves: damaged, when all else says they are ours.
@@ -214,7 +240,7 @@ impl OusterDecoder {
 
     /// The header layout of a packet. Firmware from 4.0 on may write the functional-safety header where metadata says
     /// STANDARD: the serial number tells.
-    fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
+    pub(super) fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
         let Some(serial) = self.metadata.serial_number() else { return self.metadata.header };
         let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);
         let others = [HeaderKind::Standard, HeaderKind::Fusa];
@@ -248,13 +274,7 @@ impl OusterDecoder {
 
 impl Decoder for OusterDecoder {
     fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
-        if self.source.is_none() && self.metadata.profile.has_packet_header() {
-            let header = self.header_kind(packet.payload);
-            if header != self.metadata.header {
-                self.metadata.header = header;
-                self.stream = Stream::new(&self.metadata);
-            }
-        }
+        self.look(packet.payload);
         let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
         self.stats.packets += 1;
         match kind {

@@ -13,7 +13,9 @@ pub mod zones;
 mod assembly;
 mod claim;
 mod decoder;
+mod evidence;
 mod kernels;
+mod look;
 mod stream;
 mod strays;
 #[cfg(test)]
@@ -22,6 +24,7 @@ mod tests;
 pub use claim::Claim;
 pub use decoder::OusterDecoder;
 pub use encode::{Checksum, OusterEncoder};
+pub use evidence::Correction;
 pub use imu::ImuSample;
 pub use metadata::{ImuProfile, Metadata, MetadataError, Synthetic, TimestampMode};
 pub use profile::Profile;

@@ -37,6 +37,8 @@ pub(super) struct Stream {
     strays: Strays,
     /// Refused packets since the last frame was closed, while none was open.
     rejected: u64,
+    /// How many columns a revolution has is known of the packets: until then a frame waits for the next one's first packet.
+    pub(super) is_settled: bool,
 }
 
 /// The packets of a closed frame.
@@ -64,6 +66,17 @@ impl Stream {
             old_init_id: None,
             strays: Strays::default(),
             rejected: 0,
+            is_settled: true,
+        }
+    }
+
+    /// The sensor is set differently than it was thought to be.
+    pub(super) fn follow(&mut self, metadata: &Metadata) {
+        self.format = metadata.packet_format();
+        self.current.follow(metadata);
+        self.next.follow(metadata);
+        for closed in &mut self.closed {
+            closed.came.resize(metadata.packet_slots().div_ceil(64), 0);
         }
     }
 
@@ -168,7 +181,7 @@ impl Stream {
         }
         let behind = add(&mut self.current, &self.format, &self.kernels, output.metadata, place, packet);
         output.stats.reordered += u64::from(behind || self.next.open);
-        if self.current.is_whole() {
+        if self.current.is_whole() && self.is_settled {
             self.close_current(output, End::Followed);
             self.promote();
         }
@@ -199,7 +212,7 @@ impl Stream {
         let behind = add(&mut self.next, &self.format, &self.kernels, output.metadata, place, packet);
         output.stats.reordered += u64::from(behind);
         let patience = (output.metadata.packets_per_frame() / 4).clamp(2, MOST_EARLY_PACKETS);
-        if self.next.is_whole() || self.next.frame.packets as usize >= patience {
+        if self.next.is_whole() || self.next.frame.packets as usize >= patience || self.current.is_whole() {
             self.close_current(output, End::Followed);
             self.promote();
             if self.current.is_whole() {

@@ -14,7 +14,7 @@ const MODELS: [&str; 4] = ["os1-16", "os1-32", "os0-64", "os2-128"];
 fn packet(payload: &[u8]) -> Packet<'_> {
     let source = SocketAddr::from(([192, 0, 2, 7], 7502));
     let destination = SocketAddr::from(([192, 0, 2, 1], 7502));
-    Packet { host_time_ns: 5, source, destination, payload }
+    Packet { host_time_ns: 5, source, destination, link: Default::default(), payload }
 }
 
 fn decode(metadata: &Metadata, payloads: &[Vec<u8>]) -> (Vec<Frame>, crate::DecodeStats) {

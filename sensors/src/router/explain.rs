@@ -31,6 +31,42 @@ impl Sensor {
         self.rival().map(|rival| two_sources(self, rival))
     }
 
+    /// That its packets are those of two sensors, where no single one could send them.
+    pub fn mixed(&self) -> Option<String> {
+        let Family::Velodyne(decoder) = &self.family else { return None };
+        let how = if decoder.has_second_clock() {
+            "go by two clocks: those of the second were taken as another sensor's"
+        } else if decoder.sends_too_often() {
+            "come at twice the rate of one: their points are mixed"
+        } else {
+            return None;
+        };
+        Some(format!(
+            "two sensors send as one: the packets from {} {how} (give each an address or a port of its own)",
+            at_home(self).unwrap_or_default()
+        ))
+    }
+
+    /// That it stands still, where it does.
+    pub fn does_not_turn(&self) -> Option<String> {
+        let Family::Velodyne(decoder) = &self.family else { return None };
+        let at_deg = decoder.still_at_deg()?;
+        Some(format!("it does not turn: its azimuth stays at {at_deg:.2}°"))
+    }
+
+    /// That position packets came and no data packets, where that is so.
+    pub fn only_positions(&self) -> Option<String> {
+        let count = self.position_packets;
+        let is_alone = count > 0 && self.paths.current().is_none();
+        let packets = if count == 1 { "position packet" } else { "position packets" };
+        is_alone.then(|| {
+            format!(
+                "{count} {packets} from {} and no data packets: its lasers are off, or its data port was filtered away",
+                self.first_source.map_or(String::new(), |source| source.ip().to_string())
+            )
+        })
+    }
+
     pub(super) fn note_damage(&mut self, packet: &Packet<'_>, reason: String) {
         if self.first_damage.is_none() {
             let other = other_setting(self, packet);

@@ -69,10 +69,15 @@ impl Guess {
 
     /// Whether a payload looks like a Velodyne's; that is told at once.
     pub(super) fn of_velodyne(payload: &[u8]) -> Option<Self> {
-        let velodyne_blocks = payload.len() > 200
-            && [0, 100].iter().all(|at| {
-                payload[*at] == VELODYNE_FLAG && [0xEE, 0xDD, 0xCC, 0xBB].contains(&payload[*at + 1])
-            });
+        let is_flag = |at: usize| {
+            payload.get(at) == Some(&VELODYNE_FLAG)
+                && payload.get(at + 1).is_some_and(|bank| [0xEE, 0xDD, 0xCC, 0xBB].contains(bank))
+        };
+        let velodyne_blocks = match payload.len() {
+            // one of its blocks may be damaged
+            DATA_PACKET_BYTES => (0..8).filter(|block| is_flag(100 * block)).count() >= 6,
+            length => length > 200 && is_flag(0) && is_flag(100),
+        };
         if velodyne_blocks {
             return Some(match payload.len() {
                 DATA_PACKET_BYTES => Self::VelodyneData,

@@ -7,23 +7,26 @@
 mod ahead;
 mod explain;
 mod guess;
+mod merged;
+mod paths;
 mod senders;
 mod sensor;
 mod streams;
 #[cfg(test)]
 mod tests;
 mod tie;
+mod velodynes;
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 
 use crate::ouster::{Claim, Metadata, OusterDecoder};
-use crate::velodyne::{Options, VelodyneDecoder};
+use crate::velodyne::wire::DATA_PACKET_BYTES;
 use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
 pub use senders::Rival;
-pub use sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
+pub use sensor::{Beams, Family, GivenCalibration, GivenModel, Sensor, Whose};
 use streams::{Stream, stream_of};
 pub use tie::{Named, Tie};
 
@@ -38,6 +41,7 @@ pub struct Router {
     sensors: Vec<Sensor>,
     unclaimed: BTreeMap<(u16, usize, Option<u64>), Unclaimed>,
     calibrations: Vec<GivenCalibration>,
+    models: Vec<GivenModel>,
     names: Vec<Named>,
     ahead: ahead::Ahead,
     /// Everything was looked at that is looked at before decoding: who was not met is not there, or late.
@@ -108,6 +112,11 @@ impl Router {
         self.names = names;
     }
 
+    /// Says which product a Velodyne is whose packets do not say it.
+    pub fn add_model(&mut self, model: GivenModel) {
+        self.models.push(model);
+    }
+
     /// Adds the calibration of a Velodyne.
     pub fn add_calibration(&mut self, calibration: GivenCalibration) {
         self.calibrations.push(calibration);
@@ -137,8 +146,22 @@ impl Router {
     /// are told apart by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
     /// that are known or were met.
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
+        match self.merged_bytes(packet) {
+            None => self.learn_one(packet),
+            Some(bytes) => {
+                let parts = packet.payload.chunks(bytes).map(|payload| Packet { payload, ..*packet });
+                parts.fold(false, |_, part| self.learn_one(&part))
+            }
+        }
+    }
+
+    fn learn_one(&mut self, packet: &Packet<'_>) -> bool {
         match self.best_claim(packet) {
-            (Some((at, claim)), 1) if is_evidence(claim, packet) => self.sensors[at].note_source(packet),
+            (Some((at, claim)), 1) if is_evidence(claim, packet) => {
+                self.sensors[at].note_source(packet);
+                self.sensors[at].learn(packet);
+            }
+            (Some((at, Claim::Named)), _) => self.sensors[at].learn(packet),
             (Some((at, _)), 1) => self.sensors[at].streams.note_imu(packet),
             (None, _) => self.meet_stranger(packet),
             _ => {}
@@ -152,10 +175,20 @@ impl Router {
     /// Ends the look before decoding: packets that say nothing of whose they are go to sensors that were met in it.
     pub fn end_learning(&mut self) {
         self.has_learned = true;
+        self.sensors.iter_mut().for_each(Sensor::end_learning);
     }
 
     /// Hands a packet to its sensor, and what that completes to `out`.
     pub fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
+        let Some(bytes) = self.merged_bytes(packet) else { return self.push_one(packet, out) };
+        let mut routed = Routed::Unclaimed;
+        for payload in packet.payload.chunks(bytes) {
+            routed = self.push_one(&Packet { payload, ..*packet }, out);
+        }
+        routed
+    }
+
+    fn push_one(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
         let (at, claim) = match self.find(packet) {
             Ok(found) => found,
             Err(reason) => {
@@ -167,6 +200,16 @@ impl Router {
             self.count_unclaimed(packet, self.sensors[at].two_sources());
             return Routed::Unclaimed;
         }
+        self.push_to(at, claim, packet, out)
+    }
+
+    fn push_to(
+        &mut self,
+        at: usize,
+        claim: Option<Claim>,
+        packet: &Packet<'_>,
+        out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>),
+    ) -> Routed {
         let outcome = self.sensors[at].family.decoder_mut().take(packet);
         self.sensors[at].take_name(&self.names);
         self.sensors[at].calibrate(&self.calibrations);
@@ -177,6 +220,9 @@ impl Router {
                 Routed::Taken(at)
             }
             Err(Rejected::Foreign { reason }) => {
+                if let Some(twin) = self.twin_of(at, packet) {
+                    return self.push_to(twin, claim, packet, out);
+                }
                 self.count_unclaimed(packet, Some(reason));
                 Routed::Unclaimed
             }
@@ -225,6 +271,12 @@ impl Router {
         match Guess::of_velodyne(packet.payload) {
             Some(Guess::VelodyneData) => self.velodyne(packet, true).map(|at| (at, None)),
             Some(Guess::VelodynePosition) => self.velodyne(packet, false).map(|at| (at, None)),
+            Some(Guess::VelodyneBlocks) if packet.payload.len() < DATA_PACKET_BYTES => {
+                let at = self.sensors.iter().position(|sensor| {
+                    matches!(sensor.family, Family::Velodyne(_)) && sensor.paths.has(packet)
+                });
+                at.map(|at| (at, None)).ok_or(None)
+            }
             // damaged, perhaps: the sender's decoder knows
             _ => self
                 .sensors
@@ -330,38 +382,6 @@ impl Router {
         }
         let units: Vec<Stream> = self.velodynes.iter().filter(|unit| unit.0 == address).copied().collect();
         if units.len() > 1 { Err(Some(explain::position_of_several(&units))) } else { Ok(None) }
-    }
-
-    /// The Velodyne of this sender and port.
-    fn velodyne(&mut self, packet: &Packet<'_>, data: bool) -> Result<usize, Option<String>> {
-        let (address, port) = stream_of(packet);
-        let data_port = if data { Some(port) } else { self.data_port_of(packet)? };
-        if data {
-            self.note_velodyne(packet);
-        }
-        let same_sender = |sensor: &Sensor| {
-            matches!(sensor.family, Family::Velodyne(_))
-                && sensor.first_source.is_some_and(|source| source.ip() == address)
-        };
-        let found = self.sensors.iter().position(|sensor| {
-            same_sender(sensor)
-                && (data_port.is_none() || sensor.data_port.is_none() || sensor.data_port == data_port)
-        });
-        let at = match found {
-            Some(at) => at,
-            None if self.sensors.len() >= MOST_SENSORS => return Err(Some(explain::too_many(MOST_SENSORS))),
-            None => {
-                let status = self.ahead.status(address, data_port.unwrap_or(port));
-                let options = Options { source: Some(address), status, ..Options::default() };
-                let decoder = Family::Velodyne(Box::new(VelodyneDecoder::new(options)));
-                self.sensors.push(Sensor::new(decoder, None));
-                self.sensors.len() - 1
-            }
-        };
-        let sensor = &mut self.sensors[at];
-        sensor.first_source.get_or_insert(packet.source);
-        sensor.data_port = sensor.data_port.or(data_port);
-        Ok(at)
     }
 
     fn count_unclaimed(&mut self, packet: &Packet<'_>, reason: Option<String>) {

@@ -4,12 +4,13 @@ use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 
 use super::is_evidence;
+use super::paths::Paths;
 use super::senders::{Rival, Senders};
 use super::streams::{Stream, Streams};
 use super::tie::{Named, Tie};
-use crate::ouster::{Claim, OusterDecoder};
-use crate::velodyne::{Calibration, CalibrationError, VelodyneDecoder};
-use crate::{DecodeStats, Decoder, Packet, SensorModel};
+use crate::ouster::{Claim, Correction, OusterDecoder, TimestampMode};
+use crate::velodyne::{Calibration, CalibrationError, Product, VelodyneDecoder};
+use crate::{DecodeStats, Decoder, Link, Packet, SensorModel};
 
 /// A sensor that packets are routed to.
 pub struct Sensor {
@@ -25,6 +26,12 @@ pub struct Sensor {
     pub(super) data_port: Option<u16>,
     pub(super) streams: Streams,
     pub(super) senders: Senders,
+    pub(super) paths: Paths,
+    /// Another sensor whose packets come as this one's, told from them by its clock.
+    pub(super) twin: Option<usize>,
+    pub(super) is_twin: bool,
+    /// Position packets that came.
+    pub position_packets: u64,
     /// Where what it sends beside its lidar packets goes, where somebody says.
     aside_port: Option<u16>,
     pub(super) first_damage: Option<String>,
@@ -41,6 +48,15 @@ pub struct GivenCalibration {
     pub name: String,
     /// What it says.
     pub calibration: Calibration,
+}
+
+/// The product of a Velodyne, as given.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GivenModel {
+    /// The Velodynes that it holds for; every one where nothing is said.
+    pub tie: Option<Tie>,
+    /// What they are.
+    pub product: Product,
 }
 
 /// Which sensors something is meant for.
@@ -131,6 +147,10 @@ impl Sensor {
             data_port: None,
             streams: Streams::default(),
             senders: Senders::default(),
+            paths: Paths::default(),
+            twin: None,
+            is_twin: false,
+            position_packets: 0,
             aside_port: None,
             first_damage: None,
             misread_bytes: None,
@@ -183,6 +203,19 @@ impl Sensor {
     /// Where its first packet came from.
     pub fn source(&self) -> Option<SocketAddr> {
         self.first_source
+    }
+
+    /// How its data packets come to the host, where the recording says so (Velodyne).
+    pub fn link(&self) -> Option<Link> {
+        self.paths.current().map(|path| path.link).or(self.paths.aside)
+    }
+
+    /// Length of the lidar packets of an Ouster.
+    pub(super) fn lidar_bytes(&self) -> Option<usize> {
+        match &self.family {
+            Family::Ouster(decoder) => Some(decoder.lidar_bytes()),
+            Family::Velodyne(_) => None,
+        }
     }
 
     /// Port its lidar packets go to.
@@ -353,6 +386,35 @@ impl Sensor {
         let Some(identity) = decoder.identity() else { return };
         let meant = calibrations.iter().find(|given| self.is_meant(&given.whose));
         self.calibrated = meant.map(|given| (given.name.clone(), given.calibration.model(identity.product)));
+    }
+
+    /// Holds one of its packets against its metadata, before any is decoded.
+    pub(super) fn learn(&mut self, packet: &Packet<'_>) {
+        if let Family::Ouster(decoder) = &mut self.family {
+            decoder.learn(packet.payload);
+        }
+    }
+
+    pub(super) fn end_learning(&mut self) {
+        if let Family::Ouster(decoder) = &mut self.family {
+            decoder.end_learning();
+        }
+    }
+
+    /// What its packets and its metadata do not agree on; its packets count.
+    pub fn corrections(&self) -> &[Correction] {
+        match &self.family {
+            Family::Ouster(decoder) => decoder.corrections(),
+            Family::Velodyne(_) => &[],
+        }
+    }
+
+    /// Where it takes its time from, where metadata say so.
+    pub fn timestamp_mode(&self) -> Option<TimestampMode> {
+        match &self.family {
+            Family::Ouster(decoder) => decoder.metadata().timestamp_mode,
+            Family::Velodyne(_) => None,
+        }
     }
 
     pub(super) fn note_source(&mut self, packet: &Packet<'_>) {

@@ -10,6 +10,7 @@ fn packet<'a>(sender: u8, port: u16, payload: &'a [u8]) -> Packet<'a> {
         host_time_ns: 1_700_000_000_000_000_000,
         source: std::net::SocketAddr::from(([10, 0, 0, sender], 50_000)),
         destination: std::net::SocketAddr::from(([10, 0, 0, 9], port)),
+        link: Default::default(),
         payload,
     }
 }
@@ -317,7 +318,10 @@ fn frames_are_lent_not_copied() {
     }
     router.finish(&mut note);
     assert_eq!(ouster.iter().map(|(frame_id, ..)| *frame_id).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
-    assert!(ouster.iter().all(|(_, ranges, times)| (*ranges, *times) == (ouster[0].1, ouster[0].2)));
+    // the first waits for the next to begin: two go round
+    let buffers: std::collections::BTreeSet<_> =
+        ouster.iter().map(|(_, ranges, times)| (*ranges, *times)).collect();
+    assert!(buffers.len() <= 2, "{buffers:?}");
     // frames of a Velodyne grow to the revolution's size, and so do their buffers, until they fit
     assert!(velodyne.len() > 4, "{velodyne:?}");
     let settled = &velodyne[2..];

@@ -2,6 +2,7 @@
 
 use crate::frame::{Frame, Layer};
 
+use super::blocks::BadBlocks;
 use super::heads::{Head, Spin, azimuth_rad};
 use super::kernels::{self, drop_repeated};
 use super::wire::{DataPacket, Layout, Part};
@@ -18,6 +19,8 @@ pub(crate) struct Building {
     packets: Vec<(u64, usize)>,
     /// Packets came in another order than they were sent in.
     unsorted: bool,
+    /// A block of some packet could not be used.
+    has_bad_blocks: bool,
 }
 
 impl Building {
@@ -52,6 +55,7 @@ impl Building {
         self.lost = 0;
         self.packets.clear();
         self.unsorted = false;
+        self.has_bad_blocks = false;
     }
 
     pub fn is_empty(&self) -> bool {
@@ -86,6 +90,7 @@ impl Building {
         heads: &[Head],
         range: std::ops::Range<usize>,
         unit_mm: u32,
+        bad: BadBlocks,
     ) {
         let frame = &mut self.frame;
         let time_ns = heads[range.start].time_ns;
@@ -95,6 +100,13 @@ impl Building {
         let azimuths_rad = heads[range.clone()].iter().map(|head| azimuth_rad(head.azimuth_counts));
         frame.column_azimuth_rad.extend(azimuths_rad);
         frame.column_valid.resize(frame.column_time_ns.len(), true);
+        if bad != BadBlocks::default() {
+            self.has_bad_blocks = true;
+            let valid = frame.column_valid.iter_mut().rev().take(range.len()).rev();
+            for (valid, sequence) in valid.zip(&layout.sequences[range.clone()]) {
+                *valid = !bad.spoil(sequence);
+            }
+        }
 
         let place = frame.first.range_mm.len();
         let (channels, sequences) = (frame.channels, &layout.sequences[range]);
@@ -125,7 +137,7 @@ impl Building {
             self.sort();
         }
         let frame = &mut self.frame;
-        frame.complete = complete && self.lost == 0;
+        frame.complete = complete && self.lost == 0 && !self.has_bad_blocks;
         let rate = self.spin.rate().unwrap_or(0.0);
         frame.azimuth_rate_rad_per_ns = rate * std::f64::consts::TAU / f64::from(super::wire::AZIMUTH_COUNTS);
         std::mem::take(&mut self.frame)
@@ -142,6 +154,7 @@ impl Building {
         let order: Vec<usize> = runs.into_iter().flat_map(|(_, columns)| columns).collect();
         frame.column_time_ns = by_column(&frame.column_time_ns, &order, 1);
         frame.column_azimuth_rad = by_column(&frame.column_azimuth_rad, &order, 1);
+        frame.column_valid = by_column(&frame.column_valid, &order, 1);
         let channels = frame.channels;
         for layer in [Some(&mut frame.first), frame.second.as_mut()].into_iter().flatten() {
             layer.range_mm = by_column(&layer.range_mm, &order, channels);

@@ -8,11 +8,13 @@ use crate::decoder::{DecodeStats, Decoder, Rejected};
 use crate::model::SensorModel;
 use crate::packet::Packet;
 
+use super::blocks::{self, BadBlocks};
 use super::calibration::{StatusReader, UnitStatus};
 use super::checks::{check, check_unknown, refuse_length};
-use super::clock::HourClock;
+use super::clock::{Follows, HourClock, Stamp};
 use super::detect::{self, ENOUGH_PACKETS, Identity};
-use super::heads::Start;
+use super::heads::{Start, step_counts};
+use super::odd_stamps::{Doubted, SecondClock};
 use super::position::Position;
 use super::product::{Product, ReturnMode};
 use super::stream::{Cut, S1_PACKET_NS, Stream};
@@ -47,7 +49,7 @@ pub const DEFAULT_HELD_PACKETS: usize = 3;
 #[derive(Debug)]
 pub struct VelodyneDecoder {
     options: Options,
-    stats: DecodeStats,
+    pub(super) stats: DecodeStats,
     pub(super) source: Option<IpAddr>,
     /// Port that its data packets go to.
     pub(super) data_port: Option<u16>,
@@ -57,7 +59,12 @@ pub struct VelodyneDecoder {
     mode: Option<ReturnMode>,
     /// Byte 1205 of the packets before; it does not change.
     pub(super) model_byte: Option<u8>,
-    clock: HourClock,
+    pub(super) clock: HourClock,
+    /// Packets whose stamps are not believed yet, in the order they came.
+    pub(super) doubted: Vec<Doubted>,
+    pub(super) second_clock: SecondClock,
+    /// Where the packet ended that came last, and how far its blocks are apart, counts.
+    last_end: Option<[u16; 2]>,
     window: Window,
     /// Time stamps and first azimuths of packets decoded last, to tell a repeated packet from a late one.
     recent: std::collections::VecDeque<Start>,
@@ -89,6 +96,9 @@ impl VelodyneDecoder {
             mode: None,
             model_byte: None,
             clock: HourClock::default(),
+            doubted: Vec::new(),
+            second_clock: SecondClock::default(),
+            last_end: None,
             window: Window::default(),
             recent: std::collections::VecDeque::with_capacity(RECENT_PACKETS),
             completed: Completed::default(),
@@ -122,6 +132,21 @@ impl VelodyneDecoder {
     /// How many frames were complete before the unit had said how it is calibrated; none where it has not.
     pub fn calibrated_after_frames(&self) -> Option<u64> {
         self.calibrated_after_frames
+    }
+
+    /// The azimuth at which it stands, degrees; none of a sensor that turns.
+    pub fn still_at_deg(&self) -> Option<f64> {
+        Some(f64::from(self.stream.as_ref()?.still_at_counts()?) / 100.0)
+    }
+
+    /// More packets come than one sensor can send.
+    pub fn sends_too_often(&self) -> bool {
+        self.stream.as_ref().is_some_and(Stream::is_too_fast)
+    }
+
+    /// Packets of two clocks come as one sensor's: those of the second are refused.
+    pub fn has_second_clock(&self) -> bool {
+        self.second_clock.is_certain()
     }
 
     fn decide(&mut self, identity: Identity) {
@@ -189,36 +214,90 @@ impl VelodyneDecoder {
     }
 
     fn accept(&mut self, payload: &[u8; DATA_PACKET_BYTES], host_ns: u64) -> Result<(), Rejected> {
-        let Some(stream) = &mut self.stream else { return Ok(()) };
+        let Some(stream) = &self.stream else { return Ok(()) };
+        let bad = check(DataPacket::of(payload), stream, self.model_byte)?;
+        let mended;
+        let payload = if bad == BadBlocks::default() {
+            payload
+        } else {
+            mended = blocks::mended(payload, stream.layout(DataPacket::of(payload)), bad);
+            &mended
+        };
         let data = DataPacket::of(payload);
-        check(data, stream, self.model_byte)?;
+        let is_timed = stream.product() != Product::Hdl64eS1;
+        let period_ns = stream.period_ns(data);
         self.model_byte = Some(data.model_byte());
         self.mode = detect::mode(data).filter(|_| stream.product().model_byte().is_some());
-        let (time_ns, restarted) = if stream.product() == Product::Hdl64eS1 {
+        if !is_timed {
             if self.window.back().is_some_and(|newest| *newest.payload == *payload) {
                 self.stats.duplicated += 1;
                 return Ok(());
             }
-            (self.host_time_ns(host_ns), false)
-        } else {
-            let resolved = self.clock.resolve(data.stamp_us(), host_ns);
-            (resolved.time_ns, resolved.restarted)
-        };
-        if restarted {
+            let time_ns = self.host_time_ns(host_ns);
+            self.place(time_ns, Follows::On, host_ns, payload, bad);
+            return Ok(());
+        }
+        let is_next = self.is_next(data);
+        let stamp = Stamp { stamp_us: data.stamp_us(), host_ns, is_next, period_ns };
+        match self.clock.resolve(stamp) {
+            Some(resolved) => {
+                if self.clock.newest_ns() == Some(resolved.time_ns) {
+                    self.settle_doubted(Some(resolved.time_ns).filter(|_| resolved.follows == Follows::On));
+                }
+                self.place(resolved.time_ns, resolved.follows, host_ns, payload, bad);
+            }
+            None => self.doubt(stamp, payload, bad)?,
+        }
+        Ok(())
+    }
+
+    /// Whether a packet goes on at the azimuth where the one that came before it ended.
+    fn is_next(&mut self, data: DataPacket<'_>) -> bool {
+        let Some(stream) = &self.stream else { return false };
+        let mut last = stream.layout(data).sequences.iter().rev().filter(|s| s.after_azimuth == 0);
+        let last = [last.next(), last.next()].map(|s| s.map(|s| data.azimuth(usize::from(s.block))));
+        let before = std::mem::take(&mut self.last_end);
+        if let [Some(end), Some(earlier)] = last {
+            let step = step_counts(earlier, end);
+            self.last_end = (step > 0.0).then_some([end, step as u16]);
+        }
+        let Some([end, step]) = before else { return false };
+        let ahead = step_counts(end, data.azimuth(0));
+        (ahead - f64::from(step)).abs() <= 0.5 * f64::from(step)
+    }
+
+    /// Time of the newest packet that has its place, ns.
+    pub(super) fn newest_placed_ns(&self) -> Option<u64> {
+        let held = self.window.back().map(|held| held.time_ns);
+        held.or(self.recent.back().map(|recent| recent.time_ns))
+    }
+
+    /// Puts a packet in its place, whose time is known.
+    pub(super) fn place(
+        &mut self,
+        time_ns: u64,
+        follows: Follows,
+        host_ns: u64,
+        payload: &[u8; DATA_PACKET_BYTES],
+        bad: BadBlocks,
+    ) {
+        if follows != Follows::On {
+            self.stats.pauses += u64::from(follows == Follows::Pause);
             self.flush();
             self.close_frame();
             self.recent.clear();
         }
+        self.stats.bad_blocks += bad.count() as u64;
         if let Some(Start { time_ns: last_ns, .. }) = self.recent.back()
             && time_ns <= *last_ns
         {
-            self.take_late(time_ns, host_ns, payload);
-            return Ok(());
+            self.take_late(time_ns, host_ns, payload, bad);
+            return;
         }
-        match self.window.insert(time_ns, host_ns, payload) {
+        match self.window.insert(time_ns, host_ns, payload, bad) {
             Place::Duplicate => {
                 self.stats.duplicated += 1;
-                return Ok(());
+                return;
             }
             Place::Between => self.stats.reordered += 1,
             Place::Last => {}
@@ -228,14 +307,11 @@ impl VelodyneDecoder {
         while self.window.len() > held {
             self.take_next();
         }
-        Ok(())
     }
 
     /// Time of a packet without a stamp: its arrival, or one period after the packet before.
     fn host_time_ns(&self, host_ns: u64) -> u64 {
-        let newest_ns =
-            self.window.back().map(|held| held.time_ns).or(self.recent.back().map(|recent| recent.time_ns));
-        match (host_ns, newest_ns) {
+        match (host_ns, self.newest_placed_ns()) {
             (0, None) => 0,
             (0, Some(newest_ns)) => newest_ns + S1_PACKET_NS as u64,
             (host_ns, newest_ns) => host_ns.max(newest_ns.map_or(0, |newest_ns| newest_ns + 1)),
@@ -263,7 +339,7 @@ impl VelodyneDecoder {
     }
 
     /// Takes a packet that is older than what was decoded last.
-    fn take_late(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES]) {
+    fn take_late(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES], bad: BadBlocks) {
         let itself = Start { time_ns, azimuth_counts: DataPacket::of(payload).azimuth(0) };
         if self.recent.contains(&itself) {
             self.stats.duplicated += 1;
@@ -278,7 +354,7 @@ impl VelodyneDecoder {
         }
         self.stats.packets += 1;
         self.stats.reordered += 1;
-        let held = Held { time_ns, host_ns, payload: Box::new(*payload) };
+        let held = Held { time_ns, host_ns, bad, payload: Box::new(*payload) };
         let at = self.recent.partition_point(|recent| recent.time_ns <= time_ns);
         stream.take_late(&held, self.recent.get(at).copied());
         self.recent.insert(at, itself);
@@ -303,7 +379,10 @@ impl Decoder for VelodyneDecoder {
         let result = self.take_any(packet);
         match &result {
             Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
-            Err(_) => self.stats.malformed += 1,
+            Err(_) => {
+                self.stats.malformed += 1;
+                self.stream.iter_mut().for_each(|stream| stream.refused.note());
+            }
             Ok(()) => {}
         }
         result
@@ -313,6 +392,7 @@ impl Decoder for VelodyneDecoder {
         if self.stream.is_none() {
             self.try_to_decide(true);
         }
+        self.end_doubt();
         self.flush();
         self.close_frame();
     }

@@ -79,20 +79,31 @@ pub(crate) fn identify<'a>(
     }
 }
 
+/// Flags of so many blocks may be damaged, and the others tell the family still.
+const MOST_BAD_FLAGS: usize = 2;
+
 /// The family a packet's flags speak of; none when they are of no known format.
 pub(crate) fn family(packet: DataPacket<'_>) -> Option<Family> {
     let mut banks = [false; 4];
+    let mut unknown = 0;
     // fillers: a dual VLS-128 packet uses eight of its blocks
     for block in 0..8 {
-        banks[packet.bank(block)?] = true;
+        match packet.bank(block) {
+            Some(bank) => banks[bank] = true,
+            None => unknown += 1,
+        }
     }
     if banks[2] || banks[3] {
-        return Some(Family::OneTwentyEight);
+        return (unknown <= MOST_BAD_FLAGS).then_some(Family::OneTwentyEight);
     }
     for block in 8..BLOCKS {
-        banks[packet.bank(block)?] = true;
+        match packet.bank(block) {
+            Some(bank) => banks[bank] = true,
+            None => unknown += 1,
+        }
     }
     match banks {
+        _ if unknown > MOST_BAD_FLAGS => None,
         [_, _, true, _] | [_, _, _, true] => None,
         [_, true, ..] => Some(Family::SixtyFour),
         // 16 or 32 lasers: the model byte decides
@@ -135,6 +146,11 @@ pub(crate) fn claimed_product(model_byte: u8) -> Option<(Product, Option<String>
             .find(|product| product.model_byte() == Some(model_byte))
             .map(|product| (product, None)),
     }
+}
+
+/// Whether both factory bytes are blank, as old firmware leaves them.
+pub(crate) fn is_blank(packet: DataPacket<'_>) -> bool {
+    [packet.mode_byte(), packet.model_byte()] == [0, 0]
 }
 
 /// Return mode by the factory byte.

@@ -5,16 +5,19 @@
 //! sequence, and gathers a revolution of them in a [`crate::Frame`]: one column per firing sequence, one channel per
 //! laser.
 
+mod blocks;
 mod building;
 pub mod calibration;
 mod checks;
 mod clock;
 mod decoder;
 mod detect;
+mod doubt;
 mod encode;
 mod heads;
 mod kernels;
 mod nmea;
+mod odd_stamps;
 mod position;
 mod product;
 mod source;

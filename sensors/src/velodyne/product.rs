@@ -204,8 +204,12 @@ impl ReturnMode {
         }
     }
 
-    /// The mode of byte 1204.
+    /// The mode of byte 1204. Two returns with their confidence (0x3b) are two returns to us: the confidence lies in the
+    /// blocks behind them.
     pub fn from_byte(byte: u8) -> Option<Self> {
+        if byte == 0x3B {
+            return Some(Self::Dual);
+        }
         [Self::Strongest, Self::Last, Self::Dual].into_iter().find(|mode| mode.byte() == byte)
     }
 }

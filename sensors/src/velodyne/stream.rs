@@ -4,7 +4,7 @@ use crate::completed::Completed;
 use crate::decoder::DecodeStats;
 
 use super::building::Building;
-use super::detect::{Identity, is_dual};
+use super::detect::{ENOUGH_PACKETS, Identity, is_dual};
 use super::heads::{Heads, Spin, Start, is_gap, step_counts};
 use super::product::Product;
 use super::view::ViewWindows;
@@ -69,6 +69,63 @@ pub(crate) struct Stream {
     frames: u32,
     /// Whether the frame under construction began where a frame should.
     begun_whole: bool,
+    pub refused: Refused,
+    /// Azimuth travelled over all packets, counts, and how many packets these were: a sensor that does not turn shows by it.
+    turned: (f64, u64),
+    pace: Pace,
+}
+
+/// How fast packets come, by their own stamps. Stamps alone may lie: those of two sensors go on at two azimuths, too.
+#[derive(Debug, Default)]
+struct Pace {
+    since_ns: u64,
+    packets: u32,
+    breaks: u32,
+    is_too_fast: bool,
+}
+
+impl Pace {
+    /// Packets that show it.
+    const PACKETS: u32 = 64;
+
+    fn add(&mut self, time_ns: u64, period_ns: i64, goes_on: bool) {
+        if self.packets == 0 {
+            (self.since_ns, self.breaks) = (time_ns, 0);
+        }
+        self.packets += 1;
+        self.breaks += u32::from(!goes_on);
+        if self.packets > Self::PACKETS {
+            let span_ns = time_ns.saturating_sub(self.since_ns) as f64;
+            let is_fast = 1.5 * span_ns < f64::from(Self::PACKETS) * period_ns as f64;
+            self.is_too_fast |= is_fast && 2 * self.breaks > Self::PACKETS;
+            self.packets = 0;
+        }
+    }
+}
+
+/// Packets of this sensor that came and could not be used: each explains one that is missing nearby.
+#[derive(Debug, Default)]
+pub(crate) struct Refused {
+    packets: u64,
+    /// Packets after which they explain nothing any more.
+    left: u32,
+}
+
+impl Refused {
+    const NEARBY: u32 = 16;
+
+    pub fn note(&mut self) {
+        self.packets += 1;
+        self.left = Self::NEARBY;
+    }
+
+    /// How many of the lost packets they are.
+    fn excuse(&mut self, lost: u64) -> u64 {
+        let excused = self.packets.min(lost);
+        self.left = self.left.saturating_sub(1);
+        self.packets = if self.left == 0 { 0 } else { self.packets - excused };
+        excused
+    }
 }
 
 /// The packet before.
@@ -107,6 +164,9 @@ impl Stream {
             is_dual: false,
             frames: 0,
             begun_whole: cut == Cut::Packets,
+            refused: Refused::default(),
+            turned: (0.0, 0),
+            pace: Pace::default(),
         }
     }
 
@@ -117,6 +177,23 @@ impl Stream {
     /// The layout of a packet.
     pub fn layout(&self, packet: DataPacket<'_>) -> &Layout {
         self.layouts.of(packet, self.product())
+    }
+
+    /// Time from one packet to the next, ns.
+    pub fn period_ns(&self, packet: DataPacket<'_>) -> i64 {
+        (self.layout(packet).sequences.len() as f64 * self.identity.cycle_ns) as i64
+    }
+
+    /// Whether more packets come than one sensor can send.
+    pub fn is_too_fast(&self) -> bool {
+        self.pace.is_too_fast
+    }
+
+    /// The azimuth at which the sensor stands, counts; none of one that turns, or of which too little was seen.
+    pub fn still_at_counts(&self) -> Option<u16> {
+        let (travelled_counts, packets) = self.turned;
+        (packets >= ENOUGH_PACKETS as u64 && travelled_counts.abs() < packets as f64)
+            .then_some(self.heads.last_counts)
     }
 
     /// Device time of the first column of the open frame.
@@ -147,8 +224,15 @@ impl Stream {
             stats.lost_packets = stats.lost_packets.saturating_sub(self.windows.learn(*gap));
         }
         let between = self.between();
-        stats.lost_packets += between.lost;
+        // what came damaged is not lost
+        let refused = self.refused.excuse(between.lost);
+        stats.lost_packets += between.lost - refused;
         self.building.lost += between.lost;
+        if self.identity.product != Product::Hdl64eS1 {
+            self.pace.add(held.time_ns, self.period_ns(packet), self.goes_on());
+        }
+        self.turned.0 += between.step_counts + self.heads.travelled_counts;
+        self.turned.1 += 1;
         match self.cut {
             Cut::Packets => self.take_whole(held, between, stats, completed),
             Cut::Azimuth(cut_rad) => self.take_by_azimuth(held, between, cut_rad, stats, completed),
@@ -190,6 +274,15 @@ impl Stream {
     /// Forgets the packet before: time or sensor started anew.
     pub fn forget_previous(&mut self) {
         self.previous = None;
+        self.pace = Pace { is_too_fast: self.pace.is_too_fast, ..Pace::default() };
+    }
+
+    /// Whether the packet in hand goes on at the azimuth where the one before ended.
+    fn goes_on(&self) -> bool {
+        let Some(previous) = self.previous else { return true };
+        let blocks = self.heads.blocks();
+        let usual = self.heads.travelled_counts / (blocks.max(2) - 1) as f64;
+        blocks < 2 || !is_gap(step_counts(previous.last_counts, self.heads.first_counts), usual)
     }
 
     fn read_heads(&mut self, held: &Held, next: Option<Start>) {
@@ -330,7 +423,8 @@ impl Stream {
         let product = self.identity.product;
         let layout = self.layouts.of(packet, product);
         self.building.count_packet(held.host_ns);
-        self.building.append(packet, layout, &self.heads.heads, range, product.distance_unit_mm());
+        let unit_mm = product.distance_unit_mm();
+        self.building.append(packet, layout, &self.heads.heads, range, unit_mm, held.bad);
     }
 
     fn remember(&mut self, travelled_counts: f64) {

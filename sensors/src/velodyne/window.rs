@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 
+use super::blocks::BadBlocks;
 use super::heads::Start;
 use super::wire::{DATA_PACKET_BYTES, DataPacket};
 
@@ -12,6 +13,8 @@ pub(crate) struct Held {
     /// Device time of the stamp, ns.
     pub time_ns: u64,
     pub host_ns: u64,
+    /// Blocks that could not be used; they are empty in the payload.
+    pub bad: BadBlocks,
     pub payload: Box<[u8; DATA_PACKET_BYTES]>,
 }
 
@@ -45,7 +48,13 @@ impl Window {
     }
 
     /// Copies a packet in.
-    pub fn insert(&mut self, time_ns: u64, host_ns: u64, payload: &[u8; DATA_PACKET_BYTES]) -> Place {
+    pub fn insert(
+        &mut self,
+        time_ns: u64,
+        host_ns: u64,
+        payload: &[u8; DATA_PACKET_BYTES],
+        bad: BadBlocks,
+    ) -> Place {
         let at = self.held.partition_point(|held| held.time_ns <= time_ns);
         let mut same_time = self.held.range(..at).rev().take_while(|held| held.time_ns == time_ns);
         if same_time.any(|held| *held.payload == *payload) {
@@ -53,8 +62,8 @@ impl Window {
         }
         let place = if at == self.held.len() { Place::Last } else { Place::Between };
         let mut held = match self.spare.pop() {
-            Some(spare) => Held { time_ns, host_ns, ..spare },
-            None => Held { time_ns, host_ns, payload: Box::new([0; DATA_PACKET_BYTES]) },
+            Some(spare) => Held { time_ns, host_ns, bad, ..spare },
+            None => Held { time_ns, host_ns, bad, payload: Box::new([0; DATA_PACKET_BYTES]) },
         };
         held.payload.copy_from_slice(payload);
         self.held.insert(at, held);

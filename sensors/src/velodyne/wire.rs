@@ -36,7 +36,16 @@ impl<'a> DataPacket<'a> {
         self.word(block * BLOCK_BYTES)
     }
 
+    /// Azimuth of a block, counts; some firmware writes a whole turn for none.
     pub fn azimuth(self, block: usize) -> u16 {
+        match self.raw_azimuth(block) {
+            AZIMUTH_COUNTS => 0,
+            counts => counts,
+        }
+    }
+
+    /// The same as it was sent.
+    pub fn raw_azimuth(self, block: usize) -> u16 {
         self.word(block * BLOCK_BYTES + 2)
     }
 

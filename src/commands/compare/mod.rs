@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use serde::Serialize;
 
-use super::scene_args::PoseErrorArgs;
+use super::scene_args::{PoseErrorArgs, read_trajectory};
 use super::stage::Stage;
 use super::{Context, Outcome, output};
 use crate::base::files::{check_folder, write_json};
@@ -18,6 +18,7 @@ use crate::simulate::scan::{Scanner, Spin};
 use crate::verify::calibrate::SensorCheck;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed, TimeOffset};
 use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -174,12 +175,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let way_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
     fed.faults.extend(hearing::silences(rig, &fed.heard, way_ns));
-    let planned = planned(args, scene, rig, &grid)?;
+    let planned = planned(args, scene, rig, &grid, place.origin)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge::judge(
         Given {
             scene,
             trajectory,
+            origin: place.origin,
             patches: patches.as_ref(),
             planned: planned.as_ref(),
             healthy: Healthy { pose: error, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() },
@@ -209,7 +211,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     let written = write(args, &document, &replayed, scene, trajectory, recorded.mount);
     // a disk that is full by now takes the files, not what was found
-    let outcome = conclude(args, context, &document, fed.losses.is_empty())?;
+    let outcome = conclude(args, context, &document, fed.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
 }
 
@@ -268,11 +270,17 @@ fn replayed(
 }
 
 /// What the mounts as said cover on the way as planned.
-fn planned(args: &Args, scene: &Scene, rig: &Rig, grid: &VoxelGrid) -> anyhow::Result<Option<Coverage>> {
+fn planned(
+    args: &Args,
+    scene: &Scene,
+    rig: &Rig,
+    grid: &VoxelGrid,
+    origin: LocalOrigin,
+) -> anyhow::Result<Option<Coverage>> {
     let Some(path) = &args.planned else { return Ok(None) };
-    let name = path.display().to_string();
-    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
-    let way: Trajectory = Trajectory::from_tum(&text).context(name)?;
+    let (way, notes) = read_trajectory(path, None)?;
+    notes.iter().for_each(|note| output::say_notice(note));
+    let way = origin.local_trajectory(way);
     let mut scanner = Scanner::new(scene, &way, rig, Spin::default());
     // a replay lets beams pass through the other sensors too
     scanner.occluders.iter_mut().for_each(Vec::clear);

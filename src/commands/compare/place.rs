@@ -10,11 +10,13 @@ use super::Recorded;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
 use crate::commands::recorded_odometry::{self as odometry, OdometryArgs};
-use crate::commands::scene_args::{MeshArgs, Room};
+use crate::commands::scene_args::{MeshArgs, Room, read_trajectory};
 use crate::commands::scene_file::{self, Making, MapArgs};
 use crate::verify::compare::{Field, TimeOffset, time_offset};
-use crate::world::scene::{Scene, VoxelMap};
-use crate::world::trajectory::{Trajectory, outside, suspicions};
+use crate::world::local_origin::LocalOrigin;
+use crate::world::placement::Placement;
+use crate::world::scene::{LoadedScene, Scene, VoxelMap};
+use crate::world::trajectory::{Trajectory, suspicions};
 
 /// Rays among which the time offset is looked for, and how far to each side.
 const SEARCH_RAYS: usize = 20_000;
@@ -23,8 +25,8 @@ const SEARCH_NS: i64 = 2_000_000_000;
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
 pub struct PlaceArgs {
-    /// Surface (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: another session, or a point cloud in the
-    /// trajectory's frame (.ply without faces, .pcd, .las or .laz).
+    /// Surface (.ply, .obj, .stl, .off, .gltf or .glb), or what a map is made of: another session, or a point cloud in the
+    /// trajectory's frame (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
@@ -37,7 +39,7 @@ pub struct PlaceArgs {
     mesh: MeshArgs,
     #[command(flatten)]
     map: MapArgs,
-    /// Way of the body: TUM format, KITTI poses with --rate, `still` for a rig that does not move, or `odometry` (with
+    /// Way of the body: TUM, EuRoC or another table whose header names its columns, KITTI poses with --rate, `still` for a rig that does not move, or `odometry` (with
     /// --map-frames) for the way that the recording itself tells; without it the session's own.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -95,6 +97,10 @@ impl FromStr for Offset {
 pub struct Place {
     pub scene: Scene,
     pub trajectory: Trajectory,
+    /// Where the frame of both begins in that of the files.
+    pub origin: LocalOrigin,
+    /// Whether most of the trajectory lies outside the scene or below its floor.
+    pub is_misplaced: bool,
     pub time_offset_ns: i64,
     /// Where it was looked for.
     pub time_offset: Option<TimeOffset>,
@@ -153,14 +159,20 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         notices.extend(suspicions(&trajectory, "trajectory"));
     }
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
-    let scene = match (&args.scene, &args.room) {
-        (Some(path), _) => {
-            let read = scene_file::read(path, &args.mesh, &args.map, context)?;
-            notices.extend(read.warnings);
-            read.scene
+    let loaded = match (&args.scene, &args.room) {
+        (Some(path), _) => Some(scene_file::read(path, &args.mesh, &args.map, context)?),
+        (None, Some(room)) => Some(LoadedScene::of_room(&room.scene())),
+        (None, None) => None,
+    };
+    let origin =
+        loaded.as_ref().map_or_else(|| LocalOrigin::of_box(trajectory.bounds_m()), |loaded| loaded.origin);
+    let trajectory = origin.local_trajectory(trajectory);
+    let scene = match loaded {
+        Some(loaded) => {
+            notices.extend(loaded.warnings);
+            loaded.scene
         }
-        (None, Some(room)) => room.scene(),
-        (None, None) => Scene::Voxels(Arc::new(map(args, recorded, &trajectory, time_offset_ns, &mapped)?)),
+        None => Scene::Voxels(Arc::new(map(args, recorded, &trajectory, time_offset_ns, &mapped)?)),
     };
     let mut found = None;
     if matches!(args.time_offset, Offset::Search) {
@@ -169,10 +181,13 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         time_offset_ns = (told.seconds * 1e9).round() as i64;
         found = Some(told);
     }
+    let mut placement = Placement::default();
     if mapped.is_empty() {
-        notices.extend(outside(&trajectory, "scene", scene.bounds_m()));
+        placement = Placement::new(&scene, &trajectory, recorded.rig.mean_height_m(), origin);
+        notices.append(&mut placement.doubts);
     }
-    Ok(Place { scene, trajectory, time_offset_ns, time_offset: found, mapped, notices })
+    let is_misplaced = placement.is_wrong;
+    Ok(Place { scene, trajectory, origin, is_misplaced, time_offset_ns, time_offset: found, mapped, notices })
 }
 
 /// Looks for the time offset with an even share of the recorded rays.
@@ -215,9 +230,11 @@ fn trajectory(
         notices.extend(odometry::remarks(&way));
         return Ok(way.walked.trajectory);
     }
-    let text = crate::base::files::read_text(path).with_context(|| name.clone())?;
-    let Some(rate_hz) = args.rate else { return Trajectory::from_tum(&text).context(name) };
-    let poses = Trajectory::from_kitti(&text, rate_hz).context(name)?;
+    let (poses, notes) = read_trajectory(path, args.rate)?;
+    notices.extend(notes);
+    if args.rate.is_none() {
+        return Ok(poses);
+    }
     let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];
     let stamped: Vec<(u64, Pose)> =
         poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();

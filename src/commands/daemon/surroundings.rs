@@ -1,52 +1,62 @@
-//! From what was said of mounts, scene and way to what the daemon knows of them.
+//! From flags for mounts, scene and trajectory to what the daemon knows of them.
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 
-use super::place::PlaceArgs;
+use super::site::SiteArgs;
 use crate::commands::scene_args::read_trajectory;
-use crate::commands::{Context, record, scene_file};
-use crate::daemon::Place;
+use crate::commands::{Context, scene_file};
+use crate::daemon::Site;
+use crate::rig::MountSlots;
+use crate::world::local_origin::LocalOrigin;
+use crate::world::scene::LoadedScene;
 
-/// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is said: everywhere behind this they
+/// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is configured: everywhere behind this they
 /// come in that order.
-pub(crate) fn place(args: &PlaceArgs, axes: &[String], context: Context) -> anyhow::Result<Place> {
+pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> anyhow::Result<Site> {
     if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
         refuse!("--cell {}, expected 0.01 to 10 m", args.cell);
     }
-    let mut place = Place { voxel_m: args.cell, ..Place::default() };
+    let mut site = Site { voxel_m: args.cell, ..Site::default() };
     if let Some(path) = &args.mount {
-        let seats = record::seats(path, axes)?;
-        (place.rig, place.calibrations, place.mount) = (seats.rig, seats.calibrations, Some(seats.mount));
+        let slots = MountSlots::read(path, axes)?;
+        (site.rig, site.calibrations, site.mount) = (slots.rig, slots.calibrations, Some(slots.mount));
     }
-    place.scene = match (&args.scene, &args.room) {
+    let loaded = match (&args.scene, &args.room) {
         (Some(_), Some(_)) => refuse!("--scene and --room are both given: which of the two is it?"),
         (Some(path), None) => {
             let read = scene_file::read(path, &args.mesh, &args.map, context)?;
             read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-            Some(read.scene)
+            Some(read)
         }
         (None, Some(room)) => {
             scene_file::ensure_none_typed(context, "the scene is a room")?;
-            Some(room.scene())
+            Some(LoadedScene::of_room(&room.scene()))
         }
         (None, None) => {
             scene_file::ensure_none_typed(context, "there is none")?;
             None
         }
     };
-    let cells = place.grid().cells.iter().map(|count| *count as f64).product::<f64>();
+    let mut origin = loaded.as_ref().map(|loaded| loaded.origin);
+    site.scene = loaded.map(|loaded| loaded.scene);
+    let cells = site.grid().cells.iter().map(|count| *count as f64).product::<f64>();
     if cells > f64::from(1 << 27) {
         bail!("--cell {} makes {cells:.0} cells of this scene: take larger ones", args.cell);
     }
     if let Some(path) = &args.trajectory {
-        place.trajectory =
-            Some(read_trajectory(path, args.rate).with_context(|| path.display().to_string())?);
+        let (trajectory, notes) = read_trajectory(path, args.rate)?;
+        notes.iter().for_each(|note| tracing::warn!("{note}"));
+        let origin = *origin.get_or_insert_with(|| LocalOrigin::of_box(trajectory.bounds_m()));
+        site.trajectory = Some(origin.local_trajectory(trajectory));
+    }
+    if let Some(line) = origin.map(LocalOrigin::line).filter(|line| !line.is_empty()) {
+        tracing::info!("{}; what the daemon shows is around it", line.trim_end());
     }
     if args.trajectory_starts_with_recording && args.trajectory.is_none() {
         refuse!(
             "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml"
         );
     }
-    place.starts_with_recording = args.trajectory_starts_with_recording;
-    Ok(place)
+    site.starts_with_recording = args.trajectory_starts_with_recording;
+    Ok(site)
 }

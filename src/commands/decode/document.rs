@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use anyhow::ensure;
+use glam::DVec3;
 use sensors::capture::CaptureCounters;
+use sensors::ouster::{Correction, TimestampMode};
 use sensors::router::{Router, Unclaimed};
 use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
@@ -12,7 +14,8 @@ use serde::Serialize;
 use super::frames::FrameRange;
 use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
-use crate::recording::export::Placer;
+use crate::recording::bags::Topic;
+use crate::recording::export::{Cloud, Placer, Source, TimeScale};
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
@@ -53,6 +56,12 @@ struct SensorReport {
     metadata: Option<String>,
     /// Where its beams come from.
     beams: String,
+    /// How its packets come to the host, where several sensors have one address.
+    link: Option<String>,
+    /// The time that its stamps are in.
+    clock: Option<String>,
+    /// What its metadata say and its packets do not show.
+    corrections: Vec<Correction>,
     frames: Vec<FrameRow>,
     totals: Totals,
     counters: DecodeStats,
@@ -91,6 +100,8 @@ struct Totals {
 #[derive(Default)]
 struct Found {
     frames_seen: u64,
+    /// Of an Ouster: a Velodyne counts the microseconds of the hour, and the host's clock says which.
+    clock: Option<TimeScale>,
     frames: Vec<FrameRow>,
     imu_samples: u64,
     position_packets: u64,
@@ -105,8 +116,14 @@ impl Document {
         found.frames_seen - 1
     }
 
-    /// Measures a frame.
-    pub(crate) fn add_frame(&mut self, sensor: usize, model: &SensorModel, frame: &Frame) {
+    /// Measures a frame of a sensor that takes its time from there.
+    pub(crate) fn add_frame(
+        &mut self,
+        sensor: usize,
+        mode: Option<TimestampMode>,
+        model: &SensorModel,
+        frame: &Frame,
+    ) {
         let placer = self.placers.entry(sensor).or_insert_with(|| Placer::new(model));
         let mut sum = [0.0; 3];
         for position_m in placer.positions_m(model, frame, &frame.first) {
@@ -130,7 +147,68 @@ impl Document {
             first_host_time_ns: frame.host_time_ns[0],
             last_host_time_ns: frame.host_time_ns[1],
         };
-        self.found.entry(sensor).or_default().frames.push(row);
+        let found = self.found.entry(sensor).or_default();
+        if let (Some(mode), Some([first_ns, _])) = (mode, times) {
+            found.clock.get_or_insert_with(|| TimeScale::of(Some(mode), first_ns, frame.host_time_ns[0]));
+        }
+        found.frames.push(row);
+    }
+
+    /// Measures a cloud of a bag.
+    pub(crate) fn add_cloud(&mut self, topic: usize, cloud: &Cloud) {
+        let sum = cloud.points.iter().fold(DVec3::ZERO, |sum, point| sum + point.position_m);
+        let times_ns = || cloud.points.iter().map(|point| point.time_ns);
+        let row = FrameRow {
+            frame_id: cloud.frame_id,
+            points: cloud.points.len() as u64,
+            points_second: None,
+            complete: true,
+            valid_columns: 0,
+            packets: 0,
+            expected_packets: None,
+            range_sum_mm: cloud.points.iter().map(|point| u64::from(point.range_mm)).sum(),
+            xyz_sum_m: sum.to_array(),
+            first_time_ns: times_ns().min(),
+            last_time_ns: times_ns().max(),
+            first_host_time_ns: cloud.host_time_ns,
+            last_host_time_ns: cloud.host_time_ns,
+        };
+        self.found.entry(topic).or_default().frames.push(row);
+    }
+
+    /// Takes over what a bag of clouds held.
+    pub(crate) fn conclude_clouds<'a>(
+        &mut self,
+        recording: &Recording,
+        topics: impl Iterator<Item = (&'a Topic, &'a Source)>,
+        losses: Vec<String>,
+    ) {
+        self.capture = recording.name();
+        for (topic, source) in topics {
+            let found = self.found.remove(&usize::from(source.number)).unwrap_or_default();
+            let mut counters = DecodeStats::default();
+            counters.frames = found.frames_seen;
+            self.sensors.push(SensorReport {
+                id: source.id.clone(),
+                vendor: "unknown",
+                model: "point cloud".into(),
+                format: topic.kind.clone(),
+                source: Some(topic.name.clone()),
+                port: None,
+                serial: String::new(),
+                metadata: None,
+                beams: "in the clouds".into(),
+                totals: Totals::of(&found.frames),
+                frames: found.frames,
+                counters,
+                imu_samples: 0,
+                position_packets: 0,
+                zone_reports: 0,
+            });
+        }
+        self.data_lost = !losses.is_empty();
+        self.notices.extend(losses.iter().cloned());
+        self.losses = losses;
     }
 
     /// Counts what is no frame.
@@ -150,6 +228,7 @@ impl Document {
         self.fragments_incomplete = ending.counters.fragments_incomplete;
         self.capture_counters = ending.counters.clone();
         self.losses = ending.losses();
+        self.notices.clone_from(&ending.notices);
         self.unclaimed = router.unclaimed().cloned().collect();
         let ids = crate::commands::sensor_ids::ids(router);
         for (at, sensor) in router.sensors().iter().enumerate() {
@@ -160,21 +239,26 @@ impl Document {
                     "{}: its packets were not decoded, as another unit's look the same",
                     ids[at]
                 ));
-            } else if counters.packets == 0 {
+            } else if counters.packets == 0 && sensor.position_packets == 0 {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
             self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], sensor));
+            self.notices.extend(crate::commands::unread::sensor_notes(&ids[at], sensor));
+            self.notices.extend(sensor.only_positions().map(|words| format!("{}: {words}", ids[at])));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
                 vendor: sensor.vendor(),
                 model: sensor.product(),
                 format: sensor.format(),
-                source: sensor.source().map(|source| source.to_string()),
+                source: sensor.source().map(|source| ending.source(source)),
                 port: sensor.data_port(),
                 serial: sensor.serial().to_owned(),
                 metadata: sensor.metadata_name.clone(),
                 beams: sensor.beams().to_string(),
+                link: sensor.link().map(|link| link.to_string()),
+                clock: found.clock.map(|clock| clock.to_string()),
+                corrections: sensor.corrections().to_vec(),
                 totals: Totals::of(&found.frames),
                 frames: found.frames,
                 counters,
@@ -211,7 +295,8 @@ impl Document {
         let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
         let nothing = |sensor: &SensorReport| {
             let unread = left_over || sensor.counters.malformed > 0;
-            sensor.counters.packets == 0 || (unread && sensor.counters.frames == 0)
+            (sensor.counters.packets == 0 && sensor.frames.is_empty())
+                || (unread && sensor.counters.frames == 0)
         };
         self.sensors.iter().all(nothing)
     }

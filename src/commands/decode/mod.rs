@@ -1,5 +1,6 @@
 //! `outrigger decode`
 
+mod clouds;
 mod document;
 mod frames;
 mod output;
@@ -35,7 +36,8 @@ const TO_END_WITHIN: Duration = Duration::from_secs(5);
 #[derive(clap::Args, Debug)]
 #[command(after_help = EXIT_CODES)]
 pub struct Args {
-    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
+    /// Capture (pcap or pcapng; plain, gzip, zstd or lz4), bag (ROS 1, MCAP, db3, or the folder of one), session folder, or -
+    /// for standard input.
     capture: PathBuf,
     #[command(flatten)]
     sensors: SensorArgs,
@@ -66,6 +68,9 @@ impl Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
+    if recording.holds_clouds_only() {
+        return clouds::run(args, context, &recording);
+    }
     let mut output = Output::new(args, args.format(context), &recording)?;
     let mut router = recording.router()?;
     let frames = args.frames.unwrap_or_default();
@@ -79,7 +84,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             && let number = document.count_frame(at)
             && frames.contains(number)
         {
-            document.add_frame(at, model, frame);
+            document.add_frame(at, sensor.timestamp_mode(), model, frame);
             if let Some(output) = &mut output
                 && problem.borrow().is_none()
             {

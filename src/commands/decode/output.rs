@@ -125,6 +125,17 @@ impl Output {
         let source = self.source(at, sensor);
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
+        self.write(at, number)
+    }
+
+    /// Writes points that a bag holds, the topic's `number`th.
+    pub(crate) fn add_cloud(&mut self, at: usize, number: u64, cloud: Cloud) -> Result<(), OutputError> {
+        self.clouds.insert(at, cloud);
+        self.write(at, number)
+    }
+
+    fn write(&mut self, at: usize, number: u64) -> Result<(), OutputError> {
+        let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
         match &mut self.place {
             Place::File { path, export, sensor, .. } => {
                 let first = *sensor.get_or_insert(at);
@@ -185,6 +196,7 @@ impl Output {
             vendor: sensor.vendor().into(),
             model: sensor.product(),
             serial: sensor.serial().into(),
+            timestamp_mode: sensor.timestamp_mode(),
         };
         Arc::clone(self.sources.entry(at).or_insert_with(|| Arc::new(describe())))
     }

@@ -1,22 +1,12 @@
 //! The demo's report page.
 
-use crate::report::chart::{CellClass, LineChart, Series, number};
-use crate::report::figures::where_different;
-use crate::report::{Report, unfold_box};
-use crate::verify::compare::{Agreement, CellKinds, RayClasses, Replayed, Table, cell_kinds};
+use crate::report::Report;
+use crate::report::chart::number;
+use crate::verify::compare::{Agreement, RayClasses, Replayed, Table};
 use crate::verify::judgement::comparison::Verdict;
 
 use super::document::Document;
-
-fn who_saw(document: &Document) -> [CellClass; 4] {
-    let name = |sensor: usize| document.rig.get(sensor).map_or("-", |axis| axis.sensor.as_str());
-    [
-        CellClass::new("c-both", "seen by both"),
-        CellClass::new("c-left", format!("{} only", name(0))),
-        CellClass::new("c-right", format!("{} only", name(1))),
-        CellClass::new("c-none", "not seen"),
-    ]
-}
+use super::pictures::{pictures, search_section};
 
 /// The page: what was done, whether it agrees, and where it does not.
 pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
@@ -26,8 +16,8 @@ pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
         Verdict::Matches if !document.problems.is_empty() => {
             "What was recorded is as predicted, but data was lost"
         }
-        Verdict::Matches => "The recording covers what was promised",
-        Verdict::Differs => "The recording does not cover what was promised",
+        Verdict::Matches => "The recording covers what was predicted",
+        Verdict::Differs => "The recording does not cover what was predicted",
         Verdict::CannotTell => "Too little was recorded to tell",
     };
     let summary = format!("{verdict} ({iou} of recorded and as-driven patches).");
@@ -101,67 +91,6 @@ fn rays_section(report: &mut Report, document: &Document) {
         })
         .collect();
     report.table(&["sensor", "agree", "short", "long", "drop", "extra", "nothing", "unplaced"], &rows);
-}
-
-fn pictures(report: &mut Report, document: &Document, replayed: &Replayed) {
-    let Replayed { as_driven, recorded, .. } = replayed;
-    let grid = recorded.grid();
-    let (who_saw, where_different) = (who_saw(document), where_different());
-    report.heading("Who saw what");
-    let bit = |sensor: usize, index: usize| recorded.contains(sensor, index);
-    let seen = unfold_box(grid, &|index| {
-        let others = (1..recorded.sensors()).any(|sensor| bit(sensor, index));
-        Some(match (bit(0, index), others) {
-            (true, true) => 0,
-            (true, false) => 1,
-            (false, true) => 2,
-            (false, false) => 3,
-        })
-    });
-    report.maps(
-        "Recorded cells, by sensor",
-        &seen,
-        &who_saw,
-        "The hall unfolded: floor and ceiling seen from above with the way ahead up the page, walls from inside.",
-    );
-    report.heading("Where they differ");
-    let kinds = cell_kinds(as_driven, recorded);
-    let different = unfold_box(grid, &|index| {
-        Some(match kinds[index] {
-            CellKinds::Both => 0,
-            CellKinds::Missed => 1,
-            CellKinds::Unexpected => 2,
-            CellKinds::Neither => 3,
-        })
-    });
-    report.maps(
-        "Cells predicted against cells recorded",
-        &different,
-        &where_different,
-        "As driven against recorded.",
-    );
-}
-
-fn search_section(report: &mut Report, document: &Document) {
-    let search = &document.optimize;
-    report.heading("The search");
-    let points = search.history.iter().map(|(evaluation, best)| [*evaluation as f64, *best]).collect();
-    let chart = LineChart {
-        title: "Best objective so far over evaluations".into(),
-        x_label: "evaluations".into(),
-        y_label: "best J so far (voxels)".into(),
-        series: vec![Series { name: search.method.clone(), points }],
-        steps: true,
-        ..LineChart::default()
-    };
-    let caption = format!(
-        "J = {} after {} evaluations ({} s): preset {}, the platform walking along its own forward axis.",
-        number(search.objective, 1),
-        search.evaluations,
-        number(search.wall_s, 2),
-        search.preset,
-    );
-    report.figure(&chart.svg(), &caption);
 }
 
 fn rig_section(report: &mut Report, document: &Document) {

@@ -1,14 +1,23 @@
-//! First stage: the mounts that see the most, and the rig they make.
+//! First stage: the mounts that see the most, the rig they make, and what it will cover.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
+use glam::DVec3;
+
 use crate::design::objective::{Objective, Weights};
 use crate::design::optimize::{KeepApart, Kind, MountProblem, Search, Settings};
+use crate::live::receive::now_ns;
 use crate::rig::{MountFile, Rig, SensorEntry};
+use crate::simulate::frames::Spin;
 use crate::simulate::published::{Experiment, Path, Placement, Preset, Simulator};
+use crate::simulate::scan::{self, Scanner};
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::trajectory::Trajectory;
 
 use super::document::SearchSummary;
+use super::sensors::{SPIN_HZ, mock_sensor};
+use super::setup::Walk;
 use crate::commands::stage::Stage;
 
 /// The optimal mounts of a mirrored pair that can be built.
@@ -19,7 +28,7 @@ pub struct Plan {
     pub summary: SearchSummary,
 }
 
-/// Searches one mirrored pair whose housings keep apart, the platform walking along its own forward axis.
+/// Searches one mirrored pair of housings that keep apart, the platform walking along its own forward axis.
 pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage) -> anyhow::Result<Plan> {
     let start = Instant::now();
     let preset = Preset::named(preset)?;
@@ -72,4 +81,28 @@ pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage)
         wall_s: start.elapsed().as_secs_f64(),
     };
     Ok(Plan { preset, rig: mount.rig()?, mount, summary })
+}
+
+/// Predicted coverage of the walk: perfect sensors on the mounts and the planned trajectory.
+pub(crate) fn predict(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
+    let mut scanner = Scanner::new(walk.scene, walk.planned, walk.rig, scan::Spin::default());
+    for (index, sensor) in walk.rig.sensors.iter().enumerate() {
+        let columns = match mock_sensor(&sensor.model.name, index, 0)?.0.spin() {
+            Spin::Angles { columns, .. } => columns as u32,
+            Spin::Clock { cycle_ns, rate_hz } => (1e9 / (rate_hz * cycle_ns)).round() as u32,
+        };
+        scanner.spins[index] = scan::Spin { rate_hz: SPIN_HZ, columns, ..scan::Spin::default() };
+    }
+    // the mock sensors do not see each other either
+    scanner.occluders.iter_mut().for_each(Vec::clear);
+    let mut coverage = Coverage::new(grid.clone(), walk.rig.sensors.len());
+    scanner.cover(&mut coverage);
+    Ok(coverage)
+}
+
+/// Along the platform's own forward axis through the middle of the hall.
+pub(crate) fn straight_path(preset: &Preset, speed_m_s: f64) -> Trajectory {
+    let half_m = preset.path_length_m / 2.0;
+    let at = |x_m: f64| DVec3::new(x_m, 0.0, preset.platform_height_m);
+    Trajectory::straight(at(-half_m), at(half_m), speed_m_s, now_ns())
 }

@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use crate::commands::stage::Stage;
 
-/// Stages done and under way.
+/// Stages done and in progress.
 pub struct Progress {
-    /// The one under way.
+    /// The present one.
     pub bar: Stage,
     begun: Option<Begun>,
     seconds: BTreeMap<&'static str, f64>,
@@ -32,7 +32,7 @@ impl Progress {
         self.begun = Some(Begun { name, what, at: Instant::now() });
         self.bar.next(what);
         if !std::io::stderr().is_terminal() {
-            let _ = writeln!(std::io::stderr(), "{what} ..."); // a demo that nobody follows runs all the same
+            let _ = writeln!(std::io::stderr(), "{what} ..."); // a demo without a reader runs all the same
         }
     }
 

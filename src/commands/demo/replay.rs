@@ -13,13 +13,14 @@ use crate::rig::Rig;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::verify::judgement::comparison::Comparison;
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 
 /// Points of the hall's walls.
 const SAMPLES: usize = 100_000;
-/// Rays kept for the mount check and the healthy runs.
+/// Rays stored for the mount check and the healthy runs.
 const KEEP_RAYS: usize = 60_000;
-/// Way between the points of the path from which lines of sight are drawn, m.
+/// Distance between the points of the path from which lines of sight are drawn, m.
 const STATION_STEP_M: f64 = 1.0;
 
 /// A session laid against its scene.
@@ -40,7 +41,7 @@ pub(crate) fn compare(
 ) -> anyhow::Result<Compared> {
     let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
     let tilts = tilts(session, rig, &AxisZeros::default())?.histories;
-    // what the axis measured, never what it was told; none of it is an error, not a silent default
+    // what the axis measured, never its setpoint; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
         ensure!(tilt.is_measured(), "no measured angle of axis {axis} ({}) was recorded", sensor.name);
     }
@@ -51,27 +52,28 @@ pub(crate) fn compare(
         replay = replay.with_surface(patches);
     }
     let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
-    let mut fed = feed::session(&seated, stage, &mut |taken| {
-        replay.set_model(taken.sensor, taken.model);
-        let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
-        replay.add_pitched_frame(taken.sensor, &pitch, taken.frame);
+    let mut summary = feed::session(&seated, stage, &mut |mounted| {
+        replay.set_model(mounted.sensor, mounted.model);
+        let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
+        replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
     })?;
-    fed.faults.extend(silences(rig, &fed.heard, trajectory.time_span_ns()));
+    summary.faults.extend(silences(rig, &summary.heard, trajectory.time_span_ns()));
     let replayed = replay.finish();
     let compare = judge::judge(
         Given {
             scene,
             trajectory: &trajectory,
+            origin: LocalOrigin::default(),
             patches: patches.as_ref(),
             planned: Some(planned),
             healthy: Healthy::default(),
-            revolution_ns: fed.revolution_ns,
+            revolution_ns: summary.revolution_ns,
             agree_within_m: gate.agree_within_m,
-            faults: std::mem::take(&mut fed.faults),
+            faults: std::mem::take(&mut summary.faults),
             stage,
         },
         &replayed,
     );
-    let axes = summaries(rig, &AxisZeros::default(), &fed.pitches);
-    Ok(Compared { replayed, rig: axes, sensors: fed.sensors, compare })
+    let axes = summaries(rig, &AxisZeros::default(), &summary.pitches);
+    Ok(Compared { replayed, rig: axes, sensors: summary.sensors, compare })
 }

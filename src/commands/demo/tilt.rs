@@ -12,7 +12,7 @@ pub struct Tilted {
     pub device: MockRig,
     /// This end of it.
     pub servo: drive::Rig,
-    /// Where the axes really are, rad: what the mock sensors see by. The encoders have said something close to it.
+    /// Where the axes really are, rad: what the mock sensors see by. The encoders report something close to it.
     pub true_pitch_rad: [f64; 2],
 }
 

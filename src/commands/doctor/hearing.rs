@@ -6,19 +6,19 @@ use std::time::Duration;
 use super::{Args, Check, State};
 use crate::commands::sensor_metadata::first_look;
 use crate::live::config::{Config, SensorConfig, Stream};
-use crate::live::receive::is_aside;
+use crate::live::receive::is_auxiliary;
 use crate::live::receive::{Listen, Options, ReceiveError, Receiver};
 use crate::live::watch::FirstLook;
 
-/// What was heard.
-pub struct Heard {
+/// What the ports receive.
+pub struct Traffic {
     pub checks: Vec<Check>,
     /// Of all sensors together, where anything came.
     pub bytes_s: Option<f64>,
 }
 
 /// Opens what recording will open, and listens. `metadata` are those of sensors by name.
-pub(crate) fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<String, String>) -> Heard {
+pub(crate) fn probe(args: &Args, config: Option<&Config>, metadata: &BTreeMap<String, String>) -> Traffic {
     let streams: Vec<Stream> =
         config.iter().flat_map(|config| &config.sensors).flat_map(SensorConfig::streams).collect();
     let configured: Vec<Listen> = streams.iter().map(|stream| stream.listen.clone()).collect();
@@ -28,7 +28,7 @@ pub(crate) fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<Str
         Options { receive_buffer_bytes: usize::from(args.receive_buffer) << 20, ..Options::default() };
     let receiver = match Receiver::start(&listens, options) {
         Ok(receiver) => receiver,
-        Err(error) => return Heard { checks: refused(&listens, options, &error), bytes_s: None },
+        Err(error) => return Traffic { checks: refused(&listens, options, &error), bytes_s: None },
     };
     let mut checks = Vec::new();
     let warnings: Vec<String> =
@@ -43,7 +43,7 @@ pub(crate) fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<Str
         ),
     });
     if streams.is_empty() {
-        return Heard { checks, bytes_s: None };
+        return Traffic { checks, bytes_s: None };
     }
     let mut looks: Vec<Option<FirstLook>> = streams
         .iter()
@@ -55,11 +55,11 @@ pub(crate) fn look(args: &Args, config: Option<&Config>, metadata: &BTreeMap<Str
     let mut bytes = 0;
     for ((listen, counters), words) in listens.iter().zip(monitor.sensors()).zip(words) {
         bytes += counters.bytes;
-        let is_beside = is_aside(&listen.name, names());
-        checks.push(judge(listen, counters.packets, args.listen_for, &words, is_beside));
+        let is_auxiliary = is_auxiliary(&listen.name, names());
+        checks.push(judge(listen, counters.packets, args.listen_for, &words, is_auxiliary));
     }
     let bytes_s = (bytes > 0).then(|| bytes as f64 / args.listen_for.max(1e-3));
-    Heard { checks, bytes_s }
+    Traffic { checks, bytes_s }
 }
 
 /// Takes packets for so long; what is wrong with those of each sensor.
@@ -82,7 +82,7 @@ fn listen(mut receiver: Receiver, looks: &mut [Option<FirstLook>], seconds: f64)
     words
 }
 
-fn judge(listen: &Listen, packets: u64, seconds: f64, wrong: &[String], is_beside: bool) -> Check {
+fn judge(listen: &Listen, packets: u64, seconds: f64, wrong: &[String], is_auxiliary: bool) -> Check {
     let rate = packets as f64 / seconds.max(1e-3);
     let found = format!("{packets} packets in {seconds} s ({rate:.0} a second)");
     let name = format!("packets of {}", listen.name);
@@ -91,10 +91,10 @@ fn judge(listen: &Listen, packets: u64, seconds: f64, wrong: &[String], is_besid
         return Check::new(&name, State::Bad, format!("{found}; {}", wrong.join("; ")), advice);
     }
     let advice = format!(
-        "nothing came to {}: is it powered and told to send here (`outrigger sensor info HOST`), and does no firewall stand between?",
+        "nothing came to {}: is it powered and set to send here (`outrigger sensor info HOST`), and does no firewall stand between?",
         listen.address
     );
-    let state = match (packets, is_beside) {
+    let state = match (packets, is_auxiliary) {
         (1.., _) => State::Ok,
         (0, true) => State::Warning, // recording does without
         (0, false) => State::Bad,
@@ -107,8 +107,8 @@ fn refused(listens: &[Listen], options: Options, error: &ReceiveError) -> Vec<Ch
     let advice = "a daemon or recorder that runs has it: end that, or give the sensor another port (`outrigger sensor configure \
                   HOST --lidar-port PORT`)";
     let bad = |error: &ReceiveError| {
-        let is_taken = matches!(error, ReceiveError::Bind { source, .. } if source.kind() == std::io::ErrorKind::AddrInUse);
-        Check::new("ports", State::Bad, error.to_string(), if is_taken { advice } else { "" })
+        let is_in_use = matches!(error, ReceiveError::Bind { source, .. } if source.kind() == std::io::ErrorKind::AddrInUse);
+        Check::new("ports", State::Bad, error.to_string(), if is_in_use { advice } else { "" })
     };
     let alone =
         listens.iter().filter_map(|listen| Receiver::start(std::slice::from_ref(listen), options).err());

@@ -4,13 +4,10 @@ use std::collections::BTreeMap;
 
 use sensors::ouster::Metadata;
 use sensors::velodyne::Product;
-use sensors::velodyne::wire::DATA_PACKET_BYTES;
 
 use super::{Check, State};
-use crate::commands::defaults::section;
-use crate::commands::{Context, Verb, daemon, record, rig};
+use crate::commands::{Context, daemon};
 use crate::live::config::{Config, SensorConfig};
-use crate::live::receive::is_aside;
 use crate::live::setup::{Sensor, SensorState, warnings};
 use crate::live::watch::is_model;
 
@@ -27,7 +24,7 @@ pub struct Named {
 }
 
 /// Looks at everything.
-pub(crate) fn look(config: &Config, context: Context) -> Named {
+pub(crate) fn check(config: &Config, context: Context) -> Named {
     let mut named = Named::default();
     let mut units: BTreeMap<String, String> = BTreeMap::new();
     for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {
@@ -35,13 +32,14 @@ pub(crate) fn look(config: &Config, context: Context) -> Named {
         let serial = named.read(sensor, state.as_ref());
         let Some(serial) = serial.filter(|serial| !serial.is_empty()) else { continue };
         if let Some(other) = units.insert(serial.clone(), sensor.name.clone()) {
-            let found = format!("{other} and {} are both said to be the unit {serial}", sensor.name);
+            let found = format!("{other} and {} both claim to be the unit {serial}", sensor.name);
             named.bad("sensors", found, "each [[sensor]] has the `metadata` and the `host` of its own unit");
         }
     }
-    named.seats(config);
+    named.slots(config);
     let rates = config.sensors.iter().filter(|sensor| sensor.listen.is_some());
-    let rates: Option<Vec<f64>> = rates.map(|sensor| named.bytes_s(sensor)).collect();
+    let rates: Option<Vec<f64>> =
+        rates.map(|sensor| sensor.bytes_per_s(named.metadata.get(&sensor.name))).collect();
     named.bytes_s = rates.map(|rates| rates.iter().sum()).filter(|bytes_s| *bytes_s > 0.0);
     if let Err(error) = daemon::check(config, context) {
         named.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
@@ -50,11 +48,11 @@ pub(crate) fn look(config: &Config, context: Context) -> Named {
 }
 
 impl Named {
-    fn add(&mut self, name: &str, state: State, found: String, advice: &str) {
+    pub(super) fn add(&mut self, name: &str, state: State, found: String, advice: &str) {
         self.checks.push(Check::new(name, state, found, advice));
     }
 
-    fn bad(&mut self, name: &str, found: String, advice: &str) {
+    pub(super) fn bad(&mut self, name: &str, found: String, advice: &str) {
         self.add(name, State::Bad, found, advice);
     }
 
@@ -122,54 +120,5 @@ impl Named {
         }
         self.metadata.insert(config.name.clone(), text);
         Some(ours.serial)
-    }
-
-    /// What a sensor sends, by its metadata or the manual of its model.
-    fn bytes_s(&self, config: &SensorConfig) -> Option<f64> {
-        if let Some(product) = Product::from_name(&config.model) {
-            let packet_s = product.cycle_ns() * product.sequences_per_packet(true) as f64 * 1e-9;
-            return Some(DATA_PACKET_BYTES as f64 / packet_s);
-        }
-        let ours = Metadata::parse(self.metadata.get(&config.name)?, &config.name).ok()?;
-        let frame_bytes = ours.packets_per_frame() * ours.packet_format().packet_bytes();
-        Some(frame_bytes as f64 * ours.frame_rate_hz)
-    }
-
-    /// The mount file that recording will keep, and every sensor's seat in it.
-    fn seats(&mut self, config: &Config) {
-        let args: anyhow::Result<record::Args> = section(config, &["record"], |verb| match verb {
-            Verb::Record(args) => Some(args),
-            _ => None,
-        });
-        let seats = args.and_then(|args| {
-            let axes = rig::axes_of(config)?;
-            let seats = args.mount.as_deref().map(|mount| record::seats(mount, &axes)).transpose()?;
-            Ok(seats.map(|seats| (seats, axes)))
-        });
-        let rig = match seats {
-            Ok(None) => return,
-            Ok(Some((seats, axes))) => {
-                self.pitches_deg = seats.mount.axis_pitches_deg(&axes);
-                seats.rig
-            }
-            Err(error) => {
-                return self.bad(
-                    "mount file",
-                    format!("{error:#}"),
-                    "`outrigger record` will not start with this",
-                );
-            }
-        };
-        let names = || config.sensors.iter().map(|sensor| sensor.name.as_str());
-        let lost: Vec<String> = names()
-            .filter(|name| !is_aside(name, names()))
-            .filter_map(|name| Some(rig.seat(name).err()?.to_string()))
-            .collect();
-        if lost.is_empty() {
-            self.add("mount file", State::Ok, "has a seat for every sensor".to_owned(), "");
-        }
-        for words in lost {
-            self.bad("mount file", words, "a sensor has one name in the rig.toml and in the mount file");
-        }
     }
 }

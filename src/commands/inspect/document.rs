@@ -11,6 +11,7 @@ use crate::commands::recorded::host_clock::inferred;
 use crate::commands::recording::{Ending, Recording};
 use crate::commands::{output::counted, sensor_ids, unread};
 use crate::live::watch::{SensorReport, Watch};
+use crate::recording::bags::TopicCount;
 use crate::recording::{Session, SessionError};
 
 /// The document.
@@ -23,6 +24,8 @@ pub struct Document {
     /// Every time that the host's clock was set meanwhile.
     host_clock: Vec<HostClockStep>,
     interfaces: Vec<Interface>,
+    /// Topics of a bag.
+    topics: Vec<TopicCount>,
     sensors: Vec<SensorReport>,
     flows: Vec<FlowReport>,
     packets_of_other_flows: u64,
@@ -30,6 +33,8 @@ pub struct Document {
     fragments_incomplete: u64,
     capture_counters: CaptureCounters,
     losses: Vec<String>,
+    /// What is not as it was said or as one expects, and costs nothing.
+    notes: Vec<String>,
     advice: Vec<String>,
 }
 
@@ -60,7 +65,11 @@ impl Document {
             .sensors()
             .iter()
             .enumerate()
-            .map(|(at, sensor)| watches.get(at).unwrap_or(&none).report(ids[at].clone(), sensor))
+            .map(|(at, sensor)| {
+                let mut report = watches.get(at).unwrap_or(&none).report(ids[at].clone(), sensor);
+                report.source = sensor.source().map(|source| ending.source(source));
+                report
+            })
             .collect();
         let mut losses = ending.losses();
         // a session knows what its files held
@@ -68,8 +77,10 @@ impl Document {
         let problems = |session: &Session| [session.problems(), &session.unheard()].concat();
         let damage = session.iter().flat_map(problems);
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
+        let mut notes = Vec::new();
         for (id, sensor) in ids.iter().zip(router.sensors()) {
             losses.extend(unread::sensor_losses(id, sensor));
+            notes.extend(unread::sensor_notes(id, sensor));
         }
         let span_ns = flows.span_ns();
         let host_clock = host_clock(session.as_ref(), &sensors, span_ns).unwrap_or_else(|error| {
@@ -83,13 +94,15 @@ impl Document {
             duration_s: span_ns.map(|[first, last]| (last - first) as f64 * 1e-9),
             host_clock,
             interfaces: ending.interfaces.clone(),
-            flows: flows.reports(router, &ids),
+            topics: ending.topics.clone(),
+            flows: flows_of(flows.reports(router, &ids), ending),
             packets_of_other_flows: flows.others(),
             unclaimed: router.unclaimed().cloned().collect(),
             fragments_incomplete: ending.counters.fragments_incomplete,
             capture_counters: ending.counters.clone(),
             losses,
-            advice: advice(recording, router),
+            notes,
+            advice: ending.notices.iter().cloned().chain(advice(recording, router)).collect(),
             sensors,
         }
     }
@@ -105,8 +118,13 @@ impl Document {
         let counters = &self.capture_counters;
         let _ = match self.duration_s {
             Some(duration_s) => writeln!(text, "{} datagrams in {duration_s:.3} s", counters.datagrams),
+            None if !self.topics.is_empty() => writeln!(text, "no packets in {} messages", counters.frames),
             None => writeln!(text, "no UDP datagrams in {} frames", counters.frames),
         };
+        for TopicCount { topic, kind, messages, packets, .. } in &self.topics {
+            let packets = if *packets > 0 { format!(", {packets} packets") } else { String::new() };
+            let _ = writeln!(text, "  {topic} ({kind}): {messages} messages{packets}");
+        }
         for step in &self.host_clock {
             let _ = writeln!(text, "{}", step.words);
         }
@@ -121,13 +139,19 @@ impl Document {
             let serial = flow.serial.map_or(String::new(), |serial| format!(", sensor {serial}"));
             let mode = flow.columns_per_frame.map_or(String::new(), |columns| format!(", {columns} columns"));
             let whose = flow.whose();
-            let FlowReport { source, destination, length, packets, looks_like, .. } = flow;
+            let FlowReport { source, length, packets, looks_like, .. } = flow;
+            let destination = match flow.destination.as_str() {
+                "" => String::new(),
+                receiver => format!(" -> {receiver}"),
+            };
             let _ = writeln!(
                 text,
-                "  {source} -> {destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{whose}"
+                "  {source}{destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{whose}"
             );
         }
-        for (title, lines) in [("missing", &self.losses), ("what would help", &self.advice)] {
+        for (title, lines) in
+            [("missing", &self.losses), ("to note", &self.notes), ("what would help", &self.advice)]
+        {
             if !lines.is_empty() {
                 let _ = writeln!(text, "{title}:");
             }
@@ -223,6 +247,18 @@ impl SensorReport {
     }
 }
 
+/// Streams of a bag come from topics; the addresses of their packets are made up.
+fn flows_of(mut flows: Vec<FlowReport>, ending: &Ending) -> Vec<FlowReport> {
+    for flow in &mut flows {
+        let topic =
+            ending.topics.iter().find(|count| count.from.is_some_and(|from| from.to_string() == flow.source));
+        if let Some(count) = topic {
+            (flow.source, flow.destination) = (count.topic.clone(), String::new());
+        }
+    }
+    flows
+}
+
 /// What the recorder tells of the host's clock, otherwise what the clocks of the sensors show of it.
 fn host_clock(
     session: Option<&Session>,
@@ -264,7 +300,9 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
     advice.extend(unread::beam_notices(router));
     for sensor in router.sensors() {
         let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
-        if let Some(damage) = sensor.first_damage() {
+        if let Some(words) = sensor.only_positions() {
+            advice.push(words);
+        } else if let Some(damage) = sensor.first_damage() {
             advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
         } else if sensor.stats().packets == 0 && sensor.tie().is_none() && sensor.one_of_several().is_none() {
             advice.push(format!("{name}: it fits no packet of the recording"));

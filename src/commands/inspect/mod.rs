@@ -23,7 +23,8 @@ shell says 130): nothing is half written.";
 #[derive(clap::Args, Debug)]
 #[command(after_help = EXIT_CODES)]
 pub struct Args {
-    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
+    /// Capture (pcap or pcapng; plain, gzip, zstd or lz4), bag (ROS 1, MCAP, db3, or the folder of one), session folder, or -
+    /// for standard input.
     capture: PathBuf,
     #[command(flatten)]
     sensors: SensorArgs,

@@ -1,15 +1,14 @@
 //! `outrigger mock rig`: a servo rig behind a pty or on a CAN interface, with faults on a schedule.
 
-use std::path::Path;
-use std::str::FromStr;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 
 use crate::commands::{Context, Outcome, output, signals};
+use crate::mock::Device;
 use crate::mock::bus_servos::{Make, MockServos};
-use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, run_on_can};
+use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, ScheduledFault, run_on_can};
 
 /// Arguments of `mock rig`.
 #[derive(clap::Args, Debug)]
@@ -19,7 +18,7 @@ pub struct Args {
     seed: u64,
     /// Break something at a time: FAULT@SECONDS, such as stuck:1@3, jump=10@5, reboot@2, hang-up@8.
     #[arg(long = "fault", value_name = "FAULT@SECONDS")]
-    faults: Vec<Scheduled>,
+    faults: Vec<ScheduledFault>,
     /// Hobby servos that measure nothing, in place of motors with encoders.
     #[arg(long)]
     pulse: bool,
@@ -52,66 +51,14 @@ pub struct Args {
 fn parse_switch(text: &str) -> Result<i32, String> {
     match text.parse::<f64>() {
         Ok(angle_deg) if angle_deg.abs() <= 55.0 => Ok((angle_deg.to_radians() * 1e6) as i32),
-        _ => Err(format!("`{text}`: expected an angle of at most 55 degrees either way")),
-    }
-}
-
-/// What runs behind the pty.
-enum Device {
-    Rig(MockRig),
-    Servos(MockServos),
-}
-
-impl Device {
-    fn path(&self) -> &Path {
-        match self {
-            Self::Rig(rig) => rig.path(),
-            Self::Servos(servos) => servos.path(),
-        }
-    }
-
-    fn is_running(&self) -> bool {
-        match self {
-            Self::Rig(rig) => rig.is_running(),
-            Self::Servos(_) => true,
-        }
-    }
-
-    fn inject(&self, fault: MockFault) {
-        match (self, fault) {
-            (Self::Rig(rig), fault) => rig.inject(fault),
-            (Self::Servos(servos), MockFault::Axis(axis, fault)) => servos.inject(axis, fault),
-            (Self::Servos(_), _) => {} // refused before anything started
-        }
-    }
-}
-
-#[derive(Clone, Debug)]
-struct Scheduled {
-    fault: MockFault,
-    text: String,
-    after: Duration,
-}
-
-impl FromStr for Scheduled {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let (fault, seconds) =
-            text.rsplit_once('@').ok_or_else(|| format!("`{text}` says no time: expected FAULT@SECONDS"))?;
-        let after = seconds
-            .parse::<f64>()
-            .ok()
-            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
-            .ok_or_else(|| format!("`{seconds}` in `{text}` is no time in seconds"))?;
-        Ok(Self { fault: fault.parse()?, text: fault.to_owned(), after })
+        _ => Err(format!("`{text}`: expected an angle of -55 to 55 degrees")),
     }
 }
 
 /// Runs the verb until Ctrl-C or until the rig hangs up.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let interrupts = signals::interrupts()?;
-    let single = |fault: &Scheduled| matches!(fault.fault, MockFault::Axis(..));
+    let single = |fault: &ScheduledFault| matches!(fault.fault, MockFault::Axis(..));
     if let Some(fault) = args.faults.iter().find(|fault| args.dynamixel && !single(fault)) {
         refuse!("--fault {}: bought servos have no such fault", fault.text);
     }

@@ -1,6 +1,6 @@
 //! The web server of a mock sensor, by flags.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr};
 
 use anyhow::Context as _;
 use sensors::ouster::Metadata;
@@ -39,16 +39,16 @@ impl Web {
         model: &str,
         metadata: Option<&Metadata>,
         to: SocketAddr,
-        aside_to: Option<SocketAddr>,
+        auxiliary_to: Option<SocketAddr>,
     ) -> anyhow::Result<Option<Self>> {
         let Some(port) = args.http else { return Ok(None) };
         let behind = match metadata {
             Some(metadata) => {
                 let web = OusterWeb::new(&metadata.to_json(), true).context("the mock's own metadata")?;
                 let web = if args.old_firmware { web.with_old_firmware() } else { web };
-                Behind::Ouster(Box::new(web.sending_to(to, aside_to)))
+                Behind::Ouster(Box::new(web.sending_to(to, auxiliary_to)))
             }
-            None => Behind::Velodyne(VelodyneWeb::new(model, "AG00000000").sending_to(to, aside_to)),
+            None => Behind::Velodyne(VelodyneWeb::new(model, "AG00000000").sending_to(to, auxiliary_to)),
         };
         let server = MockWeb::start((Ipv4Addr::LOCALHOST, port).into(), behind, args.http_fault)
             .with_context(|| format!("cannot serve HTTP on port {port} of loopback"))?;
@@ -66,15 +66,7 @@ impl Web {
         Ok(Some(Self { server, _announcer: announcer }))
     }
 
-    /// Where it listens.
-    pub(crate) fn address(&self) -> SocketAddr {
-        self.server.address()
-    }
-
-    /// Where packets go now: lidar packets, and those beside them.
-    pub(crate) fn destinations(&self) -> [Option<SocketAddr>; 2] {
-        let (host, port, aside_port) = self.server.behind().destination();
-        let host: Option<IpAddr> = host.parse().ok();
-        [port, aside_port].map(|port| Some(SocketAddr::new(host?, port?)))
+    pub(crate) fn server(&self) -> &MockWeb {
+        &self.server
     }
 }

@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use super::scene::SceneSearchArgs;
 use crate::commands::experiment_args::{ExperimentArgs, FidelityArg};
 use crate::design::optimize::{Acquisition, KeepApart, Kind, PUBLISHED_MASTERS_MAX};
 use crate::design::robustness::Criterion;
@@ -17,6 +18,8 @@ use crate::design::robustness::Criterion;
 pub struct Args {
     #[command(flatten)]
     pub(super) experiment: ExperimentArgs,
+    #[command(flatten)]
+    pub(super) scene: SceneSearchArgs,
     /// Search method [default: staged].
     #[arg(long, value_enum)]
     pub(super) method: Option<Kind>,
@@ -39,8 +42,9 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = PUBLISHED_MASTERS_MAX, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(super) masters_max: u32,
     /// Distance between sensor origins that the search must keep: housing, none (as published) or metres.
-    #[arg(long, value_name = "RULE", default_value = "none")]
-    pub(super) clearance: ClearanceArg,
+    /// [default: none in a published experiment, housing in a scene].
+    #[arg(long, value_name = "RULE")]
+    pub(super) clearance: Option<ClearanceArg>,
     /// Fewest masters.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(super) masters_min: u32,
@@ -87,7 +91,7 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with = "robust", value_parser = crate::commands::ranges::count(1, 1_000_000))]
     pub(super) certify: Option<usize>,
     /// Write the best mount to this file.
-    #[arg(long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE")]
     pub(super) out: Option<PathBuf>,
     /// Write the best mount as the published program exports it.
     #[arg(long, value_name = "FILE")]
@@ -197,6 +201,11 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl Args {
+    /// How far apart sensors are kept in a published experiment.
+    pub(super) fn keep_apart(&self) -> KeepApart {
+        self.clearance.map_or(KeepApart::None, |clearance| clearance.0)
+    }
+
     /// Errors with which a mount is taken to be built, m and degrees.
     pub(super) fn mount_errors(&self) -> (f64, f64) {
         self.tolerance.map_or((0.01, 1.0), |Range(position_m, angle_deg)| (position_m, angle_deg))

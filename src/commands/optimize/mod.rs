@@ -1,6 +1,7 @@
 //! `outrigger optimize`
 
 mod args;
+mod scene;
 mod spec;
 
 use std::path::Path;
@@ -36,13 +37,16 @@ struct Ended<'a> {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    if scene::is_asked(args, context)? {
+        return scene::run(args, context);
+    }
     output::check_places([&args.out, &args.export_published, &args.csv, &args.report, &args.resume])?;
     let given = args.experiment.objective(Roll::Fixed(0.0))?;
     spec::refuse_mixed(args, given.simulator().experiment())?;
     let refiner = spec::refiner(args, &given)?;
     let objective = refiner.as_ref().map_or(&given, Refiner::objective).clone();
     let problem = spec::problem(args, context, objective)?;
-    let question = state_file::question(&problem, args.clearance.0)?;
+    let question = state_file::question(&problem, args.keep_apart())?;
     let mut search = match args.resume.as_deref().map(|path| resumed(path, &question)).transpose()?.flatten()
     {
         Some(search) => spec::continued(args, context, search)?,
@@ -204,7 +208,7 @@ fn document(
         preset: experiment.name(),
         prices: problem.objective().prices().to_vec(),
         path: experiment.path,
-        clearance: args.clearance.0,
+        clearance: args.keep_apart(),
         masters_max: args.masters_max,
         history: search.history().collect(),
     })

@@ -125,13 +125,13 @@ pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> an
         search.tilt_step_deg = Some(step_deg);
     }
     let Some(criterion) = args.robust else {
-        return Ok(MountProblem::with_search(objective, search, args.clearance.0));
+        return Ok(MountProblem::with_search(objective, search, args.keep_apart()));
     };
     let (position_m, angle_deg) = args.mount_errors();
     let tolerance = Tolerance { position_m, angle_deg, free_phase: args.free_spin };
     let robustness =
         Robustness::new(&objective, tolerance, args.draws as usize, ROBUST_SEED).map_err(wrong_usage)?;
-    Ok(MountProblem::with_search(objective, search, args.clearance.0).robust(robustness, criterion))
+    Ok(MountProblem::with_search(objective, search, args.keep_apart()).robust(robustness, criterion))
 }
 
 pub(crate) fn begun(args: &Args, problem: &MountProblem) -> anyhow::Result<Search> {

@@ -1,5 +1,6 @@
 //! `outrigger predict`
 
+mod ideal;
 mod sensing;
 
 use std::path::PathBuf;
@@ -8,13 +9,15 @@ use std::time::Instant;
 use anyhow::{Context as _, bail, ensure};
 
 use super::experiment_args::FidelityArg;
+use super::masters::Masters;
 use super::scene_args::{MeshArgs, Room, SampleArgs, TrajectoryArgs};
 use super::scene_file::{self, MapArgs};
 use super::stage::Stage;
-use super::{Context, Outcome, output};
+use super::{Context, Outcome, output, wrong_usage};
 use crate::report::prediction::{Document, page};
-use crate::rig::{MountFile, Rig, Unit, UnitChoice};
+use crate::rig::{MountFile, MountedSensor, Rig, Unit, UnitChoice};
 use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
+use crate::simulate::published::Placement;
 use crate::simulate::scan::Scanner;
 use crate::world::scene::LoadedScene;
 use crate::world::surface::ObservableSurface;
@@ -23,6 +26,7 @@ use crate::world::surface::ObservableSurface;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
+    group = clap::ArgGroup::new("mounted").required(true),
     after_help = "Every channel is cast at its own time and azimuth with the model's beam geometry. Voxels are centred on \
                   flat walls of the scene's bounds; those of a map are its cells. The coverage file is a PLY cloud of voxel centres, in metres, with one \
                   bit per sensor; its header says the grid.\n\n\
@@ -32,14 +36,20 @@ use crate::world::surface::ObservableSurface;
 )]
 pub struct Args {
     /// Sensors of the rig.
-    #[arg(long, value_name = "FILE")]
-    mount: PathBuf,
+    #[arg(long, group = "mounted", value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Sensors as they are: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees.
+    #[arg(long, group = "mounted", allow_hyphen_values = true, requires = "sensors", value_name = "LIST")]
+    mounts: Option<Masters>,
+    /// Models of the sensors of --mounts: one for all, or one for each, with commas between them.
+    #[arg(long, value_delimiter = ',', requires = "mounts", value_name = "MODEL,MODEL")]
+    sensors: Vec<String>,
     /// Another model or the calibration of a sensor (of every one without NAME=): a name of the catalogue, Ouster
     /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
     #[arg(long, value_name = "[NAME=]MODEL")]
     sensor: Vec<UnitChoice>,
-    /// Surface (.ply, .obj, .stl, .gltf or .glb), or what a map is made of: a recorded session, or a point cloud in the
-    /// trajectory's frame (.ply without faces, .pcd, .las or .laz).
+    /// Surface (.ply, .obj, .stl, .off, .gltf or .glb), or what a map is made of: a recorded session, or a point cloud in the
+    /// trajectory's frame (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
     /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
@@ -54,6 +64,8 @@ pub struct Args {
     /// Edge of a voxel.
     #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     voxel: f64,
+    #[command(flatten)]
+    ideal: ideal::IdealArgs,
     #[command(flatten)]
     sensing: sensing::SensingArgs,
     #[command(flatten)]
@@ -87,19 +99,24 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
     }
-    let scene = &site.loaded.scene;
+    if args.ideal.ideal {
+        return ideal::run(args, context, &units, &rig, site);
+    }
+    let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
+    let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
     let scanner = args.sensing.scanner(scene, &site.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
     let stage = Stage::begin("looking which samples of the surface can be seen");
     let stations_m = site.trajectory.sight_stations_m(rig.mean_height_m());
-    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, args.seed)).transpose()?;
+    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, origin, args.seed)).transpose()?;
     let surface = samples.map(|samples| ObservableSurface::new(scene, samples, &stations_m));
     let surface = surface.as_ref();
     stage.next("casting the rays of the rig");
     let prediction = predict(&scanner, &site.grid, surface, &stage.progress());
     let wall_s = start.elapsed().as_secs_f64();
-    let doubts = doubts(&scanner, &site, surface, &prediction);
+    let mut doubts = doubts(&scanner, &site, surface, &prediction);
+    doubts.extend(placement.doubts);
     stage.next("looking what single sensors would see (--no-baselines leaves them out)");
     let baselines = (!args.no_baselines)
         .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
@@ -118,14 +135,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.out {
         let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-        let bytes = prediction.coverage.ply(&names);
+        let bytes = prediction.coverage.ply(&names, origin);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page(&document, scene, &prediction.coverage, &observable, &output::again());
+        let page = page(&document, scene, &prediction.coverage, &observable, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    Ok(Outcome::Done)
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }
 
 fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {
@@ -141,19 +158,56 @@ fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> 
 }
 
 fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
-    let file = MountFile::read(&args.mount)?;
-    let units = file.units(&args.sensor)?;
-    let rig = file.rig_of(&units);
+    let (units, rig) = match (&args.mount, &args.mounts) {
+        (Some(path), _) => {
+            let file = MountFile::read(path)?;
+            let units = file.units(&args.sensor)?;
+            let rig = file.rig_of(&units);
+            (units, rig)
+        }
+        (None, Some(mounts)) => mounted(mounts, &args.sensors, &args.sensor)?,
+        (None, None) => refuse!("give --mount or --mounts"),
+    };
     if args.out.is_some() && rig.sensors.len() > 32 {
         bail!("{} sensors: a coverage file has bits for 32", rig.sensors.len());
     }
     Ok((units, rig))
 }
 
+/// The sensors of `--mounts`, nominal ones of these models.
+fn mounted(
+    mounts: &Masters,
+    models: &[String],
+    calibrated: &[UnitChoice],
+) -> anyhow::Result<(Vec<Unit>, Rig)> {
+    if !calibrated.is_empty() {
+        refuse!("--sensor is about the sensors of --mount; those of --mounts are what --sensors says");
+    }
+    let mounts = mounts.without_models()?;
+    let models: Vec<&String> = match models {
+        [model] => vec![model; mounts.len()],
+        models if models.len() == mounts.len() => models.iter().collect(),
+        models => refuse!(
+            "--sensors names {} models and --mounts lists {} sensors: give one model for all, or one for each",
+            models.len(),
+            mounts.len()
+        ),
+    };
+    let units = models.into_iter().map(|model| Unit::nominal(model).map_err(wrong_usage));
+    let units: Vec<Unit> = units.collect::<Result<_, _>>()?;
+    let sensor = |(index, (unit, placement)): (usize, (&Unit, &Placement))| MountedSensor {
+        name: format!("sensor {}", index + 1),
+        model: unit.model.clone(),
+        mount: placement.mount(),
+    };
+    let sensors = units.iter().zip(&mounts).enumerate().map(sensor).collect();
+    Ok((units, Rig { sensors }))
+}
+
 fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
     let mut loaded = match (&args.scene, &args.room) {
         (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
-        (None, Some(room)) => LoadedScene::from(room.scene()),
+        (None, Some(room)) => LoadedScene::of_room(&room.scene()),
         (None, None) => refuse!("give --scene or --room"),
     };
     if loaded.mesh.is_none() {
@@ -162,8 +216,8 @@ fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
             "is about the surface of a mesh: give one behind --scene, or leave it out",
         )?;
     }
-    let trajectory = args.trajectory.read()?;
-    loaded.warnings.extend(args.trajectory.doubts(&loaded.scene, &trajectory));
+    let (trajectory, notes) = args.trajectory.read(loaded.origin)?;
+    loaded.warnings.extend(notes);
     let grid = grid_of(&loaded.scene, args.voxel)?;
     Ok(Site { loaded, trajectory, grid })
 }

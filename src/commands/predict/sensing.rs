@@ -7,6 +7,7 @@ use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::simulate::view::Sampling;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -52,7 +53,22 @@ pub struct SensingArgs {
     no_housings: bool,
 }
 
+/// Least range of an ideal sensor, m.
+const IDEAL_MIN_RANGE_M: f64 = 0.3;
+
 impl SensingArgs {
+    /// Ideal beams, at the columns, rate and ranges that are given.
+    pub fn ideal(&self) -> Sampling {
+        Sampling {
+            is_ideal: true,
+            columns: self.azimuths,
+            rate_hz: self.spin_rate,
+            min_range_m: self.min_range.or(Some(IDEAL_MIN_RANGE_M)),
+            max_range_m: self.max_range,
+            ..Sampling::default()
+        }
+    }
+
     /// The rig, made ready to scan.
     pub(crate) fn scanner<'a>(
         &self,

@@ -72,7 +72,7 @@ pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<Ser
     // a session whose copy is gone can still be held against a file that is named
     let own = session.mount().ok().flatten();
     let seats: Option<Vec<usize>> =
-        own.and_then(|own| own.sensors.iter().map(|sensor| rig.seat(&sensor.name).ok()).collect());
+        own.and_then(|own| own.sensors.iter().map(|sensor| rig.slot(&sensor.name).ok()).collect());
     // with other names the order is all that is known
     for report in &mut reports {
         let seat = seats.as_ref().and_then(|seats| seats.get(report.axis));

@@ -13,7 +13,7 @@ use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
 use crate::commands::unread;
 use crate::recording::{SensorEntry, Session};
-use crate::rig::{Mount, MountedSensor, NoSeat, Rig};
+use crate::rig::{Mount, MountedSensor, NoSlot, Rig};
 use crate::verify::compare::{Fault, FramePitch, TiltHistory};
 
 /// One sensor's packets.
@@ -220,13 +220,13 @@ pub(crate) fn session(
 }
 
 /// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
-fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSeat> {
+fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
     let manifest = session.manifest();
     let place = |entry: &SensorEntry| {
         if manifest.is_aside(entry) {
             return Ok(None);
         }
-        rig.seat(&entry.name).map(Some)
+        rig.slot(&entry.name).map(Some)
     };
     manifest.sensors.iter().map(place).collect()
 }
@@ -284,6 +284,7 @@ pub(crate) fn capture(
     let mut crowd = 0;
     let mut hand = |at: usize, sensor: &Sensor, decoded: Decoded<'_>| {
         let Decoded::Frame(frame) = decoded else { return };
+        let at = recording.slot_of(sensor, rig).unwrap_or(at);
         if at >= rig.sensors.len() {
             crowd = crowd.max(at + 1);
             return;
@@ -302,9 +303,10 @@ pub(crate) fn capture(
         recording.name(),
         rig.sensors.len()
     );
-    for (at, (sensor, seat)) in router.sensors().iter().zip(&seats).enumerate() {
+    for (at, sensor) in router.sensors().iter().enumerate().take(rig.sensors.len()) {
+        let at = recording.slot_of(sensor, rig).unwrap_or(at);
         fed.sensors[at].packets_recorded = sensor.stats().packets;
-        fed.close(at, sensor, seat)?; // a calibration that does not fit is told of by the sensor's seat
+        fed.close(at, sensor, &seats[at])?; // a calibration that does not fit is told of by the sensor's seat
     }
     recording.ensure_given_fits(&router)?;
     fed.losses.extend(ending.losses());

@@ -11,6 +11,7 @@ use crate::verify::judgement::comparison::{
 };
 use crate::verify::judgement::{verdict, words};
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -25,6 +26,8 @@ const HOLES_SHARE: f64 = 0.3;
 pub struct Given<'a> {
     pub scene: &'a Scene,
     pub trajectory: &'a Trajectory,
+    /// Where the frame of both begins in that of the files.
+    pub origin: LocalOrigin,
     pub patches: Option<&'a Patches>,
     /// Coverage of the plan; as driven where there was none.
     pub planned: Option<&'a Coverage>,
@@ -105,7 +108,7 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         mount,
         relative_tilt,
         mount_check: Some(CheckReport { rounds, converged, residual_sd_mm, scans }),
-        conflicts: Conflicts::between(&thinned),
+        conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(given.origin)),
         prediction,
     };
     comparison.verdict = verdict(&comparison);
@@ -113,7 +116,7 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         Scene::Voxels(map) => Some(map.voxel_m()),
         _ => None,
     };
-    comparison.words = words(&comparison, replayed, given.patches, cell_m);
+    comparison.words = words(&comparison, replayed, given.patches, given.origin, cell_m);
     comparison
 }
 

@@ -12,7 +12,6 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
-use sensors::capture::CaptureReader;
 use sensors::router::{GivenCalibration, Tie, Whose};
 
 use crate::base::files::is_same;
@@ -24,6 +23,7 @@ use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::stage::Stage;
 use crate::drive::ServoReport;
 use crate::recording::Session;
+use crate::recording::packet_reader::PacketReader;
 use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
@@ -33,7 +33,8 @@ use feed::{Fed, Seated, Taken};
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
 pub struct RecordedArgs {
-    /// Session folder, capture (pcap or pcapng, plain or gzip), or - for standard input.
+    /// Session folder, capture (pcap or pcapng; plain, gzip, zstd or lz4), bag (ROS 1, MCAP, db3, or the folder of one), or -
+    /// for standard input.
     pub recording: PathBuf,
     #[command(flatten)]
     pub sensors: SensorArgs,
@@ -115,8 +116,8 @@ impl Recorded {
         };
         let Some(mount) = mount else {
             // what is no recording at all does not lack a mount; a pipe could be read but once
-            if path.is_file() {
-                CaptureReader::open(path)?;
+            if path.is_file() || path.is_dir() {
+                PacketReader::open(path, &path.display().to_string())?;
             }
             zeros.ensure_measured(&Rig { sensors: Vec::new() }, &[])?;
             return Ok(None);
@@ -125,6 +126,11 @@ impl Recorded {
         let mut notices = Vec::new();
         let source = match session {
             Some(mut session) if sensors.meta.is_empty() => {
+                ensure!(
+                    sensors.model.is_empty(),
+                    "--model: {} is a session, which names the models of its sensors; give --model to a capture",
+                    path.display()
+                );
                 notices = host_clock::settle(&mut session, &rig)?;
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;

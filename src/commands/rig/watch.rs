@@ -3,12 +3,12 @@
 use std::cell::Cell;
 use std::time::{Duration, Instant};
 
-use super::{Args, options};
+use crate::commands::rig_args::{Args, options};
 use crate::commands::{Context, output, signals};
 use crate::drive::{Rig, WatchedAxis};
 use crate::live::clocks::host::steady_now_ns;
 
-/// How often axes that send no readings are told of while watching.
+/// How often axes that send no readings are reported while watching.
 const LOOK: Duration = Duration::from_secs(1);
 
 /// Prints until the time is over or somebody stops it.

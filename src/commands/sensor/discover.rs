@@ -62,13 +62,13 @@ fn text(found: &[Found], seconds: f64) -> String {
         };
         let addresses: Vec<String> = sensor.addresses.iter().map(at).collect();
         let vendor = format!("{:?}", sensor.vendor).to_lowercase();
-        let said = [("serial ", &sensor.serial), ("part ", &sensor.part), ("", &sensor.firmware)];
-        let said: Vec<String> = said
+        let properties = [("serial ", &sensor.serial), ("part ", &sensor.part), ("", &sensor.firmware)];
+        let properties: Vec<String> = properties
             .iter()
             .filter(|(_, value)| !value.is_empty())
             .map(|(key, value)| format!("{key}{value}"))
             .collect();
-        format!("{vendor} {} {} {}\n", sensor.name, addresses.join(" "), said.join(", "))
+        format!("{vendor} {} {} {}\n", sensor.name, addresses.join(" "), properties.join(", "))
     };
     found.iter().map(line).collect()
 }

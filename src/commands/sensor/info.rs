@@ -79,7 +79,7 @@ fn hosts(typed: &[String], context: Context) -> anyhow::Result<Vec<String>> {
 pub(super) fn text(state: &SensorState) -> String {
     let port = |port: Option<u16>| port.map_or("unsaid".to_owned(), |port| port.to_string());
     let to = &state.destination;
-    let host = if to.host.is_empty() { "nobody" } else { &to.host };
+    let host = if to.host.is_empty() { "no host" } else { &to.host };
     let locked = match state.clock.locked {
         Some(true) => "locked",
         Some(false) => "NOT LOCKED",
@@ -87,14 +87,14 @@ pub(super) fn text(state: &SensorState) -> String {
     };
     let warm = state.temperature_c.map_or(String::new(), |inside_c| format!(", {inside_c:.0} °C inside"));
     let mut text = format!(
-        "{}: {} serial {}, firmware {}\n  {}{warm}\n  sends to {host}, lidar port {}, beside it port {}\n  clock {} ({}), {locked}\n",
+        "{}: {} serial {}, firmware {}\n  {}{warm}\n  sends to {host}, lidar port {}, auxiliary port {}\n  clock {} ({}), {locked}\n",
         state.address,
         state.model,
         state.serial,
         state.firmware,
         state.status,
         port(to.port),
-        port(to.aside_port),
+        port(to.auxiliary_port),
         state.clock.source,
         state.clock.detail,
     );

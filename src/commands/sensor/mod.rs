@@ -7,6 +7,7 @@ use super::{Context, Outcome};
 mod configure;
 mod discover;
 mod info;
+mod settings;
 
 /// Arguments of `sensor`.
 #[derive(clap::Args, Debug)]
@@ -19,7 +20,7 @@ pub struct Args {
 enum Action {
     /// Which sensors are on the network.
     Discover(discover::Args),
-    /// What a sensor is, how it is set, and what ails it.
+    /// What a sensor is, how it is set, and its faults.
     Info(info::Args),
     /// Set a sensor up, read back what it took, save it.
     Configure(configure::Args),

@@ -1,4 +1,4 @@
-//! Where the memory is, beside the bounds that keep it there.
+//! Where the memory is, with the bounds that keep it there.
 
 use super::Core;
 use crate::daemon::live;
@@ -7,15 +7,15 @@ use crate::daemon::status::MemoryStatus;
 /// As it is now.
 pub(super) fn memory(core: &Core) -> MemoryStatus {
     let datagrams = core.intake.memory();
-    let inlets = core.inlets();
+    let decode_queues = core.decode_queues();
     MemoryStatus {
         resident: resident_bytes(),
         packets: datagrams.held_bytes as u64,
         queue: datagrams.waiting_bytes as u64,
-        queue_most: datagrams.most_waiting_bytes as u64,
+        queue_most: datagrams.max_waiting_bytes as u64,
         queue_limit: core.intake.queue_limit_bytes() as u64,
-        picture_most: inlets.iter().map(|inlet| inlet.most_waiting_bytes() as u64).sum(),
-        picture_limit: (inlets.len() * live::WAITING_BYTES) as u64,
+        picture_most: decode_queues.iter().map(|decode_queue| decode_queue.max_waiting_bytes() as u64).sum(),
+        picture_limit: (decode_queues.len() * live::WAITING_BYTES) as u64,
         coverage: core.coverage.bytes() as u64,
         map: core.survey.bytes() as u64,
     }

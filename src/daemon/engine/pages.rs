@@ -18,7 +18,7 @@ impl Daemon {
         (self.core.coverage.message(now_ns()).into(), messages)
     }
 
-    /// Points for those who listen in Foxglove's way.
+    /// Points for Foxglove clients.
     pub(in crate::daemon) fn hub(&self) -> &Arc<Hub> {
         &self.core.hub
     }
@@ -36,11 +36,11 @@ impl Daemon {
     /// Where body and sensors stand now: name of the outer frame, of the inner one, pose. Without a pose of the platform
     /// `body` has none.
     pub(in crate::daemon) fn transforms(&self) -> Vec<(&str, &str, Pose)> {
-        let Core { place, motion, hub, .. } = &*self.core;
-        let world_from_body = motion.world_from_body(place.trajectory.as_ref(), now_ns());
+        let Core { site, motion, hub, .. } = &*self.core;
+        let world_from_body = motion.world_from_body(site.trajectory.as_ref(), now_ns());
         let body = world_from_body.map(|pose| ("world", "body", pose));
         let sensors = hub.names().map(|name| {
-            let mounted = place.mounted(name);
+            let mounted = site.mounted(name);
             let pose = mounted.map(|(axis, sensor)| motion.body_from_sensor(axis, &sensor.mount));
             ("body", name, pose.unwrap_or(Pose::IDENTITY))
         });

@@ -122,7 +122,7 @@ impl Daemon {
         Ok(proposal)
     }
 
-    /// Drives to a proposal that the operator agrees to, then goes on in a new session whose mount says so.
+    /// Drives to a proposal that the operator agrees to, then goes on in a new session with its mount.
     pub(crate) fn agree(&self, id: u64) -> Result<Proposal, ProposalError> {
         let core = self.core();
         if !self.is_recording() {
@@ -141,7 +141,7 @@ impl Daemon {
         }
         rig.apply(&proposal.pitches_deg)?;
         core.proposals.forget();
-        let mount = core.place.mount.clone().map(|mut mount| {
+        let mount = core.site.mount.clone().map(|mut mount| {
             for (sensor, pitch_deg) in mount.sensors.iter_mut().zip(&proposal.pitches_deg) {
                 sensor.pitch_deg = *pitch_deg;
             }
@@ -156,13 +156,13 @@ impl Daemon {
     fn think(&self) -> Result<Proposal, ProposalError> {
         let core = self.core();
         let (now_deg, limits_rad) = axes(core)?;
-        let mut rig: Rig = core.place.rig.clone();
+        let mut rig: Rig = core.site.rig.clone();
         for (sensor, pitch_deg) in rig.sensors.iter_mut().zip(&now_deg) {
             sensor.mount.pitch_rad = pitch_deg.to_radians();
         }
-        let (map, way, map_is_full) = core.survey.now();
+        let (map, poses, map_is_full) = core.survey.now();
         let keep_out = self.rig()?.keep_out();
-        let is_kept_out = |pitches_rad: &[f64]| match *pitches_rad {
+        let is_excluded = |pitches_rad: &[f64]| match *pitches_rad {
             [first_rad, second_rad] => {
                 let urad = |pitch_rad: f64| (pitch_rad * 1e6).round() as i32;
                 let from_urad = [now_deg[0], now_deg[1]].map(|pitch_deg| urad(pitch_deg.to_radians()));
@@ -172,17 +172,18 @@ impl Daemon {
         };
         let question = Question {
             map: &map,
-            poses: &way,
+            poses: &poses,
             rig: &rig,
             limits_rad: &limits_rad,
-            is_kept_out: &is_kept_out,
+            is_excluded: &is_excluded,
         };
         let id = core.proposals.made.fetch_add(1, Ordering::Relaxed) + 1;
-        // its own, single thread, which gives way: the recorder needs the others
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::give_way()).build();
+        // its own, single thread of low priority: the recorder needs the others
+        let pool =
+            rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| live::lower_priority()).build();
         let pool = pool.map_err(|error| ProposalError::Thread(error.to_string()))?;
         let answer = pool.install(|| reconfigure::propose(&question, id, EVALUATIONS))?;
-        Ok(self.proposal(id, now_deg, &answer, way.len(), map_is_full))
+        Ok(self.proposal(id, now_deg, &answer, poses.len(), map_is_full))
     }
 
     fn proposal(&self, id: u64, now_deg: Vec<f64>, answer: &Answer, poses: usize, full: bool) -> Proposal {
@@ -195,7 +196,7 @@ impl Daemon {
         let is_better = proposed.score() as f64 >= (1.0 + WORTH) * now.score().max(1) as f64;
         let words = if is_better {
             format!(
-                "pitches {} would see {} cells of the surface mapped so far and look into {} beside it; at {} it is {} \
+                "pitches {} would see {} cells of the surface mapped so far and look into {} unknown ones; at {} it is {} \
                  and {}",
                 listed(&pitches_deg),
                 proposed.surface,
@@ -228,14 +229,14 @@ impl Daemon {
 /// Where each axis stands, degrees, and within which pitches it may move by rig and configuration, rad.
 fn axes(core: &Core) -> Result<(Vec<f64>, Vec<[f64; 2]>), ProposalError> {
     let rig = core.rig.as_ref().ok_or(RigCommandError::NoRig)?;
-    if core.place.mount.is_none() {
+    if core.site.mount.is_none() {
         return Err(RigCommandError::NoMount.into());
     }
     let state = rig.state();
     let connected = state.connected.then_some(state.status).flatten();
     let status =
         connected.ok_or_else(|| RigCommandError::NotConnected(state.error.clone().unwrap_or_default()))?;
-    let (sensors, axes) = (core.place.rig.sensors.len(), status.axes.len());
+    let (sensors, axes) = (core.site.rig.sensors.len(), status.axes.len());
     if sensors != axes {
         return Err(ProposalError::Axes { sensors, axes });
     }

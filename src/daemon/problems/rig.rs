@@ -4,9 +4,9 @@ use super::List;
 use crate::daemon::status::RigState;
 use crate::drive::{AxisStatus, RigStatus};
 
-/// An axis this far from its target while it holds is said to be off, degrees.
+/// An axis this far from its target while it holds is off target, degrees.
 const OFF_TARGET_DEG: f64 = 0.5;
-/// An axis this far from the mount's pitch sees other cells than were promised, degrees.
+/// An axis this far from the mount's pitch sees other cells than predicted, degrees.
 pub(in crate::daemon) const OFF_MOUNT_DEG: f64 = 1.0;
 
 /// All that is wrong with the rig.
@@ -33,7 +33,7 @@ pub(super) fn problems(rig: &RigState, recording: bool, list: &mut List) {
     status.axes.iter().for_each(|axis| of_axis(axis, list));
     reach(rig, status, list);
     if recording && rig.busy.is_none() {
-        beside(rig, status, list);
+        off_mount(rig, status, list);
     }
 }
 
@@ -67,7 +67,7 @@ fn of_axis(axis: &AxisStatus, list: &mut List) {
                 "Axis {number} stands at {:.2} degrees, its target is {:.2}.",
                 axis.position_deg, axis.target_deg
             ),
-            "Something is in its way, or it is overloaded.",
+            "Something blocks it, or it is overloaded.",
         );
     }
     if axis.source == "stale" {
@@ -105,7 +105,7 @@ fn reach(rig: &RigState, status: &RigStatus, list: &mut List) {
 }
 
 /// Whether the rig stands where the mount that goes into the session says.
-fn beside(rig: &RigState, status: &RigStatus, list: &mut List) {
+fn off_mount(rig: &RigState, status: &RigStatus, list: &mut List) {
     let stands = |state: &str| matches!(state, "idle" | "holding");
     for (axis, pitch_deg) in status.axes.iter().zip(&rig.recorded_pitches_deg) {
         let is_known = axis.homed && axis.source != "stale" && stands(&axis.state);
@@ -118,7 +118,7 @@ fn beside(rig: &RigState, status: &RigStatus, list: &mut List) {
                     axis.axis, axis.position_deg
                 ),
                 "The coverage is predicted for the mount. Apply it, or know that this recording is of other pitches: \
-                 measured angles are recorded beside it.",
+                 measured angles are recorded, too.",
             );
         }
     }
@@ -129,7 +129,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rig_beside_its_mount_is_told_of_while_it_is_recorded() {
+    fn a_rig_off_its_mount_is_reported_while_it_is_recorded() {
         let axis = |number: usize, position_deg: f64| -> AxisStatus {
             serde_json::from_value(serde_json::json!({
                 "axis": number, "state": "idle", "source": "measured", "homed": true, "position_deg": position_deg,
@@ -156,7 +156,7 @@ mod tests {
             list.0.into_iter().map(|problem| (problem.kind, problem.what)).collect::<Vec<_>>()
         };
         assert_eq!(kinds(&[20.5, -20.0], &[20.5, -20.0], true), []);
-        assert_eq!(kinds(&[25.0, -20.0], &[25.0, -20.0], false), [], "not recording: it may be on its way");
+        assert_eq!(kinds(&[25.0, -20.0], &[25.0, -20.0], false), [], "not recording: it may still move");
         let found = kinds(&[25.0, -20.0], &[25.0, -20.0], true);
         assert!(found.len() == 1 && found[0].0 == "off_mount", "{found:?}");
         assert!(

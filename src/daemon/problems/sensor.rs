@@ -26,9 +26,9 @@ pub(super) fn problems(sensor: &SensorStatus, list: &mut List) {
             );
         }
         SensorState::NotDecoded => {
-            let stranger = sensor.unclaimed.first();
-            let reason = stranger.map(|entry| entry.reason.clone()).or_else(|| sensor.first_damage.clone());
-            let is_metadata = stranger.is_some_and(|entry| entry.needs_metadata);
+            let unassigned = sensor.unclaimed.first();
+            let reason = unassigned.map(|entry| entry.reason.clone()).or_else(|| sensor.first_damage.clone());
+            let is_metadata = unassigned.is_some_and(|entry| entry.needs_metadata);
             let kind = if is_metadata { "wrong_metadata" } else { "not_decoded" };
             let reason = reason.unwrap_or_else(|| "they are no packets of a known format".into());
             let advice = if is_metadata {
@@ -46,7 +46,7 @@ pub(super) fn problems(sensor: &SensorStatus, list: &mut List) {
             name,
             "restarted",
             format!("{name} started again a moment ago."),
-            "If nobody restarted it, look at its power supply. Recording goes on.",
+            "If you did not restart it, look at its power supply. Recording goes on.",
         );
     }
     if sensor.is_other_model {
@@ -80,7 +80,7 @@ pub(super) fn problems(sensor: &SensorStatus, list: &mut List) {
                 name,
                 "clock_not_locked",
                 format!("The clock of {name} {}.", clock.text()),
-                "Give it PTP, or GPS with a pulse per second; until then only arrival times tie it to the others.",
+                "Give it PTP, or GPS with a pulse per second; until then only arrival times relate it to the others.",
             );
         }
     }

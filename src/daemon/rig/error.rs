@@ -1,4 +1,4 @@
-//! Why the rig did not do what it was told.
+//! Why the rig refused an order.
 
 use firmware_protocol::AckCode;
 
@@ -13,7 +13,7 @@ pub enum RigCommandError {
     /// It does not answer.
     #[error("the rig is not connected: {0}")]
     NotConnected(String),
-    /// Something else is under way.
+    /// Something else is in progress.
     #[error("the rig is busy with `{0}`: wait for its end, or hold")]
     Busy(&'static str),
     /// Motion was not allowed.

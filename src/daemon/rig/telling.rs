@@ -36,12 +36,12 @@ pub(super) fn ended(
     words
 }
 
-/// Whether an error may come when axes are on their way: what is refused has moved none.
+/// Whether an error may come while axes move: what is refused has moved none.
 pub(super) fn ends_a_move(error: &RigError) -> bool {
-    use RigError::{Fault, Interrupted, Late, NotReached, Restarted, TakenOver};
+    use RigError::{Fault, Interrupted, Late, NotReached, OtherHost, Restarted};
     matches!(
         error,
-        Fault { .. } | Interrupted { .. } | Late { .. } | NotReached { .. } | Restarted { .. } | TakenOver
+        Fault { .. } | Interrupted { .. } | Late { .. } | NotReached { .. } | Restarted { .. } | OtherHost
     )
 }
 

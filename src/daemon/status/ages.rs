@@ -6,7 +6,7 @@ use super::{RigState, Status};
 use crate::drive::RigStatus;
 
 impl RigState {
-    /// The rig said how it does.
+    /// Last status of the rig.
     pub(in crate::daemon) fn take(&mut self, status: RigStatus) {
         self.axes_as_of = vec![Instant::now(); status.axes.len()];
         self.status = Some(status);

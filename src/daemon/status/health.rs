@@ -17,7 +17,7 @@ pub enum ComponentState {
 /// A thread of the daemon, or one that panicked.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Component {
-    /// `recorder`, `lane left`.
+    /// `recorder`, `receive left`.
     pub name: String,
     /// The daemon ends in order when it dies.
     pub essential: bool,
@@ -32,10 +32,10 @@ pub struct Component {
 pub struct LogStatus {
     /// Lines so far.
     pub lines: u64,
-    /// Of these, lines that nobody took.
+    /// Of these, lines without a reader.
     pub lost_lines: u64,
     /// Why the newest line could not be written.
     pub error: Option<String>,
-    /// How long its reader has taken nothing, s.
+    /// How long its reader has read nothing, s.
     pub stuck_s: f64,
 }

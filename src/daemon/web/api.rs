@@ -71,7 +71,7 @@ pub(super) fn routes() -> Router<App> {
         .route("/api/v1/rig/clear", post(|app: State<App>| rig(app, RigHost::clear)))
         .fallback(|| async { Refusal::new(StatusCode::NOT_FOUND, "there is nothing here") })
         .method_not_allowed_fallback(|| async {
-            Refusal::new(StatusCode::METHOD_NOT_ALLOWED, "not that way")
+            Refusal::new(StatusCode::METHOD_NOT_ALLOWED, "not that method")
         })
 }
 
@@ -156,15 +156,15 @@ struct Agree {
 }
 
 /// Largest whole number that every JSON reader keeps exact.
-const MOST: f64 = 9_007_199_254_740_991.0;
+const MAX_WHOLE: f64 = 9_007_199_254_740_991.0;
 
 /// A whole number, which JSON may write as 7 or as 7.0.
 fn whole<'de, D: serde::Deserializer<'de>>(source: D) -> Result<u64, D::Error> {
     let number = f64::deserialize(source)?;
-    if (0.0..=MOST).contains(&number) && number.fract() == 0.0 {
+    if (0.0..=MAX_WHOLE).contains(&number) && number.fract() == 0.0 {
         return Ok(number as u64);
     }
-    Err(serde::de::Error::custom(format!("{number}: expected a whole number from 0 to {MOST}")))
+    Err(serde::de::Error::custom(format!("{number}: expected a whole number from 0 to {MAX_WHOLE}")))
 }
 
 async fn agree(State(app): State<App>, Body(Agree { id }): Body<Agree>) -> Result<Json<Proposal>, Refusal> {

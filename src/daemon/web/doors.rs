@@ -2,8 +2,8 @@
 //!
 //! - A connection that has not brought a whole request yet costs little. There is room for so many of one address and so
 //!   many of all other machines, and where there is none, the oldest one of whoever has the most is closed for the new
-//!   one: who asks at once is heard, however many others wait.
-//! - A request under way needs a slot. Those of other machines without the token get a part of the slots, and each address
+//!   one: who asks at once is served, however many others wait.
+//! - A request in progress needs a slot. Those of other machines without the token get a part of the slots, and each address
 //!   a part of that; no address, known or not, gets all of them. Stops need no slot.
 
 use std::collections::HashMap;
@@ -114,7 +114,7 @@ impl Drop for Wait {
     }
 }
 
-/// How many may be under way at once.
+/// How many may be in progress at once.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     pub all: usize,
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn the_one_that_has_to_go_is_told() {
+    fn the_one_that_has_to_go_gets_an_answer() {
         let doors = Arc::new(Doors::default());
         let close = Arc::new(Notify::new());
         let first = doors.wait(origin("10.0.0.9"), &close);
@@ -263,7 +263,7 @@ mod tests {
             held.extend((0..50).map_while(|_| take(address, false)));
         }
         assert_eq!(held.len(), REQUESTS.of_unknown);
-        assert!(take("10.0.0.5", false).is_none(), "strangers have had theirs");
+        assert!(take("10.0.0.5", false).is_none(), "other machines have had theirs");
         held.extend((0..200).map_while(|_| take("10.0.0.1", true)));
         assert_eq!(held.len(), REQUESTS.of_unknown + REQUESTS.of_one, "of one who knows the token");
         assert!(take("127.0.0.1", true).is_some(), "this machine is not shut out");

@@ -21,8 +21,8 @@ use super::App;
 use super::doors::Slot;
 use super::guard::Peer;
 use super::refusal::Refusal;
-use super::server::told;
-use super::stream::{Streams, send};
+use super::server::stopped;
+use super::stream::{Streams, accept, send};
 use crate::daemon::hub::Wanted;
 use crate::daemon::status::RigState;
 use crate::daemon::{Daemon, Status};
@@ -66,14 +66,7 @@ pub(super) async fn open(
         let words = format!("this speaks the WebSocket protocol {}: ask for it", PROTOCOLS[0]);
         return Refusal::new(StatusCode::BAD_REQUEST, words).into_response();
     }
-    let slot = match app.streams.slot(peer) {
-        Ok(slot) => slot,
-        Err(problem) => return problem.into_response(),
-    };
-    upgrade
-        .max_message_size(MESSAGE_BYTES)
-        .max_frame_size(MESSAGE_BYTES)
-        .on_upgrade(move |socket| run(socket, app.daemon, app.streams, slot))
+    accept(app, peer, upgrade, MESSAGE_BYTES, run)
 }
 
 /// One client with its subscriptions.
@@ -96,11 +89,11 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _slo
     let mut going = client.greet().await;
     while going.is_ok() {
         going = tokio::select! {
-            () = told(&mut stop) => {
-                let _ = send(&mut client.sink, Message::Close(None)).await; // it ends either way
+            () = stopped(&mut stop) => {
+                let _ = send(&mut client.sink, Message::Close(None)).await; // it ends in any case
                 break;
             }
-            said = source.next() => match said {
+            message = source.next() => match message {
                 Some(Ok(Message::Close(_)) | Err(_)) | None => break,
                 Some(Ok(Message::Text(text))) => client.hear(&text).await,
                 Some(Ok(_)) => Ok(()), // nothing can be published here
@@ -166,7 +159,7 @@ impl Channel {
 /// What a client says that is understood here.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase")]
-enum Said {
+enum ClientMessage {
     Subscribe {
         subscriptions: Vec<Subscription>,
     },
@@ -206,13 +199,13 @@ impl Client {
 
     async fn hear(&mut self, text: &str) -> Result<(), ()> {
         match serde_json::from_str(text) {
-            Ok(Said::Subscribe { subscriptions }) => {
+            Ok(ClientMessage::Subscribe { subscriptions }) => {
                 for subscription in subscriptions {
                     self.subscribe(&subscription).await?;
                 }
                 Ok(())
             }
-            Ok(Said::Unsubscribe { subscription_ids }) => {
+            Ok(ClientMessage::Unsubscribe { subscription_ids }) => {
                 self.subscriptions.retain(|_, (id, _)| !subscription_ids.contains(id));
                 Ok(())
             }

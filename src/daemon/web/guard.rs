@@ -1,4 +1,4 @@
-//! Who may ask for what: hosts, origins, rates, tokens.
+//! Who may ask for what: hosts, origins, rates, tokens. (Own rate limit: `governor` stores every address without a bound.)
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
@@ -21,7 +21,7 @@ const BURST: f64 = 200.0;
 const PER_SECOND: f64 = 50.0;
 /// What a wrong token costs of that.
 const WRONG_TOKEN: f64 = 20.0;
-/// Addresses that are told apart.
+/// Addresses with a counter of their own.
 const ADDRESSES: usize = 1024;
 /// Letters of the shortest token.
 const SHORTEST_TOKEN: usize = 16;
@@ -38,7 +38,7 @@ const OPEN: [&str; 6] = ["/", "/page.css", "/page.js", "/scene.js", "/healthz", 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Peer(pub SocketAddr);
 
-/// A secret that requests must know. Only its hash is kept.
+/// A secret that requests must know. Only its hash is stored.
 #[derive(Clone)]
 pub struct Token([u8; 32]);
 
@@ -108,7 +108,7 @@ impl Guard {
     }
 
     /// Whether a request may pass; why not.
-    fn look(&self, method: &Method, path: &str, headers: &HeaderMap, peer: IpAddr) -> Result<(), Refusal> {
+    fn check(&self, method: &Method, path: &str, headers: &HeaderMap, peer: IpAddr) -> Result<(), Refusal> {
         let host = self.host(headers)?;
         if !self.is_listener(method, path, headers) {
             self.origin(method, headers, &host)?;
@@ -172,7 +172,7 @@ impl Guard {
         let peer = Origin::of(peer);
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() >= ADDRESSES && !buckets.contains_key(&peer) {
-            // one that was not heard of for longest has most of its requests back
+            // the longest silent one has most of its requests back
             let oldest = buckets.iter().min_by_key(|(_, (_, since))| *since).map(|(oldest, _)| *oldest);
             oldest.map(|oldest| buckets.remove(&oldest));
         }
@@ -193,7 +193,7 @@ pub(super) async fn check(
     request: Request,
     next: Next,
 ) -> Response {
-    let allowed = guard.look(request.method(), request.uri().path(), request.headers(), peer.ip());
+    let allowed = guard.check(request.method(), request.uri().path(), request.headers(), peer.ip());
     let mut response = match allowed {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
@@ -260,12 +260,12 @@ mod tests {
         Guard::new(listen.parse().unwrap(), token, vec!["rover.lan".into()], listeners)
     }
 
-    fn look(guard: &Guard, method: Method, path: &str, headers: &[(&str, &str)]) -> u16 {
+    fn check(guard: &Guard, method: Method, path: &str, headers: &[(&str, &str)]) -> u16 {
         let mut map = HeaderMap::new();
         for (name, value) in headers {
             map.append(name.parse::<header::HeaderName>().unwrap(), value.parse().unwrap());
         }
-        let outcome = guard.look(&method, path, &map, [10, 0, 0, 9].into());
+        let outcome = guard.check(&method, path, &map, [10, 0, 0, 9].into());
         outcome.map_or_else(|problem| problem.into_response().status().as_u16(), |()| 200)
     }
 
@@ -284,11 +284,11 @@ mod tests {
             ("localhost:8750:1", 421),
             ("", 421),
         ] {
-            assert_eq!(look(&local, Method::GET, "/", &[("host", host)]), code, "{host}");
+            assert_eq!(check(&local, Method::GET, "/", &[("host", host)]), code, "{host}");
         }
-        assert_eq!(look(&local, Method::GET, "/", &[]), 421);
-        assert_eq!(look(&local, Method::GET, "/", &[("host", "localhost"), ("host", "localhost")]), 421);
-        assert_eq!(look(&guard("0.0.0.0:1", true), Method::GET, "/", &[("host", "192.168.1.5:1")]), 200);
+        assert_eq!(check(&local, Method::GET, "/", &[]), 421);
+        assert_eq!(check(&local, Method::GET, "/", &[("host", "localhost"), ("host", "localhost")]), 421);
+        assert_eq!(check(&guard("0.0.0.0:1", true), Method::GET, "/", &[("host", "192.168.1.5:1")]), 200);
     }
 
     #[test]
@@ -297,7 +297,7 @@ mod tests {
         let host = ("host", "127.0.0.1:8750");
         let post = |more: &[(&str, &str)]| {
             let headers: Vec<_> = std::iter::once(host).chain(more.iter().copied()).collect();
-            look(&local, Method::POST, "/api/v1/rig/arm", &headers)
+            check(&local, Method::POST, "/api/v1/rig/arm", &headers)
         };
         assert_eq!(post(&[]), 200, "a program");
         assert_eq!(post(&[("origin", "http://127.0.0.1:8750"), ("sec-fetch-site", "same-origin")]), 200);
@@ -306,15 +306,15 @@ mod tests {
         assert_eq!(post(&[("origin", "http://evil.example")]), 403);
         assert_eq!(post(&[("sec-fetch-site", "cross-site")]), 403);
         let stream = [host, ("origin", "http://evil.example"), ("upgrade", "websocket")];
-        assert_eq!(look(&local, Method::GET, "/api/v1/stream", &stream), 403, "nor listen");
+        assert_eq!(check(&local, Method::GET, "/api/v1/stream", &stream), 403, "nor listen");
         let link = [host, ("sec-fetch-site", "cross-site"), ("sec-fetch-mode", "navigate")];
-        assert_eq!(look(&local, Method::GET, "/", &link), 200, "a link leads here");
+        assert_eq!(check(&local, Method::GET, "/", &link), 200, "a link leads here");
         let named = [host, ("origin", "https://app.foxglove.dev"), ("sec-fetch-site", "cross-site")];
-        assert_eq!(look(&local, Method::GET, FOXGLOVE, &named), 200, "a site that was named may listen");
-        assert_eq!(look(&local, Method::GET, "/api/v1/stream", &named), 403, "there only");
-        assert_eq!(look(&local, Method::POST, "/api/v1/rig/arm", &named), 403, "and do nothing");
+        assert_eq!(check(&local, Method::GET, FOXGLOVE, &named), 200, "a site that was named may listen");
+        assert_eq!(check(&local, Method::GET, "/api/v1/stream", &named), 403, "there only");
+        assert_eq!(check(&local, Method::POST, "/api/v1/rig/arm", &named), 403, "and do nothing");
         let other = [host, ("origin", "https://app.foxglove.dev.evil.example")];
-        assert_eq!(look(&local, Method::GET, FOXGLOVE, &other), 403);
+        assert_eq!(check(&local, Method::GET, FOXGLOVE, &other), 403);
     }
 
     #[test]
@@ -334,7 +334,7 @@ mod tests {
             ("/api/v1/status", vec![host, ("cookie", "outrigger_token=wrong")], 401),
             ("/api/v1/status", vec![host, ("authorization", "Basic x")], 401),
         ] {
-            assert_eq!(look(&guard, Method::GET, path, &headers), code, "{path} {headers:?}");
+            assert_eq!(check(&guard, Method::GET, path, &headers), code, "{path} {headers:?}");
         }
         assert!(Token::new("short").is_err() && Token::new("letters with spaces in it").is_err());
     }
@@ -348,7 +348,7 @@ mod tests {
         assert!(guard.take([10, 0, 0, 10].into(), 1.0, now), "another address has its own");
         let others = (0..2 * ADDRESSES as u32).map(|at| IpAddr::from((0x0a01_0000 + at).to_be_bytes()));
         let later = now + Duration::from_millis(1);
-        assert!(others.clone().all(|other| guard.take(other, 1.0, later)), "nobody is shut out by many");
+        assert!(others.clone().all(|other| guard.take(other, 1.0, later)), "many shut out no other");
         assert_eq!(guard.buckets.lock().unwrap().len(), ADDRESSES);
         guard.buckets.lock().unwrap().clear();
         assert!((0..1000).any(|_| !guard.take(peer, 1.0, now)));
@@ -356,7 +356,7 @@ mod tests {
         for _ in 0..1000 {
             guard.take(peer, 1.0, Instant::now());
         }
-        assert_eq!(look(&guard, Method::GET, "/", &[("host", "localhost")]), 429);
-        assert_eq!(look(&guard, Method::POST, STOPS[1], &[("host", "localhost")]), 200);
+        assert_eq!(check(&guard, Method::GET, "/", &[("host", "localhost")]), 429);
+        assert_eq!(check(&guard, Method::POST, STOPS[1], &[("host", "localhost")]), 200);
     }
 }

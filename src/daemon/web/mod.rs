@@ -1,6 +1,6 @@
 //! The daemon over HTTP: a page for people, REST and a WebSocket for programs, metrics for Prometheus.
 //!
-//! What comes in is checked in this order: time and size of a request, number of requests under way (stops of the rig go
+//! What comes in is checked in this order: time and size of a request, number of requests in progress (stops of the rig go
 //! first and need no slot), the `Host` it asks for (a name that points here by DNS tricks is refused), the page it comes
 //! from (`Origin`), the rate, the token. Nothing in a request names a file.
 
@@ -34,9 +34,9 @@ pub struct WebSettings {
     pub listen: SocketAddr,
     /// What a request must know; needed for any address but loopback.
     pub token: Option<Token>,
-    /// Host names by which this machine may be asked for, beside its addresses and `localhost`.
+    /// Host names by which this machine may be asked for, besides its addresses and `localhost`.
     pub host_names: Vec<String>,
-    /// Other sites whose pages may listen in Foxglove's way: `https://app.foxglove.dev`.
+    /// Other sites with pages that may connect as Foxglove clients: `https://app.foxglove.dev`.
     pub listeners: Vec<String>,
 }
 
@@ -103,12 +103,12 @@ impl Web {
         Ok(Self { listener, address, settings })
     }
 
-    /// Where it listens, with the port that was really taken.
+    /// Where it listens, with the port in use.
     pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Serves until `stop` says true, then lets requests under way end. Needs a tokio runtime.
+    /// Serves until `stop` says true, then lets present requests end. Needs a tokio runtime.
     pub(crate) async fn serve(self, daemon: Arc<Daemon>, stop: watch::Receiver<bool>) -> std::io::Result<()> {
         let Self { listener, address, settings } = self;
         let guard = Arc::new(Guard::new(address, settings.token, settings.host_names, settings.listeners));

@@ -33,10 +33,10 @@ const ANSWER: Duration = Duration::from_secs(10);
 /// Longest headers, bytes.
 const HEADER_BYTES: usize = 16 << 10;
 /// Most headers.
-const MOST_HEADERS: usize = 64;
-/// Stops of one kind under way at once: they wait for the rig, which does the same for each.
+const MAX_HEADERS: usize = 64;
+/// Stops of one kind at once: they wait for the rig, which does the same for each.
 const STOPS_AT_ONCE: usize = 32;
-/// How long requests under way may take to end when the daemon stops.
+/// How long present requests may take to end when the daemon stops.
 const FAREWELL: Duration = Duration::from_secs(2);
 /// How much is read, and how long, of a body that was refused, so that its sender can read why.
 const DRAIN_BYTES: usize = 1 << 20;
@@ -72,7 +72,7 @@ pub(super) async fn serve(
     loop {
         let accepted = tokio::select! {
             biased;
-            () = told(&mut stop) => break,
+            () = stopped(&mut stop) => break,
             accepted = listener.accept() => accepted,
         };
         match accepted {
@@ -92,8 +92,8 @@ pub(super) async fn serve(
 }
 
 /// Waits until the daemon ends.
-pub(super) async fn told(stop: &mut watch::Receiver<bool>) {
-    let _ = stop.wait_for(|stop| *stop).await; // nobody left to tell means the same
+pub(super) async fn stopped(stop: &mut watch::Receiver<bool>) {
+    let _ = stop.wait_for(|stop| *stop).await; // a sender that is gone means the same
 }
 
 /// A connection between its requests: since when, and its place among those that wait.
@@ -122,14 +122,14 @@ async fn connection(stream: TcpStream, peer: Peer, hall: Arc<Hall>) {
         .half_close(true) // who asked for a stop and went away gets it
         .header_read_timeout(HEADERS)
         .max_buf_size(HEADER_BYTES)
-        .max_headers(MOST_HEADERS);
+        .max_headers(MAX_HEADERS);
     let answering = {
         let (idle, close) = (Arc::clone(&idle), Arc::clone(&close));
         service_fn(move |request| {
             let (idle, close, hall) = (Arc::clone(&idle), Arc::clone(&close), Arc::clone(&hall));
             async move {
                 let answer = hall.answer(request, peer, origin, &idle).await;
-                // the answer is taken, and the next request brought, as one that waits
+                // the client reads the answer and sends the next request as one that waits
                 idle.set(Some(hall.doors.wait(origin, &close)));
                 Ok::<_, Infallible>(answer)
             }
@@ -142,7 +142,7 @@ async fn connection(stream: TcpStream, peer: Peer, hall: Arc<Hall>) {
         tokio::select! {
             _ = served.as_mut() => return, // a client that broke off
             () = close.notified() => return, // another one needs the room
-            () = told(&mut stop) => {
+            () = stopped(&mut stop) => {
                 served.as_mut().graceful_shutdown();
                 let _ = tokio::time::timeout(FAREWELL, served).await;
                 return;
@@ -167,7 +167,7 @@ impl Hall {
             let Ok(_turn) = self.stops[stop].try_acquire() else {
                 return refuse(
                     StatusCode::SERVICE_UNAVAILABLE,
-                    "as many of these stops are under way already",
+                    "as many of these stops are in progress already",
                 );
             };
             return self.route(Request::from_parts(parts, Body::empty())).await;
@@ -179,7 +179,7 @@ impl Hall {
         idle.set(None);
         let is_known = origin == Origin::Here || self.guard.shows_token(&parts.headers);
         let Some(_slot) = self.slots.take(origin, is_known) else {
-            let mut refusal = refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests are under way");
+            let mut refusal = refuse(StatusCode::SERVICE_UNAVAILABLE, "too many requests are in progress");
             refusal.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
             return refusal;
         };

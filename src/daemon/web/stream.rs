@@ -18,7 +18,7 @@ use super::App;
 use super::doors::{Origin, STREAMS, Slot, Slots};
 use super::guard::Peer;
 use super::refusal::Refusal;
-use super::server::told;
+use super::server::stopped;
 use crate::daemon::Daemon;
 
 /// A page that takes nothing for so long is gone.
@@ -87,13 +87,24 @@ pub(super) async fn open(
     Extension(peer): Extension<Peer>,
     upgrade: WebSocketUpgrade,
 ) -> Response {
+    accept(app, peer, upgrade, MESSAGE_BYTES, run)
+}
+
+/// Runs a stream in a slot of its client.
+pub(super) fn accept<F: Future<Output = ()> + Send + 'static>(
+    app: App,
+    peer: Peer,
+    upgrade: WebSocketUpgrade,
+    message_bytes: usize,
+    run: impl FnOnce(WebSocket, Arc<Daemon>, Arc<Streams>, Slot) -> F + Send + 'static,
+) -> Response {
     let slot = match app.streams.slot(peer) {
         Ok(slot) => slot,
         Err(problem) => return problem.into_response(),
     };
     upgrade
-        .max_message_size(MESSAGE_BYTES)
-        .max_frame_size(MESSAGE_BYTES)
+        .max_message_size(message_bytes)
+        .max_frame_size(message_bytes)
         .on_upgrade(move |socket| run(socket, app.daemon, app.streams, slot))
 }
 
@@ -111,8 +122,8 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _slo
     }
     loop {
         let message = tokio::select! {
-            () = told(&mut stop) => {
-                let _ = send(&mut sink, Message::Close(None)).await; // it ends either way
+            () = stopped(&mut stop) => {
+                let _ = send(&mut sink, Message::Close(None)).await; // it ends in any case
                 break;
             }
             changed = states.changed() => match changed {
@@ -131,7 +142,7 @@ async fn run(socket: WebSocket, daemon: Arc<Daemon>, streams: Arc<Streams>, _slo
                 }
                 Err(RecvError::Closed) => break,
             },
-            said = source.next() => match said {
+            message = source.next() => match message {
                 Some(Ok(Message::Close(_)) | Err(_)) | None => break,
                 Some(Ok(_)) => continue, // a page has nothing to say here: commands are requests
             },

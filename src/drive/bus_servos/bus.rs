@@ -1,6 +1,6 @@
 //! Questions and answers on a half-duplex bus, each with a time limit.
 //!
-//! An answer names its servo but not the register that it tells of, so a late one could be taken for that to the next
+//! An answer names its servo but not its register, so a late one could be mistaken for that to the next
 //! question. Three rules keep it from that. Each register that is read has a length of its own ([`super::Table`]), and an
 //! answer of another length is none. Nothing more is asked of a servo that did not answer before the answer to a fence came:
 //! bytes keep their order on a line, so what was late came before that. While a bus is opened there is time to wait.

@@ -36,9 +36,9 @@ enum Port {
 pub struct CanBus {
     name: String,
     port: Port,
-    /// Messages heard.
-    pub heard: u32,
-    /// What the CAN controller last said of itself.
+    /// Messages received.
+    pub received: u32,
+    /// Last error report of the CAN controller.
     pub trouble: Option<String>,
 }
 
@@ -64,7 +64,7 @@ impl CanBus {
                 Port::Socket(socket)
             }
         };
-        Ok(Self { name, port, heard: 0, trouble: None })
+        Ok(Self { name, port, received: 0, trouble: None })
     }
 
     /// Its name in errors.
@@ -93,7 +93,7 @@ impl CanBus {
                     if waiting.is_empty() {
                         let Some(bytes) = port.read(end)? else { return Ok(None) };
                         waiting.extend(bytes.into_iter().filter_map(|byte| receiver.push(byte)));
-                        waiting.reverse(); // the oldest is taken from the end
+                        waiting.reverse(); // the oldest is popped from the end
                         receiver.refuse_refusals(&self.name)?;
                     }
                     waiting.pop().filter(|message| !message.extended)
@@ -130,7 +130,7 @@ impl CanBus {
                 }
             };
             if let Some(message) = message {
-                self.heard = self.heard.wrapping_add(1);
+                self.received = self.received.wrapping_add(1);
                 return Ok(Some((message.identifier as u16, message.data)));
             }
         }

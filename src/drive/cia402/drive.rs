@@ -1,4 +1,4 @@
-//! One drive: what it said last, and its power state machine (CiA 402-2, "Statusword", "Controlword").
+//! One drive: its last messages, and its power state machine (CiA 402-2, "Statusword", "Controlword").
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,7 @@ const SWITCHING_WITHIN: Duration = Duration::from_secs(2);
 /// Where a drive is in its power state machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Power {
-    /// Not ready, or nothing heard yet.
+    /// Not ready, or no message yet.
     Unknown,
     /// Switch on disabled.
     Disabled,
@@ -25,7 +25,7 @@ pub enum Power {
     Enabled,
     /// Quick stop active.
     QuickStop,
-    /// Fault, or on the way there.
+    /// Fault, or going into it.
     Fault,
 }
 
@@ -57,9 +57,9 @@ impl Power {
 /// How far a drive is with finding its zero by itself (CiA 402-2, "Homing mode").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Zero {
-    /// Not told to.
+    /// Not ordered.
     Idle,
-    /// Told at this time, and whether it was seen to be about it.
+    /// Ordered at this time, and whether the drive has shown that it homes.
     Seeking(Instant, bool),
     /// It found it.
     Found,
@@ -89,7 +89,7 @@ impl Zero {
         }
     }
 
-    fn told(self) -> ServoHoming {
+    fn homing(self) -> ServoHoming {
         match self {
             Self::Idle => ServoHoming::Idle,
             Self::Seeking(..) => ServoHoming::Underway,
@@ -99,7 +99,7 @@ impl Zero {
     }
 }
 
-/// One drive, as last heard.
+/// One drive, as last received.
 #[derive(Clone, Debug)]
 pub struct Drive {
     /// Its node number.
@@ -110,7 +110,7 @@ pub struct Drive {
     pub increments_per_turn: Option<f64>,
     /// What it says of its units.
     pub units: String,
-    /// State, as last heard.
+    /// State, as last received.
     pub power: Power,
     /// Position, counts.
     pub position: Option<i32>,
@@ -128,7 +128,7 @@ pub struct Drive {
     pub kinds: u32,
     /// A slow reading that was asked for, and when.
     pub asked: Option<(Object, Instant)>,
-    /// It started anew: what it counts from is not known, and its configuration is gone.
+    /// It restarted: what it counts from is not known, and its configuration is gone.
     pub restarted: bool,
     /// Error code of the last emergency message or fault; 0 for none.
     pub error: u16,
@@ -145,7 +145,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// A drive that was not heard yet.
+    /// A drive that sent nothing yet.
     pub(crate) fn new(node: u8) -> Self {
         Self {
             node,
@@ -212,7 +212,7 @@ impl Drive {
         }
     }
 
-    /// Whether it is on its way to [`Power::Enabled`], and still has time for that.
+    /// Whether it goes to [`Power::Enabled`], and still has time for that.
     fn is_switching(&self) -> bool {
         self.power != Power::Fault
             && self.switching_since.is_some_and(|since| since.elapsed() < SWITCHING_WITHIN)
@@ -252,7 +252,7 @@ impl Drive {
         (f64::from(urad) * self.counts_per_turn / (std::f64::consts::TAU * 1e6)).round() as i32
     }
 
-    /// What the state machine is told. A fault shows as torque that is gone, and by its code as what caused it.
+    /// The drive for the state machine. A fault shows as torque that is gone, and by its code as what caused it.
     pub(crate) fn sample(&mut self) -> Sample {
         Sample { between: self.between, sense: self.sense() }
     }
@@ -269,7 +269,7 @@ impl Drive {
             torque: self.power == Power::Enabled || self.is_switching(),
             current_ma,
             supply_mv,
-            homing: self.zero.told(),
+            homing: self.zero.homing(),
             ..Sense::UNREAD
         };
         match self.error {
@@ -322,7 +322,7 @@ mod tests {
         for (status, control) in [(0x50, 0x06), (0x31, 0x07), (0x33, 0x0F), (0x37, 0x0F)] {
             hear(&mut drive, status);
             assert_eq!(drive.lead(), Some(control));
-            assert!(drive.sense().torque, "on its way, or there");
+            assert!(drive.sense().torque, "going there, or there");
         }
         hear(&mut drive, 0x50);
         assert_eq!((drive.lead(), drive.sense().torque), (None, false));
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_of_the_node_are_taken_and_no_others() {
+    fn messages_of_the_node_are_accepted_and_no_others() {
         let mut drive = Drive { counts_per_turn: 36_000.0, ..Drive::new(5) };
         drive.hear(Instant::now(), 0x186, &[0x37, 0x06, 1, 0, 0, 0]);
         assert_eq!(drive.sense().reading, Reading::Missing);

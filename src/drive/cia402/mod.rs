@@ -93,7 +93,7 @@ impl Cia402 {
         Ok(message)
     }
 
-    /// Asks about an object; `None` when nobody answers in time.
+    /// Asks about an object; `None` without an answer in time.
     fn ask(&mut self, axis: usize, object: Object, question: [u8; 8]) -> Result<Option<Answer>, LinkError> {
         let node = u16::from(self.drives[axis].node);
         self.bus.send(0x600 + node, &question)?;
@@ -258,7 +258,7 @@ impl Actuators for Cia402 {
         for (axis, setpoint) in setpoints.into_iter().enumerate() {
             let home = setpoint.is_some_and(|setpoint| setpoint.home);
             match self.drives[axis].zero {
-                Zero::Seeking(..) if !home => self.end_homing(axis, Zero::Idle)?, // told to stop
+                Zero::Seeking(..) if !home => self.end_homing(axis, Zero::Idle)?, // ordered to stop
                 Zero::Found | Zero::Failed if !home => self.drives[axis].zero = Zero::Idle,
                 _ if home && self.drives[axis].power == Power::Enabled => {
                     self.find_zero(axis)?;
@@ -335,6 +335,6 @@ impl Actuators for Cia402 {
     }
 
     fn counters(&self) -> LinkCounters {
-        LinkCounters { frames: self.bus.heard, ..LinkCounters::default() }
+        LinkCounters { frames: self.bus.received, ..LinkCounters::default() }
     }
 }

@@ -5,7 +5,7 @@ pub type Object = (u16, u8, u8);
 
 /// What it is: the lower half is 402 for drives.
 pub const DEVICE_TYPE: Object = (0x1000, 0, 4);
-/// Whose heartbeat the drive watches: node << 16 | ms.
+/// Heartbeat that the drive watches: node << 16 | ms.
 pub const WATCHED_HEARTBEAT: Object = (0x1016, 1, 4);
 /// Period of its own heartbeat, ms.
 pub const HEARTBEAT_PERIOD: Object = (0x1017, 0, 2);
@@ -27,7 +27,7 @@ pub const SUPPLY: Object = (0x6079, 0, 4);
 pub const INCREMENTS: Object = (0x6063, 0, 4);
 /// Lowest and highest position, position units; both 0 is none.
 pub const SOFTWARE_LIMITS: u16 = 0x607D;
-/// Lowest and highest position before it begins anew at the other end, position units; both 0 is none.
+/// Lowest and highest position before it wraps to the other end, position units; both 0 is none.
 pub const RANGE_LIMITS: u16 = 0x607B;
 /// Increments of the encoder, turns of the motor.
 pub const ENCODER: u16 = 0x608F;
@@ -99,8 +99,8 @@ pub(crate) fn download((index, sub, bytes): Object, value: u32) -> [u8; 8] {
 pub enum Answer {
     /// The value asked for.
     Value(u32),
-    /// The new value was taken.
-    Taken,
+    /// The new value is set.
+    Written,
     /// No, and why (CiA 301, table 22).
     Abort(u32),
 }
@@ -118,7 +118,7 @@ pub(crate) fn answer((index, sub, _): Object, data: &[u8]) -> Option<Answer> {
             let unused = if command & 1 != 0 { u32::from(command >> 2 & 3) } else { 0 };
             Some(Answer::Value(value & u32::MAX >> (8 * unused)))
         }
-        3 => Some(Answer::Taken),
+        3 => Some(Answer::Written),
         4 => Some(Answer::Abort(value)),
         _ => None,
     }
@@ -173,7 +173,7 @@ mod tests {
         let value = |data| answer(DEVICE_TYPE, data);
         assert_eq!(value(&[0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]), Some(Answer::Value(0x0002_0192)));
         assert_eq!(value(&[0x4B, 0x00, 0x10, 0, 0x92, 0x01, 0xFF, 0xFF]), Some(Answer::Value(0x0192)));
-        assert_eq!(value(&[0x60, 0x00, 0x10, 0, 0, 0, 0, 0]), Some(Answer::Taken));
+        assert_eq!(value(&[0x60, 0x00, 0x10, 0, 0, 0, 0, 0]), Some(Answer::Written));
         assert_eq!(value(&[0x80, 0x00, 0x10, 0, 0, 0, 2, 6]), Some(Answer::Abort(0x0602_0000)));
         assert_eq!(value(&[0x43, 0x01, 0x10, 0, 0, 0, 0, 0]), None, "another object's answer");
         assert_eq!(value(&[0x43, 0x00]), None);

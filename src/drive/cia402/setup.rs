@@ -32,7 +32,7 @@ impl Cia402 {
         self.write(axis, object::MODE, object::CYCLIC_POSITION)?;
         self.watch_each_other(axis)?;
         let home = self.home_of(axis)?;
-        self.look_slowly(axis)?;
+        self.poll_slowly(axis)?;
         self.refuse_a_second(axis)?; // or after a while
         let drive = &mut self.drives[axis];
         (drive.restarted, drive.zero, drive.position) = (false, Zero::Idle, None);
@@ -110,7 +110,7 @@ impl Cia402 {
         let low = self.read(axis, (index, 1, 4))?.map_or(i32::MIN, |value| value as i32);
         let high = self.read(axis, (index, 2, 4))?.map_or(i32::MAX, |value| value as i32);
         match (low, high) {
-            // both zero is the makers' way to say: none (Novanta Summit and Nanotec manuals, 607Dh; Kollmorgen, 607Bh)
+            // both zero is the makers' sign for none (Novanta Summit and Nanotec manuals, 607Dh; Kollmorgen, 607Bh)
             (0, 0) | (i32::MIN, i32::MAX) => Ok(None),
             (low, high) if low < high => Ok(Some((low, high))),
             (low, high) => {
@@ -135,7 +135,7 @@ impl Cia402 {
         let (host, within_ms) = HOST;
         let watched = object::download(object::WATCHED_HEARTBEAT, u32::from(host) << 16 | within_ms);
         let answer = self.ask(axis, object::WATCHED_HEARTBEAT, watched)?;
-        self.watched[axis] = answer == Some(Answer::Taken);
+        self.watched[axis] = answer == Some(Answer::Written);
         if !self.watched[axis] {
             self.drives[axis].refused = Some("it does not watch this program's heartbeat".into());
         }
@@ -153,7 +153,7 @@ impl Cia402 {
     }
 
     /// Slow readings at the start: waited for.
-    fn look_slowly(&mut self, axis: usize) -> Result<(), LinkError> {
+    fn poll_slowly(&mut self, axis: usize) -> Result<(), LinkError> {
         for object in [object::RATED_CURRENT, object::CURRENT, object::SUPPLY] {
             if let Some(answer) = self.ask(axis, object, object::upload(object))? {
                 self.drives[axis].take_slow(object, answer);
@@ -163,7 +163,7 @@ impl Cia402 {
     }
 
     /// Refuses a drive that stands where no goal can lead it from: its count of turns would have it turn on and on, or begin
-    /// anew at the other end.
+    /// again at the other end.
     fn refuse_no_angle(
         &mut self,
         axis: usize,
@@ -183,9 +183,9 @@ impl Cia402 {
         };
         let (low, high) = wraps.unwrap_or((i32::MIN, i32::MAX));
         let per_turn = drive.counts_per_turn;
-        // a drive that homes itself counts from anywhere until it did, but neither may it wrap on the way
+        // a drive that homes itself counts from anywhere until it did, but neither may it wrap while it moves
         let (reach, what) = match home {
-            Home::ByServo { .. } => (f64::from(i32::MAX) - per_turn, "a turn before 32 bits begin anew"),
+            Home::ByServo { .. } => (f64::from(i32::MAX) - per_turn, "a turn before 32 bits wrap"),
             _ => (per_turn / 2.0, "half a turn from zero"),
         };
         let is_inside = (low..=high).contains(&counts) && f64::from(counts).abs() <= reach;

@@ -1,7 +1,7 @@
 //! What one position unit of a drive is (CiA 402-2, "Factor group"; CiA 303-2 has the codes of 0x60A8).
 //!
 //! 0x6064 = 0x6063 · 0x6092 / (0x608F · 0x6091): a turn of the shaft is 0x6092 units where a drive has that object. Objects
-//! that say it in another way must agree, or the drive is refused. Cyclic synchronous position mode takes positions only: the
+//! that state it otherwise must agree, or the drive is refused. Cyclic synchronous position mode takes positions only: the
 //! units of velocity and acceleration (0x60A9, 0x60AA, 0x6094 to 0x6097) have no part in it. The polarity bit (0x607E) turns
 //! the target and the reading alike.
 
@@ -96,11 +96,11 @@ impl fmt::Display for Factors {
 }
 
 impl Factors {
-    /// The position unit, or why it cannot be told.
+    /// The position unit, or why it cannot be determined.
     pub(crate) fn unit(&self) -> Result<Unit, String> {
         let failed = |why: String| {
             format!(
-                "its position unit cannot be told: {why} ({self}); expected objects that agree on how many units a turn of \
+                "its position unit cannot be determined: {why} ({self}); expected objects that agree on how many units a turn of \
                  the shaft has: set 0x6092 to that and 0x60a8 to match or to 0"
             )
         };
@@ -190,7 +190,7 @@ mod tests {
             (si(0x00B5_0000), 409_600.0),
             // a length says nothing of turns, the feed does
             (Factors { feed: Some(Ratio(36_000, 1)), si: Some(0xFD01_0000), ..GEARED }, 36_000.0),
-            // the older way: increments for a unit
+            // the older form: increments for a unit
             (Factors { factor: Some(Ratio(409_600, 36_000)), ..GEARED }, 36_000.0),
             (Factors { factor: Some(Ratio(1, 1)), ..GEARED }, 409_600.0),
         ];
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_unit_that_cannot_be_told_is_refused_with_the_values() {
+    fn a_unit_that_cannot_be_determined_is_refused_with_the_values() {
         let feed = |feed, shaft| Factors { feed: Some(Ratio(feed, shaft)), ..GEARED };
         let refused: [(Factors, &[&str]); 10] = [
             (Factors::default(), &["no object says"]),

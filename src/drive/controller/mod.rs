@@ -116,7 +116,7 @@ impl<L: Link> RigController<L> {
         &self.link
     }
 
-    /// A handle that stops what is under way.
+    /// A handle that stops the present move.
     pub fn interrupt(&self) -> Interrupt {
         self.interrupt.clone()
     }
@@ -162,7 +162,7 @@ impl<L: Link> RigController<L> {
         self.hear_fault()
     }
 
-    /// An emergency stop that is known to be one; what it latched is heard of later.
+    /// An emergency stop that is known to be one; what it latched is reported later.
     fn stop_now(&mut self) -> Result<(), RigError> {
         self.order("e-stop", Order::EStop)?;
         self.see("an emergency stop", |state| state == State::EStop)?;
@@ -184,7 +184,7 @@ impl<L: Link> RigController<L> {
         })
     }
 
-    /// Takes every latched fault away whose cause is gone; an error names the first that stays.
+    /// Clears every latched fault without a cause any more; an error names the first that stays.
     pub fn clear_faults(&mut self) -> Result<(), RigError> {
         let faults = self.view.heartbeat.map_or_else(Default::default, |heartbeat| heartbeat.faults);
         for fault in faults.iter() {
@@ -238,13 +238,13 @@ impl<L: Link> RigController<L> {
                 ("the firmware's", known(Limit::Minimum, Limit::Maximum)),
                 ("the servo's own", known(Limit::ServoMinimum, Limit::ServoMaximum)),
             ];
-            for (whose, limits) in layers {
+            for (limits_of, limits) in layers {
                 let Some((low, high)) = limits else { continue };
                 if !(low..=high).contains(&urad) {
                     return Err(RigError::OutsideLimits {
                         axis,
                         target_deg: pitch_rad.to_degrees(),
-                        whose,
+                        limits_of,
                         minimum_deg: deg(low),
                         maximum_deg: deg(high),
                     });
@@ -360,7 +360,7 @@ impl<L: Link> RigController<L> {
     fn see(&mut self, what: &'static str, wanted: fn(State) -> bool) -> Result<(), RigError> {
         let since_ns = self.link.now_ns();
         self.ask(what, &[], |view| {
-            let seen = |target: TargetView| target.heard_ns >= since_ns && wanted(target.state);
+            let seen = |target: TargetView| target.received_ns >= since_ns && wanted(target.state);
             view.axes.iter().all(|axis| axis.target.is_some_and(seen))
         })
     }

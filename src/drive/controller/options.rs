@@ -16,7 +16,7 @@ pub struct Options {
     /// How long the rig may miss the host before it stops and holds.
     pub heartbeat_timeout: Duration,
     /// How long a connected rig, which says something every 20 ms, may say nothing at all.
-    pub silence: Duration,
+    pub link_timeout: Duration,
     /// Time between repeats of an order that is not acknowledged.
     pub retry: Duration,
     /// How long an answer may take, repeats included.
@@ -42,7 +42,7 @@ impl Default for Options {
             session: 1,
             node: 1,
             heartbeat_timeout: Duration::from_secs(1),
-            silence: Duration::from_secs(1),
+            link_timeout: Duration::from_secs(1),
             retry: Duration::from_millis(120),
             answer_within: Duration::from_millis(1500),
             settle_within: Duration::from_secs(20),
@@ -97,7 +97,7 @@ pub struct Progress {
 /// One axis after a move.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AppliedAxis {
-    /// Where it was told to be, rad.
+    /// Its setpoint, rad.
     pub target_rad: f64,
     /// Where it is, rad: the mean of the readings since it holds.
     pub measured_rad: f64,

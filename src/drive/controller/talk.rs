@@ -12,9 +12,9 @@ use crate::drive::{Link, RigError};
 const HEARTBEAT_EVERY: Duration = Duration::from_millis(25);
 const CLOCK_EVERY: Duration = Duration::from_millis(500);
 /// This many heartbeats of another session in a row mean that the rig restarted; fewer may be late ones.
-const STRANGERS: u32 = 5;
+const OTHER_HEARTBEATS: u32 = 5;
 
-/// What was told to hold has this long to come to a stand.
+/// After a hold order the rig has this long to stop.
 const STANDS_WITHIN: Duration = Duration::from_secs(5);
 
 impl<L: Link> RigController<L> {
@@ -43,12 +43,12 @@ impl<L: Link> RigController<L> {
         }
     }
 
-    /// Sends questions again and again until what they ask for was heard.
+    /// Sends questions again and again until their answer is in.
     pub(super) fn ask(
         &mut self,
         what: &'static str,
         questions: &[Command],
-        mut heard: impl FnMut(&View) -> bool,
+        mut is_answered: impl FnMut(&View) -> bool,
     ) -> Result<(), RigError> {
         let start_ns = self.link.now_ns();
         let end_ns = start_ns + self.options.answer_within.as_nanos() as u64;
@@ -64,21 +64,21 @@ impl<L: Link> RigController<L> {
             }
             let was_busy = self.link.is_busy();
             self.pump(if end_ns > now_ns { repeat_ns.min(end_ns) } else { repeat_ns })?;
-            if heard(&self.view) {
+            if is_answered(&self.view) {
                 return Ok(());
             }
             if self.link.now_ns() >= end_ns && !was_busy && !self.link.is_busy() {
                 let counters = self.link.counters();
                 let other = self.view.other_node.map_or(String::new(), |(node, _)| {
-                    format!("; node {node} is heard, {} was asked for: --node {node}?", self.options.node)
+                    format!("; node {node} sends, {} was asked for: --node {node}?", self.options.node)
                 });
-                let heard = format!(
-                    "heard {} frames, {} of them for others; {} damaged since the start{other}",
+                let received = format!(
+                    "received {} frames, {} of them for others; {} damaged since the start{other}",
                     counters.frames - frames_before,
                     self.view.not_understood,
                     counters.checksum_errors + counters.malformed + counters.overlong,
                 );
-                return Err(RigError::NoAnswer { what, within: self.options.answer_within, heard });
+                return Err(RigError::NoAnswer { what, within: self.options.answer_within, received });
             }
         }
     }
@@ -95,13 +95,13 @@ impl<L: Link> RigController<L> {
         loop {
             let now_ns = self.link.now_ns();
             self.pump(now_ns + 20_000_000)?;
-            self.obey_interrupt()?;
+            self.apply_interrupt()?;
             if !self.fault_names().is_empty() {
                 return Err(self.fault_error());
             }
             progress(&self.progress());
             let ended = |target: TargetView| {
-                target.heard_ns >= accepted_ns && target.id == id && target.state == State::Holding
+                target.received_ns >= accepted_ns && target.id == id && target.state == State::Holding
             };
             if self.view.axes.iter().all(|axis| axis.target.is_some_and(ended)) {
                 return Ok(());
@@ -129,7 +129,7 @@ impl<L: Link> RigController<L> {
     }
 
     /// Does what an interrupt asks for: hold, then e-stop.
-    pub(in crate::drive) fn obey_interrupt(&mut self) -> Result<(), RigError> {
+    pub(in crate::drive) fn apply_interrupt(&mut self) -> Result<(), RigError> {
         let level = self.interrupt.level();
         let before = std::mem::replace(&mut self.handled_interrupts, level);
         if level <= before {
@@ -138,7 +138,8 @@ impl<L: Link> RigController<L> {
         if level == 1 {
             self.hold()?;
             let stands = self.stand()?;
-            let action = if stands { "the rig holds" } else { "the rig was told to hold and still moves" };
+            let action =
+                if stands { "the rig holds" } else { "the rig has the order to hold and still moves" };
             return Err(RigError::Interrupted { action });
         }
         self.stop_at_once()
@@ -150,7 +151,7 @@ impl<L: Link> RigController<L> {
         Err(RigError::Interrupted { action: "emergency stop" })
     }
 
-    /// Waits until what was told to hold stands: whoever leaves earlier cannot stop it any more. Whether it does.
+    /// Waits until the axes with a hold order stand: whoever leaves earlier cannot stop them any more. Whether they do.
     fn stand(&mut self) -> Result<bool, RigError> {
         let since_ns = self.link.now_ns();
         loop {
@@ -160,7 +161,7 @@ impl<L: Link> RigController<L> {
                 self.stop_at_once()?;
             }
             let stands = |target: TargetView| {
-                target.heard_ns >= since_ns && !matches!(target.state, State::Moving | State::Homing)
+                target.received_ns >= since_ns && !matches!(target.state, State::Moving | State::Homing)
             };
             if self.view.axes.iter().all(|axis| axis.target.is_some_and(stands)) {
                 return Ok(true);
@@ -190,7 +191,7 @@ impl<L: Link> RigController<L> {
         RigError::Fault { faults: self.fault_names(), axis: axis.and_then(|fault| self.axis_of(fault)) }
     }
 
-    /// The axis that a fault was told of; none where it concerns them all.
+    /// The axis of a reported fault; none where it concerns them all.
     pub(super) fn axis_of(&self, fault: Fault) -> Option<usize> {
         let axis = self.view.fault_axis[usize::from(fault.code())];
         axis.filter(|axis| *axis != ALL_AXES).map(usize::from)
@@ -202,7 +203,7 @@ impl<L: Link> RigController<L> {
         Ok(self.link.send(&frame)?)
     }
 
-    /// One round: what is due goes out, at least one frame is waited for (not beyond `until_ns`), all that came is heard.
+    /// One round: what is due goes out, at least one frame is waited for (not beyond `until_ns`), all that came is read.
     pub(super) fn pump(&mut self, until_ns: u64) -> Result<(), RigError> {
         let now_ns = self.link.now_ns();
         let session = self.options.session;
@@ -232,25 +233,25 @@ impl<L: Link> RigController<L> {
         if let (Some(first), Some(second)) = (self.view.uid, self.view.second_uid) {
             return Err(RigError::SameNode { node: self.options.node, uids: [first, second] });
         }
-        if self.connected && self.view.strangers >= STRANGERS && self.view.stranger != 0 {
-            return Err(RigError::TakenOver);
+        if self.connected && self.view.other_heartbeats >= OTHER_HEARTBEATS && self.view.other_session != 0 {
+            return Err(RigError::OtherHost);
         }
-        if self.connected && self.view.strangers >= STRANGERS {
+        if self.connected && self.view.other_heartbeats >= OTHER_HEARTBEATS {
             return Err(RigError::Restarted { cause: self.reset_cause() });
         }
-        let silence_ns = self.link.now_ns().saturating_sub(self.view.heard_ns);
-        let within = self.options.silence;
+        let silence_ns = self.link.now_ns().saturating_sub(self.view.received_ns);
+        let within = self.options.link_timeout;
         // a rig without power behind a living adapter
         if self.connected && silence_ns > within.as_nanos() as u64 && !was_busy && !self.link.is_busy() {
-            let heard = match self.view.other_node {
-                Some((other, heard_ns)) if heard_ns > self.view.heard_ns => format!(
+            let received = match self.view.other_node {
+                Some((other, received_ns)) if received_ns > self.view.received_ns => format!(
                     "node {} says nothing any more, node {other} does: another number was given to it, or to another rig",
                     self.options.node
                 ),
                 _ => "it says nothing at all: no power, another program's hands on it, or a mock on too busy a machine"
                     .to_owned(),
             };
-            return Err(RigError::NoAnswer { what: "heartbeats", within, heard });
+            return Err(RigError::NoAnswer { what: "heartbeats", within, received });
         }
         Ok(())
     }

@@ -79,7 +79,7 @@ impl Table for Dynamixel {
         })?;
         let number = word(&pong, 0);
         let model = models::find(number).map_err(|expected| {
-            let advice = "use one whose registers this program knows";
+            let advice = "use one of the models that this program knows";
             wrong("register 0 (model number)", number.into(), &expected, advice)
         })?;
         let level = find_level(bus, id, model)?;

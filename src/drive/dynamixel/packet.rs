@@ -10,7 +10,7 @@ const LONGEST: usize = 256;
 /// One packet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Packet {
-    /// Whom it is for, or whose answer it is.
+    /// Its addressee, or the servo that answers.
     pub id: u8,
     /// What it asks; [`STATUS`] for answers.
     pub instruction: u8,
@@ -64,7 +64,7 @@ impl Packet {
 #[derive(Clone, Debug, Default)]
 pub struct PacketReceiver {
     buffer: Vec<u8>,
-    /// Packets whose checksum or length is wrong.
+    /// Packets with a wrong checksum or length.
     pub damaged: u32,
 }
 
@@ -170,8 +170,8 @@ mod tests {
             let packet = Packet { id, instruction, parameters };
             let bytes = [garbage, packet.encode()].concat();
             let mut receiver = PacketReceiver::default();
-            let heard: Vec<_> = bytes.chunks(piece).flat_map(|chunk| receiver.push(chunk)).collect();
-            prop_assert_eq!(heard, [packet]);
+            let decoded: Vec<_> = bytes.chunks(piece).flat_map(|chunk| receiver.push(chunk)).collect();
+            prop_assert_eq!(decoded, [packet]);
         }
 
         #[test]

@@ -15,7 +15,7 @@ use packet::{Packet, PacketReceiver};
 
 /// The degree of play that others measured.
 const PLAY_URAD: i32 = 17_453;
-/// Questions whose echo may still come.
+/// Questions with an echo that may still come.
 const ECHOES: usize = 8;
 /// Where settings are changed.
 const TOOL: &str = "with Feetech's FD program, torque off";
@@ -180,7 +180,7 @@ fn check_model(found: u16, wrong: impl Fn(&str, i64, &str, &str) -> LinkError) -
     Err(wrong("register 3 (model)", found.into(), &format!("one of {}", known.join(", ")), advice))
 }
 
-/// Packets, whose questions look like answers.
+/// Packets; questions look like answers.
 #[derive(Default)]
 pub(super) struct PacketWire {
     receiver: PacketReceiver,

@@ -1,10 +1,10 @@
 //! Feetech packets (Feetech "Communication protocol manual"):
 //! `FF FF | id | length | instruction or error | parameters | inverted sum`.
 
-/// One packet, either way.
+/// One packet, in either direction.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Packet {
-    /// Whom it is for, or whose answer it is.
+    /// Its addressee, or the servo that answers.
     pub id: u8,
     /// What it asks, or the error bits of an answer.
     pub code: u8,
@@ -30,7 +30,7 @@ impl Packet {
 #[derive(Clone, Debug, Default)]
 pub struct PacketReceiver {
     buffer: Vec<u8>,
-    /// Packets whose checksum or length is wrong.
+    /// Packets with a wrong checksum or length.
     pub damaged: u32,
 }
 
@@ -48,7 +48,7 @@ impl PacketReceiver {
             let garbage = self.buffer.windows(2).position(|pair| pair == [0xFF, 0xFF]);
             let keep = usize::from(self.buffer.last() == Some(&0xFF));
             self.buffer.drain(..garbage.unwrap_or(self.buffer.len() - keep));
-            // a third FF begins the header anew: no servo has that id
+            // a third FF begins the header again: no servo has that id
             if self.buffer.get(2) == Some(&0xFF) {
                 self.buffer.remove(0);
                 continue;
@@ -102,8 +102,8 @@ mod tests {
             let packet = Packet { id, code, parameters };
             let mut receiver = PacketReceiver::default();
             let bytes = [garbage, packet.encode()].concat();
-            let heard: Vec<_> = bytes.chunks(piece).flat_map(|chunk| receiver.push(chunk)).collect();
-            prop_assert_eq!(heard, [packet]);
+            let decoded: Vec<_> = bytes.chunks(piece).flat_map(|chunk| receiver.push(chunk)).collect();
+            prop_assert_eq!(decoded, [packet]);
         }
 
         #[test]

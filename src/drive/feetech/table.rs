@@ -61,7 +61,7 @@ pub const ERRORS: [(u8, &str); 5] = [
 
 /// Model numbers with these registers, low byte first, and 4096 counts to the turn.
 pub const MODELS: [(u16, &str); 2] = [(777, "STS3215"), (2825, "STS3250")];
-/// Model numbers whose registers mean something else, and what.
+/// Model numbers with another register table, and which.
 pub const OTHERS: [(u16, &str); 3] = [
     (1284, "SCS0009: 1024 counts over 300 degrees, high byte first"),
     (4618, "HLS3960M: registers 44 and 45 are a torque without which nothing moves"),

@@ -1,6 +1,6 @@
 //! The first move of a rig: in small steps, each held against what was measured, and back again.
 //!
-//! A position unit that is wrong shows in nothing that a device says at rest. So the first time a pair is told to go
+//! A position unit that is wrong shows in nothing that a device says at rest. So the first time a pair is ordered to go
 //! somewhere it goes the first degree in steps that begin small; where it went farther than ordered, in the other direction,
 //! or much less, it is left where it stands and driven no more.
 
@@ -298,7 +298,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_begin_small_and_end_with_a_degree_or_the_whole_way() {
+    fn steps_begin_small_and_end_with_a_degree_or_the_whole_distance() {
         for (longest_urad, last) in [(209_440, 17_453.0 / 209_440.0), (17_453, 1.0), (9000, 1.0), (100, 1.0)]
         {
             let shares = shares(longest_urad);
@@ -327,9 +327,9 @@ mod tests {
         for ordered in [-17_453, -300, 0, 300, 17_453] {
             assert!(!went_astray(ordered, ordered, 0) && !fell_short(ordered, ordered, 0));
         }
-        assert!(!went_astray(17_453, 0, 0), "on its way");
+        assert!(!went_astray(17_453, 0, 0), "still moving");
         assert!(!fell_short(17_453, 0, 0), "stuck");
-        assert!(went_astray(17_453, -17_453, 12_000), "the other way");
+        assert!(went_astray(17_453, -17_453, 12_000), "the other direction");
         assert!(went_astray(0, 30_000, 12_000), "the axis that was to stand");
         assert!(fell_short(-17_453, -1745, 60));
         assert!(!fell_short(17_453, 12_500, 25_000), "play");

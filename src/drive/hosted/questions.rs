@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug, Default)]
 pub(in crate::drive) struct Questions(VecDeque<Instant>);
 
-/// After this time nobody answers any more.
+/// After this time no answer comes any more.
 const FORGOTTEN: Duration = Duration::from_millis(500);
 
 impl Questions {
@@ -25,7 +25,7 @@ impl Questions {
         self.0.len() as u32
     }
 
-    /// An answer is there; between which times its sample was taken. One that nobody waits for any more is old.
+    /// An answer is there; between which times it was sampled. One without a waiting question is old.
     pub(crate) fn answer(&mut self, now: Instant) -> [Instant; 2] {
         [self.0.pop_front().or_else(|| now.checked_sub(FORGOTTEN)).unwrap_or(now), now]
     }

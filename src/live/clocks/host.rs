@@ -140,7 +140,7 @@ impl Timeline {
     }
 
     /// Looks at the clocks; a step since the last look.
-    pub(crate) fn look(&mut self, at: HostTime) -> Option<HostStep> {
+    pub(crate) fn sample(&mut self, at: HostTime) -> Option<HostStep> {
         let moved_ns = at.unix_minus_boot_ns() - self.begin.unix_minus_boot_ns() - self.stepped_ns;
         let between_ns = [self.time_ns(&self.last), self.time_ns(&at)];
         self.last = at;
@@ -193,7 +193,7 @@ impl Timeline {
     }
 }
 
-/// Streams of stamps out of which known steps of their clock are taken, one after the other, where each stream makes them:
+/// Streams of stamps. Known steps of their clock are removed from each stream, one after the other, where it makes them:
 /// the time from stamp to stamp tells.
 #[derive(Clone, Debug, Default)]
 pub struct StepsUndone {
@@ -236,8 +236,8 @@ mod tests {
     const BOOT_NS: u64 = 5_000_000_000;
     const MS: u64 = 1_000_000;
 
-    /// A host whose clock is set by each of these at its time, s, whose packets come every 1.5 ms, wait `lag` ms until they
-    /// are written and are looked at every `every` ms. Greatest error of a packet's time, ns.
+    /// A host sets its clock by each of these at its time, s. Packets come every 1.5 ms, wait `lag` ms until they
+    /// are written and are looked at every `every` ms. Max error of a packet's time, ns.
     fn worst_ns(steps: &[(u64, i64)], lag: u64, every: u64, silent_ms: std::ops::Range<u64>) -> (u64, usize) {
         let unix_ns = |at_ns: u64| {
             let set: i64 = steps.iter().filter(|(at_s, _)| at_ns >= at_s * 1000 * MS).map(|(_, by)| by).sum();
@@ -248,7 +248,7 @@ mod tests {
         let mut stream = StreamPlace::default();
         let (mut worst_ns, mut sent_ns) = (0, 0);
         for look_ns in (0..20_000 * MS).step_by((every * MS) as usize) {
-            line.look(host(look_ns));
+            line.sample(host(look_ns));
             while sent_ns + lag * MS <= look_ns {
                 if !silent_ms.contains(&(sent_ns / MS)) {
                     let placed_ns = line.place(unix_ns(sent_ns), &mut stream);
@@ -278,13 +278,13 @@ mod tests {
         }
         // two steps, the second of which takes the first back
         assert_eq!(worst_ns(&[(8, day_ns), (10, -day_ns)], 3, 7, 0..0), (0, 2));
-        // a step below the distance of two packets cannot be told to the packet
+        // a step below the distance of two packets cannot be assigned to one packet
         let (worst_ns, steps) = worst_ns(&[(10, -1_300_000)], 3, 7, 0..0);
         assert!(worst_ns <= 1_300_000 && steps == 1, "{worst_ns} {steps}");
     }
 
     #[test]
-    fn known_steps_are_taken_out_of_every_stream() {
+    fn known_steps_are_removed_from_every_stream() {
         for steps_ns in [[8_640_000_000_000_000, -8_640_000_000_000_000], [-3_000_000_000, 20_000_000]] {
             let mut undone = StepsUndone::new(steps_ns.to_vec());
             for at_ms in 0..6_000 {
@@ -312,7 +312,7 @@ mod tests {
             let apart_ns = if second % 7 == 0 { 40 * MS } else { 100 };
             let late_ns = apart_ns / 2;
             let unix_ns = UNIX_NS + at_ns + late_ns;
-            assert_eq!(line.look(HostTime { unix_ns, boot_ns: BOOT_NS + at_ns, apart_ns }), None);
+            assert_eq!(line.sample(HostTime { unix_ns, boot_ns: BOOT_NS + at_ns, apart_ns }), None);
         }
     }
 
@@ -322,14 +322,14 @@ mod tests {
         let mut line = Timeline::new(begin);
         std::thread::sleep(std::time::Duration::from_millis(20));
         let now = HostTime::now();
-        line.look(now);
+        line.sample(now);
         let since_ns = line.time_ns(&now) - begin.unix_ns;
         assert!((20 * MS..60_000 * MS).contains(&since_ns), "{since_ns}");
         assert!(steady_now_ns() >= steady_ns(&now));
     }
 
     #[test]
-    fn a_step_is_told_with_when_and_how_much() {
+    fn a_step_is_reported_with_when_and_how_much() {
         let step = HostStep {
             between_ns: [UNIX_NS + 1_000_000_000, UNIX_NS + 1_500_000_000],
             step_ns: -2_250_000_000,

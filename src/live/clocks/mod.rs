@@ -22,21 +22,21 @@ const SAME_S: f64 = 1.0;
 const DRIFT_NEEDS_S: f64 = 10.0;
 /// Of the pairs of one such time only the quickest counts, ns.
 const WINDOW_NS: u64 = 1_000_000_000;
-/// Windows that are kept: drift changes with temperature within minutes.
-const KEPT_WINDOWS: usize = 600;
+/// Windows of the fit: drift changes with temperature within minutes.
+const MAX_WINDOWS: usize = 600;
 /// Windows in a row that must be off upwards before that is a jump: a network may be slow for a while. A packet that comes
 /// before it can have been sent needs no second one.
 const LATE_WINDOWS: usize = 3;
 /// Jumps that are remembered.
-const KEPT_JUMPS: usize = 64;
+const MAX_JUMPS: usize = 64;
 /// Least change that is a jump, ns.
 const JUMP_NS: f64 = 10e6;
 /// A change that no network makes: one such pair is enough, ns.
 const SUDDEN_NS: f64 = 1e9;
-/// Packets that pause for so long may be those of a sensor that was started again, whose clock stands a little elsewhere, ns.
+/// Packets that pause for so long may be those of a sensor that was started again with a clock a little off, ns.
 const PAUSE_NS: u64 = 1_000_000_000;
 /// Clocks drift by less than this, ns per ns (100 ppm each).
-const MOST_DRIFT: f64 = 200e-6;
+const MAX_DRIFT: f64 = 200e-6;
 
 /// What a clock shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -59,8 +59,8 @@ pub enum ClockState {
 pub struct ClockWatch {
     first: Option<[u64; 2]>,
     last: Option<[u64; 2]>,
-    least_offset_ns: Option<i128>,
-    greatest_offset_ns: Option<i128>,
+    min_offset_ns: Option<i128>,
+    max_offset_ns: Option<i128>,
     steps_back: u64,
     /// Host time and offset of the segment's first pair: everything is counted from there, so that a double holds it.
     origin: Option<(u64, i128)>,
@@ -93,18 +93,18 @@ pub enum Moved {
     Unknown,
 }
 
-/// A change of the offset that no delay explains: either clock was set, or the sensor started anew.
+/// A change of the offset that no delay explains: either clock was set, or the sensor restarted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Jump {
     /// The host's time, ns.
     pub host_ns: u64,
     /// Host minus device after it, less before, s.
     pub change_s: f64,
-    /// Whose clock it was.
+    /// Which clock it was.
     pub moved: Moved,
 }
 
-/// What is said about a clock.
+/// State and errors of a clock.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClockReport {
     /// What it shows.
@@ -144,13 +144,13 @@ impl ClockWatch {
         self.steps_back += u64::from(stepped_back);
         self.first.get_or_insert([host_ns, device_ns]);
         self.last = Some([host_ns, device_ns]);
-        self.least_offset_ns = Some(self.least_offset_ns.map_or(offset_ns, |least| least.min(offset_ns)));
-        self.greatest_offset_ns = Some(self.greatest_offset_ns.map_or(offset_ns, |most| most.max(offset_ns)));
+        self.min_offset_ns = Some(self.min_offset_ns.map_or(offset_ns, |least| least.min(offset_ns)));
+        self.max_offset_ns = Some(self.max_offset_ns.map_or(offset_ns, |most| most.max(offset_ns)));
         let (origin_ns, origin_offset_ns) = *self.origin.get_or_insert((host_ns, offset_ns));
         let point = [host_ns as f64 - origin_ns as f64, (offset_ns.saturating_sub(origin_offset_ns)) as f64];
         let is_jump = self.is_sudden(point) || self.is_early(point) || (stepped_back && self.is_off(point));
         if host_ns < origin_ns || is_jump {
-            return self.begin_anew(host_ns, offset_ns, point);
+            return self.restart_fit(host_ns, offset_ns, point);
         }
         if host_ns.abs_diff(self.opened_ns) >= WINDOW_NS || self.open.is_none() {
             self.close_window(host_ns, offset_ns);
@@ -168,7 +168,7 @@ impl ClockWatch {
         if self.windows.len() >= 3 && self.is_off(point) {
             self.late.push(point);
             if self.late.len() >= LATE_WINDOWS {
-                self.begin_anew(host_ns, offset_ns, point);
+                self.restart_fit(host_ns, offset_ns, point);
             }
             return;
         }
@@ -178,14 +178,14 @@ impl ClockWatch {
             self.late.clear();
         }
         for point in self.late.drain(..).chain([point]) {
-            if self.windows.len() == KEPT_WINDOWS {
+            if self.windows.len() == MAX_WINDOWS {
                 self.windows.pop_front();
             }
             self.windows.push_back(point);
         }
     }
 
-    /// The sensor was started again: what is fitted begins anew with the next pair.
+    /// The sensor was started again: the fit starts again with the next pair.
     pub(crate) fn restart(&mut self) {
         self.restarts += 1;
         self.is_restarted = true;
@@ -213,10 +213,10 @@ impl ClockWatch {
         }
     }
 
-    fn begin_anew(&mut self, host_ns: u64, offset_ns: i128, point: [f64; 2]) {
+    fn restart_fit(&mut self, host_ns: u64, offset_ns: i128, point: [f64; 2]) {
         let change_ns = point[1] - self.expected_ns().unwrap_or(0.0);
         self.jump_count += 1;
-        if self.jumps.len() == KEPT_JUMPS {
+        if self.jumps.len() == MAX_JUMPS {
             self.jumps.remove(0);
         }
         // what is seen to be no delay after some seconds was when the clocks last parted
@@ -248,7 +248,7 @@ impl ClockWatch {
 
     fn margin_ns(&self, at_ns: f64) -> f64 {
         let since_ns = self.windows.back().or(self.open.as_ref()).map_or(0.0, |last| at_ns - last[0]);
-        JUMP_NS + MOST_DRIFT * since_ns.max(0.0) + self.jitter_ns()
+        JUMP_NS + MAX_DRIFT * since_ns.max(0.0) + self.jitter_ns()
     }
 
     /// How much the quickest packets of the last windows differ.
@@ -304,7 +304,7 @@ impl ClockWatch {
             state: if host_ns == 0 { ClockState::Unknown } else { state(device_ns, host_minus_device_s) },
             host_minus_device_s,
             uncertainty_s: line.map(|line| line.uncertainty_ns(at_ns) * 1e-9),
-            variation_s: (self.greatest_offset_ns? - self.least_offset_ns?) as f64 * 1e-9,
+            variation_s: (self.max_offset_ns? - self.min_offset_ns?) as f64 * 1e-9,
             drift_ppm: drift.map(|line| line.slope * 1e6),
             drift_uncertainty_ppm: drift.map(|line| line.slope_uncertainty * 1e6),
             restarts: self.restarts,
@@ -354,8 +354,8 @@ impl ClockReport {
         let last = self.jumps.iter().rfind(|jump| jump.moved != Moved::Host);
         if let (Some(last), count @ 1..) = (last, self.jump_count - of_host) {
             let times = if count == 1 { "once" } else { &format!("{count} times") };
-            let way = if last.change_s > 0.0 { "back" } else { "ahead" }; // host less device
-            text.push_str(&format!("; jumped {times}, last {way} by {:.3} s", last.change_s.abs()));
+            let direction = if last.change_s > 0.0 { "back" } else { "ahead" }; // host less device
+            text.push_str(&format!("; jumped {times}, last {direction} by {:.3} s", last.change_s.abs()));
         }
         if self.restarts > 0 {
             let times = if self.restarts == 1 { "once" } else { &format!("{} times", self.restarts) };

@@ -1,4 +1,4 @@
-//! Known clocks behind known networks: what is said must hold the truth.
+//! Known clocks behind known networks: reported values must hold the truth.
 
 use super::*;
 use crate::base::rng::Rng;
@@ -41,7 +41,7 @@ struct Network {
 }
 
 const DEVICE_NS: u64 = 77_000_000_000;
-const LEAST_DELAY_NS: f64 = 200_000.0;
+const MIN_DELAY_NS: f64 = 200_000.0;
 
 impl Network {
     fn new(seed: u64, drift_ppm: f64) -> Self {
@@ -57,7 +57,7 @@ impl Network {
         for _ in 0..seconds * 100 {
             let device_ns = DEVICE_NS + self.sent * 10_000_000;
             let burst = if self.rng.between(0.0, 1.0) < 0.02 { 50e6 } else { 0.3e6 };
-            let late_ns = LEAST_DELAY_NS + slow_ns - burst * (1.0 - self.rng.between(0.0, 1.0)).ln();
+            let late_ns = MIN_DELAY_NS + slow_ns - burst * (1.0 - self.rng.between(0.0, 1.0)).ln();
             let host_ns = self.leaves_ns(device_ns).saturating_add_signed(host_shift_ns) + late_ns as u64;
             self.watch.add(host_ns, device_ns.saturating_add_signed(device_shift_ns));
             self.sent += 1;
@@ -76,7 +76,7 @@ fn offset_and_drift_lie_within_their_uncertainty() {
         assert_eq!((report.jumps.len(), report.steps_back, report.state), (0, 0, ClockState::SincePowerOn));
         let device_ns = DEVICE_NS + (network.sent - 1) * 10_000_000;
         let true_s = (i128::from(network.leaves_ns(device_ns)) - i128::from(device_ns)) as f64 * 1e-9;
-        let error_s = report.host_minus_device_s - LEAST_DELAY_NS * 1e-9 - true_s;
+        let error_s = report.host_minus_device_s - MIN_DELAY_NS * 1e-9 - true_s;
         let drift_error_ppm = report.drift_ppm.unwrap() - drift_ppm;
         // 30 times better than the burst that one packet in fifty has
         assert!(error_s.abs() < 100e-6 && drift_error_ppm.abs() < 1.0, "{error_s} s, {drift_error_ppm} ppm");
@@ -105,16 +105,16 @@ fn jumps_are_found_whichever_clock_is_set() {
         let change_s = (host_ns - device_ns) as f64 * 1e-9;
         assert_eq!(report.jumps.len(), 1, "{host_ns} {device_ns}: {report:?}");
         assert!((report.jumps[0].change_s - change_s).abs() < 0.005, "{host_ns} {device_ns}: {report:?}");
-        // a burst of delay beside it leaves open whose it was, and never blames the wrong one
+        // a burst of delay next to it leaves open which clock it was, and never blames the wrong one
         let blameless = if device_ns == 0 { Moved::Device } else { Moved::Host };
         assert_ne!(report.jumps[0].moved, blameless, "{host_ns} {device_ns}: {report:?}");
-        // and what is said afterwards is of the time after it
+        // and later reports are of the time after it
         assert!((report.drift_ppm.unwrap() - 20.0).abs() < 3.0, "{report:?}");
     }
 }
 
 #[test]
-fn a_sensor_that_starts_anew_is_a_jump() {
+fn a_sensor_that_restarts_is_a_jump() {
     let mut network = Network::new(4, 0.0);
     network.run(20, 0, 0, 0.0);
     for frame in 0..200u64 {
@@ -130,27 +130,27 @@ fn a_sensor_that_starts_anew_is_a_jump() {
 /// After each start the clock stands some milliseconds elsewhere: less than a jump, and more than 200 ppm of a line over all.
 #[test]
 fn restarts_are_no_drift() {
-    for is_told in [true, false] {
+    for is_announced in [true, false] {
         let mut network = Network::new(6, 20.0);
         network.run(15, 0, 0, 0.0);
         for start in 1..=3 {
             network.sent += 300; // three seconds of silence
-            if is_told {
+            if is_announced {
                 network.watch.restart();
             }
             network.run(15, 0, start * -3_000_000, 0.0);
         }
         let report = network.watch.report().unwrap();
-        assert_eq!((report.restarts, report.jump_count), (if is_told { 3 } else { 0 }, 0), "{report:?}");
+        assert_eq!((report.restarts, report.jump_count), (if is_announced { 3 } else { 0 }, 0), "{report:?}");
         let (drift_ppm, sure_ppm) = (report.drift_ppm.unwrap(), report.drift_uncertainty_ppm.unwrap());
         assert!((drift_ppm - 20.0).abs() < sure_ppm.max(5.0), "{drift_ppm} +- {sure_ppm}");
-        assert_eq!(report.text().contains("started again 3 times"), is_told, "{}", report.text());
+        assert_eq!(report.text().contains("started again 3 times"), is_announced, "{}", report.text());
     }
 }
 
-/// Frames every 100 ms, stamped quickly: whose clock it was is plain.
+/// Frames every 100 ms, stamped quickly: it is plain which clock it was.
 #[test]
-fn it_is_told_which_clock_was_set() {
+fn the_clock_that_was_set_is_named() {
     let day_ns = 86_400_000_000_000;
     for (host_ns, device_ns, moved) in [
         (100 * day_ns, 0, Moved::Host),
@@ -209,7 +209,7 @@ fn a_slow_network_is_no_jump() {
 }
 
 #[test]
-fn any_times_are_taken() {
+fn any_times_are_accepted() {
     let mut watch = ClockWatch::default();
     let mut rng = Rng::new(1, 9);
     for _ in 0..5000 {

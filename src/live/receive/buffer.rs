@@ -27,6 +27,7 @@ impl Datagram {
             host_time_ns: self.host_time_ns,
             source: self.source,
             destination: self.destination,
+            link: Default::default(),
             payload: &self.payload.bytes[..self.payload.filled],
         }
     }
@@ -159,7 +160,7 @@ mod tests {
         many[0].fill(1600, &[7; 64]);
         assert_eq!((held(), many[0].held(), many[0].filled()), (5 * 1536 + 64, 1600, 1600));
         many.clear();
-        assert_eq!(held(), 1536 + 1600, "two are kept");
+        assert_eq!(held(), 1536 + 1600, "two are held");
         pool.grow(4096);
         drop([pool.take(), pool.take(), pool.take()]);
         assert_eq!(held(), 2 * 4096);

@@ -35,7 +35,7 @@ pub struct SocketCounters {
 /// A socket: where it listens, for whom, and what it counted.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct SocketReport {
-    /// Local address, with the port that was really taken.
+    /// Local address, with the port in use.
     pub address: SocketAddr,
     /// Names of its sensors.
     pub sensors: Vec<String>,
@@ -69,7 +69,7 @@ pub struct Tally {
     pub sockets: Vec<SocketReport>,
 }
 
-/// What one sensor lost on the way to the consumer.
+/// What one sensor lost before the consumer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReceiveLoss {
     /// Dropped by the kernel; a socket shared by several sensors counts for its first.
@@ -114,10 +114,10 @@ pub struct Memory {
     /// Of these, what waits for the consumer now.
     pub waiting_bytes: usize,
     /// The most that ever waited.
-    pub most_waiting_bytes: usize,
+    pub max_waiting_bytes: usize,
 }
 
-/// A view of the counters that can be kept beside the receiver.
+/// A view of the counters that outlives the receiver.
 #[derive(Clone, Debug)]
 pub struct Monitor {
     pub(super) sockets: Arc<Vec<SocketCells>>,
@@ -176,7 +176,7 @@ impl Monitor {
         Memory {
             held_bytes: self.held.load(Ordering::Relaxed),
             waiting_bytes: self.waiting.bytes(),
-            most_waiting_bytes: self.waiting.most.load(Ordering::Relaxed),
+            max_waiting_bytes: self.waiting.most.load(Ordering::Relaxed),
         }
     }
 
@@ -185,7 +185,7 @@ impl Monitor {
         self.sockets[self.sensors[sensor].socket].about.address
     }
 
-    /// Per sensor, the datagrams the kernel dropped. It does not say whose they were: a socket shared by several
+    /// Per sensor, the datagrams the kernel dropped. The kernel does not name the sensor: a socket shared by several
     /// sensors counts for its first.
     pub fn kernel_drops(&self) -> Vec<u64> {
         let mut drops = vec![0; self.sensors.len()];

@@ -11,19 +11,19 @@
 
 mod buffer;
 mod counters;
-mod silence;
+mod data_timeout;
 mod socket;
 mod thread;
 
 pub use buffer::Datagram;
 pub use counters::{Memory, Monitor, ReceiveLoss, SensorCounters, SocketCounters, SocketReport, Tally};
-pub use silence::{Silence, SilenceNews};
+pub use data_timeout::{DataTimeout, DataTimeouts};
 pub use thread::{Receiver, Stop};
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// One sensor to listen to. Sensors that send to the same address are told apart by their source.
+/// One sensor to listen to. Sensors that send to the same address differ by their source.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Listen {
     /// The sensor's name.
@@ -64,7 +64,7 @@ pub enum ReceiveError {
     /// Nothing to listen to.
     #[error("no sensor to listen to")]
     Nothing,
-    /// Two sensors that cannot be told apart.
+    /// Two sensors that cannot be distinguished.
     #[error(
         "sensors {first} and {second} both listen on {address} from {from}: give each its own port or source"
     )]
@@ -95,14 +95,14 @@ pub enum ReceiveError {
     Thread(std::io::Error),
 }
 
-const ASIDE: &str = "-aside";
+const AUXILIARY: &str = "-aside";
 
-/// Name in a session of what a sensor sends beside its lidar packets (IMU, position), where that has a port of its own.
-pub(crate) fn aside_of(sensor: &str) -> String {
-    format!("{sensor}{ASIDE}")
+/// Name in a session of a sensor's auxiliary stream (IMU, position packets), where that has a port of its own.
+pub(crate) fn auxiliary_name(sensor: &str) -> String {
+    format!("{sensor}{AUXILIARY}")
 }
 
-/// Whether a name is that of what one of these sensors sends beside its lidar packets.
-pub(crate) fn is_aside<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
-    sensors.any(|sensor| aside_of(sensor) == name)
+/// Whether a name is that of the auxiliary stream of one of these sensors.
+pub(crate) fn is_auxiliary<'a>(name: &str, mut sensors: impl Iterator<Item = &'a str>) -> bool {
+    sensors.any(|sensor| auxiliary_name(sensor) == name)
 }

@@ -14,7 +14,7 @@ use nix::sys::time::TimeSpec;
 
 use super::buffer::Buffer;
 
-/// Longest UDP payload there is (65,535 less nothing: IPv6 jumbograms are not taken).
+/// Longest UDP payload there is (65,535 less nothing: IPv6 jumbograms are refused).
 const LONGEST_PAYLOAD: usize = 65_535;
 
 /// Opens, sets up and binds a socket: options first, so that the very first datagram has its kernel time.
@@ -51,7 +51,7 @@ pub(super) fn granted_buffer_bytes(descriptor: BorrowedFd<'_>) -> io::Result<usi
     Ok(getsockopt(&descriptor, sockopt::RcvBuf)? / 2)
 }
 
-/// What the kernel said about one datagram.
+/// What the kernel reports about one datagram.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Arrival {
     pub(super) source: SocketAddr,

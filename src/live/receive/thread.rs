@@ -122,18 +122,18 @@ impl Receiver {
     /// The next datagram, waiting for it on this thread (not inside a tokio runtime); `None` after the stop.
     pub fn recv_blocking(&mut self) -> Option<Datagram> {
         let datagram = self.queue.blocking_recv();
-        self.taken(datagram.as_slice());
+        self.count_received(datagram.as_slice());
         datagram
     }
 
     /// Appends up to `limit` waiting datagrams, waiting for the first; 0 after the stop.
     pub(crate) fn recv_many_blocking(&mut self, into: &mut Vec<Datagram>, limit: usize) -> usize {
         let count = self.queue.blocking_recv_many(into, limit);
-        self.taken(&into[into.len() - count..]);
+        self.count_received(&into[into.len() - count..]);
         count
     }
 
-    fn taken(&self, datagrams: &[Datagram]) {
+    fn count_received(&self, datagrams: &[Datagram]) {
         self.monitor.waiting.take(datagrams.iter().map(Datagram::held_bytes).sum());
     }
 
@@ -147,7 +147,7 @@ impl Receiver {
         self.stop.clone()
     }
 
-    /// The local address of a sensor, with the port that was really taken.
+    /// The local address of a sensor, with the port that was really count_received.
     pub fn address(&self, sensor: usize) -> SocketAddr {
         self.monitor.address(sensor)
     }
@@ -163,7 +163,7 @@ impl Drop for Receiver {
     }
 }
 
-/// Sensors of each address, in order of first mention. Two that cannot be told apart are refused.
+/// Sensors of each address, in order of first mention. Two that cannot be distinguished are refused.
 fn by_address(listens: &[Listen]) -> Result<Vec<(SocketAddr, Vec<usize>)>, ReceiveError> {
     if listens.is_empty() {
         return Err(ReceiveError::Nothing);

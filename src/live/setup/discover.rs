@@ -13,14 +13,14 @@ use super::Vendor;
 /// The service that Ouster sensors offer.
 pub const OUSTER_SERVICE: &str = "_roger._tcp.local.";
 /// Sensors of one network that are listed: more are a storm.
-const MOST: usize = 256;
+const MAX_FOUND: usize = 256;
 /// Payloads of a Velodyne: data and position packets.
 const VELODYNE_BYTES: [usize; 2] = [1206, 512];
 
 /// A sensor that was found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Found {
-    /// Whose it is.
+    /// Its maker.
     pub vendor: Vendor,
     /// Name on the network (`os-122220001234.local.`); empty where it has none.
     pub name: String,
@@ -28,7 +28,7 @@ pub struct Found {
     pub addresses: Vec<IpAddr>,
     /// Port of its web server.
     pub port: u16,
-    /// Serial number, part number and firmware, where said.
+    /// Serial number, part number and firmware, where stated.
     pub serial: String,
     /// Part number.
     pub part: String,
@@ -64,9 +64,9 @@ pub fn ousters(within: Duration, interface: Option<IpAddr>) -> Result<Vec<Found>
     let mut found = BTreeMap::new();
     while let Ok(event) = events.recv_timeout(end.saturating_duration_since(Instant::now())) {
         if let ServiceEvent::ServiceResolved(service) = event
-            && found.len() < MOST
+            && found.len() < MAX_FOUND
         {
-            let said = |key| service.get_property_val_str(key).unwrap_or_default().to_owned();
+            let property = |key| service.get_property_val_str(key).unwrap_or_default().to_owned();
             let mut addresses: Vec<IpAddr> =
                 service.get_addresses().iter().map(|address| address.to_ip_addr()).collect();
             addresses.sort();
@@ -75,9 +75,9 @@ pub fn ousters(within: Duration, interface: Option<IpAddr>) -> Result<Vec<Found>
                 name: service.get_hostname().to_owned(),
                 addresses,
                 port: service.get_port(),
-                serial: said("sn"),
-                part: said("pn"),
-                firmware: said("fw"),
+                serial: property("sn"),
+                part: property("pn"),
+                firmware: property("fw"),
             };
             found.insert(service.get_fullname().to_owned(), sensor);
         }
@@ -98,7 +98,7 @@ pub fn velodynes(within: Duration, address: IpAddr, port: u16) -> Result<Vec<Fou
     {
         socket.set_read_timeout(Some(left)).map_err(failed)?;
         match socket.recv_from(&mut bytes) {
-            Ok((length, from)) if VELODYNE_BYTES.contains(&length) && found.len() < MOST => {
+            Ok((length, from)) if VELODYNE_BYTES.contains(&length) && found.len() < MAX_FOUND => {
                 found.entry(from.ip()).or_insert_with(|| Found {
                     vendor: Vendor::Velodyne,
                     name: String::new(),

@@ -18,23 +18,23 @@ pub enum SetupError {
         /// As given.
         address: String,
     },
-    /// Nobody answers.
+    /// No answer.
     #[error("{}: {reason}: is the sensor powered, on this network, and is the address right?", plain(url))]
     Unreachable {
         /// What was asked for.
         url: String,
-        /// What the system said.
+        /// The system's reason.
         reason: String,
     },
     /// It answers with an error.
-    #[error("{}: answered status {status}{}", plain(url), answered(*status, said))]
+    #[error("{}: answered status {status}{}", plain(url), answered(*status, body))]
     Status {
         /// What was asked for.
         url: String,
         /// HTTP status.
         status: u16,
-        /// What it said.
-        said: String,
+        /// Body of the answer.
+        body: String,
     },
     /// The answer broke off, took too long or has no end.
     #[error("{}: the answer could not be read whole: {reason}", plain(url))]
@@ -45,14 +45,14 @@ pub enum SetupError {
         reason: String,
     },
     /// The answer is no JSON, or not the JSON it should be.
-    #[error("{}: expected {expected}, found{}", plain(url), shown(said))]
+    #[error("{}: expected {expected}, found{}", plain(url), shown(body))]
     Unexpected {
         /// What was asked for.
         url: String,
         /// What should have come.
         expected: &'static str,
         /// What came.
-        said: String,
+        body: String,
     },
     /// It is no sensor that is known here.
     #[error("{address}: neither an Ouster nor a Velodyne answers there ({reason})")]
@@ -77,7 +77,7 @@ pub enum SetupError {
         address: String,
         /// How long was waited.
         within: Duration,
-        /// What it last said.
+        /// Its last status.
         status: String,
     },
 }
@@ -88,14 +88,14 @@ fn plain(url: &str) -> &str {
 }
 
 /// The begin of an answer, for an error.
-fn shown(said: &str) -> String {
-    let line: String = said.chars().filter(|c| !c.is_control()).take(SHOWN_CHARS).collect();
+fn shown(body: &str) -> String {
+    let line: String = body.chars().filter(|c| !c.is_control()).take(SHOWN_CHARS).collect();
     if line.is_empty() { " nothing".to_owned() } else { format!(" `{line}`") }
 }
 
 /// What an answer that is an error says: its message, where it is in JSON as sensors write it.
-fn answered(status: u16, said: &str) -> String {
-    let document: Value = serde_json::from_str(said).unwrap_or_default();
+fn answered(status: u16, body: &str) -> String {
+    let document: Value = serde_json::from_str(body).unwrap_or_default();
     let message = ["/error/msg", "/error/description", "/error", "/msg"]
         .into_iter()
         .find_map(|path| document.pointer(path).and_then(Value::as_str));
@@ -103,10 +103,10 @@ fn answered(status: u16, said: &str) -> String {
         (Some(message), _) => format!(": {message}"),
         (None, 300..400) => ": it sends us elsewhere, which no sensor does".to_owned(),
         (None, 503) => {
-            format!(", which a sensor that starts does (it says{}): ask again in half a minute", shown(said))
+            format!(", which a sensor that starts does (it says{}): ask again in half a minute", shown(body))
         }
-        (None, _) if said.is_empty() => " and nothing else".to_owned(),
-        (None, _) => format!(" and{}", shown(said)),
+        (None, _) if body.is_empty() => " and nothing else".to_owned(),
+        (None, _) => format!(" and{}", shown(body)),
     }
 }
 
@@ -165,7 +165,7 @@ impl Http {
         serde_json::from_str(&text).map_err(|_| SetupError::Unexpected {
             url: self.url(path),
             expected: "a JSON document",
-            said: text,
+            body: text,
         })
     }
 
@@ -202,7 +202,7 @@ fn whole(
         Err(error) => {
             let reason = error.to_string();
             return Err(match error {
-                // before a word was heard
+                // before any byte came
                 ureq::Error::Io(_)
                 | ureq::Error::ConnectionFailed
                 | ureq::Error::HostNotFound
@@ -217,7 +217,7 @@ fn whole(
     let body = response.body_mut().with_config().limit(LONGEST_BYTES).lossy_utf8(true).read_to_string();
     match body {
         Ok(text) if (200..300).contains(&status) => Ok(text),
-        Ok(said) => Err(SetupError::Status { url, status, said }),
+        Ok(body) => Err(SetupError::Status { url, status, body }),
         Err(error) => Err(SetupError::Broken { url, reason: in_words(&error) }),
     }
 }

@@ -1,7 +1,7 @@
-//! Sensors over their own web interfaces: what they are, how they are set, what ails them; new settings, read back and
+//! Sensors over their own web interfaces: what they are, how they are set, their faults; new settings, read back and
 //! saved.
 //!
-//! Everything read is bounded in size and time ([`http`]); what a sensor says is shown, compared and kept, and never believed
+//! Everything read is bounded in size and time ([`http`]); what a sensor says is shown, compared and stored, and never believed
 //! where it can be read back.
 
 use serde::Serialize;
@@ -15,7 +15,7 @@ pub mod warnings;
 
 pub use http::{Http, SetupError};
 
-/// Whose sensor it is.
+/// Maker of the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Vendor {
@@ -43,7 +43,8 @@ pub struct Destination {
     /// UDP port of lidar packets.
     pub port: Option<u16>,
     /// UDP port of IMU (Ouster) or position packets (Velodyne).
-    pub aside_port: Option<u16>,
+    #[serde(rename = "aside_port")]
+    pub auxiliary_port: Option<u16>,
 }
 
 /// A sensor's clock as it says itself.
@@ -62,7 +63,7 @@ pub struct Clock {
 pub struct SensorState {
     /// Where it was asked.
     pub address: String,
-    /// Whose it is.
+    /// Its maker.
     pub vendor: Vendor,
     /// Product line or model, as it says.
     pub model: String,
@@ -80,7 +81,7 @@ pub struct SensorState {
     pub clock: Clock,
     /// Inside, °C.
     pub temperature_c: Option<f64>,
-    /// What ails it.
+    /// Its faults.
     pub warnings: Vec<Warning>,
     /// Metadata of an Ouster, as it came; what a decoder needs.
     #[serde(skip)]
@@ -99,7 +100,8 @@ pub struct Change {
     /// What it is, read back.
     pub after: Value,
     /// Whether the sensor took it.
-    pub taken: bool,
+    #[serde(rename = "taken")]
+    pub is_accepted: bool,
 }
 
 /// What came of setting a sensor up.
@@ -107,7 +109,7 @@ pub struct Change {
 pub struct Configured {
     /// One per setting that was asked for.
     pub changes: Vec<Change>,
-    /// Whether the sensor was told to keep them without power.
+    /// Whether the sensor was ordered to keep them without power.
     pub saved: bool,
     /// The sensor afterwards.
     pub state: SensorState,
@@ -116,7 +118,7 @@ pub struct Configured {
 impl Configured {
     /// Settings that the sensor did not take.
     pub fn refused(&self) -> impl Iterator<Item = &Change> {
-        self.changes.iter().filter(|change| !change.taken)
+        self.changes.iter().filter(|change| !change.is_accepted)
     }
 }
 
@@ -128,7 +130,7 @@ pub struct Wanted {
     /// UDP port of lidar packets.
     pub port: Option<u16>,
     /// UDP port of IMU or position packets.
-    pub aside_port: Option<u16>,
+    pub auxiliary_port: Option<u16>,
     /// Settings by their names in the sensor's interface.
     pub settings: Vec<(String, Value)>,
     /// Keep them without power.
@@ -142,7 +144,7 @@ impl Wanted {
     pub(crate) fn is_empty(&self) -> bool {
         self.host.is_none()
             && self.port.is_none()
-            && self.aside_port.is_none()
+            && self.auxiliary_port.is_none()
             && self.settings.is_empty()
             && !self.save
     }

@@ -29,7 +29,7 @@ impl Ouster {
             return Err(SetupError::Unexpected {
                 url,
                 expected: "a document with prod_line",
-                said: info.to_string(),
+                body: info.to_string(),
             });
         }
         let system = http.find_json("/api/v1/system/firmware")?;
@@ -55,7 +55,7 @@ impl Ouster {
             return Ok(config);
         }
         let url = format!("http://{}{path}", self.http.address());
-        Err(SetupError::Unexpected { url, expected: "an object of settings", said: config.to_string() })
+        Err(SetupError::Unexpected { url, expected: "an object of settings", body: config.to_string() })
     }
 
     fn stages(&self) -> bool {
@@ -90,7 +90,7 @@ impl Ouster {
                     .find(|host| !host.is_empty())
                     .unwrap_or_default(),
                 port: port_of(&settings, "/udp_port_lidar"),
-                aside_port: port_of(&settings, "/udp_port_imu"),
+                auxiliary_port: port_of(&settings, "/udp_port_imu"),
             },
             settings,
             clock,
@@ -115,11 +115,11 @@ impl Ouster {
             .into_iter()
             .map(|(key, wanted)| {
                 let (before, after) = (of(&before, &key), of(&after, &key));
-                let taken = same(&wanted, &after);
-                Change { key, before, wanted, after, taken }
+                let is_accepted = same(&wanted, &after);
+                Change { key, before, wanted, after, is_accepted }
             })
             .collect();
-        let saved = wanted.save && changes.iter().all(|change| change.taken);
+        let saved = wanted.save && changes.iter().all(|change| change.is_accepted);
         if saved {
             self.save()?;
         }
@@ -137,7 +137,7 @@ impl Ouster {
             };
             settings.insert(key.into(), if host == "auto" { "@auto".into() } else { host.as_str().into() });
         }
-        for (key, port) in [("udp_port_lidar", wanted.port), ("udp_port_imu", wanted.aside_port)] {
+        for (key, port) in [("udp_port_lidar", wanted.port), ("udp_port_imu", wanted.auxiliary_port)] {
             port.into_iter().for_each(|port| drop(settings.insert(key.into(), port.into())));
         }
         for (key, value) in &wanted.settings {
@@ -193,31 +193,31 @@ impl Ouster {
 
     fn command(&self, command: &str, expected: &'static str) -> Result<(), SetupError> {
         let path = format!("/api/v1/sensor/cmd/{command}");
-        let said = self.http.get(&path)?;
-        if said.trim() == expected {
+        let body = self.http.get(&path)?;
+        if body.trim() == expected {
             return Ok(());
         }
-        Err(SetupError::Unexpected { url: format!("http://{}{path}", self.http.address()), expected, said })
+        Err(SetupError::Unexpected { url: format!("http://{}{path}", self.http.address()), expected, body })
     }
 
     /// Waits until it runs again; meanwhile it may refuse, or say nothing.
     fn wait(&self, within: Duration) -> Result<(), SetupError> {
         let end = Instant::now() + within;
-        let mut said = "nothing".to_owned();
+        let mut status = "nothing".to_owned();
         loop {
             match self.http.get_json("/api/v1/sensor/metadata/sensor_info") {
-                Ok(info) => said = text_of(&info, "/status"),
+                Ok(info) => status = text_of(&info, "/status"),
                 Err(
                     SetupError::Unreachable { .. } | SetupError::Status { .. } | SetupError::Broken { .. },
                 ) => {}
                 Err(error) => return Err(error),
             }
-            if matches!(said.as_str(), "RUNNING" | "STANDBY") {
+            if matches!(status.as_str(), "RUNNING" | "STANDBY") {
                 return Ok(());
             }
             if Instant::now() >= end {
                 let address = self.http.address().to_owned();
-                return Err(SetupError::NotReady { address, within, status: said });
+                return Err(SetupError::NotReady { address, within, status });
             }
             std::thread::sleep(ASK_AGAIN);
         }

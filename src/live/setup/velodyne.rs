@@ -49,7 +49,7 @@ impl Velodyne {
             return Err(SetupError::Unexpected {
                 url,
                 expected: "a document with a model",
-                said: info.to_string(),
+                body: info.to_string(),
             });
         }
         Ok(Some(Self { http: http.clone(), info, between_writes: BETWEEN_WRITES, written: Mutex::new(None) }))
@@ -82,7 +82,7 @@ impl Velodyne {
             destination: Destination {
                 host: text_of(&settings, "/host/addr"),
                 port: port_of(&settings, "/host/dport"),
-                aside_port: port_of(&settings, "/host/tport"),
+                auxiliary_port: port_of(&settings, "/host/tport"),
             },
             settings,
             clock: Clock {
@@ -105,20 +105,20 @@ impl Velodyne {
     pub(crate) fn configure(&self, wanted: &Wanted) -> Result<Configured, SetupError> {
         let before = self.settings()?;
         let mut asked: Vec<(String, &str, Value)> = Vec::new();
-        if wanted.host.is_some() || wanted.port.is_some() || wanted.aside_port.is_some() {
+        if wanted.host.is_some() || wanted.port.is_some() || wanted.auxiliary_port.is_some() {
             let (mut form, mut fields) = (
                 Vec::new(),
                 [
                     ("addr", "/host/addr", wanted.host.clone().map(Value::from)),
                     ("dport", "/host/dport", wanted.port.map(Value::from)),
-                    ("tport", "/host/tport", wanted.aside_port.map(Value::from)),
+                    ("tport", "/host/tport", wanted.auxiliary_port.map(Value::from)),
                 ],
             );
             for (field, path, value) in &mut fields {
-                // the form is taken as a whole: what is not to change is said again
+                // the form is read as a whole: what is not to change is sent again
                 let value = value.take();
-                let said = value.clone().or_else(|| before.pointer(path).cloned()).unwrap_or_default();
-                form.push((*field, plain(&said)));
+                let setting = value.clone().or_else(|| before.pointer(path).cloned()).unwrap_or_default();
+                form.push((*field, plain(&setting)));
                 if let Some(value) = value {
                     asked.push((format!("host.{field}"), path, value));
                 }
@@ -150,11 +150,11 @@ impl Velodyne {
             .into_iter()
             .map(|(key, path, wanted)| {
                 let of = |settings: &Value| settings.pointer(path).cloned().unwrap_or_default();
-                let taken = plain(&wanted).eq_ignore_ascii_case(&plain(&of(&after)));
-                Change { key, before: of(&before), wanted, after: of(&after), taken }
+                let is_accepted = plain(&wanted).eq_ignore_ascii_case(&plain(&of(&after)));
+                Change { key, before: of(&before), wanted, after: of(&after), is_accepted }
             })
             .collect();
-        let saved = wanted.save && changes.iter().all(|change| change.taken);
+        let saved = wanted.save && changes.iter().all(|change| change.is_accepted);
         if saved {
             self.write("/cgi/save", &[("data", "submit".into())])?;
         }

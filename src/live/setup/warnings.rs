@@ -73,11 +73,11 @@ pub(super) fn of_velodyne(state: &SensorState, status: &Value, diagnosis: &Value
     }
     let (motor, rpm) =
         (text_of(status, "/motor/state"), super::number_of(status, "/motor/rpm").unwrap_or(0.0));
-    let told = super::number_of(&state.settings, "/rpm").unwrap_or(0.0);
-    if motor != "On" || told == 0.0 {
-        warnings.push(warning("not_running", format!("its motor is {motor}, told to turn at {told} rpm")));
-    } else if (rpm - told).abs() > 10.0 {
-        warnings.push(warning("not_running", format!("its motor turns at {rpm} rpm, told to at {told}")));
+    let set = super::number_of(&state.settings, "/rpm").unwrap_or(0.0);
+    if motor != "On" || set == 0.0 {
+        warnings.push(warning("not_running", format!("its motor is {motor}, set to turn at {set} rpm")));
+    } else if (rpm - set).abs() > 10.0 {
+        warnings.push(warning("not_running", format!("its motor turns at {rpm} rpm, set to {set}")));
     }
     if state.destination.host == "255.255.255.255" {
         warnings.push(warning(
@@ -117,7 +117,7 @@ fn clock(state: &SensorState) -> Option<Warning> {
 fn destination(host: &str) -> Option<Warning> {
     let address: Option<IpAddr> = host.parse().ok();
     if host.is_empty() || address.is_some_and(|address| address.is_unspecified()) {
-        return Some(warning("destination", "it is told to send to nobody: set its destination"));
+        return Some(warning("destination", "it has no destination for its packets: set one"));
     }
     let broadcast = address == Some(IpAddr::from([255, 255, 255, 255]));
     broadcast.then(|| {

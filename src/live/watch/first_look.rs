@@ -19,7 +19,7 @@ pub struct FirstLook {
     has_metadata: bool,
     router: Router,
     packets: u32,
-    taken: u32,
+    decoded: u32,
     /// Pixels in a column of the first Ouster packet, where its length leaves no choice.
     pixels: Option<usize>,
     is_done: bool,
@@ -33,10 +33,10 @@ impl FirstLook {
         if let Some((metadata, name)) = metadata {
             router.add_ouster(metadata, name);
         }
-        Self { model, has_metadata, router, packets: 0, taken: 0, pixels: None, is_done: false }
+        Self { model, has_metadata, router, packets: 0, decoded: 0, pixels: None, is_done: false }
     }
 
-    /// Looks at one more packet. What is wrong is said once, when enough were seen.
+    /// Looks at one more packet. What is wrong is reported once, when enough were seen.
     pub(crate) fn take(&mut self, packet: &Packet<'_>) -> Vec<String> {
         if self.is_done {
             return Vec::new();
@@ -48,12 +48,12 @@ impl FirstLook {
             self.pixels = Some(first.pixels_per_column);
         }
         let routed = self.router.push(packet, &mut |_, _, _| {});
-        self.taken += u32::from(matches!(routed, Routed::Taken(_)));
+        self.decoded += u32::from(matches!(routed, Routed::Taken(_)));
         self.packets += 1;
         if self.packets < ENOUGH_PACKETS { Vec::new() } else { self.conclude() }
     }
 
-    /// What is wrong with the packets so far; nothing where that was said already.
+    /// What is wrong with the packets so far; nothing where that was reported already.
     pub(crate) fn conclude(&mut self) -> Vec<String> {
         if self.is_done || self.packets == 0 {
             return Vec::new();
@@ -66,51 +66,51 @@ impl FirstLook {
     /// Why packets cannot be decoded, where that is so.
     fn unread(&self) -> Option<String> {
         let damage = self.router.sensors().iter().find_map(|sensor| sensor.first_damage());
-        // what comes beside lidar packets may be no one's
-        let matters = |entry: &&Unclaimed| self.taken == 0 || entry.is_ouster_lidar;
-        let stranger = self.router.unclaimed().filter(matters).max_by_key(|entry| entry.packets);
+        // auxiliary packets may stay unassigned
+        let matters = |entry: &&Unclaimed| self.decoded == 0 || entry.is_ouster_lidar;
+        let unassigned = self.router.unclaimed().filter(matters).max_by_key(|entry| entry.packets);
         let no_metadata = |entry: &Unclaimed| {
-            let whose = entry.serial.map_or(String::new(), |serial| format!(" of serial number {serial}"));
+            let serial = entry.serial.map_or(String::new(), |serial| format!(" of serial number {serial}"));
             format!(
-                "an Ouster{whose} sends, and nothing names its metadata, without which its packets cannot be decoded: \
+                "an Ouster{serial} sends, and nothing names its metadata, without which its packets cannot be decoded: \
                  `outrigger sensor info HOST --save-metadata FILE.json` saves them, `metadata` or `host` of its [[sensor]] \
                  names them"
             )
         };
-        match (stranger, damage) {
+        match (unassigned, damage) {
             (Some(entry), _) if entry.needs_metadata && !self.has_metadata => Some(no_metadata(entry)),
             (Some(entry), _) => Some(format!("its packets cannot be decoded: {}", entry.reason)),
-            (None, Some(damage)) if self.taken == 0 => {
+            (None, Some(damage)) if self.decoded == 0 => {
                 Some(format!("its packets cannot be decoded: {damage}"))
             }
             (None, _) => None,
         }
     }
 
-    /// What sends is not what it was said to be.
+    /// Another sensor sends than the configured one.
     fn other_model(&self) -> Option<String> {
-        let heard = || self.router.sensors().iter().filter(|sensor| sensor.source().is_some());
-        let Some(said) = self.model.as_deref() else {
-            let stranger = heard().find(|sensor| matches!(sensor.family(), Family::Velodyne(_)));
-            let stranger = stranger.filter(|_| self.has_metadata)?;
+        let senders = || self.router.sensors().iter().filter(|sensor| sensor.source().is_some());
+        let Some(configured) = self.model.as_deref() else {
+            let velodyne = senders().find(|sensor| matches!(sensor.family(), Family::Velodyne(_)));
+            let velodyne = velodyne.filter(|_| self.has_metadata)?;
             return Some(format!(
                 "a {} sends, which has no metadata, and some are named",
-                stranger.product()
+                velodyne.product()
             ));
         };
-        for sensor in heard() {
+        for sensor in senders() {
             let Some(found) = sensor.model() else { continue };
-            if !is_model(said, &sensor.product(), &found.name) {
-                return Some(format!("a {} sends, `model` says {said}", sensor.product()));
+            if !is_model(configured, &sensor.product(), &found.name) {
+                return Some(format!("a {} sends, `model` says {configured}", sensor.product()));
             }
         }
-        let channels = catalogue::nominal(said).map(|model| model.channels()).ok();
+        let channels = catalogue::nominal(configured).map(|model| model.channels()).ok();
         match self.pixels {
-            Some(_) if Product::from_name(said).is_some() => {
-                Some(format!("an Ouster sends, `model` says {said}"))
+            Some(_) if Product::from_name(configured).is_some() => {
+                Some(format!("an Ouster sends, `model` says {configured}"))
             }
-            Some(pixels) if self.taken == 0 && channels != Some(pixels) => {
-                Some(format!("an Ouster of {pixels} channels sends, `model` says {said}"))
+            Some(pixels) if self.decoded == 0 && channels != Some(pixels) => {
+                Some(format!("an Ouster of {pixels} channels sends, `model` says {configured}"))
             }
             _ => None,
         }
@@ -143,7 +143,7 @@ impl FirstLooks {
         }
     }
 
-    /// What is wrong with which sensor and was not said yet.
+    /// What is wrong with which sensor and was not reported yet.
     pub(crate) fn news(&self) -> Vec<(usize, String)> {
         std::mem::take(&mut self.lock().news)
     }
@@ -186,14 +186,20 @@ mod tests {
     }
 
     /// What a look at a sensor of this model and these metadata says of packets.
-    fn said(model: Option<&str>, named: Option<Metadata>, packets: &[Vec<u8>]) -> String {
+    fn findings(model: Option<&str>, named: Option<Metadata>, packets: &[Vec<u8>]) -> String {
         let mut look =
             FirstLook::new(model.map(str::to_owned), named.map(|named| (named, "left.json".into())));
         let mut words = Vec::new();
         for payload in packets {
             let source = std::net::SocketAddr::from(([10, 0, 0, 7], 50_000));
             let destination = std::net::SocketAddr::from(([10, 0, 0, 9], 7502));
-            let packet = Packet { host_time_ns: 1_700_000_000_000_000_000, source, destination, payload };
+            let packet = Packet {
+                host_time_ns: 1_700_000_000_000_000_000,
+                source,
+                destination,
+                link: Default::default(),
+                payload,
+            };
             words.extend(look.take(&packet));
         }
         words.extend(look.conclude());
@@ -202,14 +208,14 @@ mod tests {
 
     #[test]
     fn packets_that_fit_are_not_talked_about() {
-        assert_eq!(said(Some("os1-64"), Some(metadata(77)), &ouster()), "");
-        assert_eq!(said(None, Some(metadata(77)), &ouster()), "");
-        assert_eq!(said(Some("puck-lite"), None, &velodyne()), "", "nothing tells it from a VLP-16");
-        assert_eq!(said(Some("os1-64"), None, &[]), "");
+        assert_eq!(findings(Some("os1-64"), Some(metadata(77)), &ouster()), "");
+        assert_eq!(findings(None, Some(metadata(77)), &ouster()), "");
+        assert_eq!(findings(Some("puck-lite"), None, &velodyne()), "", "nothing tells it from a VLP-16");
+        assert_eq!(findings(Some("os1-64"), None, &[]), "");
     }
 
     #[test]
-    fn what_cannot_be_decoded_or_is_another_sensor_is_told_once() {
+    fn what_cannot_be_decoded_or_is_another_sensor_is_reported_once() {
         for (model, named, packets, words) in [
             (Some("os1-64"), None, ouster(), &["of serial number 77", "--save-metadata"][..]),
             (Some("os1-64"), Some(metadata(5)), ouster(), &["sensor 77", "left.json (5)"]),
@@ -220,7 +226,7 @@ mod tests {
             (None, Some(metadata(77)), velodyne(), &["a vlp-16 sends, which has no metadata"]),
             (None, None, vec![vec![7; 99]], &["cannot be decoded: no LiDAR packet"]),
         ] {
-            let found = said(model, named, &packets);
+            let found = findings(model, named, &packets);
             assert!(words.iter().all(|words| found.contains(words)), "{words:?}: {found}");
             assert!(found.lines().count() <= 2, "{found}");
         }

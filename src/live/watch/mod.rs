@@ -207,16 +207,16 @@ fn warnings(health: Health) -> Vec<String> {
 }
 
 /// Whether a product of packets or metadata, or the model made from it, is what a configuration calls it.
-pub(crate) fn is_model(said: &str, product: &str, model: &str) -> bool {
+pub(crate) fn is_model(configured: &str, product: &str, model: &str) -> bool {
     let plain = |name: &str| -> String {
         name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase()
     };
     // a Puck LITE sends what a VLP-16 sends
-    let velodynes = Product::from_name(said).zip(Product::from_name(model));
-    let said = plain(said);
-    plain(product).starts_with(&said)
-        || plain(model).starts_with(&said)
-        || velodynes.is_some_and(|(said, found)| said.sends_as(found))
+    let velodynes = Product::from_name(configured).zip(Product::from_name(model));
+    let configured = plain(configured);
+    plain(product).starts_with(&configured)
+        || plain(model).starts_with(&configured)
+        || velodynes.is_some_and(|(configured, found)| configured.sends_as(found))
 }
 
 /// Events per second between the first and the last.

@@ -23,7 +23,7 @@ pub enum AxisKind {
     /// A geared motor with an encoder on its output.
     #[default]
     Measured,
-    /// A hobby servo told by pulses, which measures nothing.
+    /// A hobby servo driven by pulses, which measures nothing.
     Pulse,
 }
 
@@ -230,7 +230,7 @@ impl MockDevice {
         let Some(controller) = &mut self.controller else { return };
         if let Some(adapter) = &mut self.adapter {
             self.waiting
-                .extend(bytes.iter().filter_map(|byte| adapter.answer(*byte)).map(|said| (now_us, said)));
+                .extend(bytes.iter().filter_map(|byte| adapter.answer(*byte)).map(|answer| (now_us, answer)));
         }
         for frame in bytes.iter().filter_map(|byte| self.framing.push(*byte)) {
             let id = frame.id;

@@ -1,6 +1,7 @@
 //! What can be broken in a mock rig, and its names on the command line.
 
 use std::str::FromStr;
+use std::time::Duration;
 
 use firmware_protocol::simulated::AxisFault;
 
@@ -11,7 +12,7 @@ pub enum MockFault {
     Axis(usize, AxisFault),
     /// Mends an axis.
     Repair(usize),
-    /// The supply sags for a moment: the microcontroller starts anew, the axes stand where they stood.
+    /// The supply sags for a moment: the microcontroller restarts, the axes stand where they stood.
     Reboot,
     /// Every answer comes this much later, ms; 0 ends it.
     Late(u64),
@@ -71,6 +72,29 @@ impl FromStr for MockFault {
             _ => return Err(format!("fault `{text}` is unknown; known are {NAMES}")),
         };
         Ok(Self::Axis(axis, fault))
+    }
+}
+
+/// A fault after a time from the start.
+#[derive(Clone, Debug)]
+pub(crate) struct ScheduledFault {
+    pub(crate) fault: MockFault,
+    pub(crate) text: String,
+    pub(crate) after: Duration,
+}
+
+impl FromStr for ScheduledFault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (fault, seconds) =
+            text.rsplit_once('@').ok_or_else(|| format!("`{text}` says no time: expected FAULT@SECONDS"))?;
+        let after = seconds
+            .parse::<f64>()
+            .ok()
+            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+            .ok_or_else(|| format!("`{seconds}` in `{text}` is no time in seconds"))?;
+        Ok(Self { fault: fault.parse()?, text: fault.to_owned(), after })
     }
 }
 

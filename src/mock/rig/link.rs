@@ -1,4 +1,4 @@
-//! The mock rig as a [`Link`] in simulated time: an hour passes in a second, the same way each time.
+//! The mock rig as a [`Link`] in simulated time: an hour passes in a second, the same each time.
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -20,6 +20,7 @@ mod proxy;
 pub use can::run as run_on_can;
 pub use device::{AxisKind, MockAxis, MockConfig, MockDevice};
 pub use fault::MockFault;
+pub(crate) use fault::ScheduledFault;
 pub use link::{SimulatedLink, Truth};
 pub use proxy::{Damage, Proxy};
 
@@ -42,7 +43,7 @@ impl MockRig {
         let pty = Pty::open()?;
         let path = pty.path.clone();
         let (messages, inbox) = channel();
-        let line = Line { pty, inbox };
+        let line = PtyLink { pty, inbox };
         let device = MockDevice::new(config, seed, 0);
         let thread = std::thread::Builder::new().name("mock rig".into()).spawn(move || line.run(device))?;
         Ok(Self { path, messages, thread: Some(thread) })
@@ -90,12 +91,12 @@ impl Drop for MockRig {
     }
 }
 
-struct Line {
+struct PtyLink {
     pty: Pty,
     inbox: Receiver<Message>,
 }
 
-impl Line {
+impl PtyLink {
     fn run(mut self, mut device: MockDevice) {
         let started = Instant::now();
         let mut bytes = [0; 1024];

@@ -6,7 +6,7 @@ use sensors::ouster::{Metadata, OusterEncoder};
 use sensors::velodyne::{Product, ReturnMode, VelodyneEncoder};
 use sensors::{Frame, SensorModel, catalogue};
 
-use super::aside::Aside;
+use super::auxiliary::Auxiliary;
 use super::{Scan, Surroundings};
 use crate::simulate::frames::Spin;
 
@@ -19,16 +19,16 @@ pub struct MockSensor {
     spin: Spin,
     range_step_mm: u32,
     speech: Speech,
-    aside: Option<Aside>,
+    auxiliary: Option<Auxiliary>,
 }
 
 /// Which of a sensor's two streams a packet belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Line {
+pub enum PacketStream {
     /// What it measures.
     Lidar,
     /// IMU packets of an Ouster, position packets of a Velodyne.
-    Aside,
+    Auxiliary,
 }
 
 enum Speech {
@@ -46,7 +46,7 @@ impl MockSensor {
             spin,
             range_step_mm,
             speech: Speech::Ouster(Box::new(OusterEncoder::new(metadata))),
-            aside: None,
+            auxiliary: None,
         }
     }
 
@@ -57,15 +57,15 @@ impl MockSensor {
         let spin = Spin::Clock { cycle_ns: encoder.cycle_ns(), rate_hz };
         let range_step_mm = product.distance_unit_mm();
         let speech = Speech::Velodyne(Box::new(encoder));
-        Ok(Self { model, spin, range_step_mm, speech, aside: None })
+        Ok(Self { model, spin, range_step_mm, speech, auxiliary: None })
     }
 
-    /// The same sensor, sending also what real ones send beside lidar packets: IMU packets in the profile of the
+    /// The same sensor, with the auxiliary stream of real ones: IMU packets in the profile of the
     /// metadata, position packets with the clock locked to GPS.
-    pub(crate) fn with_aside(mut self) -> Self {
-        self.aside = match &self.speech {
-            Speech::Ouster(encoder) => Aside::ouster(encoder.metadata()),
-            Speech::Velodyne(_) => Some(Aside::velodyne()),
+    pub(crate) fn with_auxiliary(mut self) -> Self {
+        self.auxiliary = match &self.speech {
+            Speech::Ouster(encoder) => Auxiliary::ouster(encoder.metadata()),
+            Speech::Velodyne(_) => Some(Auxiliary::velodyne()),
         };
         self
     }
@@ -102,26 +102,28 @@ impl MockSensor {
         mut out: impl FnMut(u64, &[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
         self.run_both(surroundings, |time_ns, line, packet| match line {
-            Line::Lidar => out(time_ns, packet),
-            Line::Aside => Ok(()),
+            PacketStream::Lidar => out(time_ns, packet),
+            PacketStream::Auxiliary => Ok(()),
         })
     }
 
-    /// [`MockSensor::run`] with the packets beside, each before the lidar packet that it precedes.
+    /// [`MockSensor::run`] with auxiliary packets, each before the lidar packet that it precedes.
     pub(crate) fn run_both<E>(
         &mut self,
         surroundings: &Surroundings<'_>,
-        mut out: impl FnMut(u64, Line, &[u8]) -> Result<(), E>,
+        mut out: impl FnMut(u64, PacketStream, &[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
         let Surroundings { scene, trajectory, body_from_sensor, noise_m, seed } = *surroundings;
         let (spin, range_step_mm, model) = (self.spin, self.range_step_mm, &self.model);
         let scan = Scan { scene, trajectory, model, body_from_sensor, noise_m, seed, range_step_mm };
-        let (speech, aside) = (&mut self.speech, &mut self.aside);
+        let (speech, auxiliary) = (&mut self.speech, &mut self.auxiliary);
         let mut out = |time_ns: u64, packet: &[u8]| {
-            if let Some(aside) = aside {
-                aside.due(time_ns, surroundings, &mut |time_ns, packet| out(time_ns, Line::Aside, packet))?;
+            if let Some(auxiliary) = auxiliary {
+                auxiliary.due(time_ns, surroundings, &mut |time_ns, packet| {
+                    out(time_ns, PacketStream::Auxiliary, packet)
+                })?;
             }
-            out(time_ns, Line::Lidar, packet)
+            out(time_ns, PacketStream::Lidar, packet)
         };
         let [start_ns, end_ns] = trajectory.time_span_ns();
         let revolutions = ((end_ns - start_ns) as f64 * 1e-9 * spin.rate_hz()).ceil() as u32;
@@ -219,8 +221,9 @@ mod tests {
             last_ns[line as usize] = time_ns;
             let destination = ([127, 0, 0, 1], ports[line as usize]).into();
             let source = ([127, 0, 0, 1], 50_000).into();
-            let packet = Packet { host_time_ns: time_ns, source, destination, payload };
-            let taken = decoder.push(&packet, &mut |decoded| match decoded {
+            let packet =
+                Packet { host_time_ns: time_ns, source, destination, link: Default::default(), payload };
+            let pushed = decoder.push(&packet, &mut |decoded| match decoded {
                 Decoded::Imu(sample) => {
                     assert_eq!(sample.angular_rate_rad_s, [0.0; 3]);
                     assert!((sample.acceleration_m_s2[2] - 9.806_65).abs() < 1e-6);
@@ -237,7 +240,7 @@ mod tests {
                 }
                 Decoded::Zones(_) => {}
             });
-            taken.unwrap();
+            pushed.unwrap();
             Ok::<(), Infallible>(())
         });
         outcome.unwrap();
@@ -252,7 +255,7 @@ mod tests {
             let metadata = Metadata::synthetic(&wanted).unwrap();
             let ports = [metadata.lidar_port.unwrap(), metadata.imu_port.unwrap()];
             let mut decoder = OusterDecoder::new(metadata.clone());
-            let sensor = MockSensor::ouster(metadata).with_aside();
+            let sensor = MockSensor::ouster(metadata).with_auxiliary();
             let [_, inertial, _] = decoded(sensor, &mut decoder, ports);
             assert_eq!(inertial, samples, "{profile:?}");
         }
@@ -260,7 +263,7 @@ mod tests {
 
     #[test]
     fn a_velodyne_sends_position_packets_in_dual_mode_too() {
-        let sensor = MockSensor::velodyne(Product::Vlp16, ReturnMode::Dual, 10.0).unwrap().with_aside();
+        let sensor = MockSensor::velodyne(Product::Vlp16, ReturnMode::Dual, 10.0).unwrap().with_auxiliary();
         let mut decoder = VelodyneDecoder::new(Options::default());
         let [second_returns, _, positions] = decoded(sensor, &mut decoder, [2368, 8308]);
         // a wall answers once: the second return repeats the first and is left out

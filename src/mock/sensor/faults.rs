@@ -7,7 +7,7 @@ use crate::base::rng::Rng;
 pub struct Faults {
     /// Seed of every choice.
     pub seed: u64,
-    /// Probability that a packet is never sent. The first and the last of a stream always are: nobody could count what was
+    /// Probability that a packet is never sent. The first and the last of a stream always are: no receiver could count what was
     /// dropped before or after them.
     pub drop: f64,
     /// Probability that it is sent twice.

@@ -35,7 +35,7 @@ pub enum WebFault {
     Elsewhere,
     /// It says that it is broken.
     ServerError,
-    /// Settings that were taken go back to what they were.
+    /// Accepted settings go back to what they were.
     Reverts,
     /// It never runs again after a change.
     NeverReady,
@@ -85,7 +85,7 @@ impl Behind {
         }
     }
 
-    /// Where it was told to send: host, port of lidar packets, port of what comes beside.
+    /// Its destination: host, port of lidar packets, port of auxiliary packets.
     pub(crate) fn destination(&self) -> (String, Option<u16>, Option<u16>) {
         match self {
             Self::Ouster(web) => web.destination(),
@@ -198,6 +198,13 @@ impl MockWeb {
     /// Breaks it, or mends it.
     pub fn set_fault(&self, fault: Option<WebFault>) {
         *lock(&self.fault) = fault;
+    }
+
+    /// Of lidar and auxiliary packets, as last set.
+    pub(crate) fn destinations(&self) -> [Option<SocketAddr>; 2] {
+        let (host, port, auxiliary_port) = self.behind().destination();
+        let host: Option<IpAddr> = host.parse().ok();
+        [port, auxiliary_port].map(|port| Some(SocketAddr::new(host?, port?)))
     }
 
     /// What stands behind it.

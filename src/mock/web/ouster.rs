@@ -70,12 +70,12 @@ impl OusterWeb {
         self
     }
 
-    /// The same, sending there: lidar packets, and those beside them.
-    pub fn sending_to(mut self, to: SocketAddr, aside_to: Option<SocketAddr>) -> Self {
+    /// The same, sending there: lidar and auxiliary packets.
+    pub fn sending_to(mut self, to: SocketAddr, auxiliary_to: Option<SocketAddr>) -> Self {
         self.active.insert("udp_dest".into(), to.ip().to_string().into());
         self.active.insert("udp_port_lidar".into(), to.port().into());
-        if let Some(aside_to) = aside_to {
-            self.active.insert("udp_port_imu".into(), aside_to.port().into());
+        if let Some(auxiliary_to) = auxiliary_to {
+            self.active.insert("udp_port_imu".into(), auxiliary_to.port().into());
         }
         (self.staged, self.saved) = (self.active.clone(), self.active.clone());
         self

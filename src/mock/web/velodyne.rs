@@ -34,11 +34,11 @@ impl VelodyneWeb {
     }
 
     /// The same, sending there: data packets, and position packets.
-    pub fn sending_to(mut self, to: SocketAddr, aside_to: Option<SocketAddr>) -> Self {
+    pub fn sending_to(mut self, to: SocketAddr, auxiliary_to: Option<SocketAddr>) -> Self {
         self.settings["host"]["addr"] = to.ip().to_string().into();
         self.settings["host"]["dport"] = to.port().into();
-        if let Some(aside_to) = aside_to {
-            self.settings["host"]["tport"] = aside_to.port().into();
+        if let Some(auxiliary_to) = auxiliary_to {
+            self.settings["host"]["tport"] = auxiliary_to.port().into();
         }
         self.saved = self.settings.clone();
         self

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use glam::DVec3;
+use sensors::ouster::TimestampMode;
 use sensors::projection::{Projector, sample_time_ns};
 use sensors::{Frame, Layer, SensorModel};
 
-/// Stamps before this are no dates: 2000-01-01 in ns since 1970. A sensor without a time source counts from power-on.
-const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
+use super::scale::{FIRST_DATE_NS, TimeScale};
 
 /// Which sensor points come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +22,8 @@ pub struct Source {
     pub model: String,
     /// Serial number; empty when not known.
     pub serial: String,
+    /// Where it takes its time from, where that is known.
+    pub timestamp_mode: Option<TimestampMode>,
 }
 
 /// One return of one firing.
@@ -68,8 +70,9 @@ pub struct Cloud {
     pub host_time_ns: u64,
     /// In order of columns, then channels, then returns.
     pub points: Vec<Point>,
+    scale: Option<TimeScale>,
     rings: Vec<u16>,
-    placer: Placer,
+    placer: Option<Placer>,
 }
 
 impl Cloud {
@@ -82,9 +85,21 @@ impl Cloud {
             start_time_ns: 0,
             host_time_ns: 0,
             points: Vec::new(),
+            scale: None,
             rings,
-            placer: Placer::new(model),
+            placer: Some(Placer::new(model)),
         }
+    }
+
+    /// Points that were placed already, by when the first was measured and when they came, ns.
+    pub(crate) fn of_points(
+        source: Arc<Source>,
+        frame_id: u32,
+        times_ns: [u64; 2],
+        points: Vec<Point>,
+    ) -> Self {
+        let [start_time_ns, host_time_ns] = times_ns;
+        Self { source, frame_id, start_time_ns, host_time_ns, points, rings: Vec::new(), placer: None }
     }
 
     /// Replaces the points by those of a frame.
@@ -95,6 +110,8 @@ impl Cloud {
         self.frame_id = frame.frame_id;
         self.start_time_ns = frame.time_span_ns().map_or(0, |[first, _]| first);
         self.host_time_ns = frame.host_time_ns[0];
+        let scale = TimeScale::of(self.source.timestamp_mode, self.start_time_ns, self.host_time_ns);
+        self.scale.get_or_insert(scale);
         self.fill_layer(model, frame, &frame.first, 1);
         if let Some(second) = &frame.second {
             self.fill_layer(model, frame, second, 2);
@@ -105,6 +122,11 @@ impl Cloud {
     /// Time for a message header, ns since 1970.
     pub(crate) fn stamp_ns(&self) -> u64 {
         stamp_ns(self.start_time_ns, self.host_time_ns)
+    }
+
+    /// The time that the stamp is in: as the sensor's first frame showed.
+    pub fn scale(&self) -> TimeScale {
+        self.scale.unwrap_or_default()
     }
 
     /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
@@ -124,7 +146,8 @@ impl Cloud {
     }
 
     fn fill_layer(&mut self, model: &SensorModel, frame: &Frame, layer: &Layer, return_number: u8) {
-        let positions_m = self.placer.positions_m(model, frame, layer);
+        let placer = self.placer.get_or_insert_with(|| Placer::new(model));
+        let positions_m = placer.positions_m(model, frame, layer);
         for column in 0..frame.columns() {
             for channel in 0..frame.channels {
                 let at = frame.index(column, channel);
@@ -205,6 +228,7 @@ mod tests {
             vendor: vendor.into(),
             model: "vlp-16".into(),
             serial: String::new(),
+            timestamp_mode: None,
         };
         // lasers 0 and 1 of a VLP-16 point to -15 and +1 degrees
         assert_eq!(rings(&source("Velodyne"), &model)[..2], [0, 8]);

@@ -54,7 +54,7 @@ impl CloudWriter for E57Writer {
         if !source.serial.is_empty() {
             scan.set_sensor_serial(Some(source.serial.clone()));
         }
-        let gps_time = gps_ns(cloud.stamp_ns()) as f64 * 1e-9;
+        let gps_time = gps_ns(cloud.stamp_ns(), cloud.scale()) as f64 * 1e-9;
         scan.set_acquisition_start(Some(DateTime { gps_time, atomic_reference: false }));
         for (point, echo) in cloud.echoes() {
             let position = point.position_m.as_vec3();

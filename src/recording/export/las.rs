@@ -42,10 +42,10 @@ impl CloudWriter for LasWriter {
     /// `gps_time` is adjusted standard GPS time, `point_source_id` the sensor's number from 1.
     fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
         let start_ns = cloud.stamp_ns();
-        self.begin(Some(year_and_day(start_ns)))?;
+        self.begin(Some(year_and_day(start_ns, cloud.scale())))?;
         let Some(writer) = &mut self.writer else { return self.failure.check() };
         for (point, echo) in cloud.echoes() {
-            let gps_ns = gps_ns(start_ns.saturating_add(cloud.since_start_ns(point).into()));
+            let gps_ns = gps_ns(start_ns.saturating_add(cloud.since_start_ns(point).into()), cloud.scale());
             writer.write_point(Point {
                 x: point.position_m.x,
                 y: point.position_m.y,

@@ -21,6 +21,7 @@ mod npy;
 mod pcd;
 mod ply;
 mod record;
+mod scale;
 #[cfg(any(feature = "mcap", feature = "survey"))]
 mod sink;
 
@@ -39,6 +40,7 @@ use record::RecordWriter;
 
 pub use bag::write_metadata as write_bag_metadata;
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
+pub use scale::TimeScale;
 
 /// A file format for points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -195,7 +197,7 @@ impl Export {
             return Err(ExportError::Exists { path: path.to_owned() });
         }
         std::fs::create_dir_all(files::folder_of(path)).map_err(|error| refuse(error.into()))?;
-        let temporary = files::temporary_beside(path).map_err(|error| refuse(error.into()))?;
+        let temporary = files::temporary_near(path).map_err(|error| refuse(error.into()))?;
         let file = temporary.as_file().try_clone().map_err(|error| refuse(error.into()))?;
         let writer = writer(format, file).map_err(refuse)?;
         Ok(Self { path: path.to_owned(), temporary, writer, overwrite, points: 0 })

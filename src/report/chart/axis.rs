@@ -79,7 +79,7 @@ impl Axis {
     }
 }
 
-/// The least and the greatest value; none of no values.
+/// Min and max; none of no values.
 fn span(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.fold(None, |span, value| match span {
         None => Some((value, value)),

@@ -10,7 +10,7 @@ use super::{escape, number};
 pub struct CellClass {
     /// CSS class of the page.
     pub css: &'static str,
-    /// What the reader is told.
+    /// Tooltip of the class.
     pub name: String,
 }
 
@@ -135,7 +135,7 @@ mod tests {
         let map = CellMap { title: "t".into(), width: 3, cells };
         let coarse = map.coarse(2);
         assert_eq!((coarse.width, coarse.height()), (2, 2));
-        // of a tie the last class, of an edge what is there
+        // of equal counts the last class, of an edge what is there
         assert_eq!(coarse.cells, [Some(1), None, Some(0), Some(1)]);
         assert_eq!(map.coarse(3).cells, map.cells);
     }

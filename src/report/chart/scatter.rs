@@ -22,7 +22,7 @@ pub struct ScatterChart {
 /// A point with its name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NamedPoint {
-    /// Written beside it.
+    /// Written next to it.
     pub name: String,
     /// Place along x and y.
     pub at: [f64; 2],
@@ -82,7 +82,7 @@ impl ScatterChart {
         let places: Vec<[f64; 2]> =
             self.points.iter().map(|point| [x.px(point.at[0]), y.px(point.at[1])]).collect();
         let front = self.front();
-        let mut taken: Vec<Room> = places.iter().map(|place| Room::of_point(*place)).collect();
+        let mut occupied: Vec<Room> = places.iter().map(|place| Room::of_point(*place)).collect();
         let mut path = String::new();
         for pair in front.windows(2) {
             let [[from_x, from_y], [to_x, to_y]] = [places[pair[0]], places[pair[1]]];
@@ -91,8 +91,8 @@ impl ScatterChart {
             }
             let _ = write!(path, "H{to_x:.1}V{to_y:.1}");
             let (top, bottom) = (from_y.min(to_y), from_y.max(to_y));
-            taken.push(Room { left: from_x, right: to_x, top: from_y - 1.0, bottom: from_y + 1.0 });
-            taken.push(Room { left: to_x - 1.0, right: to_x + 1.0, top, bottom });
+            occupied.push(Room { left: from_x, right: to_x, top: from_y - 1.0, bottom: from_y + 1.0 });
+            occupied.push(Room { left: to_x - 1.0, right: to_x + 1.0, top, bottom });
         }
         let _ = write!(svg, "<path class=\"line s0\" d=\"{path}\"/>");
         for (index, point) in self.points.iter().enumerate() {
@@ -111,18 +111,18 @@ impl ScatterChart {
         for index in order {
             let name = &self.points[index].name;
             let [px, py] = places[index];
-            // points beside it that hide it in part are in the way of any line
+            // nearby points that hide it in part would be crossed by any line
             let others = places.iter().filter(|[x, y]| (x - px).hypot(y - py) > 2.0 * RADIUS);
             let others = others.map(|place| Room::of_point(*place));
-            let kept_free: Vec<Room> = names.iter().copied().chain(others).collect();
-            let (room, is_far) = Room::of_name([px, py], name, &taken, [&kept_free, &leaders]);
+            let clear: Vec<Room> = names.iter().copied().chain(others).collect();
+            let (room, is_far) = Room::of_name([px, py], name, &occupied, [&clear, &leaders]);
             if is_far {
                 let [to_x, to_y] = room.nearest([px, py]);
                 let _ = write!(svg, "<path class=\"leader\" d=\"M{px:.1} {py:.1}L{to_x:.1} {to_y:.1}\"/>");
                 leaders.extend(Room::along([px, py], [to_x, to_y]));
             }
             svg += &text(&escape(name), room.left, room.bottom - 2.5, "start");
-            taken.push(room);
+            occupied.push(room);
             names.push(room);
         }
         svg.push_str("</svg>");
@@ -151,8 +151,8 @@ impl Room {
 
     /// The free room nearest to a point, and whether it lies so far off that a line must lead to it. Where there is one, it
     /// is such that lines cross no name and no other point.
-    fn of_name([x, y]: [f64; 2], name: &str, taken: &[Self], drawn: [&[Self]; 2]) -> (Self, bool) {
-        let [kept_free, leaders] = drawn;
+    fn of_name([x, y]: [f64; 2], name: &str, occupied: &[Self], drawn: [&[Self]; 2]) -> (Self, bool) {
+        let [clear, leaders] = drawn;
         let [height, letter] = TEXT;
         let width = letter * name.chars().count() as f64;
         let at = |left: f64, middle: f64| Self {
@@ -178,11 +178,11 @@ impl Room {
         let leads = |room: &Self| Self::along([x, y], room.nearest([x, y]));
         let is_crossed = |room: &Self, is_far: bool| {
             leaders.iter().any(|step| step.meets(room))
-                || is_far && leads(room).any(|step| kept_free.iter().any(|other| step.meets(other)))
+                || is_far && leads(room).any(|step| clear.iter().any(|other| step.meets(other)))
         };
         let rooms = (0..24).flat_map(rings);
         let free: Vec<(Self, bool)> = rooms
-            .filter(|(room, _)| room.is_inside() && !taken.iter().any(|other| room.meets(other)))
+            .filter(|(room, _)| room.is_inside() && !occupied.iter().any(|other| room.meets(other)))
             .collect();
         let uncrossed = free.iter().find(|(room, is_far)| !is_crossed(room, *is_far));
         uncrossed.or(free.first()).copied().unwrap_or((at(x + RADIUS + 4.0, y), false))
@@ -268,17 +268,17 @@ mod tests {
     #[test]
     fn a_line_to_a_name_crosses_no_other_name() {
         let block = Room { left: 100.0, right: 320.0, top: 100.0, bottom: 300.0 };
-        let beside = Room { left: 322.0, right: 400.0, top: 100.0, bottom: 300.0 };
+        let right = Room { left: 322.0, right: 400.0, top: 100.0, bottom: 300.0 };
         let of_name = |names: &[Room], leaders: &[Room]| {
             let (room, is_far) =
-                Room::of_name([300.0, 200.0], "eleven long", &[block, beside], [names, leaders]);
+                Room::of_name([300.0, 200.0], "eleven long", &[block, right], [names, leaders]);
             assert!(is_far);
             room
         };
         assert!(of_name(&[], &[]).left > 400.0, "behind what is no name");
-        assert!(of_name(&[beside], &[]).bottom < 100.0, "above");
+        assert!(of_name(&[right], &[]).bottom < 100.0, "above");
         let leader: Vec<Room> = Room::along([200.0, 90.0], [400.0, 90.0]).collect();
-        assert!(of_name(&[beside], &leader).top > 300.0, "below");
+        assert!(of_name(&[right], &leader).top > 300.0, "below");
     }
 
     #[test]

@@ -91,7 +91,7 @@ impl Document {
             format!("{name:14}{}\n", cells.join(""))
         };
         let mut text = format!(
-            "{} sensors of {} columns, {} samples on {:.1} m2, {:.2} m of way\n{}\
+            "{} sensors of {} columns, {} samples on {:.1} m2, {:.2} m travelled\n{}\
              observable     {:.3} % of the samples\n\
              {:14}    2 cm    5 cm   10 cm  of observable at 5 cm (all in %)\n",
             self.sensors,
@@ -115,7 +115,7 @@ impl Document {
         text += &self.conflicts.lines();
         let of_baselines = match &self.baselines {
             Some(_) => {
-                format!("; the single sensors beside them {:.2} s (--no-baselines)", self.times.baselines_s)
+                format!("; single sensors {:.2} s (--no-baselines)", self.times.baselines_s)
             }
             None => String::new(),
         };

@@ -5,6 +5,7 @@ use crate::report::chart::number;
 use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures};
 use crate::simulate::ideal::IdealSensors;
 use crate::world::coverage::VoxelGrid;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::surface::ObservableSurface;
 
 /// Edge of the cells in which uncovered samples are grouped, m.
@@ -15,6 +16,7 @@ pub(crate) fn page(
     document: &Document,
     sensors: &IdealSensors,
     surface: &ObservableSurface,
+    origin: LocalOrigin,
     made_by: &str,
 ) -> Report {
     let covered = 100.0 * document.coverage.shares.main();
@@ -34,12 +36,12 @@ pub(crate) fn page(
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
     shares(&mut report, document);
-    pictures(&mut report, sensors, surface);
+    pictures(&mut report, sensors, surface, origin);
     let path = &document.registration;
     figures::registration_section(
         &mut report,
         path.registration.as_ref(),
-        "way, m",
+        "distance travelled, m",
         path.least_translation(),
     );
     report
@@ -66,7 +68,7 @@ fn shares(report: &mut Report, document: &Document) {
         }
     }
     report.paragraph(&format!(
-        "{:.2} % of {} samples can be seen from the way at all; {} rays over {:.1} m of way.",
+        "{:.2} % of {} samples are observable from the trajectory; {} rays, {:.1} m travelled.",
         100.0 * document.observable_share,
         number(document.samples as f64, 0),
         number(document.coverage.rays as f64, 0),
@@ -74,11 +76,11 @@ fn shares(report: &mut Report, document: &Document) {
     ));
 }
 
-fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSurface) {
+fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSurface, origin: LocalOrigin) {
     let covered = sensors.covered_by_sensor(surface);
     let bounds_m = sensors.scene.bounds_m();
     let grid = VoxelGrid::centred_on(bounds_m, SPOT_M);
-    let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES);
+    let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES).around(origin);
     let mut unseen = Vec::new();
     for (index, point_m) in surface.samples.points_m().iter().enumerate() {
         let class = figures::who_saw(covered.iter().map(|flags| flags[index]));
@@ -94,5 +96,6 @@ fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSur
     report.heading("Who saw what");
     figures::from_above(report, &above, &classes, "surface");
     let spots = blind_spots(&grid, unseen.into_iter(), MAX_BLIND_SPOTS);
+    let spots: Vec<_> = spots.into_iter().map(|spot| spot.in_world(origin)).collect();
     figures::blind_spot_table(report, &spots, SPOT_M);
 }

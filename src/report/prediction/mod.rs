@@ -56,7 +56,7 @@ pub(crate) struct Document {
     pub warnings: Vec<String>,
     /// Seconds that the rig's own scan took.
     pub wall_s: f64,
-    /// With the single sensors beside it and what the model leaves out.
+    /// With the single sensors as baselines and what the model leaves out.
     pub total_s: f64,
 }
 
@@ -107,7 +107,7 @@ impl MapDocument {
     /// In words.
     pub(crate) fn line(&self) -> String {
         let unknown = self.unknown_share.map_or(String::new(), |share| {
-            format!("{:15}{:.2} % of the beams go where nobody has looked\n", "", 100.0 * share)
+            format!("{:15}{:.2} % of the beams go into unknown space\n", "", 100.0 * share)
         });
         self.summary.line() + &unknown
     }
@@ -144,7 +144,10 @@ impl Document {
             unique_voxels: counts.union,
             reachable_voxels: observable.len() as u64,
             overlap_ratio: counts.overlap_ratio(),
-            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS),
+            blind_spots: blind_spots(grid, unseen, MAX_BLIND_SPOTS)
+                .into_iter()
+                .map(|spot| spot.in_world(loaded.origin))
+                .collect(),
             baselines: None,
             surface: shares.map(|((surface, shares), mesh)| SurfaceDocument {
                 shares,
@@ -160,7 +163,7 @@ impl Document {
             returns: prediction.returns.iter().sum(),
             outside_grid: coverage.outside(),
             grid: GridDocument {
-                origin_m: grid.origin_m.to_array(),
+                origin_m: loaded.origin.world(grid.origin_m).to_array(),
                 voxel_m: grid.voxel_m,
                 cells: grid.cells,
             },
@@ -180,7 +183,7 @@ impl Document {
     /// The result in words.
     pub(crate) fn summary(&self) -> String {
         let mut text = format!(
-            "{:.2} m of way, {} rays, {} returns\n\
+            "{:.2} m travelled, {} rays, {} returns\n\
              voxels seen    {} of {} of {} m that can be seen, {:.2} % of them by two sensors or more\n\
              sensor                 model      columns   returns   voxels    alone\n",
             self.trajectory_length_m,

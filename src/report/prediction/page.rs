@@ -4,6 +4,7 @@ use super::{Document, SensorDocument};
 use crate::report::chart::number;
 use crate::report::{FromAbove, Report, figures, unfold_box};
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 
 /// What the rig will see, and what it will not.
@@ -12,6 +13,7 @@ pub(crate) fn page(
     scene: &Scene,
     coverage: &Coverage,
     observable: &[usize],
+    origin: LocalOrigin,
     made_by: &str,
 ) -> Report {
     let count = |count: u64| number(count as f64, 0);
@@ -23,7 +25,7 @@ pub(crate) fn page(
         )
     });
     let summary = format!(
-        "{} sensors will see {} of {} voxels of {} m that can be seen from the way ({share:.1} %){gain}.",
+        "{} sensors will see {} of {} voxels of {} m that are observable from the trajectory ({share:.1} %){gain}.",
         document.sensors.len(),
         count(document.unique_voxels),
         count(document.reachable_voxels),
@@ -46,7 +48,7 @@ pub(crate) fn page(
         report.paragraph(&map.line());
     }
     baselines(&mut report, document);
-    pictures(&mut report, document, scene, coverage, observable);
+    pictures(&mut report, document, scene, coverage, observable, origin);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
     if let Some(omissions) = &document.left_out {
         report.heading("What the model leaves out");
@@ -56,7 +58,7 @@ pub(crate) fn page(
     figures::registration_section(
         &mut report,
         path.registration.as_ref(),
-        "way, m",
+        "distance travelled, m",
         path.least_translation(),
     );
     report
@@ -97,7 +99,7 @@ fn surface(report: &mut Report, document: &Document) {
     report.table(&["covered within, %", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"], &rows);
     report.paragraph(&format!("The mesh: {}.", surface.mesh.words()));
     report.paragraph(&format!(
-        "{:.2} % of the surface can be seen from the way at all.",
+        "{:.2} % of the surface is observable from the trajectory.",
         100.0 * surface.observable_share
     ));
 }
@@ -130,9 +132,10 @@ fn pictures(
     scene: &Scene,
     coverage: &Coverage,
     observable: &[usize],
+    origin: LocalOrigin,
 ) {
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    let classes = figures::who_classes(&names, "can be seen, but nobody did");
+    let classes = figures::who_classes(&names, "observable, but unseen");
     report.heading("Who saw what");
     if matches!(scene, Scene::Box(_)) {
         report.maps(
@@ -144,7 +147,8 @@ fn pictures(
         report.heading("Blind spots");
         return;
     }
-    let mut above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    let mut above =
+        FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES).around(origin);
     for cell in observable {
         above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
     }

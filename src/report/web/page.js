@@ -5,7 +5,7 @@
 const $ = (id) => document.getElementById(id);
 const scene = new Scene($("scene"));
 const STALE_MS = 3000;
-// what is older than this has its age beside it
+// what is older than this shows its age
 const OLD_MS = 2000;
 let last = { at: 0, status: null };
 let socket = null;
@@ -23,7 +23,7 @@ function make(tag, attributes = {}, ...children) {
   return element;
 }
 
-// changes only what differs: a screen reader is not told the same again, and focus stays
+// changes only what differs: a screen reader does not read the same again, and focus stays
 function say(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -150,7 +150,7 @@ function showSensors(sensors) {
     say(card.children[1], [sensor.product || sensor.model, sensor.format, sensor.firmware, sensor.serial && `No. ${sensor.serial}`].filter(Boolean).join(" · "));
     const loss = sensor.losses;
     const lost = [
-      [loss.kernel_dropped, "in the kernel"], [loss.queue_dropped, "before the disk"], [loss.on_the_way, "on the way"],
+      [loss.kernel_dropped, "in the kernel"], [loss.queue_dropped, "before the disk"], [loss.on_the_way, "in the network"],
       [loss.malformed, "malformed"], [loss.crc_errors, "wrong checksum"], [loss.late, "too late"],
     ].filter(([value]) => value > 0).map(([value, where]) => `${count(value)} ${where}`);
     const odd = [
@@ -303,14 +303,14 @@ function showReconfiguration({ reconfiguration, recorder, rig }) {
 function showCoverage(coverage) {
   $("coverage").hidden = !coverage;
   if (!coverage) return;
-  const { seen, predicted, seen_of_predicted: kept, voxel_m: edge } = coverage;
-  const share = predicted ? (100 * kept) / predicted : 0;
+  const { seen, predicted, seen_of_predicted: confirmed, voxel_m: edge } = coverage;
+  const share = predicted ? (100 * confirmed) / predicted : 0;
   const bar = $("coverage-bar");
   bar.hidden = !predicted;
   bar.firstElementChild.style.width = `${share}%`;
   const cells = `cells of ${(edge * 100).toFixed(0)} cm`;
   let words = `${count(seen)} ${cells} seen.`;
-  if (predicted) words = `${share.toFixed(1)} % of what is predicted: ${count(kept)} of ${count(predicted)} ${cells}; ${count(seen - kept)} seen that were not predicted.`;
+  if (predicted) words = `${share.toFixed(1)} % of what is predicted: ${count(confirmed)} of ${count(predicted)} ${cells}; ${count(seen - confirmed)} seen that were not predicted.`;
   else if (coverage.predicting) words += " The prediction is being made.";
   words += ` ${coverage.about}`;
   say($("coverage-text"), words);

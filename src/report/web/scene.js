@@ -6,9 +6,9 @@ const POINTS_KIND = 1;
 const CELLS_KIND = 2;
 const HEADER_BYTES = 32;
 // revolutions of a sensor that stay on the picture
-const KEPT = 15;
+const MAX_REVOLUTIONS = 15;
 const SENSOR_COLOURS = [[0.04, 0.45, 0.95], [0.93, 0.42, 0.06], [0.55, 0.25, 0.85], [0.02, 0.6, 0.55]];
-// promised and not seen, promised and seen, seen without a promise
+// predicted and unseen, predicted and seen, seen and not predicted
 const CELL_COLOURS = [[0.86, 0.12, 0.2], [0.1, 0.62, 0.3], [0.45, 0.5, 0.58]];
 
 const POINT_SHADER = `#version 300 es
@@ -126,7 +126,7 @@ class Scene {
     }));
     const cloud = this.clouds.get(part.sensor) ?? [];
     cloud.push(part);
-    while (cloud.length > KEPT) this.free(cloud.shift());
+    while (cloud.length > MAX_REVOLUTIONS) this.free(cloud.shift());
     this.clouds.set(part.sensor, cloud);
     if (!this.fitted && !this.cells?.count) this.fit(new Int16Array(message, HEADER_BYTES), part);
   }
@@ -223,7 +223,7 @@ class Scene {
       for (const [sensor, cloud] of this.clouds) {
         gl.uniform3fv(this.points.at.colour, SENSOR_COLOURS[sensor % SENSOR_COLOURS.length]);
         cloud.forEach((part, at) => {
-          gl.uniform1f(this.points.at.age, (at + 1 + KEPT - cloud.length) / KEPT);
+          gl.uniform1f(this.points.at.age, (at + 1 + MAX_REVOLUTIONS - cloud.length) / MAX_REVOLUTIONS);
           drawn += this.drawPart(this.points, part);
         });
       }

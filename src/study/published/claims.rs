@@ -36,7 +36,7 @@ fn of_method<'a>(rows: &'a [Row], preset: &str, method: Kind) -> Vec<&'a Row> {
 /// A published number among those of our seeds is a number such a run gives.
 fn table_3(rows: &[Row], preset: &str, method: Kind, published: f64) -> Option<Claim> {
     let ours = spread(&of_method(rows, preset, method), "j_noisy", 1.0)?;
-    let is_inside = (ours.least..=ours.greatest).contains(&published);
+    let is_inside = (ours.min..=ours.max).contains(&published);
     let verdict = match (is_inside, ours.count) {
         (true, _) => Verdict::Stands,
         (false, count) if count < 5 => Verdict::CannotTell,
@@ -50,8 +50,8 @@ fn table_3(rows: &[Row], preset: &str, method: Kind, published: f64) -> Option<C
             "{} seeds, scored with noisy rays: median {}, from {} to {}; the published value lies {place}",
             ours.count,
             n(ours.median),
-            n(ours.least),
-            n(ours.greatest)
+            n(ours.min),
+            n(ours.max)
         ),
     })
 }
@@ -63,17 +63,17 @@ fn similar_values(rows: &[Row], preset: &str) -> Option<Claim> {
     if spreads.len() < 3 {
         return None;
     }
-    let greatest = spreads.iter().map(|s| s.median).fold(f64::NEG_INFINITY, f64::max);
+    let max = spreads.iter().map(|s| s.median).fold(f64::NEG_INFINITY, f64::max);
     let least = spreads.iter().map(|s| s.median).fold(f64::INFINITY, f64::min);
-    let gap = greatest - least;
+    let gap = max - least;
     let within = spreads.iter().map(|s| s.high - s.low).fold(0.0, f64::max);
     Some(Claim {
         claim: format!("Table 3: all three methods reach similar final J on {preset}"),
-        verdict: if gap < within || gap < 0.005 * greatest { Verdict::Stands } else { Verdict::DoesNotStand },
+        verdict: if gap < within || gap < 0.005 * max { Verdict::Stands } else { Verdict::DoesNotStand },
         because: format!(
             "medians lie {} apart ({:.2} %); one method's seeds spread over {} (quartiles)",
             n(gap),
-            100.0 * gap / greatest.abs(),
+            100.0 * gap / max.abs(),
             n(within)
         ),
     })
@@ -116,7 +116,7 @@ fn two_sensors_at_every_price(rows: &[Row], preset: &str) -> Option<Claim> {
     })
 }
 
-/// The pitch at other prices beside that at 2000: with two sensors the price is a constant, so only chance can move it.
+/// The pitch at other prices against that at 2000: with two sensors the price is a constant, so only chance can move it.
 fn pitch_is_invariant(rows: &[Row], preset: &str) -> Option<Claim> {
     let all = chosen(rows, &[("part", "lambda"), ("preset", preset)]);
     let pitch = |price: f64| {
@@ -125,7 +125,7 @@ fn pitch_is_invariant(rows: &[Row], preset: &str) -> Option<Claim> {
     };
     let (low, middle, high) = (pitch(1600.0)?, pitch(2000.0)?, pitch(2400.0)?);
     let moved = (low.median - middle.median).abs().max((high.median - middle.median).abs());
-    let by_seed = middle.greatest - middle.least;
+    let by_seed = middle.max - middle.min;
     let verdict = match by_seed {
         spread if middle.count > 1 && spread > 1.0 => Verdict::DoesNotStand,
         _ if middle.count < 2 => Verdict::CannotTell,
@@ -149,12 +149,12 @@ fn free_roll_is_worse(rows: &[Row], preset: &str) -> Option<Claim> {
     // a fixed roll is one point of the free one: free can only be worse where a search has not converged
     Some(Claim {
         claim: format!("Table 8: a free roll lowers J on {preset}"),
-        verdict: if free.greatest >= fixed.greatest { Verdict::DoesNotStand } else { Verdict::CannotTell },
+        verdict: if free.max >= fixed.max { Verdict::DoesNotStand } else { Verdict::CannotTell },
         because: format!(
             "best known J: roll 0 {}, free {} (medians {} and {}); stopped as published: {} and {}. Roll 0 lies within the free \
              space, so a lower J only says that the search had not converged",
-            n(fixed.greatest),
-            n(free.greatest),
+            n(fixed.max),
+            n(free.max),
             n(fixed.median),
             n(free.median),
             n(bo_fixed),

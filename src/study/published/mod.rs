@@ -1,6 +1,6 @@
-//! The published tables beside ours: Table 3, Table 4, Figure 10, the price of a sensor +-20 %, Table 8.
+//! The published tables and ours: Table 3, Table 4, Figure 10, the price of a sensor +-20 %, Table 8.
 //!
-//! Methods run as published: their own populations, rules of stopping and closing searches. Beside the roll and price rows
+//! Methods run as published: their own populations, rules of stopping and closing searches. Next to the roll and price rows
 //! stands the converged answer of this program's default method. The published J of Table 3 are of a re-score with noisy
 //! rays; both numbers are given.
 
@@ -81,7 +81,7 @@ impl Study for Published {
         let claims = claims::claims(rows);
         let count = |verdict| claims.iter().filter(|claim| claim.verdict == verdict).count();
         let summary = format!(
-            "{} claims examined: {} stand, {} do not, {} cannot be told apart from chance.",
+            "{} claims examined: {} stand, {} do not, {} cannot be distinguished from chance.",
             claims.len(),
             count(super::Verdict::Stands),
             count(super::Verdict::DoesNotStand),

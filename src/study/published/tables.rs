@@ -23,7 +23,7 @@ pub(crate) fn table_3(rows: &[Row]) -> Table {
         "table-3",
         "Table 3: three methods, both sensors",
         "First the published value, then ours: median over the seeds and, in brackets, the range. The published J, voxels and \
-         overlap are of the re-score with noisy rays; so are ours, beside the J that was searched. Published seconds are of \
+         overlap are of the re-score with noisy rays; so are ours, next to the J that was searched. Published seconds are of \
          MATLAB on the authors' machine.",
         &[
             "sensor",

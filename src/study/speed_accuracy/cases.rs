@@ -1,6 +1,6 @@
 //! Where models are compared, and the mounts that they score.
 
-use crate::base::statistics::greatest;
+use crate::base::statistics::index_of_max;
 use crate::simulate::published::Path as Walk;
 use crate::study::StudyError;
 
@@ -10,11 +10,11 @@ pub(super) struct Case {
     /// Name, and what it is in words.
     pub name: &'static str,
     pub about: &'static str,
-    pub place: Place,
+    pub place: Site,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Place {
+pub(super) enum Site {
     /// A published experiment.
     Box { preset: &'static str, walk: Walk },
     /// A mesh that is asked for, with a sensor carried through it.
@@ -25,32 +25,32 @@ pub(super) const CASES: &[Case] = &[
     Case {
         name: "os1-64-lateral",
         about: "OS1-64 in the published box, walking sideways as the released program does",
-        place: Place::Box { preset: "paper-os1-64", walk: Walk::Lateral },
+        place: Site::Box { preset: "paper-os1-64", walk: Walk::Lateral },
     },
     Case {
         name: "os1-64-forward",
         about: "OS1-64 in the published box, walking ahead",
-        place: Place::Box { preset: "paper-os1-64", walk: Walk::Forward },
+        place: Site::Box { preset: "paper-os1-64", walk: Walk::Forward },
     },
     Case {
         name: "vlp-16-lateral",
         about: "VLP-16 in the published box, walking sideways as the released program does",
-        place: Place::Box { preset: "paper-vlp-16", walk: Walk::Lateral },
+        place: Site::Box { preset: "paper-vlp-16", walk: Walk::Lateral },
     },
     Case {
         name: "vlp-16-forward",
         about: "VLP-16 in the published box, walking ahead",
-        place: Place::Box { preset: "paper-vlp-16", walk: Walk::Forward },
+        place: Site::Box { preset: "paper-vlp-16", walk: Walk::Forward },
     },
     Case {
         name: "scene-os1-64",
         about: "OS1-64 in the mesh, voxels of 0.2 m",
-        place: Place::Mesh { sensor: "os1-64" },
+        place: Site::Mesh { sensor: "os1-64" },
     },
     Case {
         name: "scene-vlp-16",
         about: "VLP-16 in the mesh, voxels of 0.2 m",
-        place: Place::Mesh { sensor: "vlp-16" },
+        place: Site::Mesh { sensor: "vlp-16" },
     },
 ];
 
@@ -72,9 +72,9 @@ pub(super) struct Scored {
 }
 
 impl Scored {
-    /// A model that takes the greatest score.
+    /// A model that takes the max score.
     pub(crate) fn plain(scores: Vec<f64>, pitch_scores: Vec<f64>, rays_per_mount: f64) -> Self {
-        let (chosen, chosen_pitch) = (greatest(&scores), greatest(&pitch_scores));
+        let (chosen, chosen_pitch) = (index_of_max(&scores), index_of_max(&pitch_scores));
         Self {
             scores,
             bounds: None,
@@ -97,6 +97,6 @@ impl Case {
     }
 
     pub(crate) fn needs_scene(&self) -> bool {
-        matches!(self.place, Place::Mesh { .. })
+        matches!(self.place, Site::Mesh { .. })
     }
 }

@@ -15,14 +15,14 @@ use crate::study::{Figure, Findings, StudyError, Table};
 
 /// Sensors and columns of their frames.
 const SENSORS: [(&str, usize); 3] = [("os1-64", 1024), ("vlp-16", 1800), ("hdl-64e-s2", 2083)];
-const WAYS: [&str; 3] = ["sample by sample, f64", "tables, f64", "tables, f32"];
+const METHODS: [&str; 3] = ["sample by sample, f64", "tables, f64", "tables, f32"];
 const PART: &str = "decoders";
-/// Greatest range, mm.
+/// Max range, mm.
 const FARTHEST_MM: u64 = 100_000;
 
 pub(super) fn tasks(quick: bool) -> Vec<Value> {
-    let task = |(sensor, columns): (&str, usize), way: &str| json!({"part": PART, "sensor": sensor, "columns": columns, "way": way, "frames": if quick { 5 } else { 101 }});
-    SENSORS.into_iter().flat_map(|sensor| WAYS.map(|way| task(sensor, way))).collect()
+    let task = |(sensor, columns): (&str, usize), method: &str| json!({"part": PART, "sensor": sensor, "columns": columns, "way": method, "frames": if quick { 5 } else { 101 }});
+    SENSORS.into_iter().flat_map(|sensor| METHODS.map(|method| task(sensor, method))).collect()
 }
 
 pub(super) fn is_mine(task: &Value) -> bool {
@@ -52,7 +52,7 @@ pub(super) fn run(task: &Value) -> Result<Vec<Row>, StudyError> {
     let sensor = task["sensor"].as_str().ok_or_else(missing)?;
     let columns = task["columns"].as_u64().ok_or_else(missing)? as usize;
     let frames = task["frames"].as_u64().ok_or_else(missing)? as usize;
-    let way = task["way"].as_str().ok_or_else(missing)?;
+    let method = task["way"].as_str().ok_or_else(missing)?;
     let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
     let frame = frame(&model, columns);
     let mut exact = Vec::new();
@@ -62,14 +62,14 @@ pub(super) fn run(task: &Value) -> Result<Vec<Row>, StudyError> {
     let (mut double, mut single) = (Vec::new(), Vec::new());
     for _ in 0..frames {
         let start = Instant::now();
-        match way {
+        match method {
             "tables, f64" => projector.points_f64(&frame, &frame.first, &mut double),
             "tables, f32" => projector.points_f32(&frame, &frame.first, &mut single),
             _ => points_f64(&model, &frame, &frame.first, &mut points),
         }
         times_ns.push(start.elapsed().as_nanos() as f64 / exact.len() as f64);
     }
-    match way {
+    match method {
         "tables, f64" => points = double.iter().map(|point| DVec3::from(*point)).collect(),
         "tables, f32" => points = single.iter().map(|point| DVec3::from(point.map(f64::from))).collect(),
         _ => {}
@@ -92,9 +92,9 @@ pub(super) fn add_findings(rows: &[Row], findings: &mut Findings) {
     let mut table = Table::new(
         PART,
         "From ranges to points",
-        "One revolution with a return of 0.5 to 100 m for every sample, beside the exact way: sample by sample in f64. Times \
+        "One revolution with a return of 0.5 to 100 m for every sample, against the exact method: sample by sample in f64. Times \
          are medians on one thread, in times.csv.",
-        &["sensor", "way", "points", "median error, mm", "greatest error, mm"],
+        &["sensor", "method", "points", "median error, mm", "max error, mm"],
     );
     let of = |row: &Row, name: &str| number(row, name).unwrap_or(f64::NAN);
     for row in &mine {
@@ -114,12 +114,12 @@ pub(super) fn add_findings(rows: &[Row], findings: &mut Findings) {
     let chart = ScatterChart {
         title: "Error against time: from ranges to points".into(),
         x_label: "time per point on one thread, ns".into(),
-        y_label: "greatest error, mm".into(),
+        y_label: "max error, mm".into(),
         points: mine.iter().map(point).collect(),
     };
     findings.figures.push(Figure {
         svg: chart.svg(),
-        caption: "From ranges to points; filled ones lie on the front. The exact way has no error beside itself and stands on the \
+        caption: "From ranges to points; filled ones lie on the front. The exact method is its own reference and stands on the \
                   edge."
             .into(),
     });

@@ -1,7 +1,7 @@
 //! Instructions that a model takes for a mount, counted under valgrind: a figure that neither the load of a machine nor its
-//! clock moves, on machines whose processor lets nobody count, too.
+//! clock moves, on machines without a usable counter, too.
 //!
-//! Each model scores a few mounts in a process of its own, beside one that makes ready and scores none; the difference is
+//! Each model scores a few mounts in a process of its own, against one that makes ready and scores none; the difference is
 //! the mounts'. Valgrind knows no AVX-512: kernels run as on a processor with AVX2.
 
 use std::path::Path;
@@ -88,17 +88,17 @@ fn count_shard(folder: &Path, index: usize, count: usize) -> Result<u64, StudyEr
                 "valgrind: {error}: install it (Debian: apt install valgrind), or leave out --count-instructions"
             ))
         })?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    let collected = collected(&said);
+    let messages = String::from_utf8_lossy(&output.stderr);
+    let collected = collected(&messages);
     collected.filter(|_| output.status.success()).ok_or_else(|| {
-        let last = said.lines().last().unwrap_or("nothing was said").to_owned();
+        let last = messages.lines().last().unwrap_or("no output").to_owned();
         StudyError(format!("counting under valgrind failed ({}): {last}", output.status))
     })
 }
 
 /// The total that callgrind prints at its end.
-fn collected(said: &str) -> Option<u64> {
-    let (_, total) = said.lines().rev().find_map(|line| line.split_once("Collected :"))?;
+fn collected(output: &str) -> Option<u64> {
+    let (_, total) = output.lines().rev().find_map(|line| line.split_once("Collected :"))?;
     total.trim().parse().ok()
 }
 
@@ -108,9 +108,9 @@ mod tests {
 
     #[test]
     fn the_total_is_read() {
-        let said =
+        let output =
             "==7== Events    : Ir\n==7== Collected : 29472015\n==7== \n==7== I   refs:      29,472,015\n";
-        assert_eq!(collected(said), Some(29_472_015));
+        assert_eq!(collected(output), Some(29_472_015));
         assert_eq!(collected("==7== Collected : many"), None);
         assert_eq!(collected("valgrind: no such tool"), None);
     }

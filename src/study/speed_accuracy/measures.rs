@@ -5,12 +5,12 @@ use super::instructions;
 use super::models::{AUTO_BUDGET, AUTO_TOLERANCE, Model};
 use super::ranges::runs;
 use super::truth::Truth;
-use crate::base::statistics::{greatest, mean_and_deviation, rank_correlation, sorted};
+use crate::base::statistics::{index_of_max, mean_and_deviation, rank_correlation, sorted};
 use crate::report::chart::{self, NamedPoint, ScatterChart};
 use crate::study::rows::{Row, list, number, text};
 use crate::study::{Claim, Figure, Table, Verdict};
 
-/// A model beside the converged one.
+/// A model against the converged one.
 #[derive(Clone, Debug)]
 pub(super) struct Measures {
     model: String,
@@ -36,7 +36,7 @@ pub(super) struct Measures {
     /// The same loss by the worst of them, and whether the best pitch, or one of those, is among them.
     alike_regret: f64,
     is_best_alike: bool,
-    /// Share of the mounts whose stated error holds.
+    /// Share of the mounts with a stated error that holds.
     bounds_hold: Option<f64>,
     is_reference: bool,
 }
@@ -57,7 +57,7 @@ impl Measures {
 
     fn of(row: &Row, truth: &Truth) -> Self {
         let (scores, true_scores) = (list(row, "scores"), &truth.scores);
-        let best = true_scores[greatest(true_scores)];
+        let best = true_scores[index_of_max(true_scores)];
         let errors: Vec<f64> = scores.iter().zip(true_scores).map(|(score, truth)| score - truth).collect();
         let (bias, spread) = mean_and_deviation(&errors);
         let mut order: Vec<usize> = (0..scores.len()).collect();
@@ -114,7 +114,7 @@ pub(super) fn table(case: &Case, measures: &[Measures], truth: &Truth) -> Table 
     );
     let mut table = Table::new(
         case.name,
-        &format!("Models beside the converged one: {}", case.about),
+        &format!("Models against the converged one: {}", case.about),
         note.trim_end(),
         &[
             "model",
@@ -177,7 +177,7 @@ pub(super) fn charts(case: &Case, measures: &[Measures]) -> Vec<Figure> {
         Figure {
             svg: chart.svg(),
             caption: format!(
-                "{}. Each point is a way to compute coverage; filled ones lie on the front: none costs less and errs less.",
+                "{}. Each point is a method to compute coverage; filled ones lie on the front: none costs less and errs less.",
                 case.about
             ),
         }

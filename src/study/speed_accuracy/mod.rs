@@ -1,4 +1,4 @@
-//! What each way to compute coverage costs, and by how much it errs.
+//! Cost and error of each method to compute coverage.
 //!
 //! Every model scores the same mounts; all are measured against one that is converged as far as counts. Mounts come in
 //! two lists: some at random, for errors, rank correlation and regret, and a line of pitches, for the error of the best.
@@ -61,7 +61,7 @@ impl Task {
         }
     }
 
-    /// Mounts at random, beside the line.
+    /// Mounts at random, off the line.
     fn random(&self) -> usize {
         match (self.mounts, self.quick) {
             (Some(_), _) => 0,
@@ -77,7 +77,7 @@ impl Study for SpeedAccuracy {
     }
 
     fn about(&self) -> &'static str {
-        "What does each way to compute coverage cost, and what does it get wrong: the score, the order of mounts, the \
+        "What does each method to compute coverage cost, and what does it get wrong: the score, the order of mounts, the \
          mount that is chosen, the best pitch?"
     }
 
@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(rows.len(), 5);
         let findings = SpeedAccuracy.findings(&rows);
         let [table] = &findings.tables[..] else { panic!("{:?}", findings.tables) };
-        // the converged model has no error beside itself, the published one misses voxels
+        // the converged model is its own reference, the published one misses voxels
         assert_eq!(table.rows[0][2..6], ["-", "0.0", "0.0", "0.000"]);
         assert!(table.rows[1][3].starts_with("-3,"), "{:?}", table.rows[1]);
         let verdict =

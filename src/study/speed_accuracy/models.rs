@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::cases::{Case, Place, Scored};
+use super::cases::{Case, Scored, Site};
 use crate::design::fidelity::{BoxLadder, Ladder, Ranking, Rules, SceneLadder, rank};
 use crate::design::objective::Objective;
 use crate::rig::Mount;
@@ -13,7 +13,7 @@ use crate::simulate::published::{
 use crate::simulate::scan::Flaws;
 use crate::study::StudyError;
 
-/// A way to compute coverage.
+/// A method to compute coverage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Model {
     /// Converged: what all are measured against.
@@ -28,7 +28,7 @@ pub(super) enum Model {
     Voxel { voxel_m: f64 },
     /// As published, by the definition: every ray at every pose.
     Definition,
-    /// As published, by the way for any poses.
+    /// As published, with the method for any poses.
     AnyPoses,
     /// A mesh at 180 azimuths and four poses per metre by the whole sensor model, with an effect.
     Sensed(Effect),
@@ -68,7 +68,7 @@ impl Effect {
         }
     }
 
-    fn flaws(self) -> Flaws {
+    fn sensor_errors(self) -> Flaws {
         let nothing = Flaws::default();
         match self {
             Self::Beams | Self::Housings => nothing,
@@ -93,14 +93,14 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
     use Phase::{Free, Locked};
     let sampled = |azimuths, sub_poses, phase| Model::Sampled { azimuths, sub_poses, phase };
     match (case.place, quick) {
-        (Place::Box { .. }, true) => vec![
+        (Site::Box { .. }, true) => vec![
             Model::Reference { azimuths: 360, sub_poses: 8 },
             Model::Again { azimuths: 360, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(180, 4, Free),
             Model::Auto,
         ],
-        (Place::Box { .. }, false) => vec![
+        (Site::Box { .. }, false) => vec![
             Model::Reference { azimuths: 1800, sub_poses: 8 },
             Model::Again { azimuths: 1800, sub_poses: 8 },
             sampled(180, 1, Locked),
@@ -124,14 +124,14 @@ pub(super) fn models(case: &Case, quick: bool) -> Vec<Model> {
             Model::AnyPoses,
             Model::Auto,
         ],
-        (Place::Mesh { .. }, true) => vec![
+        (Site::Mesh { .. }, true) => vec![
             Model::Reference { azimuths: 360, sub_poses: 8 },
             Model::Again { azimuths: 360, sub_poses: 8 },
             sampled(180, 1, Locked),
             sampled(180, 4, Free),
             Model::Auto,
         ],
-        (Place::Mesh { .. }, false) => vec![
+        (Site::Mesh { .. }, false) => vec![
             Model::Reference { azimuths: 1800, sub_poses: 8 },
             Model::Again { azimuths: 1800, sub_poses: 8 },
             sampled(180, 1, Locked),
@@ -258,7 +258,7 @@ pub(super) fn scene_scores(
         // a surface has the fewer cells, the larger they are
         (_, Some((ladder, scale))) => ladder.voxels(&fan, mounts) as f64 * scale,
         (Model::Sensed(effect), None) => {
-            ladder.voxels_sensed(&fan, mounts, effect.flaws(), *effect == Effect::Housings) as f64
+            ladder.voxels_sensed(&fan, mounts, effect.sensor_errors(), *effect == Effect::Housings) as f64
         }
         _ => ladder.voxels(&fan, mounts) as f64,
     };

@@ -14,7 +14,7 @@ const PART: &str = "optimizers";
 const PRESET: &str = "paper-os1-64";
 const BUDGETS: [usize; 2] = [56, 300];
 /// Seeds of each, at most: medians of these place a method on the chart; the study `methods` tells close ones apart.
-const MOST_SEEDS: u64 = 5;
+const MAX_SEEDS: u64 = 5;
 /// Columns and poses per metre at which more change little.
 const CONVERGED: (usize, usize) = (1800, 8);
 
@@ -22,7 +22,7 @@ pub(super) fn tasks(seeds: u64, quick: bool) -> Vec<Value> {
     let mut tasks = Vec::new();
     for evaluations in BUDGETS.into_iter().take(if quick { 1 } else { BUDGETS.len() }) {
         for &method in Kind::ALL {
-            for seed in 1..=seeds.min(if quick { 1 } else { MOST_SEEDS }) {
+            for seed in 1..=seeds.min(if quick { 1 } else { MAX_SEEDS }) {
                 let task = SearchTask::published(PART, PRESET, method, seed);
                 tasks.push(SearchTask { evaluations, as_published: false, ..task });
             }

@@ -1,7 +1,7 @@
 //! Cases scored by models.
 
 use super::Task;
-use super::cases::{Case, Place, Scored};
+use super::cases::{Case, Scored, Site};
 use super::models::{Model, box_scores, scene_scores};
 use crate::base::rng::Rng;
 use crate::design::fidelity::SceneLadder;
@@ -42,7 +42,7 @@ impl Case {
             .collect();
         let start = Instant::now();
         let mut scored = match self.place {
-            Place::Box { preset, walk } => {
+            Site::Box { preset, walk } => {
                 let preset = Preset::named(preset).map_err(StudyError::of)?;
                 let experiment = Experiment { path: walk, ..Experiment::published(preset) };
                 let simulator = Simulator::new(&experiment).map_err(StudyError::of)?;
@@ -52,7 +52,7 @@ impl Case {
                 };
                 box_scores(&objective, model, &pairs(&masters), &pairs(&line))?
             }
-            Place::Mesh { sensor } => {
+            Site::Mesh { sensor } => {
                 let path = task.scene.as_deref();
                 let path = path.ok_or_else(|| StudyError("which scene? Give --scene MESH".into()))?;
                 let ladder = ladder(path, task.trajectory.as_deref(), sensor)?;
@@ -72,12 +72,12 @@ fn ladder(path: &Path, trajectory: Option<&Path>, sensor: &str) -> Result<SceneL
     let scene = Scene::Mesh(Arc::new(load_mesh(path, None, None).map_err(StudyError::of)?.mesh));
     let model = sensors::catalogue::nominal(sensor).map_err(StudyError::of)?;
     let of = |path: &Path, error: &dyn std::fmt::Display| StudyError(format!("{}: {error}", path.display()));
-    let way = match trajectory {
+    let walk = match trajectory {
         Some(file) => {
             let text = crate::base::files::read_text(file).map_err(|error| of(file, &error))?;
             Trajectory::from_tum(&text).map_err(|error| of(file, &error))?
         }
         None => walks::Walk::Straight.through(&scene).map_err(|error| of(path, &error))?,
     };
-    Ok(SceneLadder::new(scene, way, &model, VOXEL_M))
+    Ok(SceneLadder::new(scene, walk, &model, VOXEL_M))
 }

@@ -1,8 +1,8 @@
-//! What mounts are taken to be worth: the converged model's word, and how far that can be trusted.
+//! Assumed worth of mounts: the converged model's, and how far that can be trusted.
 
 use super::models::AGAIN;
 use super::ranges::runs;
-use crate::base::statistics::{greatest, mean_and_deviation, sorted};
+use crate::base::statistics::{index_of_max, mean_and_deviation, sorted};
 use crate::report::chart;
 use crate::study::rows::{Row, list, number, text};
 
@@ -39,7 +39,7 @@ impl Truth {
         let again = rows.iter().find(|row| is_again(row)).map(|row| list(row, "pitch_scores"));
         let pitches = list(reference, "pitch_scores");
         let pitches_deg = list(reference, "pitches_deg");
-        let best = greatest(&pitches);
+        let best = index_of_max(&pitches);
         let mut truth = Self {
             model: text(reference, "model").into(),
             scores: list(reference, "scores"),
@@ -57,7 +57,7 @@ impl Truth {
 
     /// Reckons with the line of pitches of another model that is as fine.
     fn compare_with(&mut self, again: &[f64]) {
-        let other = self.pitches_deg[greatest(again)];
+        let other = self.pitches_deg[index_of_max(again)];
         self.bests_deg.push(other);
         if (other - self.bests_deg[0]).abs() <= STAYS_DEG {
             return;
@@ -66,7 +66,7 @@ impl Truth {
         // the mean of two errs half as much as their difference, the difference of two such means more by the root of two
         let error = mean_and_deviation(&differences).1 / std::f64::consts::SQRT_2;
         self.pitch_scores.iter_mut().zip(again).for_each(|(score, again)| *score = 0.5 * (*score + again));
-        let most = self.pitch_scores[greatest(&self.pitch_scores)];
+        let most = self.pitch_scores[index_of_max(&self.pitch_scores)];
         self.slack = 2.0 * error / most;
         let is_best = |pitch: &usize| self.pitch_scores[*pitch] >= most - 2.0 * error;
         self.best = (0..self.pitch_scores.len()).filter(is_best).collect();
@@ -74,7 +74,7 @@ impl Truth {
 
     /// Score that a pitch loses, share of the best.
     pub(crate) fn loss(&self, pitch: usize) -> f64 {
-        let most = self.pitch_scores[greatest(&self.pitch_scores)];
+        let most = self.pitch_scores[index_of_max(&self.pitch_scores)];
         (most - self.pitch_scores[pitch]) / most
     }
 
@@ -84,7 +84,7 @@ impl Truth {
         self.best.iter().map(off).fold(f64::INFINITY, f64::min)
     }
 
-    /// How sure it is, as a sentence; nothing is said without a second model.
+    /// How sure it is, as a sentence; empty without a second model.
     pub(crate) fn words(&self) -> String {
         let [first, second] = self.bests_deg[..] else { return String::new() };
         let (first, second) = (chart::number(first, 0), chart::number(second, 0));
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_second_model_nothing_is_said_of_it() {
+    fn without_a_second_model_there_is_no_sentence() {
         let alone = row("720 x 8 free", 3, &[1.0, 2.0, 3.0, 2.0, 1.0]);
         let truth = Truth::of(&[&alone]).unwrap();
         assert_eq!((&truth.best[..], truth.words()), (&[2][..], String::new()));

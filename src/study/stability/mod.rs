@@ -29,7 +29,7 @@ enum Outcome {
     DegradesGracefully,
     /// It does not, and the program says so.
     Reported,
-    /// It does not, and nobody would know.
+    /// It does not, and no output shows it.
     FailsSilently,
 }
 

@@ -2,7 +2,7 @@
 
 use super::sampling::{objective, pair, score};
 use super::{Case, Measured};
-use crate::base::statistics::{greatest, mean_and_deviation};
+use crate::base::statistics::{index_of_max, mean_and_deviation};
 use crate::design::robustness::{Robustness, Tolerance};
 use crate::simulate::published::{Path, Placement};
 use crate::study::StudyError;
@@ -50,7 +50,7 @@ fn on_their_side(_quick: bool) -> Result<Measured, StudyError> {
         "a kernel that is exact elsewhere must be exact where its cases meet",
     )
     .happens(format!(
-        "a VLP-16 sees {} voxels at -90, {} level, {} at +90 degrees; a millionth of a degree beside them {} and {}",
+        "a VLP-16 sees {} voxels at -90, {} level, {} at +90 degrees; a millionth of a degree off them {} and {}",
         seen[0], seen[2], seen[4], seen[1], seen[3]
     )))
 }
@@ -80,7 +80,7 @@ fn tolerance(times: f64, quick: bool) -> Result<Measured, StudyError> {
     let objective = objective("paper-os1-64", Path::Lateral)?;
     let pitches: Vec<f64> = (0..=90).step_by(if quick { 6 } else { 1 }).map(f64::from).collect();
     let seen: Vec<f64> = pitches.iter().map(|pitch| score(&objective, *pitch)).collect::<Result<_, _>>()?;
-    let best = pitches[greatest(&seen)];
+    let best = pitches[index_of_max(&seen)];
     let draws = if quick { 40 } else { 400 };
     let of = |times: f64| -> Result<[f64; 3], StudyError> {
         let tolerance = Tolerance { position_m: 0.01 * times, angle_deg: times, free_phase: true };
@@ -98,7 +98,7 @@ fn tolerance(times: f64, quick: bool) -> Result<Measured, StudyError> {
         lost,
         "% of J lost at the 5th percentile",
         0.5,
-        "what the best pitch gains over one 5 degrees beside it",
+        "what the best pitch gains over one 5 degrees off it",
     )
     .happens(format!(
         "at {best} degrees J is {mean:.0} in the mean, sd {sd:.0}, p5 {p5:.0}; with half the errors sd {half_sd:.0} and {half_lost:.2} % lost"

@@ -31,15 +31,15 @@ pub(super) const CASES: &[Case] = &[
         about: "poses of a drifting SLAM: 0 to 10 cm and half a degree per decimetre",
         measure: trajectory_noise,
     },
-    Case { name: "trajectory drift", about: "a way that is 0 to 2 % too long", measure: drift },
+    Case { name: "trajectory drift", about: "a trajectory that is 0 to 2 % too long", measure: drift },
     Case {
         name: "range bias",
-        about: "3 cm added to every range of the first sensor, mounts as said",
+        about: "3 cm added to every range of the first sensor, mounts nominal",
         measure: range_bias,
     },
     Case {
         name: "encoder offset",
-        about: "azimuths of the first sensor 0.2 degrees off, mounts as said",
+        about: "azimuths of the first sensor 0.2 degrees off, mounts nominal",
         measure: encoder_offset,
     },
     Case {
@@ -57,7 +57,7 @@ const COLUMNS_OF_A_PACKET: usize = 12;
 /// Enough for a mount check: its error is that of the poses.
 const KEEP_RAYS: usize = 60_000;
 
-/// A room in which everything is tied down.
+/// A room in which everything is observable.
 pub(super) fn room() -> Scene {
     Scene::Box(BoxScene::closed(DVec3::new(-6.0, -4.0, 0.0), DVec3::new(6.0, 4.0, 3.0)))
 }
@@ -76,11 +76,11 @@ pub(super) fn straight() -> Trajectory {
 /// What is recorded, and how it is read.
 pub(super) struct Recording<'a> {
     scene: &'a Scene,
-    /// The way that was gone, and the one that is believed.
+    /// The true trajectory, and the assumed one.
     gone: &'a Trajectory,
     believed: Trajectory,
     sensors: Vec<MountedSensor>,
-    /// How much farther the first sensor is tilted than said.
+    /// Pitch error of the first sensor.
     pub tilt_error_deg: f64,
     range_bias_m: f64,
     azimuth_error_deg: f64,
@@ -90,7 +90,7 @@ pub(super) struct Recording<'a> {
 }
 
 impl<'a> Recording<'a> {
-    /// Two sensors as said, nothing lost.
+    /// Two nominal sensors, nothing lost.
     pub(crate) fn healthy(scene: &'a Scene, gone: &'a Trajectory) -> Result<Self, StudyError> {
         let model = sensors::catalogue::nominal(MODEL).map_err(StudyError::of)?;
         let sensors = [("left", -1.0), ("right", 1.0)].map(|(name, side)| MountedSensor {
@@ -191,7 +191,7 @@ fn cells(replayed: &Replayed) -> f64 {
     replayed.recorded.union_count() as f64
 }
 
-/// Whether every step goes no further the other way than a little.
+/// Whether every step goes at most a little in the other direction.
 fn falls(values: &[f64], by: f64) -> bool {
     values.windows(2).all(|pair| pair[1] <= pair[0] + by)
 }
@@ -204,8 +204,8 @@ fn packet_loss(quick: bool) -> Result<Measured, StudyError> {
         let recording = Recording { lost: *lost, ..Recording::healthy(&scene, &walk)? };
         left.push(cells(&recording.replayed()));
     }
-    let kept: Vec<f64> = left.iter().map(|count| 100.0 * count / left[0]).collect();
-    let worst = 100.0 - kept[kept.len() - 1];
+    let matched: Vec<f64> = left.iter().map(|count| 100.0 * count / left[0]).collect();
+    let worst = 100.0 - matched[matched.len() - 1];
     Ok(Measured::judge(
         worst,
         "% of the cells lost with half of the packets",
@@ -214,18 +214,18 @@ fn packet_loss(quick: bool) -> Result<Measured, StudyError> {
     )
     .happens(format!(
         "a tenth of the packets costs {:.1} % of the cells",
-        100.0 - kept[shares.iter().position(|share| *share == 0.1).unwrap_or(0)]
+        100.0 - matched[shares.iter().position(|share| *share == 0.1).unwrap_or(0)]
     ))
     .says(None)
-    .gracefully(falls(&kept, 0.1) && worst < 50.0)
+    .gracefully(falls(&matched, 0.1) && worst < 50.0)
     .line(
         "packets lost, %",
         "cells left, %",
-        shares.iter().zip(&kept).map(|(x, y)| [100.0 * x, *y]).collect(),
+        shares.iter().zip(&matched).map(|(x, y)| [100.0 * x, *y]).collect(),
     ))
 }
 
-/// Rows of one recording per value: agreement falls step by step, or something is said.
+/// Rows of one recording per value: agreement falls step by step, or something is reported.
 fn sweep<'a>(
     scene: &'a Scene,
     walk: &'a Trajectory,
@@ -318,7 +318,7 @@ fn drift(quick: bool) -> Result<Measured, StudyError> {
         2.0,
         "what noise alone moves between runs",
     )
-    .happens(format!("{last:.1} % of the rays agree where the way is 2 % too long, 12 cm after 6 m"))
+    .happens(format!("{last:.1} % of the rays agree where the trajectory is 2 % too long, 12 cm after 6 m"))
     .says(rays_agree(last))
     .gracefully(falls(&shares, 0.5))
     .line(
@@ -340,7 +340,7 @@ fn range_bias(_quick: bool) -> Result<Measured, StudyError> {
         0.02,
         "a regression without a range offset fakes 0.2 to 0.5 degrees",
     )
-    .happens(format!("the check finds a range offset of {offset_mm:.1} mm beside it"))
+    .happens(format!("the check finds a range offset of {offset_mm:.1} mm with it"))
     .says(Some(format!("range offset {offset_mm:.1} mm"))))
 }
 

@@ -1,7 +1,7 @@
 //! Rays in a pattern: what it misses, and what it makes of the best mount.
 
 use super::{Case, Measured};
-use crate::base::statistics::greatest;
+use crate::base::statistics::index_of_max;
 use crate::design::fidelity::{BoxLadder, Rules, rank};
 use crate::design::objective::{Objective, Weights};
 use crate::design::robustness::{Robustness, Tolerance};
@@ -62,7 +62,7 @@ fn converged(objective: &Objective, quick: bool) -> Result<Objective, StudyError
 }
 
 /// What a choice among pitches may lose, % of J.
-const MOST_LOST: f64 = 0.1;
+const MAX_LOST: f64 = 0.1;
 
 fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyError> {
     let published = objective(preset, path)?;
@@ -72,7 +72,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
         pitches.iter().map(|pitch| score(objective, *pitch)).collect()
     };
     let (seen, truth) = (line(&published)?, line(&reference)?);
-    let (chosen, best) = (greatest(&seen), greatest(&truth));
+    let (chosen, best) = (index_of_max(&seen), index_of_max(&truth));
     let regret = |at: usize| 100.0 * (truth[best] - truth[at]) / truth[best];
     let pairs: Vec<Vec<Placement>> = pitches.iter().map(|pitch| pair(&published, *pitch)).collect();
     let ladder = BoxLadder::new(&published).map_err(StudyError::of)?;
@@ -93,7 +93,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
     Ok(Measured::judge(
         regret(chosen),
         "% of J lost by the pitch it prefers",
-        MOST_LOST,
+        MAX_LOST,
         "a tenth of what mounts within a servo's step of each other differ by",
     )
     .happens(format!(
@@ -104,7 +104,7 @@ fn aliasing(preset: &str, path: Path, quick: bool) -> Result<Measured, StudyErro
         -100.0 * seen.iter().zip(&truth).map(|(a, b)| (a - b) / b).fold(f64::INFINITY, f64::min),
     ))
     // a word that leads astray is none
-    .says((regret(auto) <= MOST_LOST).then_some(says))
+    .says((regret(auto) <= MAX_LOST).then_some(says))
     .line("pitch, degrees", "error of J, %", points.collect()))
 }
 
@@ -114,7 +114,7 @@ fn needle(quick: bool) -> Result<Measured, StudyError> {
     let step_deg = if quick { 0.5 } else { 0.1 };
     let pitches: Vec<f64> = (0..=(40.0 / step_deg) as u32).map(|n| 10.0 + step_deg * f64::from(n)).collect();
     let seen: Vec<f64> = pitches.iter().map(|pitch| score(&published, *pitch)).collect::<Result<_, _>>()?;
-    let top = pitches[greatest(&seen)];
+    let top = pitches[index_of_max(&seen)];
     let fall = |objective: &Objective| -> Result<f64, StudyError> {
         let [low, here, high] = [-0.5, 0.0, 0.5].map(|off| score(objective, top + off));
         let here = here?;
@@ -132,7 +132,7 @@ fn needle(quick: bool) -> Result<Measured, StudyError> {
         "a peak narrower than the rig's tolerance is one of the pattern, not of the mount",
     )
     .happens(format!(
-        "peak at {top:.1} degrees; half a degree beside it J is {published_fall:.2} % lower, under the converged model {true_fall:.2} %"
+        "peak at {top:.1} degrees; half a degree off it J is {published_fall:.2} % lower, under the converged model {true_fall:.2} %"
     ))
     .says(Some(format!(
         "--robust expected --tolerance 0,0.5: {:.0} in the mean (sd {:.0}, least {:.0}) where the peak says {:.0}",
@@ -141,7 +141,7 @@ fn needle(quick: bool) -> Result<Measured, StudyError> {
     .line("pitch, degrees", "J, published sampling", points))
 }
 
-/// How much a wall's count of cells grows with noise, on a grid whose faces lie in the wall and on one that is centred
+/// How much a wall's count of cells grows with noise, on a grid with faces in the wall and on one that is centred
 /// on it.
 fn faces(_quick: bool) -> Result<Measured, StudyError> {
     const VOXEL_M: f64 = 0.5;

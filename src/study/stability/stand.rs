@@ -1,4 +1,4 @@
-//! Scenes that leave a direction open: what the scans tie down, and what the mount check dares to say there.
+//! Scenes that leave a direction open: what the scans determine, and what the mount check reports there.
 
 use glam::DVec3;
 
@@ -14,27 +14,27 @@ use crate::world::trajectory::Trajectory;
 pub(super) const CASES: &[Case] = &[
     Case {
         name: "level VLP-16 in a room",
-        about: "one level sensor whose beams never meet floor or ceiling",
+        about: "one level sensor with beams that never meet floor or ceiling",
         measure: level_in_a_room,
     },
     Case {
         name: "open field",
-        about: "nothing within range, one sensor tilted 1 degree more than said",
+        about: "nothing within range, one sensor pitched 1 degree above nominal",
         measure: |_| mount_check(nowhere(), &walk()?, 0),
     },
     Case {
         name: "floor only",
-        about: "a floor without walls, one sensor tilted 1 degree more than said",
+        about: "a floor without walls, one sensor pitched 1 degree above nominal",
         measure: |_| mount_check(floor(), &walk()?, 1),
     },
     Case {
         name: "corridor",
-        about: "two walls, floor and ceiling without an end, gone straight, one sensor tilted 1 degree more than said",
+        about: "two walls, floor and ceiling without an end, gone straight, one sensor pitched 1 degree above nominal",
         measure: |_| mount_check(corridor(), &straight(), 1),
     },
     Case {
         name: "closed room",
-        about: "the same error where everything is tied down",
+        about: "the same error where everything is observable",
         measure: |_| mount_check(room(), &walk()?, 1),
     },
 ];
@@ -107,7 +107,7 @@ fn mount_check(scene: Scene, walk: &Trajectory, tells: u8) -> Result<Measured, S
     });
     Ok(Measured::judge(
         wrong_deg.max(silent),
-        "degrees between what is said and the truth (0 where nothing is said)",
+        "degrees between the estimate and the truth (0 without an estimate)",
         sensor.u95_deg.unwrap_or(0.0).max(0.02),
         "its own 95 % interval, or 0.02 degrees",
     )

@@ -2,7 +2,7 @@
 
 use super::sampling::{objective, score};
 use super::{Case, Measured};
-use crate::base::statistics::greatest;
+use crate::base::statistics::index_of_max;
 use crate::design::objective::{Objective, Weights};
 use crate::design::optimize::Kind;
 use crate::simulate::published::{Experiment, Path, Preset, Simulator};
@@ -18,7 +18,7 @@ pub(super) const CASES: &[Case] = &[
     Case {
         name: "one pair or two",
         about: "the price of a sensor at which two sensors and four score alike",
-        measure: pairs_tie,
+        measure: pairs_are_equal,
     },
 ];
 
@@ -41,7 +41,7 @@ fn saturation(quick: bool) -> Result<Measured, StudyError> {
     let best = {
         let scores: Vec<f64> =
             pitches.iter().map(|pitch| score(&coarse, *pitch)).collect::<Result<_, _>>()?;
-        pitches[greatest(&scores)]
+        pitches[index_of_max(&scores)]
     };
     let evaluation =
         coarse.evaluate_sensors(&super::sampling::pair(&coarse, best)).map_err(StudyError::of)?;
@@ -59,7 +59,7 @@ fn saturation(quick: bool) -> Result<Measured, StudyError> {
     .says(evaluation.saturation()))
 }
 
-fn pairs_tie(quick: bool) -> Result<Measured, StudyError> {
+fn pairs_are_equal(quick: bool) -> Result<Measured, StudyError> {
     const TIMES: u64 = 5;
     let evaluations = if quick { 60 } else { 300 };
     let search = |lambda: f64, masters: [u32; 2], seed: u64| -> Result<(f64, usize), StudyError> {
@@ -76,12 +76,12 @@ fn pairs_tie(quick: bool) -> Result<Measured, StudyError> {
     };
     // J without its price, of the best one pair and of the best two
     let ([one, _], [two, _]) = ([search(0.0, [1, 1], 1)?.0, 2.0], [search(0.0, [2, 2], 1)?.0, 4.0]);
-    let tie = (two - one) / 2.0;
+    let equal_price = (two - one) / 2.0;
     let mut fours = 0;
     let mut worst = 0.0_f64;
-    let best = (one - 2.0 * tie).max(two - 4.0 * tie);
+    let best = (one - 2.0 * equal_price).max(two - 4.0 * equal_price);
     for seed in 1..=TIMES {
-        let (j, masters) = search(tie, [1, 2], seed)?;
+        let (j, masters) = search(equal_price, [1, 2], seed)?;
         fours += usize::from(masters == 2);
         worst = worst.max(100.0 * (best - j) / best);
     }
@@ -92,7 +92,7 @@ fn pairs_tie(quick: bool) -> Result<Measured, StudyError> {
         "where both are worth the same either may win, but none may be poor",
     )
     .happens(format!(
-        "the tie is at a price of {tie:.0} voxels; {fours} of {TIMES} seeds choose four sensors"
+        "two and four are worth the same at {equal_price:.0} voxels; {fours} of {TIMES} seeds choose four sensors"
     ))
-    .says(Some(format!("study sensor-count prints the price at which the count changes, {tie:.0} here"))))
+    .says(Some(format!("study sensor-count prints the price at which the count changes, {equal_price:.0} here"))))
 }

@@ -12,10 +12,12 @@
 
 mod covariance;
 mod gather;
+mod holds;
 mod observed;
 mod relative;
 mod solve;
 mod stand;
+mod stand_faults;
 
 use glam::DVec3;
 
@@ -24,6 +26,7 @@ use crate::verify::compare::RecordedRay;
 use crate::world::scene::Scene;
 use crate::world::trajectory::{PoseError, Trajectory};
 
+pub(crate) use holds::{Hold, SHORTEST_HOLD_S, holds};
 pub use observed::UNKNOWNS;
 pub use relative::{Pair, RelativeMount, relative_mount};
 pub use stand::{FoundSetting, Reached, Setting, StandTest, stand_test};

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::Field;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::{Cell, VoxelMap};
 
 /// Edge of a cell, m: wider than ranges and poses are off by.
@@ -46,13 +47,15 @@ impl Conflicts {
     pub(crate) fn between(field: &Field<'_>) -> Option<Self> {
         let map = || VoxelMap::new(CELL_M, 1, LONGEST_RAY_M).ok();
         let (mut recorded, mut predicted) = (map()?, map()?);
+        // cells go with the scene, wherever it lies, and hold its outer walls in their middle
+        let corner_m = field.scene.bounds_m()[0] - 0.5 * CELL_M;
         for ray in field.rays {
             let Some(placed) = field.place(ray) else { continue };
             if let Some(range_m) = ray.range_m {
-                recorded.add_return(placed.origin_m, placed.at_range(range_m));
+                recorded.add_return(placed.origin_m - corner_m, placed.at_range(range_m) - corner_m);
             }
             if let Some((range_m, _)) = placed.cast(field.scene, &field.sensors[ray.sensor]) {
-                predicted.add_return(placed.origin_m, placed.at_range(range_m));
+                predicted.add_return(placed.origin_m - corner_m, placed.at_range(range_m) - corner_m);
             }
         }
         let (mut gone, mut unforeseen) = (Vec::new(), Vec::new());
@@ -70,8 +73,16 @@ impl Conflicts {
                 _ => unknown += 1,
             }
         }
-        let [gone, unforeseen] = [gone, unforeseen].map(|cells_m| Found::of(&cells_m));
+        let [gone, unforeseen] = [gone, unforeseen].map(|cells_m| Found::of(&cells_m, corner_m));
         (predicted.counts()[1] > 0).then_some(Self { cell_m: CELL_M, agree, gone, unforeseen, unknown })
+    }
+
+    /// The same, with places in the frame of the files.
+    pub(crate) fn in_world(mut self, origin: LocalOrigin) -> Self {
+        for found in [&mut self.gone, &mut self.unforeseen] {
+            found.around_m = found.around_m.map(|at_m| origin.world(at_m.into()).to_array());
+        }
+        self
     }
 }
 
@@ -85,14 +96,15 @@ impl Conflicts {
 }
 
 impl Found {
-    fn of(cells_m: &[DVec3]) -> Self {
+    fn of(cells_m: &[DVec3], corner_m: DVec3) -> Self {
         let mut blocks: BTreeMap<[i64; 3], u64> = BTreeMap::new();
         for at_m in cells_m {
             let block = (*at_m / BLOCK_M).floor();
             *blocks.entry([block.x as i64, block.y as i64, block.z as i64]).or_default() += 1;
         }
         let most = blocks.iter().max_by_key(|(block, count)| (**count, std::cmp::Reverse(**block)));
-        let around_m = most.map(|(block, _)| block.map(|place| (place as f64 + 0.5) * BLOCK_M));
+        let middle_m = |block: &[i64; 3]| (DVec3::from(block.map(|at| at as f64)) + 0.5) * BLOCK_M + corner_m;
+        let around_m = most.map(|(block, _)| middle_m(block).to_array());
         Self { cells: cells_m.len() as u64, around_m }
     }
 }

@@ -32,8 +32,7 @@ impl PatchAgreement {
         let mut blocks: BTreeMap<[i64; 3], Table> = BTreeMap::new();
         let mut compared = 0;
         for patch in (0..patches.len()).filter(|patch| patches.weight(*patch) > 0) {
-            let block = (patches.centre_m(patch) / BLOCK_M).floor();
-            let block = [block.x as i64, block.y as i64, block.z as i64];
+            let block = patches.block_of(patches.centre_m(patch), BLOCK_M);
             let empty = Table { neither: Some(0.0), ..Table::default() };
             let table = blocks.entry(block).or_insert(empty);
             table.count(predicted[patch], recorded[patch], f64::from(patches.weight(patch)));

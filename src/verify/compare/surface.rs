@@ -18,7 +18,7 @@ pub const PATCH_M: f64 = 0.25;
 const POINTS_PER_PATCH: f64 = 16.0;
 /// A sample is covered by a point within this, m.
 pub const COVERED_WITHIN_M: f64 = 0.05;
-/// Corner of the patches' grid, m: off every whole centimetre.
+/// Corner of the patches' grid from that of the scene, m: off every whole centimetre.
 const CORNER_M: f64 = 0.0707;
 /// Patches of fewer observable points say nothing.
 const LEAST_POINTS: u32 = 5;
@@ -37,6 +37,8 @@ pub struct Patches {
     weights: Vec<u32>,
     index: HashMap<Key, u32>,
     patch_m: f64,
+    /// Where the grid of patches begins: it goes with the scene, wherever that lies.
+    corner_m: DVec3,
 }
 
 impl Patches {
@@ -56,7 +58,8 @@ impl Patches {
             Scene::Voxels(map) => points.len() as f64 * map.voxel_m() * map.voxel_m(),
         };
         let patch_m = (POINTS_PER_PATCH * area_m2 / points.len() as f64).sqrt().max(PATCH_M);
-        Some(Self::gathered(samples, observable, &points, patch_m))
+        let corner_m = scene.bounds_m()[0] + CORNER_M;
+        Some(Self::gathered(samples, observable, &points, patch_m, corner_m))
     }
 
     fn gathered(
@@ -64,6 +67,7 @@ impl Patches {
         observable: Vec<bool>,
         points: &[(DVec3, DVec3)],
         patch_m: f64,
+        corner_m: DVec3,
     ) -> Self {
         let mut index = HashMap::new();
         let (mut centres_m, mut weights) = (Vec::new(), Vec::new());
@@ -72,10 +76,10 @@ impl Patches {
             .iter()
             .zip(&observable)
             .map(|((point_m, normal), seen)| {
-                let key = key(*point_m, *normal, patch_m);
+                let key = key(*point_m - corner_m, *normal, patch_m);
                 let patch = *index.entry(key).or_insert_with(|| {
                     let corner = DVec3::from(key.0.map(f64::from));
-                    centres_m.push((corner + 0.5) * patch_m + CORNER_M);
+                    centres_m.push((corner + 0.5) * patch_m + corner_m);
                     middles_m.push(DVec3::ZERO);
                     weights.push(0);
                     centres_m.len() as u32 - 1
@@ -90,7 +94,7 @@ impl Patches {
         for (middle_m, weight) in middles_m.iter_mut().zip(&weights) {
             *middle_m /= f64::from((*weight).max(1));
         }
-        Self { samples, observable, patch_of, centres_m, middles_m, weights, index, patch_m }
+        Self { samples, observable, patch_of, centres_m, middles_m, weights, index, patch_m, corner_m }
     }
 
     /// Number of patches, observable or not.
@@ -108,6 +112,11 @@ impl Patches {
         self.middles_m[patch]
     }
 
+    /// Block of an edge around a point, counted from the corner of the scene.
+    pub(crate) fn block_of(&self, point_m: DVec3, edge_m: f64) -> [i64; 3] {
+        ((point_m - self.corner_m) / edge_m).floor().to_array().map(|place| place as i64)
+    }
+
     /// Observable points of a patch; 0 where they are too few to say anything.
     pub(crate) fn weight(&self, patch: usize) -> u32 {
         if self.weights[patch] >= LEAST_POINTS { self.weights[patch] } else { 0 }
@@ -121,7 +130,7 @@ impl Patches {
     /// The patch of a hit.
     pub(crate) fn patch_at(&self, point_m: DVec3, normal: DVec3, scene: &Scene) -> Option<usize> {
         let normal = if matches!(scene, Scene::Voxels(_)) { DVec3::X } else { normal };
-        self.index.get(&key(point_m, normal, self.patch_m)).map(|patch| *patch as usize)
+        self.index.get(&key(point_m - self.corner_m, normal, self.patch_m)).map(|patch| *patch as usize)
     }
 
     /// Patches of which at least half of the observable points are covered.
@@ -134,8 +143,8 @@ impl Patches {
     }
 }
 
-fn key(point_m: DVec3, normal: DVec3, patch_m: f64) -> Key {
-    let cell = ((point_m - CORNER_M) / patch_m).floor();
+fn key(from_corner_m: DVec3, normal: DVec3, patch_m: f64) -> Key {
+    let cell = (from_corner_m / patch_m).floor();
     ([cell.x as i32, cell.y as i32, cell.z as i32], normal.abs().max_position() as u8)
 }
 

@@ -9,6 +9,7 @@ use glam::DVec3;
 
 use crate::base::numbers::number;
 use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
+use crate::world::local_origin::LocalOrigin;
 use comparison::{Comparison, Verdict};
 use seats::{off, off_in_range, off_its_seat};
 
@@ -56,6 +57,7 @@ pub fn words(
     comparison: &Comparison,
     replayed: &Replayed,
     patches: Option<&Patches>,
+    origin: LocalOrigin,
     cell_m: Option<f64>,
 ) -> Vec<String> {
     let mut words: Vec<String> = comparison.faults.iter().map(|fault| fault.words.clone()).collect();
@@ -81,7 +83,7 @@ pub fn words(
         }
     }
     if let Some((patches, surface)) = patches.zip(replayed.surface.as_ref()) {
-        words.extend(missing(patches, &surface.as_driven_patches, &surface.recorded_patches));
+        words.extend(missing(patches, origin, &surface.as_driven_patches, &surface.recorded_patches));
     }
     if comparison.faults.is_empty() && off(comparison).is_empty() && !is_another {
         words.extend(comparison.conflicts.iter().flat_map(contradictions));
@@ -237,7 +239,7 @@ impl Place {
 }
 
 /// The places where most is missing.
-fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<String> {
+fn missing(patches: &Patches, origin: LocalOrigin, predicted: &[bool], recorded: &[bool]) -> Vec<String> {
     let mut places: BTreeMap<[i64; 3], Place> = Default::default();
     let (mut all, mut missed) = (0, 0);
     for patch in (0..patches.len()).filter(|patch| predicted[*patch] && patches.weight(*patch) > 0) {
@@ -247,8 +249,7 @@ fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<Stri
             continue;
         }
         missed += weight;
-        let at = (patches.middle_m(patch) / PLACE_M).floor();
-        let place = places.entry([at.x as i64, at.y as i64, at.z as i64]).or_default();
+        let place = places.entry(patches.block_of(patches.middle_m(patch), PLACE_M)).or_default();
         place.weight += weight;
         place.patches.push(patch);
     }
@@ -261,7 +262,7 @@ fn missing(patches: &Patches, predicted: &[bool], recorded: &[bool]) -> Vec<Stri
         .iter()
         .take(3)
         .map(|place| {
-            let at = place.middle_m(patches);
+            let at = origin.world(place.middle_m(patches));
             format!(
                 "{:.0} % near ({:.1}, {:.1}, {:.1}) m",
                 100.0 * place.weight as f64 / missed as f64,

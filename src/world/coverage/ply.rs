@@ -1,13 +1,14 @@
 //! Coverage as a point cloud.
 
 use super::Coverage;
+use crate::world::local_origin::LocalOrigin;
 
 impl Coverage {
-    /// A PLY cloud of the centres of the voxels seen, with one bit per sensor.
-    pub(crate) fn ply(&self, sensor_names: &[&str]) -> Vec<u8> {
+    /// A PLY cloud of the centres of the voxels seen, in the frame of the files, with one bit per sensor.
+    pub(crate) fn ply(&self, sensor_names: &[&str], origin: LocalOrigin) -> Vec<u8> {
         let grid = self.grid();
         let cells = self.union_cells();
-        let [x, y, z] = grid.origin_m.to_array();
+        let [x, y, z] = origin.world(grid.origin_m).to_array();
         let [nx, ny, nz] = grid.cells;
         let mut text = format!(
             "ply\nformat binary_little_endian 1.0\n\
@@ -25,7 +26,7 @@ impl Coverage {
         );
         let mut bytes = text.into_bytes();
         for cell in cells {
-            for value in grid.centre_m(cell).to_array() {
+            for value in origin.world(grid.centre_m(cell)).to_array() {
                 bytes.extend(value.to_le_bytes());
             }
             let seen_by = |mask, sensor| mask | u32::from(self.contains(sensor, cell)) << sensor;

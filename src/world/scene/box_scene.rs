@@ -21,6 +21,11 @@ impl BoxScene {
         Self { min_m, max_m, faces: [[true; 2]; 3] }
     }
 
+    /// The same box elsewhere.
+    pub(crate) fn moved(&self, by_m: DVec3) -> Self {
+        Self { min_m: self.min_m + by_m, max_m: self.max_m + by_m, ..self.clone() }
+    }
+
     /// First face that a ray from inside reaches. Rays that start outside or on no side of a present face miss it.
     pub fn cast(&self, origin_m: DVec3, direction: DVec3) -> Option<Hit> {
         let mut best: Option<Hit> = None;

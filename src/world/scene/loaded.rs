@@ -5,14 +5,19 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
+use super::mesh_file::plausible_units;
 use super::{LoadedMesh, MapSummary, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, VoxelMap, load_mesh};
+use crate::world::local_origin::LocalOrigin;
 
-/// A mesh higher than this, m, whose unit is not stated may be in centimetres.
+/// A mesh higher than this, m, whose unit is not stated may be in another one.
 const HIGH_M: f64 = 100.0;
 
 /// A scene and what is to be said of it.
 pub(crate) struct LoadedScene {
+    /// In the local frame.
     pub scene: Scene,
+    /// Where that frame begins in the one of the files.
+    pub origin: LocalOrigin,
     /// Of a mesh.
     pub mesh: Option<MeshSummary>,
     /// Of a map.
@@ -25,35 +30,46 @@ pub(crate) struct LoadedScene {
 pub(crate) struct MeshSummary {
     unit: &'static str,
     up: &'static str,
-    /// Whether the user or the format states the unit.
+    /// Whether the user, the file or the format states the unit.
     is_unit_stated: bool,
     /// Whether the user or the format states the axis.
     is_up_stated: bool,
     extent_m: [f64; 3],
+    /// Of one side.
+    area_m2: f64,
+    triangles: usize,
+    /// Where the frame of the computation begins in that of the files.
+    local_origin_m: [f64; 3],
 }
 
 /// A mesh as read.
 pub(crate) struct MeshFile {
     pub mesh: Arc<Mesh>,
+    pub origin: LocalOrigin,
     pub summary: MeshSummary,
     pub warnings: Vec<String>,
 }
 
-impl From<Scene> for LoadedScene {
-    /// A scene of no file.
-    fn from(scene: Scene) -> Self {
-        Self { scene, mesh: None, map: None, warnings: Vec::new() }
+impl LoadedScene {
+    /// A scene of no file, such as a room by its corners.
+    pub(crate) fn of_room(room: &Scene) -> Self {
+        let origin = LocalOrigin::of_box(room.bounds_m());
+        let scene = match room {
+            Scene::Box(room) => Scene::Box(room.moved(-origin.world_m())),
+            other => other.clone(),
+        };
+        Self { scene, origin, mesh: None, map: None, warnings: Vec::new() }
     }
 }
 
 impl From<MeshFile> for LoadedScene {
-    fn from(MeshFile { mesh, summary, warnings }: MeshFile) -> Self {
-        Self { scene: Scene::Mesh(mesh), mesh: Some(summary), map: None, warnings }
+    fn from(MeshFile { mesh, origin, summary, warnings }: MeshFile) -> Self {
+        Self { scene: Scene::Mesh(mesh), origin, mesh: Some(summary), map: None, warnings }
     }
 }
 
 impl MeshFile {
-    /// Reads a mesh file; what neither the user nor the format states is metres, z up.
+    /// Reads a mesh file; what neither the user nor the file nor the format states is metres, z up.
     ///
     /// # Errors
     /// Those of [`load_mesh`].
@@ -62,38 +78,46 @@ impl MeshFile {
         unit: Option<MeshUnit>,
         up: Option<UpAxis>,
     ) -> Result<Self, MeshFileError> {
-        let LoadedMesh { mesh, mut warnings } = load_mesh(path, unit, up)?;
+        let LoadedMesh { mesh, origin, unit: read_unit, is_unit_stated, mut warnings } =
+            load_mesh(path, unit, up)?;
         let is_gltf = ["gltf", "glb"].contains(&crate::base::files::ending(path).as_str());
         let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
-        if unit.is_none() && !is_gltf && extent.z > HIGH_M {
+        if unit.is_none() && extent.z > HIGH_M {
+            let units = plausible_units((extent / read_unit.metres()).to_array());
+            let likely = units.first().map_or(String::new(), |unit| format!(" {}", unit.name()));
+            let other = format!("{likely}{}", MeshUnit::offer(&units, extent / read_unit.metres()));
             warnings.push(format!(
-                "{}: the mesh is {:.0} m high: if the file is in centimetres, pass --mesh-unit cm",
+                "{}: the mesh is {:.0} m high: if the file is in another unit, pass --mesh-unit{other}",
                 path.display(),
                 extent.z
             ));
         }
         let summary = MeshSummary {
-            unit: match unit {
-                None | Some(MeshUnit::Metre) => "m",
-                Some(MeshUnit::Centimetre) => "cm",
-                Some(MeshUnit::Millimetre) => "mm",
-            },
+            unit: read_unit.name(),
             up: match up {
                 None if is_gltf => "y",
                 None | Some(UpAxis::Z) => "z",
                 Some(UpAxis::Y) => "y",
             },
-            is_unit_stated: is_gltf || unit.is_some(),
+            is_unit_stated: is_gltf || is_unit_stated,
             is_up_stated: is_gltf || up.is_some(),
             extent_m: extent.to_array(),
+            area_m2: mesh.area_m2(),
+            triangles: mesh.triangles(),
+            local_origin_m: origin.world_m().to_array(),
         };
-        Ok(Self { mesh: Arc::new(mesh), summary, warnings })
+        Ok(Self { mesh: Arc::new(mesh), origin, summary, warnings })
     }
 }
 
 impl LoadedScene {
-    pub(crate) fn from_map(map: VoxelMap, summary: MapSummary, warnings: Vec<String>) -> Self {
-        Self { scene: Scene::Voxels(Arc::new(map)), mesh: None, map: Some(summary), warnings }
+    pub(crate) fn from_map(
+        map: VoxelMap,
+        origin: LocalOrigin,
+        summary: MapSummary,
+        warnings: Vec<String>,
+    ) -> Self {
+        Self { scene: Scene::Voxels(Arc::new(map)), origin, mesh: None, map: Some(summary), warnings }
     }
 }
 
@@ -111,7 +135,10 @@ impl MeshSummary {
             (true, false) => "; nobody stated the axis (--up)",
             (false, false) => "; nobody stated either (--mesh-unit, --up)",
         };
-        format!("{x:.2} x {y:.2} x {z:.2} m, read in {}, {} up{assumed}", self.unit, self.up)
+        format!(
+            "{x:.2} x {y:.2} x {z:.2} m, {:.2} m² in {} triangles, read in {}, {} up{assumed}",
+            self.area_m2, self.triangles, self.unit, self.up
+        )
     }
 }
 

@@ -6,8 +6,9 @@ use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 use serde::Serialize;
 
-use super::{CloudFileError, CloudPoint, Strays, VoxelMap, VoxelMapError, read_cloud};
+use super::{CloudFileError, CloudPoint, LoadedScene, Strays, VoxelMap, VoxelMapError, read_cloud};
 use crate::base::geometry::Pose;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::trajectory::Trajectory;
 
 /// Returns beyond this range are rejected, m.
@@ -23,6 +24,8 @@ pub(crate) struct MapSummary {
     free_cells: u64,
     /// Points whose sensor position is unknown: no voxel before them is known to be free.
     points_from_nowhere: u64,
+    /// Where the frame of the computation begins in that of the points.
+    local_origin_m: [f64; 3],
 }
 
 impl MapSummary {
@@ -63,6 +66,9 @@ pub(crate) enum MapError {
 /// A map under way.
 pub(crate) struct MapBuilder {
     map: VoxelMap,
+    /// Near what came first; the map begins there.
+    origin: Option<LocalOrigin>,
+    notes: Vec<String>,
     min_hits: u8,
     points: u64,
     /// Points without a finite position.
@@ -74,7 +80,15 @@ impl MapBuilder {
     /// `min_hits` points make a voxel occupied.
     pub(crate) fn new(voxel_m: f64, min_hits: u8) -> Result<Self, VoxelMapError> {
         let map = VoxelMap::new(voxel_m, min_hits, MAX_RANGE_M)?;
-        Ok(Self { map, min_hits, points: 0, without_position: 0, without_origin: 0 })
+        Ok(Self {
+            map,
+            origin: None,
+            notes: Vec::new(),
+            min_hits,
+            points: 0,
+            without_position: 0,
+            without_origin: 0,
+        })
     }
 
     /// Adds the returns of a frame that fall into the trajectory's time; `body_from_sensor` at a time of the sensor's clock, ns.
@@ -86,6 +100,7 @@ impl MapBuilder {
         time_offset_ns: i64,
         frame: &Frame,
     ) {
+        let origin = *self.origin.get_or_insert_with(|| LocalOrigin::near(trajectory.bounds_m()[0]));
         for (column, channel, range_mm) in returns(model, frame) {
             let device_ns = sample_time_ns(model, frame, column, channel);
             let time_ns = device_ns.saturating_add_signed(time_offset_ns);
@@ -94,7 +109,8 @@ impl MapBuilder {
             let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
             let origin_m = world_from_sensor.transform_point(model.ray(channel, azimuth_rad).origin_m);
             let point = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
-            self.map.add_return(origin_m, world_from_sensor.transform_point(point));
+            let point_m = world_from_sensor.transform_point(point);
+            self.map.add_return(origin.local(origin_m), origin.local(point_m));
             self.points += 1;
         }
     }
@@ -106,12 +122,13 @@ impl MapBuilder {
         trajectory: Option<(&Path, Trajectory)>,
     ) -> Result<(), MapError> {
         let (mut timed, mut span_s) = (0_u64, [f64::INFINITY, f64::NEG_INFINITY]);
-        read_cloud(path, |CloudPoint { position_m, seen_from_m, time_s }| {
+        let notes = read_cloud(path, |CloudPoint { position_m, seen_from_m, time_s }| {
             if !position_m.is_finite() {
                 self.without_position += 1;
                 return;
             }
             self.points += 1;
+            let origin = *self.origin.get_or_insert_with(|| LocalOrigin::near(position_m));
             if let Some(time_s) = time_s {
                 timed += 1;
                 span_s = [span_s[0].min(time_s), span_s[1].max(time_s)];
@@ -121,13 +138,14 @@ impl MapBuilder {
                 trajectory.at(time_ns.round() as u64).map(|pose| pose.translation_m)
             };
             match seen_from_m.or_else(|| trajectory.as_ref().and_then(at)) {
-                Some(origin_m) => self.map.add_return(origin_m, position_m),
+                Some(from_m) => self.map.add_return(origin.local(from_m), origin.local(position_m)),
                 None => {
                     self.without_origin += 1;
-                    self.map.add_point(position_m);
+                    self.map.add_point(origin.local(position_m));
                 }
             }
         })?;
+        self.notes.extend(notes);
         let Some((trajectory_path, trajectory)) = trajectory else { return Ok(()) };
         if self.without_origin < self.points || self.points == 0 {
             return Ok(());
@@ -140,13 +158,10 @@ impl MapBuilder {
         Err(MapError::OtherTime { name, points_s: span_s, trajectory: trajectory_path.into(), trajectory_s })
     }
 
-    /// The map, with its warnings.
-    pub(crate) fn finish(
-        mut self,
-        path: &Path,
-        made_of: &'static str,
-    ) -> Result<(VoxelMap, MapSummary, Vec<String>), MapError> {
+    /// The map, around its local origin.
+    pub(crate) fn finish(mut self, path: &Path, made_of: &'static str) -> Result<LoadedScene, MapError> {
         let name = path.display();
+        let origin = self.origin.unwrap_or_default();
         let voxel_m = self.map.voxel_m();
         if self.map.is_full() {
             return Err(MapError::TooLarge { name: name.to_string(), voxel_m });
@@ -156,8 +171,9 @@ impl MapBuilder {
         if occupied_cells == 0 {
             return Err(MapError::Empty { name: name.to_string(), voxel_m, min_hits: self.min_hits });
         }
-        let mut warnings = Vec::new();
+        let mut warnings = std::mem::take(&mut self.notes);
         if let Some(Strays { cells, at_m }) = strays {
+            let at_m = origin.world(at_m);
             warnings.push(format!(
                 "{name}: {cells} cells further than {MAX_RANGE_M} m from all the rest are left out, one at ({:.0}, {:.0}, \
                  {:.0}) m: stray points?",
@@ -186,8 +202,9 @@ impl MapBuilder {
             occupied_cells,
             free_cells,
             points_from_nowhere: self.without_origin,
+            local_origin_m: origin.world_m().to_array(),
         };
-        Ok((self.map, summary, warnings))
+        Ok(LoadedScene::from_map(self.map, origin, summary, warnings))
     }
 
     /// The map alone, of frames that a caller chose.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::Hit;
-use super::tree::{OccluderMemory, PACKET, TriangleTree};
+use super::tree::{OccluderMemory, PACKET, RayTile, TriangleTree};
 use crate::base::instructions::Instructions;
 use crate::base::rng::Rng;
 
@@ -13,6 +13,7 @@ pub struct Mesh {
     vertices_m: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
     degenerate: usize,
+    degenerate_area_m2: f64,
     bounds_m: [DVec3; 2],
     tree: TriangleTree,
 }
@@ -33,7 +34,15 @@ impl Mesh {
             }
         }
         let given = triangles.len();
-        triangles.retain(|corners| has_area(corners.map(|index| vertices_m[index as usize])));
+        let mut degenerate_area_m2 = 0.0;
+        triangles.retain(|corners| {
+            let corners = corners.map(|index| vertices_m[index as usize]);
+            let is_kept = has_area(corners);
+            if !is_kept {
+                degenerate_area_m2 += area_m2(corners);
+            }
+            is_kept
+        });
         let degenerate = given - triangles.len();
         if triangles.is_empty() {
             return Err(MeshError::Empty { vertices: vertices_m.len(), degenerate });
@@ -45,7 +54,7 @@ impl Mesh {
         }
         let centre_m = 0.5 * (bounds_m[0] + bounds_m[1]);
         let tree = TriangleTree::new(triangles.iter().map(corner), centre_m);
-        Ok(Self { vertices_m, triangles, degenerate, bounds_m, tree })
+        Ok(Self { vertices_m, triangles, degenerate, degenerate_area_m2, bounds_m, tree })
     }
 
     /// Number of triangles that rays can meet.
@@ -56,6 +65,11 @@ impl Mesh {
     /// Triangles without area that were dropped.
     pub fn degenerate(&self) -> usize {
         self.degenerate
+    }
+
+    /// Area of those, m²: slivers have some.
+    pub(crate) fn degenerate_area_m2(&self) -> f64 {
+        self.degenerate_area_m2
     }
 
     /// Least axis-aligned box around the triangles, m.
@@ -109,6 +123,39 @@ impl Mesh {
         }
     }
 
+    /// What the rays of a tile are about, m.
+    pub(crate) fn centre_m(&self) -> DVec3 {
+        self.tree.centre_m()
+    }
+
+    /// Distance to the first triangle along each ray of a tile, m, in single precision; infinite where none is nearer than
+    /// `limit_m`. The same bits with any instructions.
+    pub(crate) fn cast_tile(
+        &self,
+        tile: &RayTile,
+        limit_m: f32,
+        instructions: Instructions,
+    ) -> [f32; PACKET] {
+        self.tree.cast_tile(tile, limit_m, instructions)
+    }
+
+    /// Distance to the first triangle along each of many rays (unit directions), m, in double precision throughout.
+    pub(crate) fn cast_precise(
+        &self,
+        origins_m: &[DVec3],
+        directions: &[DVec3],
+        mut report: impl FnMut(usize, Option<f64>),
+    ) {
+        let corners_m =
+            |triangle: u32| self.triangles[triangle as usize].map(|index| self.vertices_m[index as usize]);
+        let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
+        for (block, (origins, directions)) in blocks.enumerate() {
+            self.tree.cast_precise(corners_m, origins, directions, |lane, distance_m| {
+                report(block * PACKET + lane, distance_m);
+            });
+        }
+    }
+
     /// Whether a surface lies on the straight way from an origin to each point, more than `tolerance_m` before the
     /// point. `report` gets the index of each point and whether it is hidden.
     pub(crate) fn occluded_many(
@@ -158,9 +205,12 @@ impl Mesh {
     }
 
     fn triangle_area_m2(&self, triangle: usize) -> f64 {
-        let [a, b, c] = self.corners(triangle);
-        0.5 * (b - a).cross(c - a).length()
+        area_m2(self.corners(triangle))
     }
+}
+
+fn area_m2([a, b, c]: [DVec3; 3]) -> f64 {
+    0.5 * (b - a).cross(c - a).length()
 }
 
 fn turned(distance_m: f64, normal: DVec3, direction: DVec3) -> Hit {

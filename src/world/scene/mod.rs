@@ -16,6 +16,8 @@ pub(crate) use loaded::{LoadedScene, MeshFile, MeshSummary};
 pub(crate) use map_builder::{MapBuilder, MapSummary};
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MESH_ENDINGS, MeshFileError, MeshUnit, UpAxis, load_mesh};
+pub(crate) use mesh_file::{UNITS, plausible_units};
+pub(crate) use tree::{PACKET, RayTile};
 pub use voxels::{Cell, Sight, Strays, VoxelMap, VoxelMapError};
 
 use std::sync::Arc;

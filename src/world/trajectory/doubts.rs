@@ -17,18 +17,6 @@ pub(crate) fn suspicions(trajectory: &Trajectory, name: &str) -> Vec<String> {
     listed.chain((more > 0).then(|| format!("{name}: {more} more gaps, jumps or spins"))).collect()
 }
 
-/// Says so when points of the path lie outside a mesh, room or map of these bounds.
-pub(crate) fn outside(trajectory: &Trajectory, what: &str, [low, high]: [DVec3; 2]) -> Option<String> {
-    let stations_m = trajectory.stations_m(STATION_STEP_M);
-    let outside = stations_m.iter().filter(|at| at.cmplt(low).any() || at.cmpgt(high).any()).count();
-    (outside > 0).then(|| {
-        format!(
-            "{outside} of {} points of the path lie outside the {what}; do both use the same frame, unit and up axis?",
-            stations_m.len()
-        )
-    })
-}
-
 impl Trajectory {
     /// Points of the path, lifted to a height above the body's origin, from which lines of sight are drawn.
     pub(crate) fn sight_stations_m(&self, height_m: f64) -> Vec<DVec3> {

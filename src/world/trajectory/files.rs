@@ -5,8 +5,12 @@ use std::fmt::Write as _;
 
 use glam::{DMat3, DQuat, DVec3};
 
+use super::stamp::TimeUnit;
 use super::{Trajectory, TrajectoryError};
 use crate::base::geometry::Pose;
+
+/// A pose and its time, ns.
+pub(super) type Stamped = (u64, Pose);
 
 /// Longest time between two poses of a file, s: what lies between them is filled in, at the cost of its length.
 const LONGEST_GAP_S: f64 = 3600.0;
@@ -39,24 +43,20 @@ impl Trajectory {
                 );
                 return Err(TrajectoryError::Line { line, found });
             }
-            let time_ns = parse_seconds(fields[0])
+            let time_ns = TimeUnit::Second
+                .nanoseconds(fields[0])
                 .ok_or_else(|| line_error(line, format!("{:?} where seconds are expected", fields[0])))?;
             let n = numbers(&fields[1..], line)?;
-            let rotation = DQuat::from_xyzw(n[3], n[4], n[5], n[6]);
-            if (rotation.length() - 1.0).abs() > NORM_SLACK {
-                let found = format!("a quaternion of norm {:.4}, expected 1", rotation.length());
-                return Err(TrajectoryError::Line { line, found });
-            }
+            let rotation = unit_quaternion(DQuat::from_xyzw(n[3], n[4], n[5], n[6]), line)?;
             if let Some((before, _)) = stamped.last()
                 && time_ns <= *before
             {
                 let found = format!("time {} after {:.9}, expected later", fields[0], *before as f64 * 1e-9);
                 return Err(TrajectoryError::Line { line, found });
             }
-            // a rotation written by this program keeps every bit
-            let unit = (rotation.length_squared() - 1.0).abs() < 1e-14;
-            let rotation = if unit { rotation } else { rotation.normalize() };
-            push(&mut stamped, line, (time_ns, Pose::new(rotation, DVec3::new(n[0], n[1], n[2]))))?;
+            let pose = Pose::new(rotation, DVec3::new(n[0], n[1], n[2]));
+            check_bounds(&stamped, line, (time_ns, pose))?;
+            stamped.push((time_ns, pose));
         }
         Self::new(stamped)
     }
@@ -66,9 +66,7 @@ impl Trajectory {
     /// # Errors
     /// The line of anything that is not twelve finite numbers with a rotation in them, or a rate that is not above 0.
     pub fn from_kitti(text: &str, rate_hz: f64) -> Result<Self, TrajectoryError> {
-        if !RATES_HZ.contains(&rate_hz) {
-            return Err(TrajectoryError::Rate { rate_hz });
-        }
+        check_rate(rate_hz)?;
         let mut stamped: Vec<(u64, Pose)> = Vec::new();
         for (line, words) in data_lines(text) {
             let fields: Vec<&str> = words.split_whitespace().collect();
@@ -76,25 +74,10 @@ impl Trajectory {
                 let found = format!("{} fields, expected the 12 of a 3 x 4 matrix", fields.len());
                 return Err(TrajectoryError::Line { line, found });
             }
-            let n = numbers(&fields, line)?;
-            let rows = DMat3::from_cols(
-                DVec3::new(n[0], n[1], n[2]),
-                DVec3::new(n[4], n[5], n[6]),
-                DVec3::new(n[8], n[9], n[10]),
-            );
-            let rotation = rows.transpose();
-            let off = (rotation * rows).to_cols_array().into_iter().zip(DMat3::IDENTITY.to_cols_array());
-            let worst = off.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            if worst > ORTHOGONAL_SLACK || rotation.determinant() < 0.0 {
-                let found = format!(
-                    "a matrix that is no rotation (determinant {:.4}, off by {worst:.4})",
-                    rotation.determinant()
-                );
-                return Err(TrajectoryError::Line { line, found });
-            }
+            let pose = rotation_of(&numbers(&fields, line)?, line)?;
             let time_ns = (stamped.len() as f64 * 1e9 / rate_hz).round() as u64;
-            let rotation = DQuat::from_mat3(&rotation).normalize();
-            push(&mut stamped, line, (time_ns, Pose::new(rotation, DVec3::new(n[3], n[7], n[11]))))?;
+            check_bounds(&stamped, line, (time_ns, pose))?;
+            stamped.push((time_ns, pose));
         }
         Self::new(stamped)
     }
@@ -153,7 +136,7 @@ fn data_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     })
 }
 
-fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
+pub(super) fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
     let mut values = Vec::with_capacity(fields.len());
     for field in fields {
         match field.parse::<f64>() {
@@ -164,8 +147,47 @@ fn numbers(fields: &[&str], line: usize) -> Result<Vec<f64>, TrajectoryError> {
     Ok(values)
 }
 
-/// Adds a pose that can be of one walk with the pose before it: one wrong number is not worth a year of simulated rays.
-fn push(stamped: &mut Vec<(u64, Pose)>, line: usize, next: (u64, Pose)) -> Result<(), TrajectoryError> {
+/// Refuses a rate that no poses have.
+pub(super) fn check_rate(rate_hz: f64) -> Result<(), TrajectoryError> {
+    if RATES_HZ.contains(&rate_hz) { Ok(()) } else { Err(TrajectoryError::Rate { rate_hz }) }
+}
+
+/// A quaternion that is a rotation.
+pub(super) fn unit_quaternion(rotation: DQuat, line: usize) -> Result<DQuat, TrajectoryError> {
+    if (rotation.length() - 1.0).abs() > NORM_SLACK {
+        let found = format!("a quaternion of norm {:.4}, expected 1", rotation.length());
+        return Err(TrajectoryError::Line { line, found });
+    }
+    // a rotation written by this program keeps every bit
+    let is_unit = (rotation.length_squared() - 1.0).abs() < 1e-14;
+    Ok(if is_unit { rotation } else { rotation.normalize() })
+}
+
+/// The pose of the 12 numbers of a 3 x 4 matrix, row by row, or of the 16 of a 4 x 4 one.
+pub(super) fn rotation_of(n: &[f64], line: usize) -> Result<Pose, TrajectoryError> {
+    if n.len() == 16 && n[12..] != [0.0, 0.0, 0.0, 1.0] {
+        return Err(line_error(line, format!("{:?} as the last row of a pose, expected 0 0 0 1", &n[12..])));
+    }
+    let rows = DMat3::from_cols(
+        DVec3::new(n[0], n[1], n[2]),
+        DVec3::new(n[4], n[5], n[6]),
+        DVec3::new(n[8], n[9], n[10]),
+    );
+    let rotation = rows.transpose();
+    let off = (rotation * rows).to_cols_array().into_iter().zip(DMat3::IDENTITY.to_cols_array());
+    let worst = off.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    if worst > ORTHOGONAL_SLACK || rotation.determinant() < 0.0 {
+        let found = format!(
+            "a matrix that is no rotation (determinant {:.4}, off by {worst:.4})",
+            rotation.determinant()
+        );
+        return Err(TrajectoryError::Line { line, found });
+    }
+    Ok(Pose::new(DQuat::from_mat3(&rotation).normalize(), DVec3::new(n[3], n[7], n[11])))
+}
+
+/// Refuses a pose that cannot be of one walk with the poses before it: one wrong number is not worth a year of simulated rays.
+pub(super) fn check_bounds(stamped: &[Stamped], line: usize, next: Stamped) -> Result<(), TrajectoryError> {
     let at_m = next.1.translation_m;
     if at_m.abs().max_element() > FARTHEST_M {
         return Err(line_error(
@@ -173,45 +195,26 @@ fn push(stamped: &mut Vec<(u64, Pose)>, line: usize, next: (u64, Pose)) -> Resul
             format!("a pose at {at_m} m, expected coordinates within {FARTHEST_M:e} m of 0"),
         ));
     }
-    if let Some((before_ns, before)) = stamped.last() {
-        let gap_s = next.0.saturating_sub(*before_ns) as f64 * 1e-9;
-        if gap_s > LONGEST_GAP_S {
-            let found = format!(
-                "{gap_s:.0} s after the pose before it, expected at most {LONGEST_GAP_S} s: correct the time, or cut the \
-                 file there"
-            );
-            return Err(line_error(line, found));
-        }
-        let jump_m = at_m.distance(before.translation_m);
-        if jump_m > LONGEST_JUMP_M {
-            let found = format!(
-                "{jump_m:.0} m from the pose before it, expected at most {LONGEST_JUMP_M} m: correct the position, or leave \
-                 the line out"
-            );
-            return Err(line_error(line, found));
-        }
+    let Some((before_ns, before)) = stamped.last() else { return Ok(()) };
+    let gap_s = next.0.saturating_sub(*before_ns) as f64 * 1e-9;
+    if gap_s > LONGEST_GAP_S {
+        let found = format!(
+            "{gap_s:.0} s after the pose before it, expected at most {LONGEST_GAP_S} s: correct the time, or cut the              file there"
+        );
+        return Err(line_error(line, found));
     }
-    stamped.push(next);
+    let jump_m = at_m.distance(before.translation_m);
+    if jump_m > LONGEST_JUMP_M {
+        let found = format!(
+            "{jump_m:.0} m from the pose before it, expected at most {LONGEST_JUMP_M} m: correct the position, or leave              the line out"
+        );
+        return Err(line_error(line, found));
+    }
     Ok(())
 }
 
-fn line_error(line: usize, found: String) -> TrajectoryError {
+pub(super) fn line_error(line: usize, found: String) -> TrajectoryError {
     TrajectoryError::Line { line, found }
-}
-
-/// Seconds to nanoseconds without the rounding of f64: at today's Unix times that is 0.2 µs.
-fn parse_seconds(field: &str) -> Option<u64> {
-    let (whole, fraction) = field.split_once('.').unwrap_or((field, ""));
-    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
-    if !whole.is_empty() && digits(whole) && digits(fraction) {
-        let seconds: u64 = whole.parse().ok()?;
-        let nine: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
-        let round_up = fraction.as_bytes().get(9).is_some_and(|digit| *digit >= b'5');
-        let nanoseconds: u64 = nine.parse().ok()?;
-        return seconds.checked_mul(1_000_000_000)?.checked_add(nanoseconds + u64::from(round_up));
-    }
-    let seconds: f64 = field.parse().ok()?;
-    (seconds.is_finite() && (0.0..1e10).contains(&seconds)).then(|| (seconds * 1e9).round() as u64)
 }
 
 #[cfg(test)]
@@ -284,15 +287,5 @@ mod tests {
             let error = Trajectory::from_kitti(&still.repeat(2), rate_hz).unwrap_err().to_string();
             assert!(error.contains("0.001 to 1000000"), "{error}");
         }
-    }
-
-    #[test]
-    fn seconds_keep_every_nanosecond() {
-        assert_eq!(parse_seconds("1700000000.123456789"), Some(1_700_000_000_123_456_789));
-        assert_eq!(parse_seconds("0.0000000005"), Some(1));
-        assert_eq!(parse_seconds("1.5e1"), Some(15_000_000_000));
-        assert_eq!(parse_seconds("7"), Some(7_000_000_000));
-        assert_eq!(parse_seconds("inf"), None);
-        assert_eq!(parse_seconds("99999999999999999999"), None);
     }
 }

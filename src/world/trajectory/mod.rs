@@ -1,16 +1,21 @@
 //! Poses over time.
 
 mod checks;
+mod columns;
 mod disturbed;
 mod doubts;
 mod files;
 mod gait;
+mod read;
 mod shapes;
+mod stamp;
+mod upright;
 
 pub use checks::{Suspicion, SuspicionKind, WalkLimits};
 pub use disturbed::PoseError;
-pub(crate) use doubts::{outside, suspicions};
+pub(crate) use doubts::suspicions;
 pub use gait::Gait;
+pub use read::ReadTrajectory;
 
 use glam::DVec3;
 
@@ -84,6 +89,40 @@ impl Trajectory {
         Some(self.world_from_body[before].interpolate(&self.world_from_body[after], share))
     }
 
+    /// The same poses, moved.
+    pub(crate) fn moved(&self, by_m: DVec3) -> Self {
+        let moved = |pose: &Pose| Pose::new(pose.rotation, pose.translation_m + by_m);
+        Self {
+            time_ns: self.time_ns.clone(),
+            world_from_body: self.world_from_body.iter().map(moved).collect(),
+        }
+    }
+
+    /// Least axis-aligned box around the poses, m.
+    pub(crate) fn bounds_m(&self) -> [DVec3; 2] {
+        let start = self.world_from_body[0].translation_m;
+        let extend = |[low, high]: [DVec3; 2], pose: &Pose| {
+            [low.min(pose.translation_m), high.max(pose.translation_m)]
+        };
+        self.world_from_body.iter().fold([start; 2], extend)
+    }
+
+    /// Pose so long after the start, ns with their fraction; the last one from the end on.
+    pub(crate) fn at_offset_ns(&self, after_start_ns: f64) -> Pose {
+        let [start_ns, _] = self.time_span_ns();
+        let after_start_ns = after_start_ns.max(0.0);
+        let whole_ns = after_start_ns.floor();
+        let time_ns = start_ns.saturating_add(whole_ns as u64);
+        let after = self.time_ns.partition_point(|t| *t <= time_ns);
+        let before = after - 1; // the first time is not after the start
+        if after == self.time_ns.len() {
+            return self.world_from_body[before];
+        }
+        let span_ns = (self.time_ns[after] - self.time_ns[before]) as f64;
+        let share = ((time_ns - self.time_ns[before]) as f64 + after_start_ns - whole_ns) / span_ns;
+        self.world_from_body[before].interpolate(&self.world_from_body[after], share)
+    }
+
     /// Stamped poses in order.
     pub fn stamped(&self) -> impl Iterator<Item = (u64, Pose)> + '_ {
         self.time_ns.iter().copied().zip(self.world_from_body.iter().copied())
@@ -109,6 +148,12 @@ pub enum TrajectoryError {
         line: usize,
         /// What was found and what was expected.
         found: String,
+    },
+    /// The file as a whole is not what its format asks for.
+    #[error("{reason}")]
+    Format {
+        /// What was found, what was expected, what to do.
+        reason: String,
     },
     /// Poses without times need a rate.
     #[error("a rate of {rate_hz} poses per second, expected 0.001 to 1000000")]

@@ -40,7 +40,13 @@ pub struct Datagram {
 impl Datagram {
     pub fn packet(&self) -> Packet<'_> {
         let Self { host_time_ns, source, destination, payload } = self;
-        Packet { host_time_ns: *host_time_ns, source: *source, destination: *destination, payload }
+        Packet {
+            host_time_ns: *host_time_ns,
+            source: *source,
+            destination: *destination,
+            link: Default::default(),
+            payload,
+        }
     }
 }
 
@@ -48,7 +54,7 @@ pub fn datagrams(path: &Path) -> Vec<Datagram> {
     let mut reader = CaptureReader::open(path).expect("a capture");
     let mut all = Vec::new();
     while let Some(packet) = reader.next().expect("a whole capture") {
-        let Packet { host_time_ns, source, destination, payload } = packet;
+        let Packet { host_time_ns, source, destination, payload, .. } = packet;
         all.push(Datagram { host_time_ns, source, destination, payload: payload.to_vec() });
     }
     all

@@ -27,7 +27,7 @@ const UART_INTERRUPT: usize = UART + 12;
 const UART_DIVIDER: usize = UART + 16;
 const UART_INTERRUPT_NUMBER: usize = 0;
 
-static HEARD: Queue<1024> = Queue::new();
+static RECEIVED: Queue<1024> = Queue::new();
 
 /// Memory that a sagging supply leaves as it is and switching off does not: a mark, and where the shafts stand.
 struct Retained {
@@ -44,7 +44,7 @@ const PANICKED: u32 = 0x5041_4E49;
 #[entry]
 fn main() -> ! {
     start_uart();
-    write(TIMER + 8, u32::MAX); // counts down and begins anew
+    write(TIMER + 8, u32::MAX); // counts down and wraps
     write(TIMER + 4, u32::MAX);
     write(TIMER, 1);
     start_tick(CORE_HZ / 1000); // only wakes the loop
@@ -68,7 +68,7 @@ fn main() -> ! {
     loop {
         sleep();
         let now_us = clock.now_us(counter());
-        while let Some(byte) = HEARD.pop() {
+        while let Some(byte) = RECEIVED.pop() {
             rig.hear(now_us, byte, |controller, inject| break_axis(controller, inject));
         }
         if rig.step(now_us) {
@@ -109,7 +109,7 @@ unsafe fn DefaultHandler(_number: i16) {
     // cleared before it is looked at: a byte that comes in between asks again
     write(UART_INTERRUPT, 0b10);
     while read(UART_STATE) & 0b10 != 0 {
-        HEARD.push(read(UART) as u8);
+        RECEIVED.push(read(UART) as u8);
     }
 }
 

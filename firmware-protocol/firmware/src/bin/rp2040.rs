@@ -48,7 +48,7 @@ const FUNCTION_SIO: u32 = 5;
 /// PWM counts of half a microsecond: 20 ms.
 const PWM_TOP: u32 = 39_999;
 
-static HEARD: Queue<1024> = Queue::new();
+static RECEIVED: Queue<1024> = Queue::new();
 
 #[entry]
 fn main() -> ! {
@@ -61,14 +61,14 @@ fn main() -> ! {
     let mut clock = Clock::new(1, read(TIMER_RAW_LOW));
     let mut config = Config { revision: REVISION, ..Config::mirrored_pair(0x4F55_5452_5250_3230) };
     for axis in &mut config.axes {
-        axis.accuracy_urad = 52_360; // a hobby servo stands within three degrees of what it was told, unmeasured
+        axis.accuracy_urad = 52_360; // a hobby servo stands within three degrees of its setpoint, unmeasured
     }
     let mut rig = Rig::new(config, [PulseServo::standard(); 2], 1, reset, 0);
     loop {
         sleep();
         let now_us = clock.now_us(read(TIMER_RAW_LOW));
         rig.controller().set_local_switch(read(SIO_IN) & 1 << SWITCH == 0);
-        while let Some(byte) = HEARD.pop() {
+        while let Some(byte) = RECEIVED.pop() {
             rig.hear(now_us, byte, |_, _| {}); // its axes are real
         }
         if rig.step(now_us) {
@@ -85,7 +85,7 @@ fn reset_cause() -> ResetCause {
     if read(WATCHDOG_REASON) & 0b11 != 0 {
         ResetCause::Watchdog
     } else if read(RESET_CAUSE) & 1 << 8 != 0 {
-        // power on and brown-out look alike here; either way nothing is homed
+        // power on and brown-out look alike here; in both cases nothing is homed
         ResetCause::PowerOn
     } else {
         ResetCause::Software // the reset pin or a debugger
@@ -164,7 +164,7 @@ unsafe fn DefaultHandler(_number: i16) {
     // cleared before it is looked at: a byte that comes in between asks again
     write(UART + 0x44, 0b101_0000);
     while read(UART_FLAGS) & 1 << 4 == 0 {
-        HEARD.push(read(UART) as u8);
+        RECEIVED.push(read(UART) as u8);
     }
 }
 

@@ -1,5 +1,7 @@
 //! Reading typed values out of a JSON document, with errors that say where and what.
 
+use std::borrow::Cow;
+
 use serde_json::{Map, Value};
 
 /// What can be wrong with metadata; always names the file and the place.
@@ -120,6 +122,45 @@ impl<'a> Section<'a> {
     }
 }
 
+/// JSON as people keep it: without the byte order mark of editors (RFC 8259, section 8.1) and with comments turned into
+/// spaces, so that lines and columns stay what they are.
+pub(super) fn without_comments(text: &str) -> Cow<'_, str> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    if !text.contains("//") && !text.contains("/*") {
+        return Cow::Borrowed(text);
+    }
+    let mut clean = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(next) = rest.chars().next() {
+        let (kept, comment) = match next {
+            '"' => (string_bytes(rest), 0),
+            '/' if rest.starts_with("//") => (0, rest.find('\n').unwrap_or(rest.len())),
+            '/' if rest.starts_with("/*") => {
+                (0, rest[2..].find("*/").map_or(rest.len(), |end| end + "/**/".len()))
+            }
+            _ => (next.len_utf8(), 0),
+        };
+        clean.push_str(&rest[..kept]);
+        clean.extend(rest[kept..kept + comment].chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
+        rest = &rest[kept + comment..];
+    }
+    Cow::Owned(clean)
+}
+
+/// Bytes of the string that a text begins with, quotes included.
+fn string_bytes(text: &str) -> usize {
+    let mut is_escaped = false;
+    for (at, byte) in text.bytes().enumerate().skip(1) {
+        match byte {
+            _ if is_escaped => is_escaped = false,
+            b'\\' => is_escaped = true,
+            b'"' => return at + 1,
+            _ => {}
+        }
+    }
+    text.len()
+}
+
 /// A value in a few words, for errors.
 pub(super) fn describe(value: &Value) -> String {
     match value {
@@ -127,5 +168,20 @@ pub(super) fn describe(value: &Value) -> String {
         Value::Object(object) => format!("an object of {} fields", object.len()),
         Value::String(text) => format!("{:?}", text.chars().take(60).collect::<String>()),
         other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_comments;
+
+    #[test]
+    fn comments_become_spaces_and_strings_stay() {
+        let text = "\u{feff}{ // one\r\n\"a\": \"http://x/*y*/\\\"//\", /* two\nlines */ \"b\": 1 }";
+        let clean = without_comments(text);
+        let value: serde_json::Value = serde_json::from_str(&clean).unwrap();
+        assert_eq!(value, serde_json::json!({"a": "http://x/*y*/\"//", "b": 1}));
+        assert_eq!(clean.lines().count(), text.lines().count());
+        assert!(serde_json::from_str::<serde_json::Value>(&without_comments("{ /* no end")).is_err());
     }
 }

@@ -124,6 +124,27 @@ impl Metadata {
         }
     }
 
+    /// The same sensor set to another mode: what counts columns counts those of the new one.
+    pub(crate) fn set_mode(&mut self, columns: usize, rate_hz: f64) {
+        let before = self.columns_per_frame;
+        let is_full = self.column_window == [0, before - 1];
+        let [first, last] = self.column_window;
+        self.column_window = match is_full {
+            true => [0, columns - 1],
+            false => [first * columns / before, ((last + 1) * columns / before).saturating_sub(1)],
+        };
+        let scale = columns as f64 / before as f64;
+        for shift in &mut self.pixel_shift_by_row {
+            *shift = (f64::from(*shift) * scale).round() as i32;
+        }
+        (self.columns_per_frame, self.frame_rate_hz) = (columns, rate_hz);
+    }
+
+    /// Mode as the configuration writes it: columns per revolution and revolutions per second.
+    pub fn mode(&self) -> String {
+        format!("{}x{}", self.columns_per_frame, self.frame_rate_hz)
+    }
+
     /// Packets that a whole revolution could have, were the window full.
     pub fn packet_slots(&self) -> usize {
         self.columns_per_frame.div_ceil(self.columns_per_packet)

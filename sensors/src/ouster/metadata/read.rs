@@ -41,14 +41,28 @@ struct Document<'a> {
 }
 
 pub(super) fn parse(text: &str, name: &str) -> Result<Metadata, MetadataError> {
-    let value: Value = serde_json::from_str(text).map_err(|error| MetadataError::NotJson {
+    let text = super::json::without_comments(text);
+    let value: Value = serde_json::from_str(&text).map_err(|error| MetadataError::NotJson {
         name: name.to_owned(),
         line: error.line(),
         column: error.column(),
         reason: error.to_string(),
     })?;
-    let document = Document::new(&value, name)?;
-    document.metadata()
+    Document::new(only_one(&value, name)?, name)?.metadata()
+}
+
+/// Programs that know several sensors write a list of their metadata: one of one sensor is as good as what it lists.
+fn only_one<'a>(value: &'a Value, name: &str) -> Result<&'a Value, MetadataError> {
+    match value.as_array().map(Vec::as_slice) {
+        None => Ok(value),
+        Some([only]) => Ok(only),
+        Some(list) => Err(MetadataError::Unexpected {
+            name: name.to_owned(),
+            path: "document".to_owned(),
+            expected: "the metadata of one sensor".to_owned(),
+            found: format!("a list of {}; give each in a file of its own", list.len()),
+        }),
+    }
 }
 
 impl<'a> Document<'a> {
@@ -152,7 +166,11 @@ impl<'a> Document<'a> {
     }
 
     fn serial(&self) -> Result<String, MetadataError> {
-        Ok(self.info.text("prod_sn")?.unwrap_or_default().to_owned())
+        // some programs write it as a number
+        match self.info.object.get("prod_sn").and_then(Value::as_u64) {
+            Some(number) => Ok(number.to_string()),
+            None => Ok(self.info.text("prod_sn")?.unwrap_or_default().to_owned()),
+        }
     }
 
     /// `1024x10`: columns per revolution and revolutions per second. Reduced metadata without it: 1024x10.

@@ -44,7 +44,7 @@ fn encode(product: Product, mode: ReturnMode, firings: &[Firing]) -> Vec<(u64, V
 fn packet(payload: &[u8], host_time_ns: u64) -> Packet<'_> {
     let source = SocketAddr::from(([192, 168, 1, 201], 2368));
     let destination = SocketAddr::from(([255, 255, 255, 255], 2368));
-    Packet { host_time_ns, source, destination, payload }
+    Packet { host_time_ns, source, destination, link: Default::default(), payload }
 }
 
 struct Outcome {

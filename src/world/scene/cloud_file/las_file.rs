@@ -1,14 +1,12 @@
 //! LAS and LAZ (ASPRS LAS 1.4 R15; LASzip, "laszip compressed file format"). The crates take memory for what counts in
 //! a file say, and index by them: here every count is held against the file's length before they see it.
 
-use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufReader, Read as _, Seek as _, SeekFrom};
-use std::panic::{self, AssertUnwindSafe};
-use std::sync::Once;
 
 use glam::DVec3;
 
+use super::guard::guarded;
 use super::{CloudPoint, Fault};
 
 /// Reads every point.
@@ -18,9 +16,9 @@ pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<(), F
     let mut file = BufReader::new(file);
     Header::read(&mut file, bytes)?.check(&mut file, bytes)?;
     file.rewind().map_err(|error| Fault::at("LAS", error.to_string()))?;
-    let mut reader = guarded(|| las::Reader::new(file))?;
+    let mut reader = guarded("LAS", || las::Reader::new(file))?;
     loop {
-        let points = guarded(|| reader.read_points(AT_ONCE))?;
+        let points = guarded("LAS", || reader.read_points(AT_ONCE))?;
         if points.is_empty() {
             return Ok(());
         }
@@ -29,28 +27,6 @@ pub(super) fn read(file: File, take: &mut dyn FnMut(CloudPoint)) -> Result<(), F
             let time_s = times.as_mut().and_then(Iterator::next);
             take(CloudPoint { position_m: DVec3::new(x, y, z), seen_from_m: None, time_s });
         }
-    }
-}
-
-/// What the crates make of damage that no count shows: an error, also where they panic. A panic on this thread in the
-/// meantime is not told on stderr.
-fn guarded<T>(work: impl FnOnce() -> las::Result<T>) -> Result<T, Fault> {
-    thread_local!(static IS_GUARDED: Cell<bool> = const { Cell::new(false) });
-    static HOOK: Once = Once::new();
-    HOOK.call_once(|| {
-        let tell = panic::take_hook();
-        panic::set_hook(Box::new(move |panic| {
-            if !IS_GUARDED.get() {
-                tell(panic);
-            }
-        }));
-    });
-    IS_GUARDED.set(true);
-    let outcome = panic::catch_unwind(AssertUnwindSafe(work));
-    IS_GUARDED.set(false);
-    match outcome {
-        Ok(outcome) => outcome.map_err(|error| Fault::at("LAS", error.to_string())),
-        Err(_) => Err(Fault::at("LAS", "its points are damaged; expected LAS or LAZ as LASzip writes it")),
     }
 }
 

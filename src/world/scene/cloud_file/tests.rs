@@ -135,7 +135,7 @@ fn ply_clouds_tell_where_and_when_points_were_seen() {
 
 #[test]
 fn what_is_no_cloud_is_named() {
-    assert!(read("a.xyz", b"1 2 3\n").unwrap_err().contains("known are .ply"));
+    assert!(read("a.foo", b"1 2 3\n").unwrap_err().contains("known are .ply"));
     assert!(read("a.las", b"LASF").unwrap_err().contains("a.las: byte 4: the file ends in the header"));
     let missing = read_cloud(Path::new("no-such.pcd"), |_| ()).unwrap_err().to_string();
     assert!(missing.contains("no-such.pcd: cannot be read"), "{missing}");

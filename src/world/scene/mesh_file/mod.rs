@@ -1,14 +1,21 @@
-//! Mesh files: OBJ, PLY, STL and glTF to triangles in metres with z up.
+//! Mesh files: OBJ, PLY, STL, OFF and glTF to triangles in metres with z up.
 //!
 //! None of the formats but glTF says what its unit is or which way is up. Without word from the user a file is taken
-//! as metres, z up (glTF as its standard says: y up), and a size that no building has is refused.
+//! as metres, z up (glTF as its standard says: y up), and a size that no building has is refused, in any format.
 
+mod finish;
 mod gltf;
 mod obj;
+mod off;
 mod ply;
+mod polygon;
 mod stl;
+mod unit;
 
-pub(super) use ply::{Passed, element_fault, header_fault, whole_number};
+pub(super) use finish::single_step;
+pub(super) use ply::{Passed, element_fault, header_fault, makes_surface, whole_number};
+pub use unit::MeshUnit;
+pub(crate) use unit::{UNITS, plausible_units};
 
 use std::path::{Path, PathBuf};
 
@@ -16,28 +23,7 @@ use glam::DVec3;
 
 use super::{Mesh, MeshError};
 use crate::base::files::ending;
-
-/// Length unit of a mesh file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MeshUnit {
-    /// Metres.
-    Metre,
-    /// Centimetres.
-    Centimetre,
-    /// Millimetres.
-    Millimetre,
-}
-
-impl MeshUnit {
-    /// Metres per unit.
-    pub(crate) fn metres(self) -> f64 {
-        match self {
-            MeshUnit::Metre => 1.0,
-            MeshUnit::Centimetre => 0.01,
-            MeshUnit::Millimetre => 0.001,
-        }
-    }
-}
+use crate::world::local_origin::LocalOrigin;
 
 /// The axis of a mesh file that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,27 +37,26 @@ pub enum UpAxis {
 /// A mesh and what deserves a second look.
 #[derive(Clone, Debug)]
 pub struct LoadedMesh {
-    /// The mesh, metres, z up.
+    /// The mesh, metres, z up, around its local origin.
     pub mesh: Mesh,
+    /// Where the mesh's own frame begins in that of the file.
+    pub origin: LocalOrigin,
+    /// The unit that was read.
+    pub unit: MeshUnit,
+    /// Whether the user or a comment of the file states it.
+    pub is_unit_stated: bool,
     /// Doubts about the file that the user can settle: dropped triangles, an unusual orientation.
     pub warnings: Vec<String>,
 }
 
-/// Largest extent that is believed without a stated unit, m.
-const LARGEST_EXTENT_M: f64 = 1000.0;
-/// Smallest such extent, m.
-const SMALLEST_EXTENT_M: f64 = 0.5;
-/// Beyond this the single precision of the ray caster is coarser than half a millimetre, m.
-const PRECISE_EXTENT_M: f64 = 8000.0;
-
 /// Endings of the files that can be read.
-pub const MESH_ENDINGS: &str = ".obj, .ply, .stl, .gltf, .glb";
+pub const MESH_ENDINGS: &str = ".obj, .ply, .stl, .gltf, .glb, .off";
 
 /// Reads a mesh file; the name's ending says which format. `unit` and `up` are what the user stated.
 ///
 /// # Errors
 /// A file that cannot be read, is malformed (with line, byte or element), holds no triangle with an area, or whose
-/// size is implausible while nobody stated the unit.
+/// size is implausible while the user did not state the unit.
 pub fn load_mesh(
     path: &Path,
     unit: Option<MeshUnit>,
@@ -84,57 +69,13 @@ pub fn load_mesh(
         "obj" => obj::read(&bytes),
         "ply" => ply::read(&bytes),
         "stl" => stl::read(&bytes),
+        "off" => off::read(&bytes),
         "gltf" | "glb" => gltf::read(&bytes, path.parent().unwrap_or(Path::new(""))),
         _ => return Err(MeshFileError::UnknownFormat { path: path.to_owned() }),
     };
     let soup = soup.map_err(|fault| MeshFileError::Malformed { path: path.to_owned(), fault })?;
     let native_up = if ending.starts_with("gl") { UpAxis::Y } else { UpAxis::Z };
-    finish(path, soup, unit, up, native_up)
-}
-
-fn finish(
-    path: &Path,
-    mut soup: Soup,
-    unit: Option<MeshUnit>,
-    up: Option<UpAxis>,
-    native_up: UpAxis,
-) -> Result<LoadedMesh, MeshFileError> {
-    let scale = unit.unwrap_or(MeshUnit::Metre).metres();
-    for vertex in &mut soup.vertices {
-        *vertex *= scale;
-        if up.unwrap_or(native_up) == UpAxis::Y {
-            *vertex = DVec3::new(vertex.x, -vertex.z, vertex.y);
-        }
-    }
-    let mesh = Mesh::new(soup.vertices, soup.triangles)
-        .map_err(|source| MeshFileError::NoMesh { path: path.to_owned(), source })?;
-    let extent = mesh.bounds_m()[1] - mesh.bounds_m()[0];
-    let largest_m = extent.max_element();
-    let plausible = (SMALLEST_EXTENT_M..=LARGEST_EXTENT_M).contains(&largest_m);
-    if unit.is_none() && native_up == UpAxis::Z && !plausible {
-        let extent_units = extent.to_array();
-        return Err(MeshFileError::UnitUnclear { path: path.to_owned(), extent_units });
-    }
-    let mut warnings = Vec::new();
-    if mesh.degenerate() > 0 {
-        warnings.push(format!("{}: {} triangles without area dropped", path.display(), mesh.degenerate()));
-    }
-    if up.is_none() && native_up == UpAxis::Z && extent.y < 0.8 * extent.x.min(extent.z) {
-        warnings.push(format!(
-            "{}: the mesh is {:.2} x {:.2} x {:.2} m, flattest along y: if y points up in this file, pass --up y",
-            path.display(),
-            extent.x,
-            extent.y,
-            extent.z
-        ));
-    }
-    if largest_m > PRECISE_EXTENT_M {
-        warnings.push(format!(
-            "{}: the mesh is {largest_m:.0} m wide; ray casting in single precision is coarser than 0.5 mm there",
-            path.display()
-        ));
-    }
-    Ok(LoadedMesh { mesh, warnings })
+    finish::finish(path, soup, finish::Stated { unit, up, native_up })
 }
 
 /// Triangles as a file gives them: its own unit and axes.
@@ -142,15 +83,27 @@ fn finish(
 struct Soup {
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
+    /// Which of the triangles are polygons of more than three corners.
+    fans: Vec<polygon::Fan>,
+    /// As a comment of the file states it.
+    unit: Option<MeshUnit>,
+    /// Coarsest step of coordinates that are stored in 32 bits, and where it is; 0 where none are.
+    single: [f64; 2],
 }
 
-impl Soup {
-    /// A polygon as a fan of triangles.
-    fn push_polygon(&mut self, corners: &[u32]) {
-        for pair in corners.windows(2).skip(1) {
-            self.triangles.push([corners[0], pair[0], pair[1]]);
-        }
-    }
+/// A coordinate; one that is not finite is read as it is, and the triangles that it spoils are dropped.
+fn coordinate(word: &str, line: usize) -> Result<f64, Fault> {
+    number(word).ok_or_else(|| {
+        let comma = if word.contains(',') { ": decimals follow a point, not a comma" } else { "" };
+        Fault::line(line, format!("{word:?} where a coordinate is expected{comma}"))
+    })
+}
+
+/// A number as programs print it; those of Windows print `-nan(ind)`.
+fn number(word: &str) -> Option<f64> {
+    let unsigned = word.trim_start_matches(['+', '-']);
+    let is_nan = unsigned.get(..3).is_some_and(|start| start.eq_ignore_ascii_case("nan"));
+    if is_nan { Some(f64::NAN) } else { word.parse().ok() }
 }
 
 /// What is wrong in a file, and where.
@@ -212,7 +165,7 @@ pub enum MeshFileError {
     },
     /// Its size fits no scene in metres.
     #[error(
-        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene in metres; nobody stated the unit of the file",
+        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene; {said}",
         path.display(), extent_units[0], extent_units[1], extent_units[2]
     )]
     UnitUnclear {
@@ -220,6 +173,8 @@ pub enum MeshFileError {
         path: PathBuf,
         /// Extent in the file's own units.
         extent_units: [f64; 3],
+        /// What the file or its format says of the unit.
+        said: String,
     },
 }
 

@@ -1,41 +1,43 @@
 //! Wavefront OBJ: the `v` and `f` statements (specification: Wavefront Advanced Visualizer manual, appendix B1).
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
-use super::{Fault, Soup};
+use super::{Fault, MeshUnit, Soup};
+use crate::base::text;
 
-/// Reads vertices and faces; polygons become fans. Everything that is not geometry is passed over.
+/// Reads vertices and faces. Everything that is not geometry is passed over, but for a comment that names the unit.
 pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
     let mut soup = Soup::default();
     let mut polygon = Vec::new();
-    let mut lines = bytes.split(|byte| *byte == b'\n').enumerate();
-    while let Some((index, line)) = lines.next() {
-        let line = std::str::from_utf8(line)
-            .map_err(|_| Fault::line(index + 1, "not text; is this an OBJ file?"))?
-            .trim_end();
-        if !line.starts_with(['v', 'f']) {
-            continue;
+    let mut lines = text::lines(bytes).map_err(|reason| Fault::at("text", reason))?;
+    while let Some((number, line)) = lines.next() {
+        let (statement, comment) = parts(&line);
+        let mut statement = Cow::Borrowed(statement);
+        if soup.unit.is_none() && !comment.is_empty() {
+            soup.unit = MeshUnit::of_comment(comment);
         }
-        let mut statement = line.to_owned();
         // a backslash at the end joins the next line
-        while statement.ends_with('\\') {
-            statement.pop();
-            match lines.next() {
-                Some((_, next)) => statement.push_str(String::from_utf8_lossy(next).trim_end()),
-                None => break,
-            }
+        while let Some(begun) = statement.trim_end().strip_suffix('\\') {
+            let mut joined = begun.to_owned();
+            let Some((_, next)) = lines.next() else { break };
+            joined.push(' ');
+            joined.push_str(parts(&next).0);
+            statement = Cow::Owned(joined);
         }
         let mut words = statement.split_ascii_whitespace();
-        match words.next() {
-            Some("v") => soup.vertices.push(vertex(&mut words, index + 1)?),
-            Some("f") => {
+        match words.next().unwrap_or_default() {
+            "v" | "V" => soup.vertices.push(vertex(&mut words, number)?),
+            // `fo` was a face too, before version 3
+            "f" | "F" | "fo" | "FO" => {
                 polygon.clear();
                 for word in words {
-                    polygon.push(corner(word, soup.vertices.len(), index + 1)?);
+                    polygon.push(corner(word, soup.vertices.len(), number)?);
                 }
                 if polygon.len() < 3 {
                     let reason = format!("a face of {} corners, expected at least 3", polygon.len());
-                    return Err(Fault::line(index + 1, reason));
+                    return Err(Fault::line(number, reason));
                 }
                 soup.push_polygon(&polygon);
             }
@@ -45,19 +47,18 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
     Ok(soup)
 }
 
+/// A line without its comment, and the comment.
+fn parts(line: &str) -> (&str, &str) {
+    line.split_once('#').unwrap_or((line, ""))
+}
+
 fn vertex<'a>(words: &mut impl Iterator<Item = &'a str>, line: usize) -> Result<DVec3, Fault> {
     let mut point = DVec3::ZERO;
     for axis in 0..3 {
         let word = words
             .next()
             .ok_or_else(|| Fault::line(line, format!("a vertex of {axis} coordinates, expected 3")))?;
-        let value: f64 = word
-            .parse()
-            .map_err(|_| Fault::line(line, format!("{word:?} where a coordinate is expected")))?;
-        if !value.is_finite() {
-            return Err(Fault::line(line, format!("the coordinate {word} is not finite")));
-        }
-        point[axis] = value;
+        point[axis] = super::coordinate(word, line)?;
     }
     Ok(point)
 }

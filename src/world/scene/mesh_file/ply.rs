@@ -1,22 +1,24 @@
-//! PLY, text and binary of both byte orders: the elements `vertex` (x, y, z) and `face` (a list of vertex numbers).
+//! PLY, text and binary of both byte orders: the elements `vertex` (x, y, z), `face` (a list of vertex numbers) and
+//! `tristrips` (lists of strips, with -1 between them).
 
 use std::io::Cursor;
 
 use glam::DVec3;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{DefaultElement, ElementDef, Encoding, Header, Property, PropertyAccess};
-use ply_rs_bw::ply::{PropertyAccessResult, PropertyType};
+use ply_rs_bw::ply::{PropertyAccessResult, PropertyType, ScalarType};
 
-use super::{Fault, Soup};
+use super::{Fault, MeshUnit, Soup};
 
-/// Reads vertices and faces; polygons become fans, other elements are passed over.
+/// Reads vertices, faces and strips; other elements are passed over.
 pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
     let mut reader = Reader::new(Cursor::new(bytes));
     let header = Parser::<DefaultElement>::new()
         .read_header(&mut reader)
         .map_err(|error| header_fault(bytes, &error))?;
     check(&header)?;
-    let mut soup = Soup::default();
+    let unit = header.comments.iter().find_map(|comment| MeshUnit::of_comment(comment));
+    let mut soup = Soup { unit, ..Soup::default() };
     for (name, element) in &header.elements {
         let fault =
             |reader: &Reader<Cursor<&[u8]>>, error| element_fault(&header, name, reader, bytes, error);
@@ -26,22 +28,20 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
                     .read_payload_for_element(&mut reader, element, &header)
                     .map_err(|error| fault(&reader, error))?;
                 soup.vertices = points.into_iter().map(|vertex| vertex.0).collect();
+                if is_single_precision(element) {
+                    soup.note_single_precision();
+                }
             }
-            "face" => {
-                let faces = Parser::<Face>::new()
+            "face" | "tristrips" => {
+                let lists = Parser::<Corners>::new()
                     .read_payload_for_element(&mut reader, element, &header)
                     .map_err(|error| fault(&reader, error))?;
-                for (number, Face(corners)) in faces.iter().enumerate() {
-                    let mut polygon = Vec::with_capacity(corners.len());
-                    for corner in corners {
-                        polygon.push(u32::try_from(*corner).map_err(|_| {
-                            Fault::at(
-                                format!("face {number} (counted from 0)"),
-                                format!("vertex number {corner}"),
-                            )
-                        })?);
+                for (number, Corners(corners)) in lists.iter().enumerate() {
+                    let place = || format!("{name} {number} (counted from 0)");
+                    match name.as_str() {
+                        "face" => soup.push_polygon(&vertices(corners, place)?),
+                        _ => push_strips(&mut soup, corners, place)?,
                     }
-                    soup.push_polygon(&polygon);
                 }
             }
             _ => {
@@ -54,26 +54,60 @@ pub(super) fn read(bytes: &[u8]) -> Result<Soup, Fault> {
     Ok(soup)
 }
 
+fn vertices(corners: &[i64], place: impl Fn() -> String) -> Result<Vec<u32>, Fault> {
+    let vertex = |corner: &i64| {
+        u32::try_from(*corner).map_err(|_| Fault::at(place(), format!("vertex number {corner}")))
+    };
+    corners.iter().map(vertex).collect()
+}
+
+/// Strips of triangles: each corner makes one with the two before it; -1 begins a new strip.
+fn push_strips(soup: &mut Soup, corners: &[i64], place: impl Fn() -> String) -> Result<(), Fault> {
+    for strip in corners.split(|corner| *corner == -1) {
+        let strip = vertices(strip, &place)?;
+        // a corner that comes twice joins two strips, and makes no surface
+        let triangles = strip.windows(3).map(|t| [t[0], t[1], t[2]]);
+        soup.triangles.extend(triangles.filter(|[a, b, c]| a != b && b != c && a != c));
+    }
+    Ok(())
+}
+
+fn is_single_precision(vertex: &ElementDef) -> bool {
+    let scalar = |axis| vertex.properties.get(axis).map(|property| &property.data_type);
+    ["x", "y", "z"].iter().any(|axis| matches!(scalar(*axis), Some(PropertyType::Scalar(ScalarType::Float))))
+}
+
+/// Whether an element of a PLY file makes a surface.
+pub(in crate::world::scene) fn makes_surface(name: &str, count: usize) -> bool {
+    count > 0 && matches!(name, "face" | "tristrips")
+}
+
 fn check(header: &Header) -> Result<(), Fault> {
     let missing = |what: &str| Err(Fault::at("header", format!("no {what}")));
     let Some(vertex) = header.elements.get("vertex") else { return missing("element vertex") };
-    let Some(face) = header.elements.get("face") else {
-        return missing("element face: this is a point cloud, not a mesh");
-    };
     for axis in ["x", "y", "z"] {
         if !vertex.properties.contains_key(axis) {
             return missing(&format!("property {axis} of element vertex"));
         }
     }
-    let is_list = |property: &str| {
-        face.properties.get(property).is_some_and(|p| matches!(p.data_type, PropertyType::List(_, _)))
-    };
-    if is_list("vertex_indices") || is_list("vertex_index") {
-        Ok(())
-    } else {
-        missing("list property vertex_indices of element face")
+    let surfaces = header.elements.iter().filter(|(name, _)| matches!(name.as_str(), "face" | "tristrips"));
+    let mut surfaces = surfaces.peekable();
+    if surfaces.peek().is_none() {
+        return missing("element face: this is a point cloud, not a mesh");
     }
+    for (name, element) in surfaces {
+        let is_list = |name: &str| {
+            element.properties.get(name).is_some_and(|p| matches!(p.data_type, PropertyType::List(_, _)))
+        };
+        if !CORNERS.iter().any(|name| is_list(name)) {
+            return missing(&format!("list property vertex_indices of element {name}"));
+        }
+    }
+    Ok(())
 }
+
+/// Names under which programs write the corners of a face.
+const CORNERS: [&str; 4] = ["vertex_indices", "vertex_index", "vertex_indexes", "indices"];
 
 pub(in crate::world::scene) fn element_fault(
     header: &Header,
@@ -154,16 +188,16 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// The corners of a face; its other properties are passed over.
-struct Face(Vec<i64>);
+/// The corners of a face or of strips; other properties are passed over.
+struct Corners(Vec<i64>);
 
-impl PropertyAccess for Face {
+impl PropertyAccess for Corners {
     fn new() -> Self {
         Self(Vec::new())
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if name != "vertex_indices" && name != "vertex_index" {
+        if !CORNERS.contains(&name) {
             return PropertyAccessResult::Ignored;
         }
         self.0 = match property {

@@ -45,28 +45,32 @@ pub(super) struct Corner {
 pub(super) struct Built {
     pub nodes: Vec<Node>,
     pub corners: Vec<Corner>,
+    /// Number of the triangle behind each corner, as they were given to the builder.
+    pub sources: Vec<u32>,
     /// Greatest coordinate of any box, m.
     pub reach_m: f32,
 }
 
-/// Triangles about a centre. Copies of one, drawn from either side, add nothing, and many of them stall the builder.
+/// Triangles about a centre, and the number of each as given. Copies of one, drawn from either side, add nothing, and many
+/// of them stall the builder.
 pub(super) fn without_copies(
     corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>,
     centre_m: DVec3,
-) -> Vec<Triangle> {
+) -> (Vec<Triangle>, Vec<u32>) {
     let mut known = HashSet::with_capacity(corners_m.len());
-    corners_m
-        .map(|corner| corner.map(|point| (point - centre_m).as_vec3()))
-        .filter(|corner| {
+    (0..)
+        .zip(corners_m)
+        .map(|(number, corner): (u32, _)| (number, corner.map(|point| (point - centre_m).as_vec3())))
+        .filter(|(_, corner)| {
             let mut key = corner.map(|point| point.to_array().map(f32::to_bits));
             key.sort_unstable();
             known.insert(key)
         })
-        .map(|corner| {
+        .map(|(number, corner)| {
             let [v0, v1, v2] = corner.map(Vec3A::from);
-            Triangle { v0, v1, v2 }
+            (Triangle { v0, v1, v2 }, number)
         })
-        .collect()
+        .unzip()
 }
 
 pub(super) fn build(triangles: &[Triangle]) -> Built {
@@ -142,8 +146,12 @@ fn bounds(order: &[u32], triangles: &[Triangle]) -> Aabb {
 
 /// Merges a binary tree's nodes by eight, triangles in the order in which a walk meets them. None if it is too deep.
 fn merge(binary: &Binary, triangles: &[Triangle]) -> Option<Built> {
-    let mut built =
-        Built { nodes: vec![Node::EMPTY], corners: Vec::with_capacity(triangles.len()), reach_m: 0.0 };
+    let mut built = Built {
+        nodes: vec![Node::EMPTY],
+        corners: Vec::with_capacity(triangles.len()),
+        sources: Vec::with_capacity(triangles.len()),
+        reach_m: 0.0,
+    };
     let root = &binary.nodes[0];
     built.reach_m = root.aabb().min.abs().max(root.aabb().max.abs()).max_element();
     // (nodes of the binary tree that become children, place of their parent, its depth)
@@ -163,6 +171,7 @@ fn merge(binary: &Binary, triangles: &[Triangle]) -> Option<Built> {
                 let first = child.first_index as usize;
                 let own = &binary.order[first..first + child.prim_count as usize];
                 built.corners.extend(own.iter().map(|index| Corner::new(&triangles[*index as usize])));
+                built.sources.extend_from_slice(own);
             } else {
                 node.first[side] = built.nodes.len() as u32;
                 open.push((vec![child.first_index, child.first_index + 1], built.nodes.len(), depth + 1));

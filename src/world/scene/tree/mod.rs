@@ -7,17 +7,20 @@
 
 mod build;
 mod packet;
+mod precise;
 mod walk;
 
 use glam::DVec3;
 
 use build::{Corner, Node};
 use packet::Packet;
+use precise::Precise;
+use walk::Rounded;
 
 use crate::base::instructions::Instructions;
 
 /// Rays that walk the tree together.
-pub(super) const PACKET: usize = 16;
+pub(crate) const PACKET: usize = 16;
 const NONE: u32 = u32::MAX;
 
 /// What one ray met.
@@ -44,18 +47,40 @@ pub(super) struct TriangleTree {
     reach_m: f32,
     nodes: Vec<Node>,
     corners: Vec<Corner>,
+    /// Number of the triangle behind each corner.
+    sources: Vec<u32>,
+}
+
+/// Rays that walk a mesh together in single precision, without a word about what they met but how far away it is. Origins
+/// are about the mesh's centre.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct RayTile {
+    /// x, y, z of every lane, m.
+    pub origin_m: [[f32; PACKET]; 3],
+    /// Unit vectors.
+    pub direction: [[f32; PACKET]; 3],
+}
+
+impl RayTile {
+    /// Nothing set yet.
+    pub const EMPTY: Self = Self { origin_m: [[0.0; PACKET]; 3], direction: [[0.0; PACKET]; 3] };
 }
 
 impl TriangleTree {
     /// Builds the tree. `triangles` must not be empty and hold finite corners only.
     pub(crate) fn new(corners_m: impl ExactSizeIterator<Item = [DVec3; 3]>, centre_m: DVec3) -> Self {
-        let built = build::build(&build::without_copies(corners_m, centre_m));
-        Self { centre_m, reach_m: built.reach_m, nodes: built.nodes, corners: built.corners }
+        let (triangles, numbers) = build::without_copies(corners_m, centre_m);
+        let built = build::build(&triangles);
+        let sources = built.sources.iter().map(|triangle| numbers[*triangle as usize]).collect();
+        Self { centre_m, reach_m: built.reach_m, nodes: built.nodes, corners: built.corners, sources }
     }
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        std::mem::size_of_val(&self.nodes[..]) + std::mem::size_of_val(&self.corners[..])
+        std::mem::size_of_val(&self.nodes[..])
+            + std::mem::size_of_val(&self.corners[..])
+            + std::mem::size_of_val(&self.sources[..])
     }
 
     /// First triangle along one ray.
@@ -121,8 +146,47 @@ impl TriangleTree {
         }
     }
 
+    /// What rays are about, m.
+    pub fn centre_m(&self) -> DVec3 {
+        self.centre_m
+    }
+
+    /// Distance to the first triangle along each ray of a tile, m, in single precision; infinite where none is nearer than
+    /// `limit_m`.
+    pub fn cast_tile(&self, tile: &RayTile, limit_m: f32, instructions: Instructions) -> [f32; PACKET] {
+        let mut packet = Packet::<PACKET>::of_tile(tile, limit_m);
+        self.walk::<PACKET, false>(&mut packet, instructions);
+        packet.distances()
+    }
+
+    /// Distance to the first triangle along each of up to [`PACKET`] rays, m, by the corners as they were given, in double
+    /// precision throughout.
+    pub fn cast_precise(
+        &self,
+        corners_m: impl Fn(u32) -> [DVec3; 3],
+        origins_m: &[DVec3],
+        directions: &[DVec3],
+        mut report: impl FnMut(usize, Option<f64>),
+    ) {
+        let count = origins_m.len().min(directions.len()).min(PACKET);
+        let mut packet = Packet::<PACKET>::new();
+        let mut precise = Precise::<_, PACKET>::new(|place| corners_m(self.sources[place as usize]));
+        for lane in 0..count {
+            packet.set(lane, origins_m[lane] - self.centre_m, directions[lane], f64::INFINITY);
+            precise.set(lane, origins_m[lane], directions[lane]);
+        }
+        packet.repeat_first(count);
+        let (nodes, corners) = (&self.nodes, &self.corners);
+        let best = Instructions::best();
+        walk::walk::<PACKET, false, _>(nodes, corners, self.reach_m, &mut packet, &mut precise, best);
+        for lane in 0..count {
+            report(lane, (packet.won[lane] != NONE).then(|| precise.nearest_m[lane]));
+        }
+    }
+
     fn walk<const N: usize, const ANY: bool>(&self, packet: &mut Packet<N>, instructions: Instructions) {
-        walk::walk::<N, ANY>(&self.nodes, &self.corners, self.reach_m, packet, instructions);
+        let (nodes, corners) = (&self.nodes, &self.corners);
+        walk::walk::<N, ANY, _>(nodes, corners, self.reach_m, packet, &mut Rounded, instructions);
     }
 
     fn exact(&self, won: u32, origin_m: DVec3, direction: DVec3) -> Option<TreeHit> {
@@ -154,6 +218,7 @@ mod tests {
             reach_m: built.reach_m,
             nodes: built.nodes,
             corners: built.corners,
+            sources: built.sources,
         }
     }
 

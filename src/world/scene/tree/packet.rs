@@ -4,8 +4,8 @@
 
 use glam::DVec3;
 
-use super::NONE;
 use super::build::{Corner, Node, WIDTH};
+use super::{NONE, PACKET, RayTile};
 
 /// What rounding may add to the distance of a plane: a few roundings of the largest number in it.
 const SLACK: f32 = 4e-7;
@@ -77,6 +77,12 @@ impl<const N: usize> Packet<N> {
             self.direction[axis][lane] = direction[axis] as f32;
         }
         self.nearest[lane] = limit_m as f32;
+    }
+
+    /// A lane met something at most so far away: a bound in single precision.
+    #[inline(always)]
+    pub fn limit(&mut self, lane: usize, limit_m: f32) {
+        self.nearest[lane] = limit_m;
     }
 
     /// Fills the lanes from `count` on with the first ray, limited to nothing.
@@ -246,6 +252,19 @@ impl<const N: usize> Packet<N> {
             open |= u32::from(self.nearest[lane] >= 0.0);
         }
         open == 0
+    }
+}
+
+impl Packet<PACKET> {
+    /// The rays of a tile, none of which looks beyond `limit_m`.
+    pub fn of_tile(tile: &RayTile, limit_m: f32) -> Self {
+        let RayTile { origin_m: origin, direction } = *tile;
+        Self { origin, direction, nearest: [limit_m; PACKET], ..Self::new() }
+    }
+
+    /// Distance of every lane's triangle, m; infinite where it met none.
+    pub fn distances(&self) -> [f32; PACKET] {
+        std::array::from_fn(|lane| if self.won[lane] == NONE { f32::INFINITY } else { self.nearest[lane] })
     }
 }
 

@@ -17,56 +17,76 @@ struct Open {
     rays: u32,
 }
 
+/// How the rays of a packet meet a triangle.
+pub(super) trait Meet<const N: usize> {
+    /// The `rays` that met the triangle's box meet it, or not.
+    fn meet(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32);
+}
+
+/// In single precision, as the tree holds it.
+pub(super) struct Rounded;
+
+impl<const N: usize> Meet<N> for Rounded {
+    #[inline(always)]
+    fn meet(&mut self, packet: &mut Packet<N>, corner: &Corner, place: u32, rays: u32) {
+        packet.meet_triangle(corner, place, rays);
+    }
+}
+
 /// Each node of a path leaves all its children but one behind.
 const STACK: usize = DEEPEST * (WIDTH - 1) + 1;
 
 /// Finds the nearest triangle of every lane, or with `ANY` some triangle nearer than the lane's limit.
-pub(super) fn walk<const N: usize, const ANY: bool>(
+pub(super) fn walk<const N: usize, const ANY: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],
     reach_m: f32,
     packet: &mut Packet<N>,
+    triangles: &mut M,
     instructions: Instructions,
 ) {
     match instructions.level() {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the level exists only where the processor has these instructions
-        Level::Avx512 => unsafe { walk_avx512::<N, ANY>(nodes, corners, reach_m, packet) },
+        Level::Avx512 => unsafe { walk_avx512::<N, ANY, M>(nodes, corners, reach_m, packet, triangles) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the level exists only where the processor has these instructions
-        Level::Avx2 => unsafe { walk_avx2::<N, ANY>(nodes, corners, reach_m, packet) },
-        _ => walk_anywhere::<N, ANY>(nodes, corners, reach_m, packet),
+        Level::Avx2 => unsafe { walk_avx2::<N, ANY, M>(nodes, corners, reach_m, packet, triangles) },
+        _ => walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles),
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-fn walk_avx512<const N: usize, const ANY: bool>(
+fn walk_avx512<const N: usize, const ANY: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],
     reach_m: f32,
     packet: &mut Packet<N>,
+    triangles: &mut M,
 ) {
-    walk_anywhere::<N, ANY>(nodes, corners, reach_m, packet);
+    walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn walk_avx2<const N: usize, const ANY: bool>(
+fn walk_avx2<const N: usize, const ANY: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],
     reach_m: f32,
     packet: &mut Packet<N>,
+    triangles: &mut M,
 ) {
-    walk_anywhere::<N, ANY>(nodes, corners, reach_m, packet);
+    walk_anywhere::<N, ANY, M>(nodes, corners, reach_m, packet, triangles);
 }
 
 #[inline(always)]
-fn walk_anywhere<const N: usize, const ANY: bool>(
+fn walk_anywhere<const N: usize, const ANY: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],
     reach_m: f32,
     packet: &mut Packet<N>,
+    triangles: &mut M,
 ) {
     packet.prepare(reach_m);
     let mut stack = [Open { enter: 0.0, first: 0, count: 0, rays: u32::MAX }; STACK];
@@ -81,7 +101,7 @@ fn walk_anywhere<const N: usize, const ANY: bool>(
             let first = open.first as usize;
             let leaf = &corners[first..first + open.count as usize];
             for (place, corner) in (open.first..).zip(leaf) {
-                packet.meet_triangle(corner, place, open.rays);
+                triangles.meet(packet, corner, place, open.rays);
             }
             if ANY && packet.all_won() {
                 return;

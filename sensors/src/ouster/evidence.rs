@@ -1,0 +1,264 @@
+//! What the packets of a sensor show of its settings, held against what its metadata say: a file of another day describes the
+//! sensor as it was set then, and packets are the truth.
+
+use super::metadata::Metadata;
+use super::wire::{ColumnHeader, PacketFormat};
+
+/// Columns of one revolution that sensors can be set to.
+const COLUMNS: [usize; 4] = [512, 1024, 2048, 4096];
+/// Revolutions per second that sensors can be set to, and what goes together.
+const RATES_HZ: [f64; 3] = [5.0, 10.0, 20.0];
+const MODES: [(usize, f64); 6] =
+    [(512, 10.0), (512, 20.0), (1024, 10.0), (1024, 20.0), (2048, 10.0), (4096, 5.0)];
+/// Times between columns that are looked at, and how many must agree.
+const MOST_PERIODS: usize = 31;
+const LEAST_PERIODS: usize = 3;
+/// Revolutions that are looked at.
+const MOST_TURNS: usize = 8;
+/// How far a rate may be from one that a sensor can be set to.
+const RATE_TOLERANCE: f64 = 0.04;
+/// How far the time between columns may be from the metadata's: the next mode is a factor of two away.
+const PERIOD_TOLERANCE: f64 = 0.25;
+/// Words of a bitmap of columns.
+const WORDS: usize = COLUMNS[3] / 64;
+
+/// One setting that metadata and packets do not agree on; the packets count.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Correction {
+    /// Its name in metadata.
+    pub setting: &'static str,
+    /// What the metadata say.
+    pub said: String,
+    /// What the packets show.
+    pub found: String,
+}
+
+/// Columns per revolution and revolutions per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Mode {
+    pub columns: usize,
+    pub rate_hz: f64,
+}
+
+impl Mode {
+    pub fn of(metadata: &Metadata) -> Self {
+        Self { columns: metadata.columns_per_frame, rate_hz: metadata.frame_rate_hz }
+    }
+}
+
+/// The first lidar packets of a sensor since it was initialised.
+#[derive(Debug)]
+pub(super) struct Evidence {
+    init_id: Option<u32>,
+    last: Option<Seen>,
+    /// Time between neighbouring columns, ns.
+    periods_ns: Vec<f64>,
+    /// From a packet to the first of the next revolution: time, ns, and how far its column is behind.
+    turns: Vec<[f64; 2]>,
+    greatest_column: usize,
+    frames: usize,
+    newest: Option<u32>,
+    /// Valid columns of all revolutions.
+    columns: [u64; WORDS],
+    /// Revolutions that were there from their first packet to that of the next.
+    whole_frames: usize,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    frame_id: u32,
+    column: usize,
+    time_ns: u64,
+}
+
+impl Default for Evidence {
+    fn default() -> Self {
+        Self {
+            init_id: None,
+            last: None,
+            periods_ns: Vec::new(),
+            turns: Vec::new(),
+            greatest_column: 0,
+            frames: 0,
+            newest: None,
+            columns: [0; WORDS],
+            whole_frames: 0,
+        }
+    }
+}
+
+impl Evidence {
+    /// Whether a packet can still show something.
+    pub fn is_open_to(&self, init_id: u32) -> bool {
+        self.frames < MOST_TURNS || self.init_id != Some(init_id)
+    }
+
+    /// Whether a revolution was seen to its end: how many columns it has is known.
+    pub fn has_turned(&self) -> bool {
+        self.frames > 0
+    }
+
+    /// Takes a lidar packet whose columns follow one another.
+    pub fn take(&mut self, format: &PacketFormat, frame_id: u32, init_id: u32, packet: &[u8]) {
+        if self.init_id != Some(init_id) {
+            *self = Self { init_id: Some(init_id), ..Self::default() };
+        }
+        let first = format.read_column(format.column(packet, 0));
+        let seen = Seen { frame_id, column: usize::from(first.measurement_id), time_ns: first.time_ns };
+        if seen.column + format.columns_per_packet > COLUMNS[3] {
+            return;
+        }
+        let last = self.last.replace(seen);
+        let fits = last.is_none_or(|last| self.compare(last, seen, format.header.frame_ids()));
+        if !fits {
+            return;
+        }
+        for index in 0..format.columns_per_packet {
+            let ColumnHeader { measurement_id, valid, .. } = format.read_column(format.column(packet, index));
+            let column = usize::from(measurement_id);
+            if valid && column < COLUMNS[3] {
+                self.columns[column / 64] |= 1 << (column % 64);
+                self.greatest_column = self.greatest_column.max(column);
+            }
+        }
+    }
+
+    /// Whether a packet lies where the one before leads to expect; what lies between them is noted.
+    fn compare(&mut self, last: Seen, seen: Seen, frame_ids: u64) -> bool {
+        let elapsed_ns = seen.time_ns.wrapping_sub(last.time_ns) as i64 as f64;
+        let columns = seen.column as f64 - last.column as f64;
+        let is_next = (u64::from(last.frame_id) + 1) % frame_ids == u64::from(seen.frame_id);
+        if elapsed_ns <= 0.0 || elapsed_ns > 1e9 {
+            return last.frame_id == seen.frame_id && elapsed_ns.abs() <= 1e9;
+        }
+        if is_next {
+            if self.turns.len() < MOST_TURNS {
+                self.turns.push([elapsed_ns, columns]);
+            }
+            // a late packet of the revolution before may lie between two of this one
+            if self.newest != Some(seen.frame_id) {
+                self.newest = Some(seen.frame_id);
+                self.whole_frames += usize::from(self.frames > 0);
+                self.frames += 1;
+            }
+            return true;
+        }
+        if last.frame_id != seen.frame_id || columns <= 0.0 {
+            return last.frame_id == seen.frame_id;
+        }
+        let fits = self
+            .period_ns()
+            .is_none_or(|period_ns| (elapsed_ns / (columns * period_ns) - 1.0).abs() < PERIOD_TOLERANCE);
+        if fits && self.periods_ns.len() < MOST_PERIODS {
+            self.periods_ns.push(elapsed_ns / columns);
+        }
+        fits
+    }
+
+    /// Time from one column to the next, where several packets agree on it.
+    fn period_ns(&self) -> Option<f64> {
+        if self.periods_ns.len() < LEAST_PERIODS {
+            return None;
+        }
+        let mut sorted = self.periods_ns.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median_ns = sorted[sorted.len() / 2];
+        let near = sorted.iter().filter(|period_ns| (*period_ns / median_ns - 1.0).abs() < 0.05).count();
+        (3 * near >= 2 * sorted.len()).then_some(median_ns)
+    }
+
+    /// The mode of the packets, where it is not that of the metadata, which were given with another perhaps.
+    pub fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
+        let period_ns = self.period_ns()?;
+        let known = Mode::of(metadata);
+        let turned = self.columns_by_turns(period_ns);
+        let fits = (period_ns * known.columns as f64 * known.rate_hz * 1e-9 - 1.0).abs() < PERIOD_TOLERANCE
+            && self.greatest_column < known.columns
+            && turned.is_none_or(|columns| columns == known.columns);
+        if fits {
+            return None;
+        }
+        let rate_hz = |columns: usize| 1e9 / (period_ns * columns as f64);
+        let is_rate = |rate_hz: f64, set: f64| (rate_hz / set - 1.0).abs() < RATE_TOLERANCE;
+        let found = match turned {
+            Some(columns) => {
+                let set = RATES_HZ.into_iter().find(|set| is_rate(rate_hz(columns), *set));
+                set.map(|rate_hz| Mode { columns, rate_hz })
+            }
+            None => {
+                let possible = || {
+                    let long_enough =
+                        MODES.into_iter().filter(|(columns, _)| *columns > self.greatest_column);
+                    let modes = long_enough.filter(|(columns, set)| is_rate(rate_hz(*columns), *set));
+                    modes.map(|(columns, rate_hz)| Mode { columns, rate_hz })
+                };
+                let of_rate = possible().find(|mode| mode.rate_hz == given.rate_hz);
+                let of_columns = || possible().find(|mode| mode.columns == given.columns);
+                of_rate.or_else(of_columns).or_else(|| possible().next())
+            }
+        };
+        found.filter(|mode| *mode != known)
+    }
+
+    /// Columns of a revolution, by how long it took: windows and losses do not matter.
+    fn columns_by_turns(&self, period_ns: f64) -> Option<usize> {
+        let of_turn = |[elapsed_ns, behind]: &[f64; 2]| {
+            let columns = elapsed_ns / period_ns - behind;
+            COLUMNS.into_iter().find(|set| (columns / *set as f64 - 1.0).abs() < RATE_TOLERANCE)
+        };
+        let counts: Vec<usize> = self.turns.iter().filter_map(of_turn).collect();
+        let votes = |columns: &usize| counts.iter().filter(|other| *other == columns).count();
+        COLUMNS.into_iter().filter(|columns| votes(columns) > 0).max_by_key(votes)
+    }
+
+    /// The window of the packets, where valid columns lie outside of that of the metadata.
+    pub fn wider_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+        let is_full = metadata.column_window == [0, metadata.columns_per_frame - 1];
+        if is_full { None } else { self.other_window(metadata) }
+    }
+
+    /// The window of the packets, where it is not that of the metadata, whose mode is right.
+    pub fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+        let all = metadata.columns_per_frame;
+        let came = |column: usize| self.columns[column / 64] >> (column % 64) & 1 == 1;
+        let is_outside = |column: &usize| !metadata.expects_slot(column / metadata.columns_per_packet);
+        let outside = (0..all).filter(|column| came(*column) && is_outside(column)).count();
+        let is_silent = |slot: usize| {
+            let first = slot * metadata.columns_per_packet;
+            !(first..(first + metadata.columns_per_packet).min(all)).any(came)
+        };
+        let silent = (0..metadata.packet_slots())
+            .filter(|slot| metadata.expects_slot(*slot) && is_silent(*slot))
+            .count();
+        // one packet may be lost, two that never come in several revolutions are not sent
+        let is_narrower = self.whole_frames >= 3 && silent >= 2;
+        if outside < 2 && !is_narrower {
+            return None;
+        }
+        let [start, length] = longest_gap(all, &came);
+        let window = if self.whole_frames > 0 && length >= 2 * metadata.columns_per_packet {
+            [(start + length) % all, (start + all - 1) % all]
+        } else {
+            [0, all - 1]
+        };
+        (window != metadata.column_window).then_some(window)
+    }
+}
+
+/// Where the longest run of columns begins that never came, around the circle, and its length.
+fn longest_gap(all: usize, came: &dyn Fn(usize) -> bool) -> [usize; 2] {
+    let Some(origin) = (0..all).find(|column| came(*column)) else { return [0, 0] };
+    let (mut best, mut length) = ([0, 0], 0);
+    for step in 1..=all {
+        let column = (origin + step) % all;
+        if !came(column) {
+            length += 1;
+            continue;
+        }
+        if length > best[1] {
+            best = [(column + all - length) % all, length];
+        }
+        length = 0;
+    }
+    best
+}

@@ -1,0 +1,123 @@
+//! Packets held against metadata before they are decoded: what contradicts is corrected, and said.
+
+use super::decoder::OusterDecoder;
+use super::evidence::{Correction, Evidence};
+use super::profile::Profile;
+use super::stream::Stream;
+use super::wire::{Header, PacketKind, check_crc};
+
+/// What sensors can be set to.
+const COLUMNS_PER_PACKET: [usize; 5] = [16, 8, 4, 2, 1];
+
+impl OusterDecoder {
+    /// What packets and metadata do not agree on.
+    pub fn corrections(&self) -> &[Correction] {
+        &self.corrections
+    }
+
+    /// Looks at a packet before any is decoded.
+    pub(crate) fn learn(&mut self, bytes: &[u8]) {
+        self.look(bytes);
+        self.doubt_window();
+    }
+
+    /// What was learned holds for the first packets, which come again.
+    pub(crate) fn end_learning(&mut self) {
+        self.evidence = Evidence::default();
+    }
+
+    /// Holds a packet against the metadata; what contradicts is corrected before it is decoded.
+    pub(super) fn look(&mut self, bytes: &[u8]) {
+        if self.metadata.profile.has_packet_header() && !self.is_met {
+            let header = self.header_kind(bytes);
+            if header != self.metadata.header {
+                self.metadata.header = header;
+                self.stream = Stream::new(&self.metadata);
+            }
+            self.doubt_columns_per_packet(bytes);
+        }
+        if bytes.len() != self.lidar_bytes || self.lidar_bytes == 0 {
+            return;
+        }
+        let format = self.metadata.packet_format();
+        let (frame_id, init_id) = match self.metadata.profile {
+            Profile::Legacy => (format.legacy_frame_id(format.column(bytes, 0)), 0),
+            _ => match Header::read(self.metadata.header, bytes) {
+                Some(Header { kind: PacketKind::Lidar, frame_id, init_id, serial, .. })
+                    if self.metadata.serial_number().is_none_or(|own| own == serial) =>
+                {
+                    (frame_id, init_id)
+                }
+                _ => return,
+            },
+        };
+        let is_damaged = || {
+            let has_crc = format.profile != Profile::Legacy;
+            self.ensure_columns(bytes).is_err() || (has_crc && check_crc(bytes).is_err())
+        };
+        if !self.evidence.is_open_to(init_id) || is_damaged() {
+            return;
+        }
+        if !std::mem::replace(&mut self.is_met, true) && self.metadata.init_id != 0 && init_id != 0 {
+            let said = self.metadata.init_id;
+            self.correct("initialization_id", said.to_string(), init_id.to_string());
+        }
+        self.evidence.take(&format, frame_id, init_id, bytes);
+        self.stream.is_settled = self.evidence.has_turned();
+        if let Some(mode) = self.evidence.other_mode(&self.metadata, self.given) {
+            let said = self.metadata.mode();
+            self.metadata.set_mode(mode.columns, mode.rate_hz);
+            self.correct("lidar_mode", said, self.metadata.mode());
+            self.stream.follow(&self.metadata);
+        }
+        if let Some(window) = self.evidence.wider_window(&self.metadata) {
+            self.set_window(window);
+        }
+    }
+
+    /// A window that is narrower than that of the metadata shows after some revolutions only.
+    fn doubt_window(&mut self) {
+        if let Some(window) = self.evidence.other_window(&self.metadata) {
+            self.set_window(window);
+        }
+    }
+
+    fn set_window(&mut self, window: [usize; 2]) {
+        let said = std::mem::replace(&mut self.metadata.column_window, window);
+        self.correct("column_window", format!("{said:?}"), format!("{window:?}"));
+        self.stream.follow(&self.metadata);
+    }
+
+    /// Packets of fewer columns, as newer firmware can be set to send them.
+    fn doubt_columns_per_packet(&mut self, bytes: &[u8]) {
+        let own = self.metadata.packet_format();
+        let is_lidar = Header::read(own.header, bytes).is_some_and(|header| {
+            header.kind == PacketKind::Lidar && self.metadata.serial_number() == Some(header.serial)
+        });
+        if !is_lidar || bytes.len() == self.lidar_bytes || own.profile == Profile::Off {
+            return;
+        }
+        let said = own.columns_per_packet;
+        for columns_per_packet in COLUMNS_PER_PACKET {
+            self.metadata.columns_per_packet = columns_per_packet;
+            let format = self.metadata.packet_format();
+            if format.packet_bytes() == bytes.len() && self.ensure_columns(bytes).is_ok() {
+                self.lidar_bytes = bytes.len();
+                self.stream = Stream::new(&self.metadata);
+                self.correct("columns_per_packet", said.to_string(), columns_per_packet.to_string());
+                return;
+            }
+        }
+        self.metadata.columns_per_packet = said;
+    }
+
+    fn correct(&mut self, setting: &'static str, said: String, found: String) {
+        if said == found {
+            return;
+        }
+        match self.corrections.iter_mut().find(|known| known.setting == setting) {
+            Some(known) => known.found = found,
+            None => self.corrections.push(Correction { setting, said, found }),
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! Datagrams that a network card or a kernel has put together (generic receive offload): a capture shows them as one, whose
+//! payload is that of several of one length.
+
+use super::Router;
+use super::guess::Guess;
+use crate::Packet;
+use crate::ouster::Claim;
+use crate::ouster::imu::LEGACY_BYTES;
+use crate::velodyne::wire::{DATA_PACKET_BYTES, POSITION_PACKET_BYTES};
+
+impl Router {
+    /// Length of the datagrams that a payload was put together from; none of one that came as it is.
+    pub(super) fn merged_bytes(&self, packet: &Packet<'_>) -> Option<usize> {
+        let length = packet.payload.len();
+        let is_several = |bytes: usize| bytes > 0 && length > bytes && length.is_multiple_of(bytes);
+        let each = |bytes: usize, fits: &dyn Fn(&Packet<'_>) -> bool| {
+            let mut parts = packet.payload.chunks(bytes).map(|payload| Packet { payload, ..*packet });
+            is_several(bytes) && parts.all(|part| fits(&part))
+        };
+        let velodyne =
+            [(DATA_PACKET_BYTES, Guess::VelodyneData), (POSITION_PACKET_BYTES, Guess::VelodynePosition)];
+        for (bytes, guess) in velodyne {
+            if each(bytes, &|part| Guess::of_velodyne(part.payload).as_ref() == Some(&guess)) {
+                return Some(bytes);
+            }
+        }
+        if each(LEGACY_BYTES, &|part| Guess::of(part.payload) == Guess::OusterImu { header: None }) {
+            return Some(LEGACY_BYTES);
+        }
+        let mut ousters = self.sensors.iter().filter_map(|sensor| sensor.lidar_bytes().zip(Some(sensor)));
+        ousters
+            .find(|(bytes, sensor)| each(*bytes, &|part| sensor.claim(part) > Claim::No))
+            .map(|(bytes, _)| bytes)
+    }
+}

@@ -1,0 +1,96 @@
+//! By which ways the packets of a Velodyne come: several with one factory address, on several network cards or VLANs or behind
+//! several source ports, are several sensors.
+
+use std::collections::VecDeque;
+use std::net::SocketAddr;
+
+use crate::{Link, Packet};
+
+/// A sensor that sent nothing for so long may be back by another way, ns.
+const GONE_NS: u64 = 100_000_000;
+/// Packets that are remembered, to know one again that comes by two ways (a bridge, a mirrored port).
+const REMEMBERED: usize = 16;
+/// Ways that bring a sensor's packets a second time.
+const MOST_COPIES: usize = 4;
+
+/// One way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Path {
+    pub source: SocketAddr,
+    pub link: Link,
+}
+
+impl Path {
+    pub fn of(packet: &Packet<'_>) -> Self {
+        Self { source: packet.source, link: packet.link }
+    }
+}
+
+/// Those of one sensor.
+#[derive(Default)]
+pub(super) struct Paths {
+    current: Option<Path>,
+    copies: Vec<Path>,
+    heard_ns: u64,
+    recent: VecDeque<[u8; 22]>,
+    /// Where its position packets come by.
+    pub aside: Option<Link>,
+}
+
+impl Paths {
+    /// The way of its data packets.
+    pub fn current(&self) -> Option<Path> {
+        self.current
+    }
+
+    /// Whether a data packet comes by one of its ways.
+    pub fn has(&self, packet: &Packet<'_>) -> bool {
+        let path = Path::of(packet);
+        self.current == Some(path) || self.copies.contains(&path)
+    }
+
+    /// Whether none of its data packets was seen, and its position packets, if any, came by this link.
+    pub fn is_open_to(&self, packet: &Packet<'_>) -> bool {
+        self.current.is_none() && self.aside.is_none_or(|link| link == packet.link)
+    }
+
+    /// Whether this very packet was there just now.
+    pub fn knows(&self, packet: &Packet<'_>) -> bool {
+        glance(packet).is_some_and(|glance| self.recent.contains(&glance))
+    }
+
+    /// Whether nothing came any more by the way that its packets took.
+    pub fn is_gone(&self, packet: &Packet<'_>) -> bool {
+        packet.host_time_ns > 0 && packet.host_time_ns.abs_diff(self.heard_ns) >= GONE_NS
+    }
+
+    /// A way that brings its packets again.
+    pub fn note_copy(&mut self, packet: &Packet<'_>) {
+        if self.copies.len() < MOST_COPIES {
+            self.copies.push(Path::of(packet));
+        }
+    }
+
+    /// One of its data packets.
+    pub fn note(&mut self, packet: &Packet<'_>) {
+        let path = Path::of(packet);
+        if !self.copies.contains(&path) {
+            self.current = Some(path);
+            self.heard_ns = packet.host_time_ns;
+        }
+        if let Some(glance) = glance(packet) {
+            if self.recent.len() == REMEMBERED {
+                self.recent.pop_front();
+            }
+            self.recent.push_back(glance);
+        }
+    }
+}
+
+/// What tells one data packet from another: its first measurements and its time.
+fn glance(packet: &Packet<'_>) -> Option<[u8; 22]> {
+    let mut glance = [0; 22];
+    glance[..16].copy_from_slice(packet.payload.first_chunk::<16>()?);
+    glance[16..].copy_from_slice(packet.payload.last_chunk::<6>()?);
+    Some(glance)
+}

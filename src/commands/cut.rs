@@ -1,0 +1,161 @@
+//! `outrigger cut`: packets to packets.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+use anyhow::{bail, ensure};
+use sensors::router::{Routed, Router};
+use serde::Serialize;
+
+use super::given::SensorArgs;
+use super::recording::Recording;
+use super::{Context, Outcome, output, sensor_ids};
+use crate::recording::moment::Moment;
+use crate::recording::packet_writer::{PacketFormat, PacketWriter};
+
+/// Arguments of `cut`.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Payloads stay as they are, bit for bit, and times to the nanosecond. A bag has no addresses: each sensor gets \
+                  the topics of its name (/NAME/lidar_packets, /NAME/imu_packets, /NAME/velodyne_packets, \
+                  /NAME/position_packets) and, for an Ouster, /NAME/metadata. Packets from a bag get made-up addresses \
+                  (192.0.2.0/24) in a capture.\n\
+                  Exit codes: 0 done, 1 failed, 3 done, but some of the recording is missing or could not be assigned to a \
+                  sensor.\n\n\
+                  Examples:\n  outrigger cut walk.bag -o walk.pcap\n  outrigger cut walk.pcap --meta os.json --from 10 --to 20 -o \
+                  part.mcap"
+)]
+pub struct Args {
+    /// Captures, bags or session folders; several are joined in this order.
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<PathBuf>,
+    #[command(flatten)]
+    sensors: SensorArgs,
+    /// File to write: .pcap, .pcapng, .bag (ROS 1) or .mcap (ROS 2).
+    #[arg(short, long, value_name = "FILE")]
+    out: PathBuf,
+    /// First time: seconds since the start, seconds since 1970, or a time such as 2023-11-14T22:13:20Z.
+    #[arg(long, value_name = "T")]
+    from: Option<Moment>,
+    /// End, which is not included.
+    #[arg(long, value_name = "T")]
+    to: Option<Moment>,
+    /// Only packets of this sensor: its name as `inspect` gives it, or its serial number. May be repeated.
+    #[arg(long = "sensor", value_name = "NAME")]
+    only: Vec<String>,
+    /// Overwrite a file that exists.
+    #[arg(long)]
+    force: bool,
+}
+
+/// What was written.
+#[derive(Debug, Default, Serialize)]
+struct Document {
+    format: &'static str,
+    out: String,
+    packets: u64,
+    /// Packets by sensor, where they were assigned to one.
+    sensors: BTreeMap<String, u64>,
+    /// Packets that no sensor takes, which a bag has no topic for.
+    unassigned: u64,
+    /// Packets before --from, from --to on, and of other sensors.
+    left_out: u64,
+    losses: Vec<String>,
+}
+
+/// Runs the verb.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    let Some(format) = PacketFormat::of_path(&args.out) else {
+        refuse!("--out {}: expected a name that ends in .pcap, .pcapng, .bag or .mcap", args.out.display());
+    };
+    ensure!(args.force || !args.out.exists(), "{} exists already; --force overwrites it", args.out.display());
+    let mut writer = None;
+    let mut document =
+        Document { format: "outrigger-cut/1", out: args.out.display().to_string(), ..Document::default() };
+    let mut met: BTreeSet<String> = BTreeSet::new();
+    let mut wanted: BTreeSet<&str> = args.only.iter().map(String::as_str).collect();
+    let assigns = format.needs_sensors() || !args.only.is_empty();
+    let mut start_ns = None;
+    for path in &args.recordings {
+        let recording = Recording::open(path, &args.sensors.or_of(context, path))?;
+        ensure!(
+            !recording.is_read_from(&args.out),
+            "{}: this file is read; write to another",
+            args.out.display()
+        );
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            None => writer.insert(PacketWriter::create(&args.out, format)?),
+        };
+        let mut router = if assigns { recording.router()? } else { Router::new() };
+        let mut names: BTreeMap<usize, (String, bool)> = BTreeMap::new();
+        let ending = recording.each_packet(&mut |packet| {
+            let start_ns = *start_ns.get_or_insert(packet.host_time_ns);
+            let at_ns = |moment: Option<Moment>| moment.map(|moment| moment.time_ns(start_ns));
+            let is_within = at_ns(args.from).is_none_or(|from_ns| packet.host_time_ns >= from_ns)
+                && at_ns(args.to).is_none_or(|to_ns| packet.host_time_ns < to_ns);
+            if !assigns {
+                if is_within {
+                    writer.write("", packet)?;
+                } else {
+                    document.left_out += 1;
+                }
+                return Ok(());
+            }
+            let (Routed::Taken(at) | Routed::Damaged(at)) = router.push(packet, &mut |_, _, _| {}) else {
+                document.unassigned += u64::from(is_within);
+                return Ok(());
+            };
+            let (name, is_wanted) = names.entry(at).or_insert_with(|| {
+                let name = sensor_ids::ids(&router).swap_remove(at);
+                let serial = router.sensors()[at].serial();
+                met.insert(name.clone());
+                let is_wanted =
+                    args.only.is_empty() || args.only.iter().any(|only| only == &name || only == serial);
+                wanted.retain(|only| *only != name && *only != serial);
+                (name, is_wanted)
+            });
+            if !*is_wanted || !is_within {
+                document.left_out += 1;
+                return Ok(());
+            }
+            let is_new = !document.sensors.contains_key(name.as_str());
+            if is_new && let Some(text) = recording.metadata_text(&router.sensors()[at]) {
+                writer.add_metadata(name, packet.host_time_ns, text)?;
+            }
+            *document.sensors.entry(name.clone()).or_default() += 1;
+            Ok(writer.write(name, packet)?)
+        })?;
+        if assigns {
+            recording.ensure_given_fits(&router)?;
+        }
+        document.losses.extend(ending.losses());
+        if document.unassigned > 0 && document.sensors.is_empty() {
+            bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
+        }
+    }
+    if let Some(name) = wanted.first() {
+        let met: Vec<String> = met.into_iter().collect();
+        bail!("no packet of sensor {name}; there are {}", met.join(", "));
+    }
+    document.packets = writer.map_or(Ok(0), PacketWriter::finish)?;
+    if document.unassigned > 0 {
+        document.losses.push(format!(
+            "{} packets are of no known sensor and were left out; `outrigger inspect` says why",
+            document.unassigned
+        ));
+    }
+    output::print_result(context.json, &document, || text(&document), &document.losses)?;
+    Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+}
+
+fn text(document: &Document) -> String {
+    let mut text = format!("{}: {} packets\n", document.out, document.packets);
+    for (sensor, packets) in &document.sensors {
+        text += &format!("  {sensor}: {packets}\n");
+    }
+    if document.left_out > 0 {
+        text += &format!("  {} packets of other times or sensors left out\n", document.left_out);
+    }
+    text
+}

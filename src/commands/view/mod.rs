@@ -1,0 +1,45 @@
+//! `outrigger view`: a recording in the browser.
+
+#[cfg(feature = "daemon")]
+mod play;
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use super::given::SensorArgs;
+
+/// Arguments of `view`.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "\
+Examples:
+  outrigger view capture.pcap --meta sensor.json
+  outrigger view walk --trajectory walk.tum --no-open
+
+The page is served on loopback until Ctrl-C. `?` on it lists the keys.")]
+pub struct Args {
+    /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
+    recording: PathBuf,
+    #[command(flatten)]
+    sensors: SensorArgs,
+    /// Where the sensors sit; without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
+    /// Where the rig was (TUM): shows points in the world, each at its own time. Without it the session's own.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
+    /// Address to serve on.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// Print the address and do not start a browser.
+    #[arg(long)]
+    no_open: bool,
+}
+
+#[cfg(feature = "daemon")]
+pub(crate) use play::run;
+
+/// Says what this build lacks.
+#[cfg(not(feature = "daemon"))]
+pub(crate) fn run(_: &Args, _: super::Context) -> anyhow::Result<super::Outcome> {
+    anyhow::bail!("{}", crate::base::features::left_out("the viewer", "daemon"))
+}

@@ -1,0 +1,244 @@
+//! What is known of the best rig beside its score: what others see, how sure that is, how flat it lies.
+
+use serde::Serialize;
+
+use super::search::{Exact, SceneSearch};
+use super::weights::angle_deg;
+use crate::design::objective::Terms;
+use crate::rig::{Mount, Rig};
+use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
+use crate::simulate::view::{CastView, Seen, View};
+
+/// Loss of J that a flat range allows, as a share of the voxels seen.
+pub(crate) const FLAT_LOSS: f64 = 0.001;
+/// Starts of the revolutions, in columns, at which the winner is judged again.
+const PHASES: [f64; 3] = [0.25, 0.5, 0.75];
+/// How far from the winner a coordinate is tried, in sixtieths of its range.
+const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
+
+/// A rig whose every beam was cast.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Judged {
+    pub objective: f64,
+    pub unique_voxels: u64,
+    /// Of the voxels that can be seen.
+    pub observable_share: f64,
+    pub overlap_ratio: f64,
+    pub min_angle_deg: Option<f64>,
+    pub per_sensor_voxels: Vec<u64>,
+    pub terms: Terms,
+    pub sensors: Vec<MountedDocument>,
+}
+
+/// A sensor of a rig, in the mount frame.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct MountedDocument {
+    pub name: String,
+    pub model: String,
+    pub x_m: f64,
+    pub y_m: f64,
+    pub z_m: f64,
+    pub pitch_deg: f64,
+    pub roll_deg: f64,
+}
+
+impl MountedDocument {
+    /// By sensor of a rig.
+    pub fn of(rig: &Rig) -> Vec<Self> {
+        let of = |sensor: &crate::rig::MountedSensor| Self {
+            name: sensor.name.clone(),
+            model: sensor.model.name.clone(),
+            x_m: sensor.mount.x_m,
+            y_m: sensor.mount.y_m,
+            z_m: sensor.mount.z_m,
+            pitch_deg: sensor.mount.pitch_rad.to_degrees(),
+            roll_deg: sensor.mount.roll_rad.to_degrees(),
+        };
+        rig.sensors.iter().map(of).collect()
+    }
+}
+
+/// Where one coordinate of the winner may be, the others staying, by the corrected model.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct FlatRange {
+    pub coordinate: String,
+    pub low: f64,
+    pub high: f64,
+}
+
+/// Everything about the winner.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Answer {
+    #[serde(skip)]
+    pub best: Judged,
+    /// The same sensors at the winner's positions, none tilted.
+    pub level: Judged,
+    /// The rig that is there now, where one was given.
+    pub present: Option<Judged>,
+    /// One of the sensors, level, in the middle of the winner's.
+    pub level_single: Judged,
+    /// The same at the pitch that is best by the model.
+    pub best_single: Judged,
+    /// Standard deviation of the winner's count over four starts of the revolutions, voxels.
+    pub phase_sd_voxels: f64,
+    /// Rigs that were judged and lie within two such deviations of the winner (of a difference).
+    pub indistinguishable: Vec<Judged>,
+    pub flat: Vec<FlatRange>,
+    /// Beams cast for all this.
+    pub rays: u64,
+}
+
+/// Angles between spin axes at which the published rule decides, not coverage, degrees.
+const AT_THE_RULE_DEG: std::ops::Range<f64> = 29.0..31.5;
+
+impl Answer {
+    /// What the user should know before drilling.
+    pub fn doubts(&self) -> Vec<String> {
+        let mut doubts = Vec::new();
+        let best = &self.best;
+        let single = self.best_single.objective.max(self.level_single.objective);
+        if best.sensors.len() > 1 && single > best.objective {
+            doubts.push(format!(
+                "one sensor alone scores J {single:.1}, more than the best of {} sensors (J {:.1}): by these weights further \
+                 sensors do not pay here",
+                best.sensors.len(),
+                best.objective
+            ));
+        }
+        if best.min_angle_deg.is_some_and(|angle_deg| AT_THE_RULE_DEG.contains(&angle_deg)) {
+            doubts.push(
+                "the best mount leans on the rule that spin axes be 30 degrees apart, not on coverage: smaller tilts cost J and \
+                 hardly a voxel"
+                    .into(),
+            );
+        }
+        doubts
+    }
+}
+
+impl SceneSearch<'_> {
+    /// The score of a rig that was cast.
+    pub fn judged(&self, rig: &Rig, seen: &Seen) -> Judged {
+        let terms = self.weights.terms(rig, seen);
+        Judged {
+            objective: terms.objective(),
+            unique_voxels: seen.union as u64,
+            observable_share: seen.union / self.weights.observable.max(1) as f64,
+            overlap_ratio: seen.overlap_ratio(),
+            min_angle_deg: angle_deg(rig),
+            per_sensor_voxels: seen.per_sensor.iter().map(|count| *count as u64).collect(),
+            terms,
+            sensors: MountedDocument::of(rig),
+        }
+    }
+
+    /// Casts what the winner is compared with.
+    pub fn answer(&self, cast: &CastView, exact: &[Exact], present: Option<&Rig>) -> Option<Answer> {
+        let winner = exact.first()?;
+        let level = level_of(&winner.rig);
+        let single = self.single(&winner.rig);
+        let tilted = self.best_single(&single);
+        let mut rigs = vec![level, single, tilted];
+        rigs.extend(present.cloned());
+        let seen = cast.see(&rigs);
+        let mut judged: Vec<Judged> =
+            rigs.iter().zip(&seen).map(|(rig, seen)| self.judged(rig, seen)).collect();
+        let present = present.and_then(|_| judged.pop());
+        let best_single = judged.pop()?;
+        let level_single = judged.pop()?;
+        let level = judged.pop()?;
+        let phases: Vec<Seen> = PHASES
+            .iter()
+            .flat_map(|phase| cast.at_phase(*phase).see(std::slice::from_ref(&winner.rig)))
+            .collect();
+        let counts: Vec<f64> = phases.iter().chain([&winner.seen]).map(|seen| seen.union).collect();
+        let mean = counts.iter().sum::<f64>() / counts.len() as f64;
+        let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
+        let phase_sd_voxels = (square / (counts.len() - 1) as f64).sqrt();
+        // of a difference of two counts
+        let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
+        let is_near = |other: &&Exact| winner.objective() - other.objective() <= near;
+        Some(Answer {
+            best: self.judged(&winner.rig, &winner.seen),
+            level,
+            present,
+            level_single,
+            best_single,
+            phase_sd_voxels,
+            indistinguishable: exact[1..]
+                .iter()
+                .take_while(is_near)
+                .map(|other| self.judged(&other.rig, &other.seen))
+                .collect(),
+            flat: self.flat_ranges(winner),
+            rays: seen.iter().chain(&phases).map(|seen| seen.rays).sum(),
+        })
+    }
+
+    /// The strongest sensor of a rig alone, level, in its middle.
+    fn single(&self, rig: &Rig) -> Rig {
+        let mounts: Vec<Mount> = rig.sensors.iter().map(|sensor| sensor.mount).collect();
+        let strongest = crate::simulate::baselines::strongest(rig);
+        let mut sensor = rig.sensors[strongest].clone();
+        sensor.mount = level_mount(&mounts);
+        Rig { sensors: vec![sensor] }
+    }
+
+    fn best_single(&self, level: &Rig) -> Rig {
+        let tilted = |pitch_deg: &f64| {
+            let mut rig = level.clone();
+            rig.sensors.iter_mut().for_each(|sensor| sensor.mount.pitch_rad = pitch_deg.to_radians());
+            rig
+        };
+        let rigs: Vec<Rig> = SCAN_PITCHES_DEG.iter().map(tilted).collect();
+        let seen = self.model.see(&rigs);
+        let best = (0..rigs.len()).reduce(
+            |best, next| {
+                if seen[next].union > seen[best].union { next } else { best }
+            },
+        );
+        rigs[best.unwrap_or(0)].clone()
+    }
+
+    /// Each coordinate alone, by the model.
+    fn flat_ranges(&self, winner: &Exact) -> Vec<FlatRange> {
+        let space = self.space();
+        let mut points = vec![winner.values.clone()];
+        let mut owners: Vec<(usize, bool)> = Vec::new();
+        for (at, variable) in space.variables().iter().enumerate() {
+            for is_up in [false, true] {
+                for sixtieths in TRIED {
+                    let step = sixtieths / 60.0 * (variable.high - variable.low);
+                    let value = winner.values[at] + if is_up { step } else { -step };
+                    if (variable.low..=variable.high).contains(&value) {
+                        let mut point = winner.values.clone();
+                        point[at] = value;
+                        points.push(point);
+                        owners.push((at, is_up));
+                    }
+                }
+            }
+        }
+        let scores = self.look_at(&points);
+        let least = scores[0] - FLAT_LOSS * winner.seen.union;
+        let range = |(at, variable): (usize, &crate::design::optimize::Variable)| {
+            let end = |up: bool| {
+                let own = owners.iter().zip(points[1..].iter().zip(&scores[1..]));
+                let own = own.filter(|((owner, is_up), _)| (*owner, *is_up) == (at, up));
+                let flat = own.take_while(|(_, (_, score))| **score >= least);
+                flat.last().map_or(winner.values[at], |(_, (point, _))| point[at])
+            };
+            FlatRange { coordinate: variable.name.clone(), low: end(false), high: end(true) }
+        };
+        space.variables().iter().enumerate().map(range).collect()
+    }
+}
+
+/// The same sensors where they are, none tilted.
+fn level_of(rig: &Rig) -> Rig {
+    let mut level = rig.clone();
+    for sensor in &mut level.sensors {
+        (sensor.mount.pitch_rad, sensor.mount.roll_rad) = (0.0, 0.0);
+    }
+    level
+}

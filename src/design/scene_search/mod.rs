@@ -1,0 +1,17 @@
+//! The best mounts in any scene: a model of what rigs see looks at a thousand of them, a dozen exact evaluations correct it,
+//! and the best **exact** one wins.
+//!
+//! What the model gets wrong is smooth in the mount: it borrows visibility from the middle between the sensors. A few terms,
+//! fitted to exact minus model, take most of it out.
+
+mod answer;
+mod correction;
+mod rig_space;
+mod search;
+mod weights;
+
+pub(crate) use answer::{Answer, Judged, MountedDocument};
+pub(crate) use correction::ModelError;
+pub(crate) use rig_space::RigSpace;
+pub(crate) use search::{Plan, SceneSearch, SearchEnd};
+pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};

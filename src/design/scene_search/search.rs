@@ -1,0 +1,369 @@
+//! The two levels: a spread and local searches on the model, exact evaluations that correct it, local searches again, exact
+//! finalists.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::correction::{Correction, ModelError};
+use super::{RigSpace, SceneWeights};
+use crate::base::rng::Rng;
+use crate::design::objective::Terms;
+use crate::design::optimize::{Candidate, Space, SpaceError, StoppedBy, Trial};
+use crate::rig::{Mount, Rig};
+use crate::simulate::view::{CellView, Seen, View};
+
+/// Rigs of the spread by which voxels that everything sees are found.
+const SETTLING: usize = 48;
+/// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
+const STEP_SHARES: [f64; 2] = [0.15, 0.02];
+/// Mounts from which a local search steps, and steps between two looks at which are best.
+const PARENTS: usize = 8;
+const CHILDREN: usize = 16;
+/// Exact evaluations of rigs that cast so many rays or more are dear.
+const DEAR_RAYS: u64 = 30_000_000;
+/// Share of the best trials among which the correction's mounts are chosen.
+const GOOD_SHARE: f64 = 0.15;
+/// Finalists are at least so far from each other and from what was judged, in the unit cube.
+const APART: f64 = 0.03;
+
+/// How many evaluations there are, and of which kind.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub(crate) struct Plan {
+    pub seed: u64,
+    /// By the model: all of them.
+    pub evaluations: usize,
+    /// Of these, spread over the space.
+    pub spread: usize,
+    /// And in local searches before the correction.
+    pub local: usize,
+    /// Exact evaluations by which the model is corrected.
+    pub correcting: usize,
+    /// Exact evaluations of finalists, in two rounds.
+    pub finalists: usize,
+}
+
+impl Plan {
+    /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
+    pub fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
+        let (correcting, finalists) = if rays_of_exact < DEAR_RAYS { (12, 8) } else { (6, 5) };
+        Self {
+            seed,
+            evaluations,
+            spread: (evaluations / 4).clamp(1, 256),
+            local: evaluations * 11 / 20,
+            correcting: correcting.min(evaluations),
+            finalists: finalists.min(evaluations),
+        }
+    }
+}
+
+/// A rig whose every beam was cast.
+#[derive(Clone, Debug)]
+pub(crate) struct Exact {
+    pub values: Vec<f64>,
+    pub rig: Rig,
+    pub seen: Seen,
+    pub terms: Terms,
+    /// What the model, corrected by all exact evaluations, says of it.
+    pub predicted: f64,
+}
+
+impl Exact {
+    /// J.
+    pub fn objective(&self) -> f64 {
+        self.terms.objective()
+    }
+}
+
+/// A rig that the model looked at.
+struct Tried {
+    values: Vec<f64>,
+    mounts: Vec<Mount>,
+    /// J by the model.
+    score: f64,
+    violation_m: f64,
+}
+
+/// A search under way.
+pub(crate) struct SceneSearch<'a> {
+    pub rigs: &'a RigSpace,
+    pub model: CellView,
+    pub judge: &'a dyn View,
+    pub weights: SceneWeights,
+    pub plan: Plan,
+    space: Space,
+    tried: Vec<Tried>,
+    exact: Vec<Exact>,
+    correction: Correction,
+    /// Model evaluations done and the best exact J then.
+    history: Vec<(usize, f64)>,
+}
+
+/// How a search ended.
+pub(crate) struct SearchEnd {
+    /// Judged exactly, best first.
+    pub exact: Vec<Exact>,
+    /// By the model.
+    pub evaluations: usize,
+    /// Of the exact evaluations.
+    pub rays: u64,
+    pub stopped_by: StoppedBy,
+    pub model_error: Option<ModelError>,
+    pub history: Vec<(usize, f64)>,
+    /// Best score by the corrected model among rigs that keep their distance and were not judged.
+    pub best_left: Option<f64>,
+}
+
+impl<'a> SceneSearch<'a> {
+    /// Nothing looked at yet.
+    ///
+    /// # Errors
+    /// Bounds out of order.
+    pub fn new(
+        rigs: &'a RigSpace,
+        model: CellView,
+        judge: &'a dyn View,
+        weights: SceneWeights,
+        plan: Plan,
+    ) -> Result<Self, SpaceError> {
+        let space = rigs.space()?;
+        Ok(Self {
+            rigs,
+            model,
+            judge,
+            weights,
+            plan,
+            space,
+            tried: Vec::new(),
+            exact: Vec::new(),
+            correction: Correction::default(),
+            history: Vec::new(),
+        })
+    }
+
+    /// Searches until the plan is done or `stop` is set; the best exact one is there either way.
+    pub fn run(&mut self, progress: &dyn Fn(usize, &str), stop: &AtomicBool) -> SearchEnd {
+        let is_stopped = || stop.load(Ordering::Relaxed);
+        let Plan { evaluations, spread, local, correcting, finalists, seed } = self.plan;
+        let mut rng = Rng::new(seed, 0);
+        let points = self.space.latin_hypercube(spread, &mut rng);
+        let settling: Vec<Rig> = points.iter().take(SETTLING).map(|values| self.rigs.rig(values)).collect();
+        self.model.settle(&settling);
+        for points in points.chunks(16) {
+            if is_stopped() && !self.tried.is_empty() {
+                break;
+            }
+            self.look(points);
+            progress(self.tried.len(), "looking at mounts all over the space");
+        }
+        self.search_locally((spread + local).min(evaluations), 1, progress, stop);
+        if !is_stopped() {
+            progress(self.tried.len(), "casting every beam of the mounts that correct the model");
+            self.judge_all(self.far_apart(correcting));
+            self.correct();
+            self.search_locally(evaluations, 2, progress, stop);
+        }
+        for count in [finalists.div_ceil(2), finalists / 2] {
+            if is_stopped() && !self.exact.is_empty() {
+                break;
+            }
+            progress(self.tried.len(), "casting every beam of the finalists");
+            self.judge_all(self.best_left(count));
+            self.correct();
+        }
+        self.end(if is_stopped() { StoppedBy::Interrupted } else { StoppedBy::Budget })
+    }
+
+    fn end(&mut self, stopped_by: StoppedBy) -> SearchEnd {
+        let left = self.best_left(1).first().map(|at| self.corrected(&self.tried[*at]));
+        let mut exact = std::mem::take(&mut self.exact);
+        for exact in &mut exact {
+            exact.predicted = self.predicted(&exact.values);
+        }
+        exact.sort_by(|a, b| b.objective().total_cmp(&a.objective()));
+        SearchEnd {
+            rays: exact.iter().map(|exact| exact.seen.rays).sum(),
+            exact,
+            evaluations: self.tried.len(),
+            stopped_by,
+            model_error: self.correction.error(),
+            history: std::mem::take(&mut self.history),
+            best_left: left,
+        }
+    }
+
+    /// J by the corrected model of points.
+    pub fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
+        let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
+        let seen = self.model.see(&rigs);
+        let score = |((values, rig), seen): ((&Vec<f64>, &Rig), &Seen)| {
+            self.weights.terms(rig, seen).objective() + self.correction.of(&self.rigs.mounts(values))
+        };
+        points.iter().zip(&rigs).zip(&seen).map(score).collect()
+    }
+
+    /// The space that is searched.
+    pub fn space(&self) -> &Space {
+        &self.space
+    }
+
+    fn predicted(&self, values: &[f64]) -> f64 {
+        let tried = self.tried.iter().find(|tried| tried.values == values);
+        tried.map_or(f64::NAN, |tried| self.corrected(tried))
+    }
+
+    fn corrected(&self, tried: &Tried) -> f64 {
+        tried.score + self.correction.of(&tried.mounts)
+    }
+
+    fn trial(&self, tried: &Tried) -> Trial {
+        Trial {
+            candidate: Candidate { values: tried.values.clone() },
+            score: self.corrected(tried),
+            violation: tried.violation_m,
+        }
+    }
+
+    /// The model looks at points.
+    fn look(&mut self, points: &[Vec<f64>]) {
+        let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
+        let seen = self.model.see(&rigs);
+        for ((values, rig), seen) in points.iter().zip(&rigs).zip(&seen) {
+            self.tried.push(Tried {
+                values: values.clone(),
+                mounts: self.rigs.mounts(values),
+                score: self.weights.terms(rig, seen).objective(),
+                violation_m: self.rigs.violation_m(rig),
+            });
+        }
+    }
+
+    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy whose parents are the best
+    /// of all, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
+    fn search_locally(
+        &mut self,
+        limit: usize,
+        round: u64,
+        progress: &dyn Fn(usize, &str),
+        stop: &AtomicBool,
+    ) {
+        let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
+        let mut rng = Rng::new(self.plan.seed, round);
+        let first = self.tried.len();
+        while self.tried.len() < limit && !stop.load(Ordering::Relaxed) {
+            let done = (self.tried.len() - first) as f64 / (limit - first) as f64;
+            let share = first_share * (last_share / first_share).powf(done);
+            let mut parents = self.ranked();
+            parents.truncate(PARENTS);
+            let children = CHILDREN.min(limit - self.tried.len());
+            let points: Vec<Vec<f64>> =
+                (0..children).map(|_| self.child(&parents, share, &mut rng)).collect();
+            self.look(&points);
+            progress(self.tried.len(), "looking at mounts around the best ones");
+        }
+    }
+
+    fn child(&self, parents: &[usize], share: f64, rng: &mut Rng) -> Vec<f64> {
+        let mut parent = |power: i32| {
+            let at = (rng.uniform().powi(power) * parents.len() as f64) as usize;
+            &self.tried[parents[at.min(parents.len() - 1)]].values
+        };
+        let (start, one, other) = (parent(2), parent(1), parent(1));
+        let along = if rng.uniform() < 0.5 { 0.5 } else { 0.0 };
+        let mut child = start.clone();
+        for (at, variable) in self.space.variables().iter().enumerate() {
+            let step = share * (variable.high - variable.low) * rng.normal();
+            child[at] += step + along * (one[at] - other[at]);
+        }
+        self.space.clamp(&mut child);
+        child
+    }
+
+    /// The best trials that lie apart from each other, best first, among those allowed; nearer ones where there are too few.
+    fn choose(&self, count: usize, apart: f64, is_allowed: impl Fn(usize) -> bool) -> Vec<usize> {
+        let ranked = self.ranked();
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut apart = apart;
+        while chosen.len() < count && apart > 1e-3 {
+            for at in &ranked {
+                let is_far = |other: &usize| self.distance(*at, *other) >= apart;
+                if chosen.len() < count && is_allowed(*at) && chosen.iter().all(is_far) {
+                    chosen.push(*at);
+                }
+            }
+            apart *= 0.5;
+        }
+        chosen
+    }
+
+    /// Trials from the best to the worst by the corrected model.
+    fn ranked(&self) -> Vec<usize> {
+        let trials: Vec<Trial> = self.tried.iter().map(|tried| self.trial(tried)).collect();
+        let mut ranked: Vec<usize> = (0..trials.len()).collect();
+        ranked.sort_by(|a, b| trials[*a].order(&trials[*b]));
+        ranked
+    }
+
+    /// In the unit cube.
+    fn distance(&self, one: usize, other: usize) -> f64 {
+        self.distance_of(&self.tried[one].values, &self.tried[other].values)
+    }
+
+    fn distance_of(&self, one: &[f64], other: &[f64]) -> f64 {
+        let (one, other) = (self.space.to_unit(one), self.space.to_unit(other));
+        one.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+    }
+
+    /// Good trials as far from each other as they come, the best first.
+    fn far_apart(&self, count: usize) -> Vec<usize> {
+        let ranked = self.ranked();
+        let is_kept = |at: &&usize| self.tried[**at].violation_m == 0.0;
+        let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
+        let good: Vec<usize> = ranked.iter().filter(is_kept).take(good).copied().collect();
+        let mut chosen: Vec<usize> = good.first().copied().into_iter().collect();
+        while chosen.len() < count.min(good.len()) {
+            let nearest = |at: &usize| {
+                chosen.iter().map(|other| self.distance(*at, *other)).fold(f64::INFINITY, f64::min)
+            };
+            // of equals the better one
+            let farthest = good
+                .iter()
+                .map(|at| (nearest(at), *at))
+                .fold((-1.0, 0), |best, next| if next.0 > best.0 { next } else { best });
+            chosen.push(farthest.1);
+        }
+        chosen
+    }
+
+    /// The best trials that were not judged and lie apart.
+    fn best_left(&self, count: usize) -> Vec<usize> {
+        let is_new = |at: usize| {
+            let values = &self.tried[at].values;
+            self.exact.iter().all(|exact| self.distance_of(&exact.values, values) >= APART)
+        };
+        self.choose(count, APART, is_new)
+    }
+
+    fn judge_all(&mut self, chosen: Vec<usize>) {
+        let rigs: Vec<Rig> = chosen.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
+        let seen = self.judge.see(&rigs);
+        for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
+            let terms = self.weights.terms(&rig, &seen);
+            let values = self.tried[at].values.clone();
+            // what does not keep its distance is never the best
+            if self.tried[at].violation_m == 0.0 || self.exact.is_empty() {
+                self.exact.push(Exact { values, rig, seen, terms, predicted: f64::NAN });
+            }
+        }
+        let best = self.exact.iter().map(Exact::objective).fold(f64::NEG_INFINITY, f64::max);
+        self.history.push((self.tried.len(), best));
+    }
+
+    fn correct(&mut self) {
+        let error = |exact: &Exact| {
+            let tried = self.tried.iter().find(|tried| tried.values == exact.values)?;
+            Some((tried.mounts.clone(), exact.objective() - tried.score))
+        };
+        let observed: Vec<(Vec<Mount>, f64)> = self.exact.iter().filter_map(error).collect();
+        self.correction = Correction::fit(&observed);
+    }
+}

@@ -1,0 +1,191 @@
+//! What a search in a scene found: the JSON document and its summary.
+
+use serde::Serialize;
+
+use crate::design::optimize::StoppedBy;
+use crate::design::scene_search::{Answer, Judged, ModelError, Plan, SceneWeights, WeightRule};
+use crate::report::chart::number;
+use crate::simulate::view::BuildCost;
+
+/// The document.
+#[derive(Serialize)]
+pub(crate) struct Document {
+    pub method: &'static str,
+    pub seed: u64,
+    /// Mounts that the model looked at.
+    pub evaluations: usize,
+    /// Mounts of which every beam was cast, finalists and what they are compared with.
+    pub exact_evaluations: usize,
+    pub rays: u64,
+    pub wall_s: f64,
+    pub stopped_by: StoppedBy,
+    pub best: Best,
+    #[serde(flatten)]
+    pub answer: Answer,
+    pub model: ModelDocument,
+    pub plan: Plan,
+    pub weights: WeightsDocument,
+    /// Voxels that can be seen from the trajectory.
+    pub reachable_voxels: u64,
+    pub voxel_m: f64,
+    pub sampling: SamplingDocument,
+    pub trajectory: TrajectoryDocument,
+    /// Evaluations and the best exact score then.
+    pub history: Vec<(usize, f64)>,
+    pub warnings: Vec<String>,
+}
+
+/// The winner.
+#[derive(Serialize)]
+pub(crate) struct Best {
+    #[serde(flatten)]
+    pub judged: Judged,
+    /// x_m, y_m, z_m, pitch_deg, roll_deg before mirroring.
+    pub masters: Vec<[f64; 5]>,
+    /// No mount that was looked at is better by more, in J; null where the model's error is not known.
+    pub error_bound: Option<f64>,
+}
+
+/// The model that looked at most of them.
+#[derive(Serialize)]
+pub(crate) struct ModelDocument {
+    #[serde(flatten)]
+    pub cost: BuildCost,
+    /// Exact minus corrected; null for fewer than three exact evaluations.
+    pub model_error: Option<ModelError>,
+    /// Voxels that all mounts of the space see for certain.
+    pub settled_voxels: u64,
+}
+
+/// The coefficients of J.
+#[derive(Serialize)]
+pub(crate) struct WeightsDocument {
+    pub rule: WeightRule,
+    pub sensor_cost: f64,
+    pub overlap_reward: f64,
+    pub angle_reward: f64,
+    pub angle_penalty: f64,
+}
+
+impl WeightsDocument {
+    pub fn new(rule: WeightRule, of: &SceneWeights) -> Self {
+        let weights = &of.weights;
+        Self {
+            rule,
+            sensor_cost: weights.sensor_cost,
+            overlap_reward: weights.overlap_reward,
+            angle_reward: weights.angle_reward,
+            angle_penalty: weights.angle_penalty,
+        }
+    }
+}
+
+/// Which beams judged.
+#[derive(Serialize)]
+pub(crate) struct SamplingDocument {
+    pub is_ideal: bool,
+    pub scan_stride: u32,
+    /// By model: columns per revolution and revolutions cast.
+    pub spins: Vec<(String, usize, u64)>,
+}
+
+/// Along which trajectory.
+#[derive(Serialize)]
+pub(crate) struct TrajectoryDocument {
+    pub source: String,
+    /// Of a walk that was planned here; empty for a file.
+    pub corners_m: Vec<[f64; 3]>,
+    pub length_m: f64,
+    pub duration_s: f64,
+}
+
+impl Document {
+    /// Share of what can be seen, in percent with as many digits as the starts of the revolutions allow.
+    fn percent(&self, judged: &Judged) -> String {
+        format!("{:.2} %", 100.0 * judged.observable_share)
+    }
+
+    /// The answer in one sentence.
+    fn sentence(&self) -> String {
+        let (name, present) = match &self.answer.present {
+            Some(present) => ("your present mount", present),
+            None => ("the level mount", &self.answer.level),
+        };
+        let bound = self.best.error_bound.map_or(String::new(), |bound| {
+            let share = 100.0 * bound / self.best.judged.unique_voxels.max(1) as f64;
+            format!("; of {} mounts none is better by more than {share:.2} %", self.evaluations)
+        });
+        format!(
+            "{name} sees {} of what can be seen, the best found {}{bound}",
+            self.percent(present),
+            self.percent(&self.best.judged)
+        )
+    }
+
+    /// The result in words.
+    pub fn summary(&self) -> String {
+        let Self { answer, best, .. } = self;
+        let mut text = format!("{}\n", self.sentence());
+        text += &format!(
+            "trajectory     {:.1} m in {:.0} s, {}\n",
+            self.trajectory.length_m, self.trajectory.duration_s, self.trajectory.source
+        );
+        text += "mount                      seen    voxels  overlap           J\n";
+        let mut line = |name: &str, judged: &Judged| {
+            text += &format!(
+                "{name:22}{:>9}{:10}{:7.1} %{:>12}\n",
+                self.percent(judged),
+                judged.unique_voxels,
+                100.0 * judged.overlap_ratio,
+                number(judged.objective, 1)
+            );
+        };
+        line("best", &best.judged);
+        line("the same, level", &answer.level);
+        if let Some(present) = &answer.present {
+            line("present", present);
+        }
+        line("one sensor, level", &answer.level_single);
+        line("one sensor, best pitch", &answer.best_single);
+        text += "sensor            model           x_m      y_m      z_m  pitch_deg  roll_deg\n";
+        for sensor in &best.judged.sensors {
+            text += &format!(
+                "{:18}{:12}{:9.4}{:9.4}{:9.4}{:11.3}{:10.3}\n",
+                sensor.name,
+                sensor.model,
+                sensor.x_m,
+                sensor.y_m,
+                sensor.z_m,
+                sensor.pitch_deg,
+                sensor.roll_deg
+            );
+        }
+        text += "flat to 0.1 %  ";
+        let flat = answer.flat.iter().map(|range| {
+            format!("{} {} to {}", range.coordinate, number(range.low, 3), number(range.high, 3))
+        });
+        text += &(flat.collect::<Vec<_>>().join("\n               ") + "\n");
+        text += &format!(
+            "known to       {:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be told \
+             apart\n",
+            answer.phase_sd_voxels,
+            answer.indistinguishable.len()
+        );
+        if let Some(error) = self.model.model_error {
+            text += &format!(
+                "model          {} views, {} heights, {:.0} MB; off by {:.0} voxels, {:.0} after the correction (standard \
+                 deviation over {} exact mounts)\n",
+                self.model.cost.views,
+                self.model.cost.layers,
+                self.model.cost.bytes as f64 * 1e-6,
+                error.uncorrected_mean,
+                error.sd,
+                error.n
+            );
+        }
+        text + &format!(
+            "{} mounts by the model, {} exactly, {} rays in {:.2} s\n",
+            self.evaluations, self.exact_evaluations, self.rays, self.wall_s
+        )
+    }
+}

@@ -1,0 +1,360 @@
+//! Every beam cast, and no more kept of it than the bit of its voxel.
+
+use std::sync::OnceLock;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use sensors::SensorModel;
+
+use super::cells::reachable_voxels;
+use super::fan::FanBeam;
+use super::{Fan, Sampling, Scans, Seen, View, ViewError, ViewSite};
+use crate::base::instructions::Instructions;
+use crate::rig::{Mount, Rig, Unit};
+use crate::world::coverage::{Counts, Coverage};
+use crate::world::scene::{Mesh, PACKET, RayTile};
+
+/// Beams and columns that are cast together: neighbours on the sphere.
+const TILE: usize = 4;
+/// Voxels of a grid whose bitmaps are held whole (32 MiB each).
+const MOST_VOXELS: usize = 1 << 28;
+/// Bitmaps of all rigs, sensors and threads of a pass, bytes.
+const BITMAP_BYTES: usize = 256 << 20;
+
+/// With how many digits beams are cast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// Single precision where the scene is a mesh: some voxels of a hundred thousand may differ.
+    Single,
+    /// Double precision: what hashes are compared with.
+    Double,
+}
+
+/// The exact view.
+pub struct CastView {
+    site: ViewSite,
+    units: Vec<(Fan, Scans)>,
+    precision: Precision,
+    instructions: Instructions,
+    observable: OnceLock<u64>,
+}
+
+impl CastView {
+    /// A view of a site by sensors of these units; every sensor of a rig must be one of them.
+    ///
+    /// # Errors
+    /// A trajectory shorter than a revolution, a grid of too many voxels, ranges out of order.
+    pub fn new(
+        site: ViewSite,
+        units: &[Unit],
+        sampling: &Sampling,
+        precision: Precision,
+    ) -> Result<Self, ViewError> {
+        let cells = site.grid.len();
+        if cells > MOST_VOXELS {
+            return Err(ViewError::TooManyVoxels { voxel_m: site.grid.voxel_m, cells, most: MOST_VOXELS });
+        }
+        let fan = |unit: &Unit| {
+            let fan = Fan::new(unit, sampling)?;
+            let scans = Scans::of(&fan, &site.trajectory)?;
+            Ok((fan, scans))
+        };
+        let units = units.iter().map(fan).collect::<Result<_, ViewError>>()?;
+        Ok(Self { site, units, precision, instructions: Instructions::best(), observable: OnceLock::new() })
+    }
+
+    /// The same with given instructions.
+    pub fn with_instructions(self, instructions: Instructions) -> Self {
+        Self { instructions, ..self }
+    }
+
+    /// The same with the first column of every revolution turned on by so many columns.
+    pub fn at_phase(&self, phase: f64) -> Self {
+        Self {
+            site: self.site.clone(),
+            units: self.units.iter().map(|(fan, scans)| (fan.at_phase(phase), *scans)).collect(),
+            precision: self.precision,
+            instructions: self.instructions,
+            observable: self.observable.clone(),
+        }
+    }
+
+    /// Where it looks.
+    pub fn site(&self) -> &ViewSite {
+        &self.site
+    }
+
+    /// The beams of a model and the revolutions that are cast.
+    pub(crate) fn fan_of(&self, model: &SensorModel) -> &(Fan, Scans) {
+        &self.units[self.unit(model)]
+    }
+
+    /// Beams of a rig.
+    pub fn rays(&self, rig: &Rig) -> u64 {
+        let of = |model: &SensorModel| {
+            let (fan, scans) = self.fan_of(model);
+            fan.rays_per_scan() * scans.count
+        };
+        rig.sensors.iter().map(|sensor| of(&sensor.model)).sum()
+    }
+
+    /// The voxels that each sensor of a rig sees.
+    pub fn cover(&self, rig: &Rig) -> Coverage {
+        let bitmaps = self.bitmaps(std::slice::from_ref(rig)).swap_remove(0);
+        Coverage::from_bitmaps(self.site.grid.clone(), bitmaps)
+    }
+
+    /// The unit of a model, which is one of those that the view was made for.
+    fn unit(&self, model: &SensorModel) -> usize {
+        self.units.iter().position(|(fan, _)| fan.model == *model).unwrap_or(0)
+    }
+
+    /// By rig and sensor.
+    fn bitmaps(&self, rigs: &[Rig]) -> Vec<Vec<Vec<u64>>> {
+        let words = self.site.grid.len().div_ceil(64);
+        let nothing = || -> Vec<Vec<Vec<u64>>> {
+            rigs.iter().map(|rig| vec![vec![0; words]; rig.sensors.len()]).collect()
+        };
+        let jobs: Vec<(usize, u64)> = (0..self.units.len())
+            .filter(|unit| {
+                let mut sensors = rigs.iter().flat_map(|rig| &rig.sensors);
+                sensors.any(|sensor| self.unit(&sensor.model) == *unit)
+            })
+            .flat_map(|unit| (0..self.units[unit].1.count).map(move |scan| (unit, scan)))
+            .collect();
+        // neighbouring scans cost alike: every thread takes every n-th of them
+        let threads = rayon::current_num_threads().min(jobs.len()).max(1);
+        let parts: Vec<_> = (0..threads)
+            .into_par_iter()
+            .map(|thread| {
+                let mut bitmaps = nothing();
+                for (unit, scan) in jobs.iter().skip(thread).step_by(threads) {
+                    self.cast_scan(*unit, *scan, rigs, &mut bitmaps);
+                }
+                bitmaps
+            })
+            .collect();
+        parts
+            .into_iter()
+            .reduce(|mut all, part| {
+                let sensors = all.iter_mut().flatten().zip(part.iter().flatten());
+                for (bitmap, more) in sensors {
+                    bitmap.iter_mut().zip(more).for_each(|(word, more)| *word |= more);
+                }
+                all
+            })
+            .unwrap_or_else(nothing)
+    }
+
+    /// One revolution of every sensor of a unit.
+    fn cast_scan(&self, unit: usize, scan: u64, rigs: &[Rig], bitmaps: &mut [Vec<Vec<u64>>]) {
+        let (fan, scans) = &self.units[unit];
+        let poses = scans.poses(&self.site.trajectory, scan);
+        for (rig, bitmaps) in rigs.iter().zip(bitmaps) {
+            for (sensor, bitmap) in rig.sensors.iter().zip(bitmaps) {
+                if self.unit(&sensor.model) != unit {
+                    continue;
+                }
+                let columns = columns(fan, &sensor.mount, &poses);
+                match self.site.scene.mesh() {
+                    Some(mesh) if self.precision == Precision::Single => {
+                        self.mark_rounded(mesh, fan, &columns, bitmap);
+                    }
+                    _ => self.mark_precise(fan, &columns, bitmap),
+                }
+            }
+        }
+    }
+
+    fn mark_rounded(&self, mesh: &Mesh, fan: &Fan, columns: &[(DMat3, DVec3)], bitmap: &mut [u64]) {
+        let centre_m = mesh.centre_m();
+        let rounded = |(axes, origin_m): &(DMat3, DVec3)| RoundedColumn {
+            axes: [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.as_vec3().to_array()),
+            origin_m: (*origin_m - centre_m).as_vec3().to_array(),
+        };
+        let columns: Vec<RoundedColumn> = columns.iter().map(rounded).collect();
+        let beams: Vec<RoundedBeam> = fan.beams.iter().map(RoundedBeam::of).collect();
+        let cells = RoundedGrid::new(&self.site, centre_m);
+        let (min_m, max_m) = (fan.min_range_m as f32, fan.max_range_m as f32);
+        let mut rays = RayTile::EMPTY;
+        let mut offset_m = [0.0_f32; PACKET];
+        for first in (0..columns.len()).step_by(TILE) {
+            for beams in beams.chunks(TILE) {
+                let mut count = 0;
+                for step in 0..TILE.min(columns.len() - first) {
+                    for beam in beams {
+                        beam.place(&columns, first + step, count, &mut rays);
+                        offset_m[count] = beam.range_offset_m;
+                        count += 1;
+                    }
+                }
+                for lane in count..PACKET {
+                    for axis in 0..3 {
+                        rays.origin_m[axis][lane] = rays.origin_m[axis][0];
+                        rays.direction[axis][lane] = rays.direction[axis][0];
+                    }
+                    offset_m[lane] = offset_m[0];
+                }
+                let distances_m = mesh.cast_tile(&rays, max_m, self.instructions);
+                let indices = cells.indices(&rays, &distances_m);
+                for lane in 0..PACKET {
+                    let range_m = distances_m[lane] + offset_m[lane];
+                    if range_m >= min_m && range_m <= max_m && indices[lane] != OUTSIDE {
+                        bitmap[indices[lane] as usize / 64] |= 1 << (indices[lane] % 64);
+                    }
+                }
+            }
+        }
+    }
+
+    fn mark_precise(&self, fan: &Fan, columns: &[(DMat3, DVec3)], bitmap: &mut [u64]) {
+        let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
+        let mut offsets_m = Vec::new();
+        for first in (0..columns.len()).step_by(TILE) {
+            for beams in fan.beams.chunks(TILE) {
+                origins_m.clear();
+                directions.clear();
+                offsets_m.clear();
+                for column in first..columns.len().min(first + TILE) {
+                    for beam in beams {
+                        let (axes, origin_m) = &columns[shifted(column, beam.shift, columns.len())];
+                        origins_m.push(*origin_m + *axes * beam.origin_m);
+                        directions.push(*axes * beam.direction);
+                        offsets_m.push(beam.range_offset_m);
+                    }
+                }
+                let mut met = |ray: usize, distance_m: Option<f64>| {
+                    let Some(distance_m) = distance_m else { return };
+                    if !(fan.min_range_m..=fan.max_range_m).contains(&(distance_m + offsets_m[ray])) {
+                        return;
+                    }
+                    let point_m = origins_m[ray] + distance_m * directions[ray];
+                    if let Some(cell) = self.site.grid.index(point_m) {
+                        bitmap[cell / 64] |= 1 << (cell % 64);
+                    }
+                };
+                match self.site.scene.mesh() {
+                    Some(mesh) => mesh.cast_precise(&origins_m, &directions, met),
+                    None => self.site.scene.cast_many(&origins_m, &directions, |ray, hit| {
+                        met(ray, hit.map(|hit| hit.distance_m));
+                    }),
+                }
+            }
+        }
+    }
+}
+
+impl View for CastView {
+    fn observable(&self) -> u64 {
+        let units: Vec<&Fan> = self.units.iter().map(|(fan, _)| fan).collect();
+        *self.observable.get_or_init(|| reachable_voxels(&self.site, &units, &self.units[0].1))
+    }
+
+    fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
+        let sensors = rigs.iter().map(|rig| rig.sensors.len()).max().unwrap_or(1).max(1);
+        let bytes_of_rig = self.site.grid.len().div_ceil(8) * sensors * (rayon::current_num_threads() + 1);
+        let together = (BITMAP_BYTES / bytes_of_rig.max(1)).max(1);
+        let seen = |rigs: &[Rig]| {
+            let bitmaps = self.bitmaps(rigs);
+            let of = |(rig, bitmaps): (&Rig, &Vec<Vec<u64>>)| {
+                let bitmaps: Vec<&[u64]> = bitmaps.iter().map(Vec::as_slice).collect();
+                Seen::exact(&Counts::of_bitmaps(&bitmaps), self.rays(rig))
+            };
+            rigs.iter().zip(&bitmaps).map(of).collect::<Vec<_>>()
+        };
+        rigs.chunks(together).flat_map(seen).collect()
+    }
+}
+
+/// World from the frame of each column of a sensor: axes, and origin, m.
+fn columns(fan: &Fan, mount: &Mount, poses: &[(DMat3, DVec3)]) -> Vec<(DMat3, DVec3)> {
+    let (body_from_lidar, origin_m) = fan.body_from_lidar(mount);
+    let column = |(column, (axes, body_m)): (usize, &(DMat3, DVec3))| {
+        (fan.axes_of_column(&(*axes * body_from_lidar), column), *body_m + *axes * origin_m)
+    };
+    poses.iter().enumerate().map(column).collect()
+}
+
+/// The column whose beam of this shift points where an unstaggered one of `column` does.
+fn shifted(column: usize, shift: usize, columns: usize) -> usize {
+    let moved = column + columns - shift;
+    if moved >= columns { moved - columns } else { moved }
+}
+
+/// A column about the mesh's centre.
+struct RoundedColumn {
+    axes: [[f32; 3]; 3],
+    origin_m: [f32; 3],
+}
+
+struct RoundedBeam {
+    direction: [f32; 3],
+    origin_m: [f32; 3],
+    range_offset_m: f32,
+    shift: usize,
+}
+
+impl RoundedBeam {
+    fn of(beam: &FanBeam) -> Self {
+        Self {
+            direction: beam.direction.as_vec3().to_array(),
+            origin_m: beam.origin_m.as_vec3().to_array(),
+            range_offset_m: beam.range_offset_m as f32,
+            shift: beam.shift,
+        }
+    }
+
+    #[inline(always)]
+    fn place(&self, columns: &[RoundedColumn], column: usize, lane: usize, rays: &mut RayTile) {
+        let RoundedColumn { axes, origin_m } = &columns[shifted(column, self.shift, columns.len())];
+        for axis in 0..3 {
+            let along = |v: [f32; 3]| axes[0][axis] * v[0] + axes[1][axis] * v[1] + axes[2][axis] * v[2];
+            rays.direction[axis][lane] = along(self.direction);
+            rays.origin_m[axis][lane] = origin_m[axis] + along(self.origin_m);
+        }
+    }
+}
+
+/// No voxel of the grid.
+const OUTSIDE: u32 = u32::MAX;
+
+/// The grid about the mesh's centre.
+struct RoundedGrid {
+    origin_m: [f32; 3],
+    per_m: f32,
+    cells: [f32; 3],
+    stride: [u32; 3],
+}
+
+impl RoundedGrid {
+    fn new(site: &ViewSite, centre_m: DVec3) -> Self {
+        let grid = &site.grid;
+        let [nx, ny, _] = grid.cells;
+        Self {
+            origin_m: (grid.origin_m - centre_m).as_vec3().to_array(),
+            per_m: (1.0 / grid.voxel_m) as f32,
+            cells: grid.cells.map(|count| count as f32),
+            stride: [1, nx as u32, (nx * ny) as u32],
+        }
+    }
+
+    /// Voxels around the points that rays meet.
+    #[inline(always)]
+    fn indices(&self, rays: &RayTile, distances_m: &[f32; PACKET]) -> [u32; PACKET] {
+        let mut indices = [0_u32; PACKET];
+        let mut inside = [true; PACKET];
+        for axis in 0..3 {
+            for lane in 0..PACKET {
+                let at_m = rays.origin_m[axis][lane] + distances_m[lane] * rays.direction[axis][lane];
+                let cell = (at_m - self.origin_m[axis]) * self.per_m;
+                inside[lane] &= (cell >= 0.0) & (cell < self.cells[axis]);
+                // of what is not negative the whole part is the floor
+                indices[lane] = indices[lane].wrapping_add((cell as u32).wrapping_mul(self.stride[axis]));
+            }
+        }
+        for lane in 0..PACKET {
+            indices[lane] = if inside[lane] { indices[lane] } else { OUTSIDE };
+        }
+        indices
+    }
+}

@@ -1,0 +1,193 @@
+//! Casting the views of a site, as finely as its voxels and ranges ask for.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::records::{Block, LANES, Layer, Record};
+use super::{BuildCost, Fineness};
+use crate::simulate::view::sphere::SphereMap;
+use crate::simulate::view::{Fan, Scans, ViewError, ViewSite};
+
+/// Rays of a pilot view are so far apart, rad.
+const PILOT_STEP_RAD: f64 = 0.05;
+/// Views that say how far surfaces are.
+const PILOTS: u64 = 9;
+/// Neighbouring rays are apart by this share of a voxel where 95 % of the surface is nearer.
+const STEP_SHARE: f64 = 0.85;
+/// Rays are never coarser or finer than this, rad.
+const STEPS_RAD: (f64, f64) = (0.002, 0.0125);
+/// Rays of all views: beyond this they are coarser.
+const MOST_RAYS: f64 = 120e6;
+
+/// The layers with what they took.
+pub(super) struct Built {
+    pub layers: Vec<Layer>,
+    pub heights_m: Vec<f64>,
+    pub voxels: usize,
+    pub cost: BuildCost,
+}
+
+/// Casts and packs. `scans` are those of the first fan.
+pub(super) fn build(
+    site: &ViewSite,
+    fans: &[Fan],
+    scans: &Scans,
+    fineness: &Fineness,
+) -> Result<Built, ViewError> {
+    let max_range_m = fans.iter().map(|fan| fan.max_range_m).fold(0.0, f64::max);
+    let (low_m, high_m) = fineness.heights_m;
+    let layers = if high_m > low_m { fineness.layers.max(2) } else { 1 };
+    let height = |layer: usize| low_m + (high_m - low_m) * layer as f64 / (layers - 1).max(1) as f64;
+    let heights_m: Vec<f64> = (0..layers).map(height).collect();
+    let plan = Plan::new(site, scans, fineness, &heights_m, max_range_m)?;
+    let map = SphereMap::new(plan.step_rad);
+    let places: Vec<(DMat3, DVec3)> = plan.places(site, scans);
+    let mut by_height: Vec<Vec<Record>> = Vec::new();
+    for height_m in &heights_m {
+        let eye_m = DVec3::Z * *height_m;
+        let views: Vec<Vec<Record>> =
+            places.par_iter().map(|place| view(site, &map, place, eye_m, max_range_m)).collect();
+        by_height.push(views.concat());
+    }
+    let mut list: Vec<u32> = Vec::new();
+    for records in &by_height {
+        list.extend(records.iter().map(|record| record.voxel));
+        list.sort_unstable();
+        list.dedup();
+    }
+    if list.is_empty() {
+        return Err(nothing_visible(site));
+    }
+    let number = |mut record: Record| {
+        record.voxel = list.binary_search(&record.voxel).unwrap_or(0) as u32;
+        record
+    };
+    let pack = |records: Vec<Record>| Layer::pack(records.into_iter().map(number).collect(), list.len());
+    let layers: Vec<Layer> = by_height.into_par_iter().map(pack).collect();
+    let bytes = layers.iter().map(Layer::bytes).sum();
+    let cost = BuildCost {
+        views: places.len() as u64,
+        layers: layers.len(),
+        step_rad: plan.step_rad,
+        rays: map.rays() * (places.len() * layers.len()) as u64,
+        bytes,
+        is_bound_by_memory: plan.is_bound_by_memory,
+        is_bound_by_rays: plan.is_bound_by_rays,
+    };
+    Ok(Built { voxels: list.len(), layers, heights_m, cost })
+}
+
+fn nothing_visible(site: &ViewSite) -> ViewError {
+    let [low, high] = site.scene.bounds_m();
+    ViewError::NothingVisible { bounds: format!("{low:.1} to {high:.1} m") }
+}
+
+/// How many views, and how fine.
+struct Plan {
+    /// Every so many scans there is a view.
+    scans_per_view: u64,
+    step_rad: f64,
+    is_bound_by_memory: bool,
+    is_bound_by_rays: bool,
+}
+
+impl Plan {
+    fn new(
+        site: &ViewSite,
+        scans: &Scans,
+        fineness: &Fineness,
+        heights_m: &[f64],
+        max_range_m: f64,
+    ) -> Result<Self, ViewError> {
+        let eye_m = DVec3::Z * heights_m[heights_m.len() / 2];
+        let pilot = SphereMap::new(PILOT_STEP_RAD);
+        let mut ranges_m: Vec<f64> = Vec::new();
+        let pilots = PILOTS.min(scans.count);
+        for pilot_number in 0..pilots {
+            let place =
+                scans.middle(&site.trajectory, pilot_number * (scans.count - 1) / (pilots - 1).max(1));
+            pilot.cast(&site.scene, &place, eye_m, max_range_m, |hit| ranges_m.push(hit.from_eye_m.length()));
+        }
+        if ranges_m.is_empty() {
+            return Err(nothing_visible(site));
+        }
+        ranges_m.sort_by(f64::total_cmp);
+        let far_m = ranges_m[(ranges_m.len() - 1) * 95 / 100];
+        let wanted_rad = STEP_SHARE * site.grid.voxel_m / far_m.max(1e-3);
+        let step_rad = fineness.step_rad.unwrap_or(wanted_rad.clamp(STEPS_RAD.0, STEPS_RAD.1));
+        // of each view no more records than rays, and a voxel of a surface at 95 % of the range fills a ray or two
+        let records = SphereMap::new(step_rad.max(STEPS_RAD.0)).rays() as f64 * 0.3;
+        let bytes_of_view = records / LANES as f64 * size_of::<Block>() as f64 * heights_m.len() as f64;
+        let affordable = (fineness.most_bytes as f64 / bytes_of_view).floor().max(4.0) as u64;
+        let views = fineness.views.min(scans.count).min(affordable).max(1);
+        let rays_at = |step_rad: f64| 24.0 / (step_rad * step_rad) * views as f64 * heights_m.len() as f64;
+        let least_rad = (rays_at(1.0) / MOST_RAYS).sqrt();
+        Ok(Self {
+            scans_per_view: scans.count.div_ceil(views),
+            step_rad: step_rad.max(least_rad),
+            is_bound_by_memory: affordable < fineness.views.min(scans.count),
+            is_bound_by_rays: least_rad > step_rad || wanted_rad < STEPS_RAD.0,
+        })
+    }
+
+    /// The middle of every n-th scan.
+    fn places(&self, site: &ViewSite, scans: &Scans) -> Vec<(DMat3, DVec3)> {
+        let first = (self.scans_per_view - 1) / 2;
+        let chosen = (first.min(scans.count - 1)..scans.count).step_by(self.scans_per_view as usize);
+        chosen.map(|scan| scans.middle(&site.trajectory, scan)).collect()
+    }
+}
+
+/// Everything that is seen from one place, a record for each voxel.
+fn view(
+    site: &ViewSite,
+    map: &SphereMap,
+    place: &(DMat3, DVec3),
+    eye_m: DVec3,
+    max_range_m: f64,
+) -> Vec<Record> {
+    let mut hits: Vec<(u32, u32)> = Vec::new();
+    let mut points: Vec<([f32; 3], f32)> = Vec::new();
+    map.cast(&site.scene, place, eye_m, max_range_m, |hit| {
+        if let Some(cell) = site.grid.index(hit.point_m) {
+            hits.push((cell as u32, points.len() as u32));
+            points.push((hit.from_eye_m.as_vec3().to_array(), hit.solid_angle_sr as f32));
+        }
+    });
+    hits.sort_unstable();
+    let record = |own: &[(u32, u32)]| {
+        let (mut sum_m, mut solid_sr) = (DVec3::ZERO, 0.0_f64);
+        for (_, point) in own {
+            let (at_m, solid) = points[*point as usize];
+            sum_m += f64::from(solid) * DVec3::from(at_m.map(f64::from));
+            solid_sr += f64::from(solid);
+        }
+        let from_eye_m = sum_m / solid_sr;
+        Record {
+            voxel: own[0].0,
+            at_m: (eye_m + from_eye_m).as_vec3().to_array(),
+            width_m: (solid_sr.sqrt() * from_eye_m.length()) as f32,
+        }
+    };
+    hits.chunk_by(|a, b| a.0 == b.0).map(record).collect()
+}
+
+/// Voxels that could be seen from the trajectory by a sensor at the body's origin.
+pub(in crate::simulate::view) fn reachable_voxels(site: &ViewSite, fans: &[&Fan], scans: &Scans) -> u64 {
+    let max_range_m = fans.iter().map(|fan| fan.max_range_m).fold(0.0, f64::max);
+    let fineness = Fineness::between((0.0, 0.0));
+    let Ok(plan) = Plan::new(site, scans, &fineness, &[0.0], max_range_m) else { return 0 };
+    let map = SphereMap::new(plan.step_rad);
+    let views: Vec<Vec<u32>> = plan
+        .places(site, scans)
+        .par_iter()
+        .map(|place| {
+            let records = view(site, &map, place, DVec3::ZERO, max_range_m);
+            records.iter().map(|record| record.voxel).collect()
+        })
+        .collect();
+    let mut all = views.concat();
+    all.sort_unstable();
+    all.dedup();
+    all.len() as u64
+}

@@ -1,0 +1,214 @@
+//! What an eye sees of a voxel, by its records. Every operation is one IEEE operation in a fixed order, nothing fused: the
+//! same bits with any instruction set.
+#![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
+
+use super::Fan;
+use super::records::{Block, LANES, Layer};
+use crate::base::instructions::{Instructions, Level};
+
+/// A voxel that remains unseen with this chance is seen for certain.
+const CERTAIN: f32 = 1e-3;
+/// Steps of the table of rows.
+const STEPS: usize = 4096;
+/// How far beyond the outermost rows the table goes, rad: no voxel outside a sensor's least range looks wider.
+const BEYOND_RAD: f64 = 0.25;
+
+/// The rows of a sensor: how far a direction is from the nearest one.
+pub(super) struct Rows {
+    /// Sine of the elevation at the first step.
+    low: f32,
+    per_sine: f32,
+    /// Distance to the nearest row, rad.
+    distance_rad: Box<[f32; STEPS]>,
+    /// Columns per radian.
+    columns_per_rad: f32,
+}
+
+impl Rows {
+    pub fn new(fan: &Fan) -> Self {
+        let rows_rad: Vec<f64> = fan.elevations_rad().collect();
+        let (first, last) = (rows_rad[0], rows_rad[rows_rad.len() - 1]);
+        let right = std::f64::consts::FRAC_PI_2;
+        let low = (first - BEYOND_RAD).max(-right).sin();
+        let high = (last + BEYOND_RAD).min(right).sin();
+        let mut distance_rad = Box::new([0.0; STEPS]);
+        for (step, distance) in distance_rad.iter_mut().enumerate() {
+            let sine = low + (high - low) * (step as f64 + 0.5) / STEPS as f64;
+            let elevation_rad = sine.clamp(-1.0, 1.0).asin();
+            let nearest =
+                rows_rad.iter().map(|row| (row - elevation_rad).abs()).fold(f64::INFINITY, f64::min);
+            *distance = nearest as f32;
+        }
+        Self {
+            low: low as f32,
+            per_sine: (STEPS as f64 / (high - low)) as f32,
+            distance_rad,
+            columns_per_rad: (fan.columns as f64 / std::f64::consts::TAU) as f32,
+        }
+    }
+}
+
+/// A sensor in the frame of the body.
+pub(super) struct Eye<'a> {
+    pub origin_m: [f32; 3],
+    /// Its spin axis.
+    pub axis: [f32; 3],
+    pub rows: &'a Rows,
+    pub min_range_m: f32,
+    pub max_range_m: f32,
+    pub scans_per_view: u32,
+    /// The layers below and above it.
+    pub layers: [usize; 2],
+    /// How far it is from the lower to the upper one.
+    pub share: f32,
+}
+
+/// Expected numbers of voxels of one rig.
+#[derive(Clone, Debug)]
+pub(super) struct Sums {
+    pub per_sensor: Vec<f64>,
+    pub union: f64,
+    pub overlap: f64,
+}
+
+impl Sums {
+    pub fn nothing(sensors: usize) -> Self {
+        Self { per_sensor: vec![0.0; sensors], union: 0.0, overlap: 0.0 }
+    }
+
+    pub fn add(&mut self, more: &Self) {
+        self.per_sensor.iter_mut().zip(&more.per_sensor).for_each(|(sum, more)| *sum += more);
+        self.union += more.union;
+        self.overlap += more.overlap;
+    }
+}
+
+/// What each rig sees of some voxels.
+pub(super) fn sum(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
+    match Instructions::best().level() {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the level exists only where the processor has these instructions
+        Level::Avx512 => unsafe { sum_avx512(layers, voxels, rigs) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the level exists only where the processor has these instructions
+        Level::Avx2 => unsafe { sum_avx2(layers, voxels, rigs) },
+        _ => sum_anywhere(layers, voxels, rigs),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
+fn sum_avx512(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
+    sum_anywhere(layers, voxels, rigs)
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn sum_avx2(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
+    sum_anywhere(layers, voxels, rigs)
+}
+
+#[inline(always)]
+fn sum_anywhere(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<Sums> {
+    let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
+    for voxel in voxels {
+        for (eyes, sums) in rigs.iter().zip(&mut sums) {
+            // chance that nobody sees it, and that exactly one does
+            let (mut none, mut one) = (1.0_f64, 0.0_f64);
+            for (sensor, eye) in eyes.iter().enumerate() {
+                let unseen = f64::from(unseen(layers, *voxel as usize, eye));
+                one = one * unseen + none * (1.0 - unseen);
+                none *= unseen;
+                sums.per_sensor[sensor] += 1.0 - unseen;
+            }
+            sums.union += 1.0 - none;
+            sums.overlap += 1.0 - none - one;
+        }
+    }
+    sums
+}
+
+/// Whether an eye sees a voxel for certain.
+pub(super) fn is_certain(layers: &[Layer], voxel: usize, eye: &Eye<'_>) -> bool {
+    unseen(layers, voxel, eye) <= CERTAIN
+}
+
+/// Chance that an eye does not see a voxel.
+#[inline(always)]
+fn unseen(layers: &[Layer], voxel: usize, eye: &Eye<'_>) -> f32 {
+    let [low, high] = eye.layers;
+    let below = unseen_in(&layers[low], voxel, eye);
+    if low == high || eye.share == 0.0 {
+        return below;
+    }
+    let above = unseen_in(&layers[high], voxel, eye);
+    below + eye.share * (above - below)
+}
+
+#[inline(always)]
+fn unseen_in(layer: &Layer, voxel: usize, eye: &Eye<'_>) -> f32 {
+    let mut unseen = 1.0_f32;
+    let (first, end) = (layer.starts[voxel] as usize, layer.starts[voxel + 1] as usize);
+    for block in &layer.blocks[first..end] {
+        let missed = unseen_by(layer, block, eye);
+        for _ in 0..eye.scans_per_view {
+            unseen *= missed;
+        }
+        if unseen < CERTAIN {
+            return 0.0;
+        }
+    }
+    unseen
+}
+
+/// Chance that no record of a block is seen in a revolution.
+#[inline(always)]
+fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
+    let rows = eye.rows;
+    let mut missed = [1.0_f32; LANES];
+    let mut steps = [0_usize; LANES];
+    let mut ranges_m = [0.0_f32; LANES];
+    let mut widths_m = [0.0_f32; LANES];
+    let mut columns = [0.0_f32; LANES];
+    for lane in 0..LANES {
+        let x = f32::from(block.x[lane]) * layer.step_m - eye.origin_m[0];
+        let y = f32::from(block.y[lane]) * layer.step_m - eye.origin_m[1];
+        let z = f32::from(block.z[lane]) * layer.step_m - eye.origin_m[2];
+        let width_m = f32::from(block.width[lane]) * layer.width_step_m;
+        let square = x * x + y * y + z * z;
+        let along_m = x * eye.axis[0] + y * eye.axis[1] + z * eye.axis[2];
+        let range_m = square.sqrt();
+        let across = square - along_m * along_m;
+        let across_m = (if across > 1e-6 { across } else { 1e-6 }).sqrt();
+        let step = (along_m / range_m - rows.low) * rows.per_sine;
+        let step = if step > 0.0 { step } else { 0.0 };
+        let step = if step < (STEPS - 1) as f32 { step } else { (STEPS - 1) as f32 };
+        steps[lane] = step as u32 as usize & (STEPS - 1);
+        ranges_m[lane] = range_m;
+        widths_m[lane] = width_m;
+        columns[lane] = width_m * rows.columns_per_rad / across_m;
+    }
+    let mut distances_rad = [0.0_f32; LANES];
+    for lane in 0..LANES {
+        distances_rad[lane] = rows.distance_rad[steps[lane]];
+    }
+    for lane in 0..LANES {
+        // a patch as wide as it is high: a row surely crosses it near its middle, and none near its edges
+        let row = 1.5 - 2.0 * distances_rad[lane] * ranges_m[lane] / widths_m[lane];
+        let row = if row > 0.0 { row } else { 0.0 };
+        let row = if row < 1.0 { row } else { 1.0 };
+        let column = if columns[lane] < 1.0 { columns[lane] } else { 1.0 };
+        let is_met = (widths_m[lane] > 0.0)
+            & (ranges_m[lane] >= eye.min_range_m)
+            & (ranges_m[lane] <= eye.max_range_m);
+        missed[lane] = if is_met { 1.0 - row * column } else { 1.0 };
+    }
+    let mut width = LANES / 2;
+    while width > 0 {
+        for lane in 0..width {
+            missed[lane] *= missed[lane + width];
+        }
+        width /= 2;
+    }
+    missed[0]
+}

@@ -1,0 +1,207 @@
+//! A model of coverage from the voxels' side.
+//!
+//! From each of some places along the trajectory everything around is cast once and kept by voxel: where it lies in the frame
+//! of the body, and how large it looks. What a sensor sees of a voxel then takes no ray: for each record of it, is there a beam
+//! near enough to its direction? The search through a voxel's records ends when it is seen for certain. Directions are exact;
+//! only visibility is borrowed from the place between the sensors, so heights are kept in layers: tables and shelves hide by
+//! height.
+
+mod build;
+mod kernel;
+mod records;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+pub(super) use build::reachable_voxels;
+
+use super::{Fan, Sampling, Scans, Seen, View, ViewError, ViewSite};
+use crate::rig::{Rig, Unit};
+use kernel::{Eye, Rows, Sums};
+use records::Layer;
+
+/// Voxels that a thread takes at once; sums are added in their order.
+const CHUNK: usize = 1024;
+/// Candidates of a pass over the voxels, which costs memory traffic: more of them, more is shared.
+const BATCH: usize = 16;
+
+/// How finely a site is kept.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Fineness {
+    /// Places along the trajectory, at most.
+    pub views: u64,
+    /// Heights above the body's origin at which visibility is kept, m: least, greatest.
+    pub heights_m: (f64, f64),
+    /// Layers between them, at least 1.
+    pub layers: usize,
+    /// Angle between neighbouring rays of a view; derived from voxel and range where none, rad.
+    pub step_rad: Option<f64>,
+    /// Bound of the memory, bytes: fewer views are kept where it binds.
+    pub most_bytes: usize,
+}
+
+impl Fineness {
+    /// Views of a search between these heights: a layer every 10 cm, one where the height is fixed.
+    pub fn between(heights_m: (f64, f64)) -> Self {
+        let layers = ((heights_m.1 - heights_m.0) / 0.1 - 1e-9).ceil().max(0.0) as usize + 1;
+        Self { views: 100, heights_m, layers: layers.min(8), step_rad: None, most_bytes: 256 << 20 }
+    }
+}
+
+/// The model of a site.
+pub struct CellView {
+    units: Vec<CellUnit>,
+    heights_m: Vec<f64>,
+    layers: Vec<Layer>,
+    voxels: usize,
+    /// Those that are not the same for every rig of the search.
+    active: Vec<u32>,
+    /// Voxels that every sensor of every rig sees for certain.
+    settled: u64,
+    cost: BuildCost,
+}
+
+/// What the model took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct BuildCost {
+    /// Places along the trajectory.
+    pub views: u64,
+    /// Heights.
+    pub layers: usize,
+    /// Angle between neighbouring rays, rad.
+    pub step_rad: f64,
+    /// Rays cast.
+    pub rays: u64,
+    /// Bytes held.
+    pub bytes: usize,
+    /// Fewer views than asked for: memory.
+    pub is_bound_by_memory: bool,
+    /// Coarser rays than the voxels ask for: time.
+    pub is_bound_by_rays: bool,
+}
+
+/// A unit's beams as the model takes them.
+struct CellUnit {
+    fan: Fan,
+    rows: Rows,
+    /// Revolutions that each view stands for.
+    scans_per_view: u32,
+}
+
+impl CellView {
+    /// The model of a site for sensors of these units.
+    ///
+    /// # Errors
+    /// As those of [`super::CastView::new`], and a scene of which nothing can be seen.
+    pub fn new(
+        site: &ViewSite,
+        units: &[Unit],
+        sampling: &Sampling,
+        fineness: &Fineness,
+    ) -> Result<Self, ViewError> {
+        let fans: Vec<Fan> =
+            units.iter().map(|unit| Fan::new(unit, sampling)).collect::<Result<_, ViewError>>()?;
+        let scans: Vec<Scans> =
+            fans.iter().map(|fan| Scans::of(fan, &site.trajectory)).collect::<Result<_, ViewError>>()?;
+        let built = build::build(site, &fans, &scans[0], fineness)?;
+        let unit = |(fan, scans): (Fan, &Scans)| CellUnit {
+            rows: Rows::new(&fan),
+            scans_per_view: ((scans.count as f64 / built.cost.views as f64).round() as u32).max(1),
+            fan,
+        };
+        Ok(Self {
+            units: fans.into_iter().zip(&scans).map(unit).collect(),
+            heights_m: built.heights_m,
+            active: (0..built.voxels as u32).collect(),
+            voxels: built.voxels,
+            layers: built.layers,
+            settled: 0,
+            cost: built.cost,
+        })
+    }
+
+    /// What it took.
+    pub fn cost(&self) -> BuildCost {
+        self.cost
+    }
+
+    /// Voxels that are seen for certain, whatever the rig.
+    pub fn settled_voxels(&self) -> u64 {
+        self.settled
+    }
+
+    /// Takes the voxels that each sensor of these rigs sees for certain out of every later sum. Good for rigs of the same
+    /// search space only: give it rigs spread over that.
+    pub fn settle(&mut self, rigs: &[Rig]) {
+        let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
+        let is_certain = |voxel: &u32| {
+            eyes.iter().flatten().all(|eye| kernel::is_certain(&self.layers, *voxel as usize, eye))
+        };
+        let certain: Vec<bool> = self.active.par_iter().map(is_certain).collect();
+        let mut certain = certain.into_iter();
+        let before = self.active.len();
+        self.active.retain(|_| !certain.next().unwrap_or(false));
+        self.settled += (before - self.active.len()) as u64;
+    }
+
+    fn eyes(&self, rig: &Rig) -> Vec<Eye<'_>> {
+        let eye = |sensor: &crate::rig::MountedSensor| {
+            let unit = self.units.iter().find(|unit| unit.fan.model == sensor.model);
+            let unit = unit.unwrap_or(&self.units[0]);
+            let (axes, origin_m) = unit.fan.body_from_lidar(&sensor.mount);
+            self.eye(unit, &axes, origin_m)
+        };
+        rig.sensors.iter().map(eye).collect()
+    }
+
+    fn eye<'a>(&self, unit: &'a CellUnit, axes: &DMat3, origin_m: DVec3) -> Eye<'a> {
+        let above = self.heights_m.partition_point(|height_m| *height_m < origin_m.z);
+        let last = self.heights_m.len() - 1;
+        let (low, high) = (above.saturating_sub(1).min(last), above.min(last));
+        let gap_m = self.heights_m[high] - self.heights_m[low];
+        let share = if gap_m > 0.0 { (origin_m.z - self.heights_m[low]) / gap_m } else { 0.0 };
+        Eye {
+            origin_m: origin_m.as_vec3().to_array(),
+            axis: axes.z_axis.as_vec3().to_array(),
+            rows: &unit.rows,
+            min_range_m: unit.fan.min_range_m as f32,
+            max_range_m: unit.fan.max_range_m as f32,
+            scans_per_view: unit.scans_per_view,
+            layers: [low, high],
+            share: share.clamp(0.0, 1.0) as f32,
+        }
+    }
+}
+
+impl View for CellView {
+    fn observable(&self) -> u64 {
+        self.voxels as u64
+    }
+
+    fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
+        rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs)).collect()
+    }
+}
+
+impl CellView {
+    fn see_batch(&self, rigs: &[Rig]) -> Vec<Seen> {
+        let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
+        let chunks: Vec<Vec<Sums>> =
+            self.active.par_chunks(CHUNK).map(|voxels| kernel::sum(&self.layers, voxels, &eyes)).collect();
+        let seen = |(rig, eyes): (usize, &Vec<Eye<'_>>)| {
+            let mut all = Sums::nothing(eyes.len());
+            for chunk in &chunks {
+                all.add(&chunk[rig]);
+            }
+            let settled = self.settled as f64;
+            Seen {
+                per_sensor: all.per_sensor.iter().map(|count| count + settled).collect(),
+                union: all.union + if eyes.is_empty() { 0.0 } else { settled },
+                overlap: all.overlap + if eyes.len() > 1 { settled } else { 0.0 },
+                sd_voxels: None,
+                rays: 0,
+            }
+        };
+        eyes.iter().enumerate().map(seen).collect()
+    }
+}

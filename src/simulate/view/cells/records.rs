@@ -1,0 +1,77 @@
+//! What is kept of each view of a voxel, 16 to a block, and where a voxel's blocks lie.
+
+/// Records of a block.
+pub(super) const LANES: usize = 16;
+
+/// Views of one voxel side by side: where its visible part lies in the frame of the body, in steps of the layer, and how wide
+/// it looks there times its distance, in steps of its own. A width of 0 is no record.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Block {
+    pub x: [i16; LANES],
+    pub y: [i16; LANES],
+    pub z: [i16; LANES],
+    pub width: [u16; LANES],
+}
+
+impl Block {
+    const EMPTY: Self = Self { x: [0; LANES], y: [0; LANES], z: [0; LANES], width: [0; LANES] };
+}
+
+/// One record before it is packed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Record {
+    /// Number of the voxel in the grid, of the list once it is made.
+    pub voxel: u32,
+    /// In the frame of the body, m.
+    pub at_m: [f32; 3],
+    /// Square root of the solid angle times the distance, m.
+    pub width_m: f32,
+}
+
+/// The records of one height.
+pub(super) struct Layer {
+    /// First block of each voxel, and the end.
+    pub starts: Vec<u32>,
+    pub blocks: Vec<Block>,
+    /// Edge of a step of a position, m.
+    pub step_m: f32,
+    /// Edge of a step of a width, m.
+    pub width_step_m: f32,
+}
+
+impl Layer {
+    /// Packs records whose voxels are numbers of a list of `voxels`; the widest first, so that most searches end with them.
+    pub fn pack(mut records: Vec<Record>, voxels: usize) -> Self {
+        let greatest = |value: fn(&Record) -> f32| records.iter().map(value).fold(1e-3_f32, f32::max);
+        let reach_m = greatest(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
+        let step_m = reach_m / f32::from(i16::MAX);
+        let width_step_m = greatest(|record| record.width_m) / f32::from(u16::MAX);
+        records.sort_by(|a, b| a.voxel.cmp(&b.voxel).then(b.width_m.total_cmp(&a.width_m)));
+        let mut layer =
+            Self { starts: Vec::with_capacity(voxels + 1), blocks: Vec::new(), step_m, width_step_m };
+        let mut rest = records.as_slice();
+        for voxel in 0..voxels as u32 {
+            layer.starts.push(layer.blocks.len() as u32);
+            let count = rest.partition_point(|record| record.voxel <= voxel);
+            let (own, others) = rest.split_at(count);
+            rest = others;
+            for records in own.chunks(LANES) {
+                let mut block = Block::EMPTY;
+                for (lane, record) in records.iter().enumerate() {
+                    let [x, y, z] = record.at_m.map(|value| (value / step_m).round() as i16);
+                    (block.x[lane], block.y[lane], block.z[lane]) = (x, y, z);
+                    block.width[lane] = (record.width_m / width_step_m).round().max(1.0) as u16;
+                }
+                layer.blocks.push(block);
+            }
+        }
+        layer.starts.push(layer.blocks.len() as u32);
+        layer
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        std::mem::size_of_val(&self.blocks[..]) + std::mem::size_of_val(&self.starts[..])
+    }
+}

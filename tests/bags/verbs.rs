@@ -1,0 +1,268 @@
+//! Verbs on bags: what cannot be decoded is named, pipes and parts are read, and packets go from bag to capture and back.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use outrigger::recording::bags::BagPackets;
+use sensors::capture::CaptureReader;
+use serde_json::Value;
+
+use super::{bag, decode, points_of};
+use crate::support::{Case, shared, with_shared};
+
+pub const CASES: &[Case] = &[
+    with_shared("packets_of_another_maker_are_named_and_not_decoded", other_makers),
+    with_shared("a_bag_without_lidar_lists_its_topics", no_lidar),
+    with_shared("inspect_lists_topics_and_decodes_by_them", inspected),
+    with_shared("a_bag_comes_through_a_pipe", piped),
+    with_shared("parts_of_a_split_bag_are_read_in_order", split),
+    with_shared("packed_captures_decode_as_plain_ones", packed_captures),
+    with_shared("an_osf_file_is_named_with_what_to_do", osf),
+    with_shared("clouds_of_a_bag_become_point_files", cloud_files),
+    with_shared("packets_go_from_capture_to_bags_and_back_bit_for_bit", round_trips),
+    with_shared("a_bag_is_cut_by_time_and_sensor", cut_by_time),
+];
+
+/// A VLP-16 with its position packets.
+const VLP16: &str = "captures/velodyne/rustlidar_vlp16.pcap";
+
+fn outrigger(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_outrigger")).args(arguments).output().unwrap()
+}
+
+fn text_of(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn other_makers() {
+    let path = bag("real/nebula_hesai_qt64");
+    let output = outrigger(&["decode", text_of(&path)]);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for expected in ["/pandar_packets", "pandar_msgs/PandarScan", "4 messages of Hesai packets"] {
+        assert!(said.contains(expected), "{expected}: {said}");
+    }
+    let output = outrigger(&["inspect", "--json", text_of(&path)]);
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((document["sensors"].as_array().unwrap().len(), output.status.code()), (0, Some(0)));
+    assert_eq!(document["topics"][0]["messages"], 4);
+}
+
+fn no_lidar() {
+    for (name, topic) in [
+        ("real/evo_nav2_turtlebot.mcap", "/odom (nav_msgs/Odometry): 2639 messages"),
+        ("real/evo_tf_example.bag", "/tf "),
+    ] {
+        let output = outrigger(&["decode", text_of(&bag(name))]);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        assert!(stderr(&output).contains(topic), "{name}: {}", stderr(&output));
+    }
+}
+
+fn inspected() {
+    let output = outrigger(&["inspect", "--json", text_of(&bag("os0_crc_zstd.mcap"))]);
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{document}");
+    assert_eq!(document["sensors"][0]["source"], "/ouster/lidar_packets");
+    let topics = document["topics"].as_array().unwrap();
+    let lidar = topics.iter().find(|topic| topic["topic"] == "/ouster/lidar_packets").unwrap();
+    assert_eq!((&lidar["packets"], &lidar["type"]), (&34.into(), &"ouster_sensor_msgs/PacketMsg".into()));
+    assert!(
+        document["flows"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(|flow| !flow["source"].as_str().unwrap().contains("192.0"))
+    );
+    let killed = outrigger(&["inspect", text_of(&bag("vlp16_scans_bz2_killed.bag.active"))]);
+    assert_eq!(killed.status.code(), Some(3));
+    assert!(
+        String::from_utf8_lossy(&killed.stdout).contains("the file ends inside the record at byte"),
+        "{killed:?}"
+    );
+}
+
+fn piped() {
+    for name in ["vlp16_scans_cut_lz4.bag", "os0_crc_zstd.mcap"] {
+        for verb in [&["decode", "--json", "-"][..], &["inspect", "--json", "-"]] {
+            let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))
+                .args(verb)
+                .stdin(Stdio::piped())
+                .stdout(Stdio::piped())
+                .spawn()
+                .unwrap();
+            child.stdin.take().unwrap().write_all(&std::fs::read(bag(name)).unwrap()).unwrap();
+            let output = child.wait_with_output().unwrap();
+            let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+            assert_eq!(output.status.code(), Some(0), "{name}: {document}");
+            assert_eq!(document["sensors"].as_array().unwrap().len(), 1, "{name}");
+        }
+    }
+}
+
+fn split() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = bag("vlp16_scans_db3/vlp16_scans_db3.db3");
+    // more than nine parts sort otherwise by name
+    let names = ["walk_10.db3", "walk_2.db3"];
+    for (name, condition) in names
+        .iter()
+        .zip(["id <= (SELECT MIN(id) + 1 FROM messages)", "id > (SELECT MIN(id) FROM messages) + 1"])
+    {
+        let path = folder.path().join(name);
+        std::fs::copy(&whole, &path).unwrap();
+        let connection = rusqlite::Connection::open(&path).unwrap();
+        connection.execute(&format!("DELETE FROM messages WHERE NOT ({condition})"), []).unwrap();
+    }
+    let list = |names: &[&str]| {
+        let list: String = names.iter().map(|name| format!("    - {name}\n")).collect();
+        let text = format!(
+            "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n  relative_file_paths:\n{list}"
+        );
+        std::fs::write(folder.path().join("metadata.yaml"), text).unwrap();
+    };
+    list(&names);
+    let path = text_of(folder.path()).to_owned();
+    let (document, code) = decode(&path, &[]);
+    assert_eq!((points_of(&document).iter().sum::<u64>(), code), (73_486, 0), "{document}");
+    list(&[names[0], "walk_11.db3", names[1]]);
+    let (document, code) = decode(&path, &[]);
+    assert_eq!((points_of(&document).iter().sum::<u64>(), code), (73_486, 3));
+    assert!(document["losses"].to_string().contains("walk_11.db3"), "{document}");
+    // without a list, by their numbers
+    std::fs::remove_file(folder.path().join("metadata.yaml")).unwrap();
+    std::fs::rename(folder.path().join(names[0]), folder.path().join("walk_1.db3")).unwrap();
+    let (document, code) = decode(&path, &[]);
+    assert_eq!((points_of(&document).iter().sum::<u64>(), code), (73_486, 0));
+}
+
+fn packed_captures() {
+    let plain = shared(VLP16);
+    let bytes = std::fs::read(&plain).unwrap();
+    let expected: Value =
+        serde_json::from_slice(&outrigger(&["decode", "--json", text_of(&plain)]).stdout).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    // in blocks, as recorders pack them
+    let mut zstd = zstd::Encoder::new(Vec::new(), 3).unwrap();
+    let mut lz4 = lz4::EncoderBuilder::new().build(Vec::new()).unwrap();
+    for block in bytes.chunks(10_000) {
+        zstd.write_all(block).unwrap();
+        zstd.flush().unwrap();
+        lz4.write_all(block).unwrap();
+        lz4.flush().unwrap();
+    }
+    let zstd = zstd.finish().unwrap();
+    let (lz4, outcome) = lz4.finish();
+    outcome.unwrap();
+    for (name, content) in [("a.pcap.zst", &zstd), ("a.pcap.lz4", &lz4)] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        let output = outrigger(&["decode", "--json", text_of(&path)]);
+        let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(document["sensors"][0]["totals"], expected["sensors"][0]["totals"], "{name}");
+        assert_eq!(output.status.code(), Some(0));
+        // cut off: said, and what was whole is decoded
+        std::fs::write(&path, &content[..content.len() / 2]).unwrap();
+        let output = outrigger(&["decode", "--json", text_of(&path)]);
+        assert_eq!(output.status.code(), Some(3), "{name}: {}", stderr(&output));
+    }
+}
+
+fn osf() {
+    let output = outrigger(&["decode", text_of(&shared("field/captures/empty_osf.osf"))]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(
+        stderr(&output)
+            .contains("an Ouster OSF recording (convert it: ouster-cli source FILE save out.pcap)"),
+        "{output:?}"
+    );
+}
+
+fn cloud_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("points.csv");
+    let (document, code) = decode("vlp16_points_lz4.mcap", &["--out", text_of(&out)]);
+    assert_eq!((points_of(&document), code), (vec![18_790, 18_701, 18_678, 17_317], 0), "{document}");
+    assert_eq!(std::fs::read_to_string(&out).unwrap().lines().count(), 73_486 + 1);
+    let (document, code) = decode("backpack_room.mcap", &[]);
+    let points: u64 = document["sensors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|sensor| sensor["totals"]["points"].as_u64().unwrap())
+        .sum();
+    assert_eq!((points, code), (32_688, 0));
+    assert_eq!(document["sensors"].as_array().unwrap().len(), 2);
+}
+
+type Stamped = (u64, Vec<u8>);
+
+fn captured(path: &Path) -> Vec<Stamped> {
+    let mut reader = CaptureReader::open(path).unwrap();
+    let mut packets = Vec::new();
+    while let Some(packet) = reader.next().unwrap() {
+        packets.push((packet.host_time_ns, packet.payload.to_vec()));
+    }
+    packets.sort();
+    packets
+}
+
+fn bagged(path: &Path) -> Vec<Stamped> {
+    let mut reader = BagPackets::open(path, "bag").unwrap();
+    let mut packets = Vec::new();
+    while let Some(found) = reader.next().unwrap() {
+        packets.push((found.packet.host_time_ns, found.packet.payload.to_vec()));
+    }
+    assert!(reader.losses().is_empty());
+    packets.sort();
+    packets
+}
+
+fn round_trips() {
+    let folder = tempfile::tempdir().unwrap();
+    let vlp16 = shared(VLP16);
+    let crc = [shared("captures/ouster/crc_test.pcap"), shared("captures/ouster/crc_test.json")];
+    for (capture, metadata) in [(vlp16.as_path(), None), (crc[0].as_path(), Some(text_of(&crc[1])))] {
+        let expected = captured(capture);
+        for name in ["a.mcap", "a.bag"] {
+            let path = folder.path().join(name);
+            let mut arguments = vec!["cut", text_of(capture), "--force", "-o", text_of(&path)];
+            arguments.extend(metadata.iter().flat_map(|path| ["--meta", path]));
+            let output = outrigger(&arguments);
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+            assert!(bagged(&path) == expected, "{name} of {}", capture.display());
+            // it decodes without any metadata beside it
+            let plain = outrigger(&["decode", "--json", text_of(&path)]);
+            assert_eq!(plain.status.code(), Some(0), "{}", stderr(&plain));
+            let back = folder.path().join("back.pcap");
+            let output = outrigger(&["cut", text_of(&path), "--force", "-o", text_of(&back)]);
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+            assert!(captured(&back) == expected, "{name} of {}, back", capture.display());
+        }
+    }
+}
+
+fn cut_by_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("part.pcap");
+    let whole = bag("os0_crc_zstd.mcap");
+    let all = bagged(&whole);
+    let arguments = ["cut", text_of(&whole), "--from", "0.05", "--to", "0.08", "-o", text_of(&path)];
+    let output = outrigger(&arguments);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let start_ns = all.iter().map(|(time_ns, _)| *time_ns).min().unwrap();
+    let is_within = |(time_ns, _): &&Stamped| (50_000_000..80_000_000).contains(&(time_ns - start_ns));
+    let expected: Vec<Stamped> = all.iter().filter(is_within).cloned().collect();
+    assert!(!expected.is_empty() && captured(&path) == expected);
+    // a second time it is there already; nothing of another sensor is in it
+    assert_eq!(outrigger(&arguments).status.code(), Some(1));
+    let output = outrigger(&["cut", text_of(&whole), "--sensor", "nobody", "--force", "-o", text_of(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("no packet of sensor nobody; there are ouster"), "{}", stderr(&output));
+    assert!(captured(&path) == expected, "the file of before is still there");
+}
