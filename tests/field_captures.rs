@@ -12,6 +12,7 @@ pub const CASES: &[Case] = &[
     with_shared("metadata_of_another_mode_give_way_to_the_packets", metadata_of_another_mode),
     with_shared("metadata_of_another_window_give_way_to_the_packets", metadata_of_another_window),
     with_shared("metadata_are_read_as_people_keep_them", metadata_are_read_as_people_keep_them),
+    with_shared("metadata_beside_a_capture_are_used", metadata_beside_a_capture_are_used),
     with_shared("a_mode_that_changes_on_the_way_loses_nothing", a_mode_that_changes_on_the_way),
     with_shared("two_sensors_with_one_address_are_two", velodyne::two_sensors_with_one_address_are_two),
     with_shared(
@@ -189,6 +190,48 @@ fn metadata_are_read_as_people_keep_them() {
     std::fs::write(&file, format!("[{text},{text}]")).unwrap();
     let (code, _, said) = decode(&path(CRC_TEST), &[file.to_str().unwrap()], &[]);
     assert!(code == 1 && said.contains("a list of 2"), "{said}");
+}
+
+/// By its name, or by the serial number in it; where several describe one sensor, its name tells, and `--meta` wins.
+fn metadata_beside_a_capture_are_used() {
+    let (_, right, _) = decode(&path(CRC_TEST), &[&path("captures/ouster/crc_test.json")], &[]);
+    let text = std::fs::read_to_string(shared("captures/ouster/crc_test.json")).unwrap();
+    let other = std::fs::read_to_string(shared("captures/ouster/windowed_frame1_0.json")).unwrap();
+    for (names, used) in [
+        (&["walk.json"][..], Some("walk.json")),
+        (&["walk_0.json", "other.json"], Some("walk_0.json")),
+        (&["front.json"], Some("front.json")),
+        (&["other.json"], None),
+        (&["front.json", "rear.json"], None),
+        (&["front.json", "rear.json", "walk.json"], Some("walk.json")),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let place = |name: &str| folder.path().join(name);
+        std::fs::copy(shared(CRC_TEST), place("walk.pcap")).unwrap();
+        for (at, name) in names.iter().enumerate() {
+            let content = if *name == "other.json" {
+                other.clone()
+            } else {
+                text.replace("7502", &format!("{}", 7502 + at))
+            };
+            std::fs::write(place(name), content.replace("\"fps\": 10", &format!("\"fps\": 10.{at}")))
+                .unwrap();
+        }
+        let (code, document, said) = decode(place("walk.pcap").to_str().unwrap(), &[], &[]);
+        match used {
+            Some(used) => {
+                assert_eq!(code, 0, "{names:?}: {said}");
+                assert!(said.contains(&format!("{used} lies beside the recording and is used")), "{said}");
+                assert!(document["sensors"][0]["metadata"].as_str().unwrap().ends_with(used), "{names:?}");
+                let points = |document: &Value| of_frames(&document["sensors"][0], "points");
+                assert_eq!(points(&document), points(&right));
+            }
+            None => assert!(code == 1 && said.contains("--meta"), "{names:?}: {said}"),
+        }
+        let wrong = path("captures/ouster/windowed_frame1_0.json");
+        let (code, _, said) = decode(place("walk.pcap").to_str().unwrap(), &[&wrong], &[]);
+        assert!(code == 1 && !said.contains("is used"), "--meta wins: {said}");
+    }
 }
 
 /// Two revolutions of 1024 columns, then, after an initialization, two of 512 by the same sensor.

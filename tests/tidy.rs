@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 use crate::support::{Case, case};
 
 mod circles;
+mod words;
 
 pub const CASES: &[Case] = &[
     case("wings_use_only_wings_above_them", wings_use_only_wings_above_them),
     case("no_files_import_each_other_in_a_circle", no_files_import_each_other_in_a_circle),
     case("no_verb_imports_a_verb", no_verb_imports_a_verb),
     case("lengths_angles_and_times_carry_their_unit", lengths_angles_and_times_carry_their_unit),
+    case("names_and_messages_use_the_glossary", names_and_messages_use_the_glossary),
     case("no_path_of_one_machine", no_path_of_one_machine),
     case("files_are_opened_for_reading_in_one_place", files_are_opened_for_reading_in_one_place),
     case("every_dependency_has_its_reason", every_dependency_has_its_reason),
@@ -178,6 +180,39 @@ fn lengths_angles_and_times_carry_their_unit() {
         }
     }
     assert!(offences.is_empty(), "quantities without a unit in their name:\n{}", offences.join("\n"));
+}
+
+/// Of the wings that are through with it.
+fn names_and_messages_use_the_glossary() {
+    const DONE: [&str; 18] = [
+        "src/base",
+        "src/rig",
+        "src/drive",
+        "src/live",
+        "src/mock",
+        "src/study",
+        "src/daemon",
+        "src/report",
+        "src/commands/rig",
+        "src/commands/rig_args",
+        "src/commands/record",
+        "src/commands/daemon",
+        "src/commands/doctor",
+        "src/commands/sensor",
+        "src/commands/study",
+        "src/commands/mock",
+        "src/commands/manual",
+        "firmware-protocol/src",
+    ];
+    let mut offences = Vec::new();
+    for folder in DONE {
+        let of_folder = rust_files(&root().join(folder));
+        let beneath = root().join(format!("{folder}.rs"));
+        for file in of_folder.into_iter().chain(Some(beneath).filter(|file| file.exists())) {
+            offences.extend(words::replaced(&file, &std::fs::read_to_string(&file).unwrap()));
+        }
+    }
+    assert!(offences.is_empty(), "words that the glossary replaces:\n{}", offences.join("\n"));
 }
 
 fn no_path_of_one_machine() {

@@ -27,6 +27,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod experiment_args;
+mod found_metadata;
 mod given;
 mod init;
 mod inspect;

@@ -85,7 +85,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         warn_without_slot(rig, &listens);
     }
     let shown = looks.clone();
-    let mut recording = Recording::start_beside(receiver, session, move |batch| {
+    let mut recording = Recording::start_observed(receiver, session, move |batch| {
         shown.take(batch.iter().map(|datagram| (datagram.sensor, datagram.packet())));
     })?;
     let watched = runtime.block_on(watch(&mut recording, &mut parts, &listens, &looks, args.duration));

@@ -1,8 +1,9 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
-use std::cell::Cell;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::Packet;
@@ -11,9 +12,11 @@ use sensors::ouster::Metadata;
 use sensors::router::{GivenCalibration, GivenModel, Named, Router, Tie};
 use tempfile::NamedTempFile;
 
+use super::found_metadata::OustersMet;
 use super::given::{
     Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
 };
+use super::output::say_notice;
 use super::tied_file::TiedFile;
 use crate::live::receive::auxiliary_name;
 use crate::recording::bags::{BagPackets, BagSensor, TopicCount, is_bag_at, is_bag_folder};
@@ -89,6 +92,8 @@ pub struct Recording {
     opened: Mutex<Option<PacketReader>>,
     /// Whether a bar on the terminal shows how far reading is.
     shows_progress: bool,
+    /// Whether it was reported which metadata were found.
+    is_reported: AtomicBool,
 }
 
 /// What is known of a bag before it is read.
@@ -197,6 +202,7 @@ impl Recording {
             _spooled: spooled,
             opened: Mutex::new(opened),
             shows_progress: true,
+            is_reported: AtomicBool::new(false),
         })
     }
 
@@ -299,6 +305,26 @@ impl Recording {
         files.into_iter().take(MOST_FILES_BESIDE).filter(|path| describes(path)).collect()
     }
 
+    /// Metadata that lie beside it and describe its sensors, where none were given.
+    fn metadata_found(&self) -> Vec<Given> {
+        let is_looked_for = self.metadata.is_empty() && self.session.is_none();
+        if !is_looked_for || !(self.path.is_file() || self.bag.is_some()) {
+            return Vec::new();
+        }
+        let Ok(mut reader) = PacketReader::open(&self.path, &self.name) else { return Vec::new() };
+        let mut met = OustersMet::default();
+        look_first(|| {
+            met.add(&reader.next().ok()??);
+            Some(true)
+        });
+        if met.is_empty() {
+            return Vec::new();
+        }
+        let beside = self.metadata_beside(&met.serials, &met.lengths);
+        let chosen = met.choose(beside, &self.path).into_iter().map(|path| TiedFile { tie: None, path });
+        metadata_of(&chosen.collect::<Vec<_>>(), &mut |_| Ok(())).unwrap_or_default()
+    }
+
     /// The metadata of one of its sensors, as they were read.
     pub fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
         let name = sensor.metadata_name.as_ref()?;
@@ -311,6 +337,12 @@ impl Recording {
         router.set_names(self.names());
         for Given { metadata, name, tie, .. } in &self.metadata {
             router.add_tied_ouster(metadata.clone(), name.clone(), *tie);
+        }
+        for Given { metadata, name, .. } in self.metadata_found() {
+            if !self.is_reported.swap(true, Ordering::Relaxed) {
+                say_notice(&format!("{name} lies beside the recording and is used; --meta names others"));
+            }
+            router.add_ouster(metadata, name);
         }
         for calibration in &self.calibrations {
             router.add_calibration(calibration.clone());

@@ -303,7 +303,6 @@ impl Daemon {
         Ok(name)
     }
 
-    /// Ends the recording.
     pub(crate) fn end_recording(&self) -> Result<LastSession, RecorderError> {
         let last = self.recorder.end()?;
         self.core.survey.end();

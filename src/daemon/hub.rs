@@ -47,7 +47,6 @@ impl Hub {
         self.sensors.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Name of a sensor.
     pub(crate) fn name(&self, sensor: usize) -> &str {
         &self.sensors[sensor].0
     }

@@ -63,7 +63,6 @@ impl MockBus for DynamixelBus {
     }
 }
 
-/// One servo.
 struct MockServo {
     id: u8,
     table: Table,

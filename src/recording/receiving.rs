@@ -23,11 +23,11 @@ pub struct Recording {
 impl Recording {
     /// Starts to write. Sensors of the receiver and of the session are the same, in the same order.
     pub fn start(receiver: Receiver, session: SessionWriter) -> Result<Self, SessionError> {
-        Self::start_beside(receiver, session, |_| {})
+        Self::start_observed(receiver, session, |_| {})
     }
 
     /// The same; what is written is shown to someone else, too, on the thread that writes.
-    pub(crate) fn start_beside(
+    pub(crate) fn start_observed(
         mut receiver: Receiver,
         session: SessionWriter,
         mut show: impl FnMut(&[Datagram]) + Send + 'static,

@@ -21,7 +21,7 @@ pub struct FromAbove {
     size: [usize; 2],
     /// Upper ends of all layers, m.
     tops_m: Vec<f64>,
-    /// Height of the local frame in that of the files, m: heights are told in the latter.
+    /// Height of the local frame in that of the files, m: heights are reported in the latter.
     base_m: f64,
     classes: usize,
     counts: Vec<u32>,

@@ -42,12 +42,10 @@ impl Report {
         Self { title: title.to_owned(), body, made_by: made_by.to_owned() }
     }
 
-    /// A heading.
     pub(crate) fn heading(&mut self, text: &str) {
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
     }
 
-    /// A paragraph.
     pub(crate) fn paragraph(&mut self, text: &str) {
         let _ = write!(self.body, "<p>{}</p>", escape(text));
     }

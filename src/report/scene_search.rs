@@ -166,8 +166,8 @@ impl Document {
         });
         text += &(flat.collect::<Vec<_>>().join("\n               ") + "\n");
         text += &format!(
-            "known to       {:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be told \
-             apart\n",
+            "known to       {:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be \
+             distinguished\n",
             answer.phase_sd_voxels,
             answer.indistinguishable.len()
         );

@@ -7,6 +7,7 @@ pub(crate) use planned::planned;
 
 use glam::{DVec2, DVec3};
 
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::{Trajectory, TrajectoryError};
 
@@ -28,6 +29,14 @@ pub(crate) struct Waypoint {
     pub at_m: DVec2,
     /// Of the body's origin, m.
     pub z_m: Option<f64>,
+}
+
+impl Waypoint {
+    /// The same in a local frame.
+    pub(crate) fn local(&self, origin: LocalOrigin) -> Self {
+        let from_m = origin.world_m();
+        Self { at_m: self.at_m - from_m.truncate(), z_m: self.z_m.map(|z_m| z_m - from_m.z) }
+    }
 }
 
 /// Why there is no walk.

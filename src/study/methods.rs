@@ -153,7 +153,6 @@ fn budgets(rows: &[&Row]) -> Vec<usize> {
     all
 }
 
-/// The rows of one method and budget.
 fn of<'a>(rows: &[&'a Row], method: &str, budget: usize) -> Vec<&'a Row> {
     let is_it = |row: &&&Row| {
         super::text(row, "method") == method && super::number(row, "evaluations") == Some(budget as f64)

@@ -189,7 +189,6 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// In words.
     pub(crate) fn words(self) -> &'static str {
         match self {
             Self::Stands => "stands",

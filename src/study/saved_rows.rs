@@ -44,7 +44,6 @@ impl SavedRows {
         Ok(saved)
     }
 
-    /// Keeps the rows of a task.
     pub(crate) fn keep(&mut self, task: &Value, rows: Vec<Row>) {
         self.rows.insert(task.to_string(), rows);
     }

@@ -21,7 +21,6 @@ const DEAR: f64 = 1e6;
 pub struct SearchTask {
     /// Part of the study it belongs to.
     pub part: String,
-    /// Preset.
     pub preset: String,
     /// `lateral` or `forward`.
     pub path: String,
@@ -35,19 +34,15 @@ pub struct SearchTask {
     pub mirror: bool,
     /// Least angle between spin axes that counts, so dear that coverage cannot pay for less; as published when none.
     pub least_angle_deg: Option<f64>,
-    /// Method.
     pub method: Kind,
-    /// Evaluations.
     pub evaluations: usize,
     /// Stop as published.
     pub as_published: bool,
-    /// Seed.
     pub seed: u64,
 }
 
 /// What a search found.
 pub struct Found {
-    /// Its objective.
     pub objective: Objective,
     /// The masters it ended with.
     pub masters: Vec<Placement>,
@@ -76,7 +71,6 @@ impl SearchTask {
         }
     }
 
-    /// The experiment.
     pub(crate) fn experiment(&self) -> Result<Experiment, StudyError> {
         let preset = Preset::named(&self.preset).map_err(StudyError::of)?;
         let path = match self.path.as_str() {

@@ -75,5 +75,6 @@ fn source(topic: &Topic, number: usize) -> Source {
         vendor: "unknown".into(),
         model: topic.kind.clone(),
         serial: String::new(),
+        timestamp_mode: None,
     }
 }

@@ -10,7 +10,6 @@ use crate::world::trajectory::Trajectory;
 /// What the walk is given.
 pub struct Walk<'a> {
     pub scene: &'a Scene,
-    /// The planned trajectory.
     pub planned: &'a Trajectory,
     /// The walked trajectory, which the session records.
     pub trajectory: &'a Trajectory,

@@ -24,8 +24,10 @@ use crate::simulate::prediction::grid_of;
 use crate::simulate::published::Roll;
 use crate::simulate::view::{CastView, CellView, Fineness, Precision, Sampling, View as _, ViewSite};
 use crate::simulate::walk::{self, Walk};
+use crate::world::local_origin::LocalOrigin;
+use crate::world::placement::Placement;
 use crate::world::scene::LoadedScene;
-use crate::world::trajectory::{Trajectory, outside, suspicions};
+use crate::world::trajectory::{Trajectory, suspicions};
 
 /// Arguments of a search in a scene.
 #[derive(clap::Args, Debug)]
@@ -125,6 +127,8 @@ const DEFAULT_EVALUATIONS: u64 = 1000;
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
 /// Fewer channels leave gaps that many views have to fill.
 const FEW_CHANNELS: usize = 32;
+/// A search corrects its model, and may look coarsely.
+const SEARCH_STEP_SHARE: f64 = 0.85;
 
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
 pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
@@ -158,7 +162,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (site, mut warnings, source) = site(args, context)?;
     warnings.iter().for_each(|warning| output::say_notice(warning));
     if let Some(path) = &args.scene.trajectory_out {
-        files::write_whole(path, site.trajectory.to_tum().as_bytes())
+        files::write_whole(path, site.trajectory.moved(source.origin.world_m()).to_tum().as_bytes())
             .with_context(|| path.display().to_string())?;
     }
     let sampling = sampling(args);
@@ -171,6 +175,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let channels = rigs.units.iter().map(|unit| unit.model.channels()).min().unwrap_or(0);
     let fineness = Fineness {
         views: if channels < FEW_CHANNELS { 100 } else { 50 },
+        step_share: SEARCH_STEP_SHARE,
         ..Fineness::between(rigs.bounds.z_m)
     };
     let model = CellView::new(&site, &units, &sampling, &fineness)?;
@@ -281,7 +286,7 @@ fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>,
         (Some(path), _) => scene_file::read(path, &scene_args.mesh, &scene_args.map, context)?,
         (None, Some(room)) => {
             scene_file::ensure_none_typed(context, "the scene is a room")?;
-            LoadedScene::from(room.scene())
+            LoadedScene::of_room(&room.scene())
         }
         (None, None) => refuse!("give --scene or --room"),
     };
@@ -296,6 +301,8 @@ struct WalkSource {
     name: String,
     /// Of a walk that was planned here.
     corners_m: Vec<DVec3>,
+    /// Where the local frame of scene and trajectory begins.
+    origin: LocalOrigin,
 }
 
 fn walk_of(
@@ -313,20 +320,26 @@ fn walk_of(
             (walk, name)
         }
         Some(WalkText::Waypoints(waypoints)) => {
-            (walk::along(&loaded.scene, waypoints)?, format!("{} waypoints", waypoints.len()))
+            let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(loaded.origin)).collect();
+            (walk::along(&loaded.scene, &local)?, format!("{} waypoints", waypoints.len()))
         }
         Some(WalkText::File(path)) => {
             let name = path.display().to_string();
-            let trajectory = read_trajectory(path, args.scene.rate).with_context(|| name.clone())?;
-            let doubts = suspicions(&trajectory, &name);
+            let (trajectory, mut doubts) = read_trajectory(path, args.scene.rate)?;
+            doubts.extend(suspicions(&trajectory, &name));
+            let trajectory = loaded.origin.local_trajectory(trajectory);
             (Walk { trajectory, corners_m: Vec::new(), doubts }, name)
         }
     };
     loaded.warnings.extend(doubts);
     let scene = &loaded.scene;
-    let outside = outside(&trajectory, scene.kind(), scene.bounds_m());
-    loaded.warnings.extend(outside.map(|words| format!("{name}: {words}")));
-    Ok((trajectory, WalkSource { name, corners_m }))
+    let placement = Placement::new(scene, &trajectory, 0.0, loaded.origin);
+    if placement.is_wrong {
+        bail!("{name}: {}", placement.doubts.join("; "));
+    }
+    loaded.warnings.extend(placement.doubts.iter().map(|doubt| format!("{name}: {doubt}")));
+    let corners_m = corners_m.into_iter().map(|corner_m| loaded.origin.world(corner_m)).collect();
+    Ok((trajectory, WalkSource { name, corners_m, origin: loaded.origin }))
 }
 
 fn document(

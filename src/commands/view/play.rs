@@ -106,7 +106,7 @@ pub(crate) fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let runtime = signals::runtime()?;
     runtime.block_on(async {
-        let mut signals = signals::Wishes::new()?;
+        let mut signals = signals::StopRequests::new()?;
         tokio::select! {
             served = viewer::serve(listener, Arc::clone(&player), heading) => served.map_err(anyhow::Error::from),
             () = signals.next() => Ok(()),
@@ -125,7 +125,11 @@ fn whereabouts(args: &Args) -> anyhow::Result<(Option<MountFile>, Option<Traject
         None => session.as_ref().map(Session::mount).transpose()?.flatten(),
     };
     let (trajectory, source) = match &args.trajectory {
-        Some(path) => (Some(scene_args::read_trajectory(path, None)?), Some(path.display().to_string())),
+        Some(path) => {
+            let (trajectory, notes) = scene_args::read_trajectory(path, None)?;
+            notes.iter().for_each(|note| say_notice(note));
+            (Some(trajectory), Some(path.display().to_string()))
+        }
         None => {
             let own = session.as_ref().map(Session::trajectory).transpose()?.flatten();
             let source = own.is_some().then(|| "trajectory of the session".to_owned());

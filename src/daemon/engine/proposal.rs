@@ -75,7 +75,6 @@ pub(in crate::daemon) struct Proposals {
 }
 
 impl Proposals {
-    /// The newest one.
     pub(crate) fn newest(&self) -> Option<Proposal> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1,4 +1,4 @@
-//! One look at everything: counters become rates, and what changed becomes an event.
+//! One sample of everything: counters become rates, and what changed becomes an event.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ const RATE_OVER: Duration = Duration::from_millis(1000);
 /// What counts as recent.
 const RECENT: Duration = Duration::from_secs(15);
 
-/// What is remembered from look to look.
+/// What is remembered from sample to sample.
 pub(super) struct Sampler {
     begun: Instant,
     timeouts: DataTimeouts,
@@ -30,7 +30,7 @@ pub(super) struct Sampler {
     host_jump: Option<(Instant, f64)>,
 }
 
-/// Counters of a sensor at earlier looks.
+/// Counters of a sensor at earlier samples.
 #[derive(Default)]
 struct Past(VecDeque<Moment>);
 
@@ -47,7 +47,7 @@ struct Moment {
     clock_jumps: u64,
 }
 
-/// The state before the first look.
+/// The state before the first sample.
 pub(super) fn empty(recorder: &RecorderStatus) -> Status {
     Status {
         program: concat!("outrigger ", env!("CARGO_PKG_VERSION")),

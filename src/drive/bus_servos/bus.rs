@@ -67,7 +67,6 @@ pub trait Wire: Default + Send + 'static {
     fn damaged(&self) -> u32;
 }
 
-/// A bus.
 pub struct Bus<W> {
     port: BusPort,
     wire: W,

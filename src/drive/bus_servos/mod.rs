@@ -76,7 +76,6 @@ pub trait Table: Sized + Send + 'static {
     const POSITION: Register;
     /// What is asked now and then; its first byte is the torque switch.
     const TORQUE: Register;
-    /// The goal.
     const GOAL: Register;
     /// Written before the first goal, so that this program alone makes the profile.
     const PREPARE: &'static [(Register, &'static [u8])];

@@ -18,7 +18,6 @@ const WRITE_TIMEOUT: Duration = Duration::from_millis(100);
 /// Bits per second of a serial adapter that is none of USB.
 const ADAPTER_BAUD: u32 = 1_000_000;
 
-/// Which bus.
 #[derive(Clone, Copy, Debug)]
 pub enum BusAddress<'a> {
     /// A CAN interface; its bit rate is the system's business.
@@ -32,7 +31,6 @@ enum Port {
     Adapter(BusPort, SlcanReceiver, Vec<Message>),
 }
 
-/// A bus.
 pub struct CanBus {
     name: String,
     port: Port,
@@ -43,7 +41,6 @@ pub struct CanBus {
 }
 
 impl CanBus {
-    /// Opens a bus.
     pub(crate) fn open(address: BusAddress) -> Result<Self, LinkError> {
         let name = match address {
             BusAddress::Interface(interface) => format!("cia402:{interface}"),

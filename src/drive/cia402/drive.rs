@@ -61,7 +61,6 @@ pub enum Zero {
     Idle,
     /// Ordered at this time, and whether the drive has shown that it homes.
     Seeking(Instant, bool),
-    /// It found it.
     Found,
     /// It gave up.
     Failed,

@@ -43,9 +43,7 @@ pub const POSITION_UNIT: Object = (0x60A8, 0, 4);
 pub const POSITION_OFFSET: Object = (0x60B0, 0, 4);
 /// What it does when the host's heartbeat stays away.
 pub const ON_LOST_HOST: Object = (0x6007, 0, 2);
-/// ... a quick stop.
 pub const QUICK_STOP: u32 = 3;
-/// What a quick stop is.
 pub const ON_QUICK_STOP: Object = (0x605A, 0, 2);
 /// ... brake, then hold with torque.
 pub const BRAKE_AND_HOLD: u32 = 6;
@@ -94,7 +92,6 @@ pub(crate) fn download((index, sub, bytes): Object, value: u32) -> [u8; 8] {
     [0x23 | (4 - bytes.clamp(1, 4)) << 2, low, high, sub, a, b, c, d]
 }
 
-/// An answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// The value asked for.

@@ -3,7 +3,6 @@
 //! Numbers: ROBOTIS `dynamixel_hardware_interface`, `param/dxl_model/dynamixel.model`, and for XW430-T200 its e-Manual page.
 //! Units of register 126: the models' e-Manual pages. All count 4096 to the turn.
 
-/// A model.
 #[derive(Debug)]
 pub struct Model {
     /// Register 0.

@@ -7,7 +7,6 @@ const HEADER: [u8; 4] = [0xFF, 0xFF, 0xFD, 0x00];
 /// No packet of the servos used here is longer.
 const LONGEST: usize = 256;
 
-/// One packet.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Packet {
     /// Its addressee, or the servo that answers.

@@ -8,7 +8,6 @@ pub struct Packet {
     pub id: u8,
     /// What it asks, or the error bits of an answer.
     pub code: u8,
-    /// Parameters.
     pub parameters: Vec<u8>,
 }
 

@@ -60,7 +60,7 @@ impl FirstLook {
         }
         self.is_done = true;
         self.router.finish(&mut |_, _, _| {});
-        self.unread().into_iter().chain(self.other_model()).collect()
+        self.unread().into_iter().chain(self.other_model()).chain(self.corrections()).collect()
     }
 
     /// Why packets cannot be decoded, where that is so.
@@ -85,6 +85,20 @@ impl FirstLook {
             }
             (None, _) => None,
         }
+    }
+
+    /// What its metadata say and its packets do not show; they are decoded as they are.
+    fn corrections(&self) -> Vec<String> {
+        let sensors = self.router.sensors().iter();
+        let all = sensors.flat_map(|sensor| sensor.corrections().iter().map(move |found| (sensor, found)));
+        let words = all.filter(|(_, found)| found.setting != "initialization_id").map(|(sensor, found)| {
+            let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
+            format!(
+                "{file} says {} {}, its packets have {}: they are decoded as they are",
+                found.setting, found.said, found.found
+            )
+        });
+        words.collect()
     }
 
     /// Another sensor sends than the configured one.

@@ -130,7 +130,6 @@ fn decoded(text: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-/// One answer.
 #[derive(Debug)]
 struct Answer {
     status: u16,

@@ -211,7 +211,7 @@ impl BagPackets {
         // every topic with packets has one
         let source = self.counts[topic].from.unwrap_or(SocketAddr::new(RECEIVER, VELODYNE_PORT));
         let destination = SocketAddr::new(RECEIVER, source.port());
-        let packet = Packet { host_time_ns, source, destination, payload };
+        let packet = Packet { host_time_ns, source, destination, link: sensors::Link::default(), payload };
         Ok(Some(BagPacket { topic, record_time_ns, stored, packet }))
     }
 

@@ -99,7 +99,16 @@ impl Cloud {
         points: Vec<Point>,
     ) -> Self {
         let [start_time_ns, host_time_ns] = times_ns;
-        Self { source, frame_id, start_time_ns, host_time_ns, points, rings: Vec::new(), placer: None }
+        Self {
+            source,
+            frame_id,
+            start_time_ns,
+            host_time_ns,
+            points,
+            scale: None,
+            rings: Vec::new(),
+            placer: None,
+        }
     }
 
     /// Replaces the points by those of a frame.

@@ -93,7 +93,7 @@ pub(crate) struct PacketWriter {
 impl PacketWriter {
     pub fn create(path: &Path, format: PacketFormat) -> Result<Self, PacketWriteError> {
         let create = || -> Result<(NamedTempFile, Sink), Cause> {
-            let temporary = files::temporary_beside(path)?;
+            let temporary = files::temporary_near(path)?;
             let file = BufWriter::new(temporary.as_file().try_clone()?);
             let sink = match format {
                 PacketFormat::Pcap => Sink::Pcap(PcapWriter::new(file)?),

@@ -67,6 +67,7 @@ impl Packer {
                 vendor: sensor.vendor().to_owned(),
                 model: sensor.product(),
                 serial: sensor.serial().to_owned(),
+                timestamp_mode: sensor.timestamp_mode(),
             };
             Cloud::new(Arc::new(source), model)
         });

@@ -67,7 +67,6 @@ pub(crate) struct Best {
     pub evaluation: Evaluation,
     /// `[x_m, y_m, z_m, pitch_deg, roll_deg]` of each sensor before mirroring.
     pub masters: Vec<[f64; 5]>,
-    /// Model of each.
     pub master_models: Vec<&'static str>,
 }
 

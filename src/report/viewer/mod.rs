@@ -32,7 +32,7 @@ const FILES: [(&str, &str, &str); 4] = [
 /// Longest time for a request's headers.
 const HEADERS: Duration = Duration::from_secs(5);
 
-/// What the page is told once.
+/// What the page gets once.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Heading {
     /// The recording, as it was typed.
@@ -41,7 +41,7 @@ pub(crate) struct Heading {
     pub trajectory: Option<String>,
     /// Its positions, at most some hundred, m, from the origin below.
     pub track_m: Vec<[f32; 3]>,
-    /// Taken off all positions of the world, m.
+    /// Subtracted from all positions of the world, m.
     pub origin_m: [f64; 3],
 }
 

@@ -3,7 +3,7 @@
 
 const find = (id) => document.getElementById(id);
 const HEADER = 40;
-// revolutions kept beyond those on the picture
+// revolutions stored beyond those on the picture
 const SPARE = 12;
 const AT_ONCE = 3;
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 10];
@@ -471,14 +471,14 @@ function link() {
 }
 
 function followLink() {
-  const said = new URLSearchParams(location.hash.slice(1));
-  const camera = (said.get("camera") ?? "").split(",").map(Number);
+  const settings = new URLSearchParams(location.hash.slice(1));
+  const camera = (settings.get("camera") ?? "").split(",").map(Number);
   if (camera.length === 6 && camera.every(Number.isFinite)) {
     [view.yaw, view.tilt, view.distance] = camera;
     view.middle = camera.slice(3);
   }
-  if (said.get("colour")) find("colour").value = said.get("colour");
-  if (Number(said.get("time")) > 0) state.time = Number(said.get("time"));
+  if (settings.get("colour")) find("colour").value = settings.get("colour");
+  if (Number(settings.get("time")) > 0) state.time = Number(settings.get("time"));
 }
 
 const KEYS = {

@@ -166,7 +166,6 @@ impl<'a> Recording<'a> {
         frame
     }
 
-    /// Replayed, with its mounts checked.
     pub(crate) fn checked(&self) -> (Replayed, MountCheck) {
         let replayed = self.replayed();
         let field = calibrate::Field {

@@ -12,8 +12,8 @@ use crate::simulate::view::{Fan, Scans, ViewError, ViewSite};
 const PILOT_STEP_RAD: f64 = 0.05;
 /// Views that say how far surfaces are.
 const PILOTS: u64 = 9;
-/// Neighbouring rays are apart by this share of a voxel where 95 % of the surface is nearer.
-const STEP_SHARE: f64 = 0.85;
+/// Records of a view for each of its rays, as measured in furnished rooms.
+const RECORDS_PER_RAY: f64 = 0.2;
 /// Rays are never coarser or finer than this, rad.
 const STEPS_RAD: (f64, f64) = (0.002, 0.0125);
 /// Rays of all views: beyond this they are coarser.
@@ -113,10 +113,9 @@ impl Plan {
         }
         ranges_m.sort_by(f64::total_cmp);
         let far_m = ranges_m[(ranges_m.len() - 1) * 95 / 100];
-        let wanted_rad = STEP_SHARE * site.grid.voxel_m / far_m.max(1e-3);
-        let step_rad = fineness.step_rad.unwrap_or(wanted_rad.clamp(STEPS_RAD.0, STEPS_RAD.1));
-        // of each view no more records than rays, and a voxel of a surface at 95 % of the range fills a ray or two
-        let records = SphereMap::new(step_rad.max(STEPS_RAD.0)).rays() as f64 * 0.3;
+        let wanted_rad = fineness.step_share * site.grid.voxel_m / far_m.max(1e-3);
+        let step_rad = wanted_rad.clamp(STEPS_RAD.0, STEPS_RAD.1);
+        let records = SphereMap::new(step_rad.max(STEPS_RAD.0)).rays() as f64 * RECORDS_PER_RAY;
         let bytes_of_view = records / LANES as f64 * size_of::<Block>() as f64 * heights_m.len() as f64;
         let affordable = (fineness.most_bytes as f64 / bytes_of_view).floor().max(4.0) as u64;
         let views = fineness.views.min(scans.count).min(affordable).max(1);

@@ -34,8 +34,8 @@ pub struct Fineness {
     pub heights_m: (f64, f64),
     /// Layers between them, at least 1.
     pub layers: usize,
-    /// Angle between neighbouring rays of a view; derived from voxel and range where none, rad.
-    pub step_rad: Option<f64>,
+    /// Neighbouring rays of a view are apart by this share of a voxel where 95 % of the surface is nearer.
+    pub step_share: f64,
     /// Bound of the memory, bytes: fewer views are kept where it binds.
     pub most_bytes: usize,
 }
@@ -44,7 +44,7 @@ impl Fineness {
     /// Views of a search between these heights: a layer every 10 cm, one where the height is fixed.
     pub fn between(heights_m: (f64, f64)) -> Self {
         let layers = ((heights_m.1 - heights_m.0) / 0.1 - 1e-9).ceil().max(0.0) as usize + 1;
-        Self { views: 100, heights_m, layers: layers.min(8), step_rad: None, most_bytes: 256 << 20 }
+        Self { views: 100, heights_m, layers: layers.min(8), step_share: 0.6, most_bytes: 256 << 20 }
     }
 }
 
