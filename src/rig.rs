@@ -2,23 +2,36 @@
 
 mod brackets;
 mod conflicts;
+mod doubts;
+mod drawing;
+mod extrinsics;
 mod found_with;
+mod frames;
 mod mount_file;
 mod published_export;
 mod read_mount;
+mod scad;
+mod tf;
 mod slots;
 mod touching;
 mod unit;
+mod urdf;
 
 pub(crate) use conflicts::Conflicts;
+pub(crate) use drawing::draw;
+pub(crate) use extrinsics::Extrinsics;
 pub use found_with::{FoundWith, Path, Phase};
+pub(crate) use frames::{FramedSensor, NamedFrame, framed};
 pub use mount_file::{FORMAT, FRAME, MountFile, MountFileError, SensorEntry};
 pub use published_export::{
     Optimization, PublishedExport, PublishedMount, PublishedPose, RollRule, Symmetry, Walk, sensor_type,
 };
+pub(crate) use scad::scad;
 pub(crate) use slots::MountSlots;
+pub(crate) use tf::{publishers, yaml};
 pub use touching::{Touching, housing_gap_m};
 pub use unit::{CalibrationFile, Unit, UnitChoice, UnitError};
+pub(crate) use urdf::{Servos, urdf};
 
 use glam::{DMat3, DQuat, DVec3};
 use sensors::SensorModel;
@@ -52,12 +65,14 @@ pub struct Mount {
     pub pitch_rad: f64,
     /// Angle about the lateral axis, rad.
     pub roll_rad: f64,
+    /// Angle about the sensor's own spin axis, rad: how it is turned on its plate, counterclockwise seen from its top.
+    pub yaw_rad: f64,
 }
 
 impl Mount {
     /// The mirror image across the platform's plane of symmetry (YZ).
     pub fn mirrored(&self) -> Self {
-        Self { x_m: -self.x_m, pitch_rad: -self.pitch_rad, ..*self }
+        Self { x_m: -self.x_m, pitch_rad: -self.pitch_rad, yaw_rad: -self.yaw_rad, ..*self }
     }
 
     /// Position in the mount frame, m.
@@ -65,9 +80,35 @@ impl Mount {
         DVec3::new(self.x_m, self.y_m, self.z_m)
     }
 
-    /// Rotation in mount-frame axes: `Rx(roll) * Ry(pitch)`.
+    /// The mount of a sensor with this position and rotation in mount-frame axes. Every rotation has one; of the two with
+    /// yaw the one whose pitch is within 90 degrees is taken, of those without yaw the one whose roll is.
+    pub(crate) fn from_rotation(position_m: DVec3, rotation: DMat3) -> Self {
+        let [first, second, third] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
+        let [x_m, y_m, z_m] = position_m.to_array();
+        let (pitch_rad, roll_rad, yaw_rad) = if second.x.abs() < 1e-12 && second.y >= 0.0 {
+            (third.x.atan2(first.x), second.z.atan2(second.y), 0.0)
+        } else if third.y.hypot(third.z) < 1e-9 {
+            // pitch of 90 degrees: roll and yaw turn about one axis
+            (third.x.atan2(0.0), 0.0, first.y.atan2(second.y))
+        } else {
+            let pitch_rad = third.x.atan2(third.y.hypot(third.z));
+            (pitch_rad, (-third.y).atan2(third.z), (-second.x).atan2(first.x))
+        };
+        Self { x_m, y_m, z_m, pitch_rad, roll_rad, yaw_rad }
+    }
+
+    /// The mount of a sensor that sits so on the body.
+    pub(crate) fn from_body(body_from_sensor: &Pose) -> Self {
+        let mount_from_body = BODY_FROM_MOUNT_FRAME.transpose();
+        let rotation = mount_from_body * DMat3::from_quat(body_from_sensor.rotation) * BODY_FROM_MOUNT_FRAME;
+        Self::from_rotation(mount_from_body * body_from_sensor.translation_m, rotation)
+    }
+
+    /// Rotation in mount-frame axes: `Rx(roll) * Ry(pitch) * Rz(yaw)`. The servo turns the pitch, and a yaw with it.
     pub(crate) fn rotation(&self) -> DMat3 {
-        DMat3::from_rotation_x(self.roll_rad) * DMat3::from_rotation_y(self.pitch_rad)
+        let servo = DMat3::from_rotation_x(self.roll_rad) * DMat3::from_rotation_y(self.pitch_rad);
+        // as published, to the bit, where a sensor has no yaw
+        if self.yaw_rad == 0.0 { servo } else { servo * DMat3::from_rotation_z(self.yaw_rad) }
     }
 
     /// Body from sensor, both REP-103: a sensor at zero pitch and roll looks ahead, its +x along the body's +x.
@@ -203,6 +244,35 @@ mod tests {
         let axes: Vec<_> = rig.sensors.iter().map(MountedSensor::spin_axis).collect();
         assert_eq!(rig.sensors[1].mount.x_m, -0.06);
         assert!(axes[0].x > 0.0 && axes[0].x == -axes[1].x && axes[0].z == axes[1].z);
+    }
+
+    #[test]
+    fn every_rotation_is_that_of_a_mount() {
+        for (pitch_deg, roll_deg, yaw_deg) in [
+            (0.0, 0.0, 0.0),
+            (30.0, 0.0, 0.0),
+            (-120.0, 0.0, 0.0),
+            (25.0, -12.5, 90.0),
+            (-80.0, 40.0, -170.0),
+            (90.0, 0.0, 35.0),
+        ] {
+            let angles = [pitch_deg, roll_deg, yaw_deg].map(f64::to_radians);
+            let [pitch_rad, roll_rad, yaw_rad] = angles;
+            let mount = Mount { x_m: 0.1, y_m: -0.2, z_m: 0.3, pitch_rad, roll_rad, yaw_rad };
+            let back = Mount::from_body(&mount.body_from_sensor());
+            let found = [back.pitch_rad, back.roll_rad, back.yaw_rad];
+            assert!(back.rotation().abs_diff_eq(mount.rotation(), 1e-12), "{mount:?} {back:?}");
+            // at a pitch of 90 degrees roll and yaw turn about one axis
+            let is_same = angles.iter().zip(found).all(|(a, b)| (a - b).abs() < 1e-9);
+            assert!(is_same || pitch_deg == 90.0, "{mount:?} {back:?}");
+            assert!(back.position_m().abs_diff_eq(mount.position_m(), 1e-12));
+        }
+        let mirrored = Mount { pitch_rad: 0.4, roll_rad: 0.1, yaw_rad: 0.3, ..Mount::default() }.mirrored();
+        let flip = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
+        let image = flip
+            * Mount { pitch_rad: 0.4, roll_rad: 0.1, yaw_rad: 0.3, ..Mount::default() }.rotation()
+            * flip;
+        assert!(mirrored.rotation().abs_diff_eq(image, 1e-12));
     }
 
     #[test]

@@ -35,7 +35,7 @@ const START_NS: u64 = 1_763_722_223_000_000_000;
 /// From the firing of a packet to its arrival.
 const HOST_LATE_NS: u64 = 1_000_000;
 
-const MOUNT: Mount = Mount { x_m: 0.06, y_m: 0.02, z_m: 0.1, pitch_rad: 0.4, roll_rad: 0.05 };
+const MOUNT: Mount = Mount { x_m: 0.06, y_m: 0.02, z_m: 0.1, pitch_rad: 0.4, roll_rad: 0.05, yaw_rad: 0.0 };
 
 fn hall() -> Scene {
     Scene::Box(BoxScene::closed(DVec3::new(-6.0, -4.0, -1.2), DVec3::new(6.0, 4.0, 1.8)))

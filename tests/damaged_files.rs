@@ -169,7 +169,7 @@ fn mounts_and_configs() {
         y_m: 0.0,
         z_m: 0.1,
         pitch_deg: 30.0 * side,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     });
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mount.json");

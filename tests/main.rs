@@ -23,6 +23,7 @@ mod fuzz;
 mod inspect;
 mod maps;
 mod mesh_files;
+mod mount;
 mod mutants;
 mod optimize;
 mod ouster;
@@ -64,6 +65,7 @@ fn main() -> std::process::ExitCode {
         ("inspect", inspect::CASES),
         ("maps", maps::CASES),
         ("mesh_files", mesh_files::CASES),
+        ("mount", mount::CASES),
         ("mutants", mutants::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),

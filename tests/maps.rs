@@ -100,7 +100,7 @@ impl Folder {
             y_m: 0.0,
             z_m: 0.1,
             pitch_deg: 30.0 * side,
-            roll_deg: 0.0,
+            ..SensorEntry::default()
         };
         let file = MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]);
         file.write(&self.path(name)).unwrap();

@@ -72,7 +72,7 @@ fn sensor(name: &str, pitch_deg: f64) -> SensorEntry {
         y_m: 0.0,
         z_m: 0.0,
         pitch_deg,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     }
 }
 

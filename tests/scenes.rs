@@ -172,7 +172,7 @@ fn completeness_of_the_house() {
             .iter()
             .map(|mount| {
                 let n: Vec<f64> = mount.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect();
-                Mount { x_m: n[0], y_m: n[1], z_m: n[2], pitch_rad: n[3].to_radians(), roll_rad: 0.0 }
+                Mount { x_m: n[0], y_m: n[1], z_m: n[2], pitch_rad: n[3].to_radians(), ..Mount::default() }
             })
             .collect();
         let mut completeness = Completeness::new(&samples, &THRESHOLDS_M);

@@ -233,7 +233,7 @@ fn evaluate_scores_a_mount_file_as_it_is() {
         y_m: 0.1,
         z_m: -0.05,
         pitch_deg: sign * 25.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     let mut file = MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]);
     file.preset = Some("paper-os1-64".into());
@@ -322,7 +322,7 @@ impl Walk {
             y_m: 0.0,
             z_m: 0.0,
             pitch_deg: sign * 35.0,
-            roll_deg: 0.0,
+            ..SensorEntry::default()
         };
         MountFile::new(vec![entry("right", 1.0), entry("left", -1.0)]).write(mount.as_ref()).unwrap();
         std::fs::write(&trajectory, "100.0 -1 0 1.5 0 0 0 1\n102.0 1 0 1.5 0 0 0 1\n").unwrap();

@@ -20,7 +20,7 @@ use crate::simulate::published::{Experiment, Placement, Roll};
 #[command(
     group = clap::ArgGroup::new("mounts").required(true),
     after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\", \
-                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg} ...] and, if known, preset, objective, found_with, \
+                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg, and where they have them yaw_deg, angle_tolerance_deg} ...] and, if known, preset, objective, found_with, \
                   masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are \
                   scored as they are, mirrored ones being listed, each as the model that it is; its preset (several \
                   with commas between them) holds where --preset is not given, and so does found_with: {path, voxel_m, \
@@ -150,6 +150,12 @@ fn from_file(args: &Args, path: &Path) -> anyhow::Result<Request> {
         output::say_notice(
             "the published experiment has beams of its own: calibrations of the mount file are not used",
         );
+    }
+    if let Some(turned) = file.sensors.iter().find(|sensor| sensor.yaw_deg != 0.0) {
+        output::say_notice(&format!(
+            "the published experiment knows no yaw: the {} degrees of {} are not used; predict --scene uses them",
+            turned.yaw_deg, turned.name
+        ));
     }
     let listed = objective.listed(&file).with_context(|| format!("mount file {}", path.display()))?;
     let is_rolled_otherwise = experiment.replaces_a_roll(&listed);

@@ -34,6 +34,7 @@ mod inspect;
 mod manual;
 mod masters;
 mod mock;
+mod mount;
 mod odometry;
 mod optimize;
 mod output;
@@ -87,6 +88,8 @@ enum Verb {
     Optimize(Box<optimize::Args>),
     /// Score given mounts.
     Evaluate(evaluate::Args),
+    /// A mount one can build and a robot can read: drawing, URDF, tf, OpenSCAD; and extrinsics read back.
+    Mount(mount::Args),
     /// What a mount will cover along a trajectory through a scene.
     Predict(predict::Args),
     /// Whether a recording covers what was predicted, and how far the mounts are off.
@@ -228,6 +231,7 @@ impl Cli {
             Verb::Init(args) => init::run(&args, context),
             Verb::Optimize(args) => optimize::run(&args, context),
             Verb::Evaluate(args) => evaluate::run(&args, context),
+            Verb::Mount(args) => mount::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
             Verb::Compare(args) => compare::run(&args, context),
             Verb::Boresight(args) => boresight::run(&args, context),

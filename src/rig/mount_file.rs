@@ -11,6 +11,9 @@
 //!   "masters": [ [0.06, 0.0, 0.0, 25.0, 0.0] ] }
 //! ```
 //!
+//! A sensor may have `"yaw_deg"` (how it is turned on its plate, about its own spin axis, after the pitch) and
+//! `"angle_tolerance_deg"` (how far each angle may be off when it is built).
+//!
 //! The last four are optional: which experiment the mount was found in (of a rig of several models the experiments of
 //! all, with commas between them), its score there and what else that rests on, and the sensors before mirroring (x_m, y_m, z_m, pitch_deg,
 //! roll_deg); their models are then listed as `"master_models": ["os1-64"]`. So is `"calibrations": { "right": "right.json" }`: by
@@ -22,6 +25,7 @@ use std::path::{Path, PathBuf};
 
 use sensors::catalogue;
 
+use super::doubts::{self, Doubted};
 use super::{FoundWith, Mount};
 use crate::base::files;
 
@@ -61,7 +65,7 @@ pub struct MountFile {
 }
 
 /// One sensor of a mount file.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorEntry {
     /// Name within the rig.
@@ -78,6 +82,17 @@ pub struct SensorEntry {
     pub pitch_deg: f64,
     /// About the lateral axis, degrees.
     pub roll_deg: f64,
+    /// About its own spin axis, degrees: counterclockwise seen from its top.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub yaw_deg: f64,
+    /// How far each angle may be off when it is built, degrees, where somebody decided that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle_tolerance_deg: Option<f64>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_zero(angle_deg: &f64) -> bool {
+    *angle_deg == 0.0
 }
 
 impl SensorEntry {
@@ -89,16 +104,32 @@ impl SensorEntry {
             z_m: self.z_m,
             pitch_rad: self.pitch_deg.to_radians(),
             roll_rad: self.roll_deg.to_radians(),
+            yaw_rad: self.yaw_deg.to_radians(),
         }
     }
 
-    fn numbers(&self) -> [(&'static str, f64); 5] {
+    fn doubted(&self) -> Doubted<'_> {
+        Doubted {
+            name: &self.name,
+            position_m: [("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)],
+            angles_deg: [
+                ("pitch_deg", self.pitch_deg),
+                ("roll_deg", self.roll_deg),
+                ("yaw_deg", self.yaw_deg),
+            ],
+            angle_tolerance_deg: self.angle_tolerance_deg,
+        }
+    }
+
+    fn numbers(&self) -> [(&'static str, f64); 7] {
         [
             ("x_m", self.x_m),
             ("y_m", self.y_m),
             ("z_m", self.z_m),
             ("pitch_deg", self.pitch_deg),
             ("roll_deg", self.roll_deg),
+            ("yaw_deg", self.yaw_deg),
+            ("angle_tolerance_deg", self.angle_tolerance_deg.unwrap_or_default()),
         ]
     }
 }
@@ -180,6 +211,11 @@ impl MountFile {
         file
     }
 
+    /// What can be meant and seldom is, a line each.
+    pub(crate) fn doubts(&self) -> Vec<String> {
+        doubts::of_rig(&self.sensors.iter().map(SensorEntry::doubted).collect::<Vec<_>>())
+    }
+
     pub(super) fn check(&self) -> Result<(), String> {
         if self.format != FORMAT {
             return Err(format!("format is {:?}, this program reads {FORMAT:?}", self.format));
@@ -207,6 +243,7 @@ impl MountFile {
             for (field, value) in sensor.numbers() {
                 finite(&format!("sensors[{index}].{field}"), value)?;
             }
+            doubts::ensure_plausible(index, &sensor.doubted())?;
         }
         for name in self.calibrations.iter().flat_map(BTreeMap::keys) {
             if !self.sensors.iter().any(|sensor| sensor.name == *name) {
@@ -296,7 +333,7 @@ mod tests {
             y_m: -0.25,
             z_m: 1.0 / 3.0,
             pitch_deg: 25.23,
-            roll_deg: 0.0,
+            ..SensorEntry::default()
         }
     }
 

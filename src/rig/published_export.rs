@@ -124,6 +124,7 @@ impl PublishedMount {
             z_m,
             pitch_rad: third.x.atan2(first.x),
             roll_rad: second.z.atan2(second.y),
+            yaw_rad: 0.0,
         })
     }
 }
@@ -184,6 +185,7 @@ pub(super) fn mount_file(text: &str) -> Result<MountFile, String> {
             z_m: mount.z_m,
             pitch_deg: mount.pitch_rad.to_degrees(),
             roll_deg: mount.roll_rad.to_degrees(),
+            ..SensorEntry::default()
         });
     }
     Ok(MountFile::new(sensors))
@@ -213,6 +215,7 @@ mod tests {
                 z_m: 0.05,
                 pitch_deg,
                 roll_deg,
+                ..SensorEntry::default()
             }
             .mount();
             let published = PublishedMount::from(mount);

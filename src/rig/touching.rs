@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn published_pairs_of_which_two_can_be_built() {
         let pair = |model: &str, x_m: f64, y_m: f64, z_m: f64, pitch_deg: f64| {
-            let mount = Mount { x_m, y_m, z_m, pitch_rad: pitch_deg.to_radians(), roll_rad: 0.0 };
+            let mount = Mount { x_m, y_m, z_m, pitch_rad: pitch_deg.to_radians(), ..Mount::default() };
             Rig::mirrored(vec![sensor(model, mount)]).touching().len()
         };
         assert_eq!(pair("os1-64", 0.074, 0.25, 0.119, 32.7), 0);

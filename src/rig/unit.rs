@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use glam::DAffine3;
 use sensors::ouster::{Metadata, MetadataError};
 use sensors::velodyne::{Calibration, CalibrationError, Product};
 use sensors::{SensorModel, catalogue};
@@ -23,6 +24,8 @@ pub struct Unit {
     pub columns: u32,
     /// Revolutions per second.
     pub rate_hz: f64,
+    /// Where its IMU sits, of a calibrated Ouster.
+    pub sensor_from_imu: Option<DAffine3>,
     /// What was concluded and not stated, for the user.
     pub notice: Option<String>,
 }
@@ -97,7 +100,7 @@ impl Unit {
     pub fn nominal(name: &str) -> Result<Self, UnitError> {
         let model = catalogue::nominal(name)?;
         let columns = if Product::from_name(name).is_some() { 1800 } else { 1024 };
-        Ok(Self { model, columns, rate_hz: 10.0, notice: None })
+        Ok(Self { model, columns, rate_hz: 10.0, sensor_from_imu: None, notice: None })
     }
 
     /// The calibrated unit of a file; its ending says which kind. `stated` is the catalogue name of its model, where
@@ -143,7 +146,8 @@ impl Unit {
             }
         }
         let columns = u32::try_from(metadata.columns_per_frame).unwrap_or(u32::MAX);
-        Ok(Self { model, columns, rate_hz: metadata.frame_rate_hz, notice })
+        let sensor_from_imu = Some(metadata.sensor_from_imu);
+        Ok(Self { model, columns, rate_hz: metadata.frame_rate_hz, sensor_from_imu, notice })
     }
 
     fn velodyne(path: &Path, bytes: &[u8], stated: Option<&str>) -> Result<Self, UnitError> {
@@ -158,7 +162,7 @@ impl Unit {
             None => nearest(path, &calibration)?,
         };
         let model = calibration.model(product).map_err(wrong)?;
-        Ok(Self { model, columns: 1800, rate_hz: 10.0, notice })
+        Ok(Self { model, columns: 1800, rate_hz: 10.0, sensor_from_imu: None, notice })
     }
 }
 
@@ -336,7 +340,16 @@ mod tests {
 
     fn entry(name: &str, model: &str) -> SensorEntry {
         let (x_m, y_m, z_m, pitch_deg, roll_deg) = (0.1, 0.0, 0.0, 20.0, 0.0);
-        SensorEntry { name: name.into(), model: model.into(), x_m, y_m, z_m, pitch_deg, roll_deg }
+        SensorEntry {
+            name: name.into(),
+            model: model.into(),
+            x_m,
+            y_m,
+            z_m,
+            pitch_deg,
+            roll_deg,
+            ..SensorEntry::default()
+        }
     }
 
     /// A calibration in the ROS driver's YAML with the beams of a nominal model, each a little higher.

@@ -272,7 +272,7 @@ impl Site {
             y_m: mount[1],
             z_m: mount[2],
             pitch_rad: mount[3].to_radians(),
-            roll_rad: 0.0,
+            ..Mount::default()
         };
         let mounts = [master, master.mirrored()];
         let (coverage, rays) = self.fan.coverage(&self.scene, &trajectory, &mounts, &self.grid);

@@ -38,7 +38,7 @@ fn entry(name: &str, side: f64) -> SensorEntry {
         y_m: 0.0,
         z_m: 0.1,
         pitch_deg: TILT_DEG * side,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     }
 }
 

@@ -125,7 +125,7 @@ fn record(path: &Path, step_ns: i64, link_ns: u64, is_old: bool) {
         y_m: 0.0,
         z_m: 0.1,
         pitch_deg: 8.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     writer.put_mount(&MountFile::new(vec![entry]), &[]).unwrap();
     writer.close(None).unwrap();
@@ -282,7 +282,7 @@ pub fn months_between_two_packets_take_no_memory() {
         y_m: 0.0,
         z_m: 0.1,
         pitch_deg: 8.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     MountFile::new(vec![entry]).write(&folder.path().join("mount.json")).unwrap();
     let program = env!("CARGO_BIN_EXE_outrigger");

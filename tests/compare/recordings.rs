@@ -19,7 +19,7 @@ fn compare(capture: &str, model: &str, more: &[&str]) -> Value {
         y_m: 0.0,
         z_m: 0.0,
         pitch_deg: 0.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     MountFile::new(vec![entry]).write(&mount).unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_outrigger"))

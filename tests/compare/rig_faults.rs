@@ -122,7 +122,7 @@ impl Recorded {
             y_m: 0.0,
             z_m: 0.1,
             pitch_deg,
-            roll_deg: 0.0,
+            ..SensorEntry::default()
         };
         let sensors = vec![entry("right", 0.12, pitch_deg[0]), entry("left", -0.12, pitch_deg[1])];
         MountFile::new(sensors).write(&self.path("mount.json")).unwrap();

@@ -104,7 +104,7 @@ impl Servo {
             y_m: 0.0,
             z_m: 0.1,
             pitch_deg: 0.0,
-            roll_deg: 0.0,
+            ..SensorEntry::default()
         };
         writer.put_mount(&MountFile::new(vec![entry]), &[]).unwrap();
         writer.flush().unwrap();

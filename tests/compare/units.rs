@@ -37,7 +37,16 @@ fn calibration(model: &str) -> String {
 /// A mount file and the calibration that it names.
 fn write_mount(path: &Path, model: &str, calibration: Option<&str>) -> MountFile {
     let [x_m, y_m, z_m, pitch_deg, roll_deg] = [0.0; 5];
-    let entry = SensorEntry { name: "front".into(), model: model.into(), x_m, y_m, z_m, pitch_deg, roll_deg };
+    let entry = SensorEntry {
+        name: "front".into(),
+        model: model.into(),
+        x_m,
+        y_m,
+        z_m,
+        pitch_deg,
+        roll_deg,
+        ..SensorEntry::default()
+    };
     let mut file = MountFile::new(vec![entry]);
     file.calibrations =
         calibration.map(|name| [("front".to_owned(), path.parent().unwrap().join(name))].into());
@@ -226,7 +235,7 @@ pub fn one_way_needs_one_clock() {
         y_m: 0.0,
         z_m: 0.0,
         pitch_deg: 0.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     let mount = MountFile::new(vec![named("front", 0.0), named("rear", 0.4)]);
     let found = |name: &str, ahead_ns: u64| {

@@ -29,7 +29,15 @@ pub fn metadata(serial: u64, init_id: u32) -> Metadata {
 
 /// A sensor in a mount file, beside the middle of the platform, so high.
 pub fn entry(name: &str, model: &str, [x_m, z_m]: [f64; 2], pitch_deg: f64) -> SensorEntry {
-    SensorEntry { name: name.into(), model: model.into(), x_m, y_m: 0.0, z_m, pitch_deg, roll_deg: 0.0 }
+    SensorEntry {
+        name: name.into(),
+        model: model.into(),
+        x_m,
+        y_m: 0.0,
+        z_m,
+        pitch_deg,
+        ..SensorEntry::default()
+    }
 }
 
 /// An Ouster that sends until it is unplugged.

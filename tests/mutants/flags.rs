@@ -83,6 +83,7 @@ fn bases(kit: &Kit) -> Vec<(&'static str, Vec<String>)> {
             "mock sensor",
             "mock sensor --model vlp-16 --to 127.0.0.1:9 --box=-4,-3,-1,4,3,2 --duration 0.2".into(),
         ),
+        ("mount", format!("mount {mount} --urdf {out}")),
         ("mock rig", "mock rig".into()),
         ("rig status", format!("rig status --port {out}")),
         ("sensor discover", "sensor discover --interface 127.0.0.1 --for 0.1".into()),

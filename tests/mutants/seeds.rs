@@ -82,6 +82,10 @@ pub const FORMATS: &[Format] = &[
     format("document", "tum", "a.tum", |kit| vec![kit.file("walk.tum")], 2, trajectory),
     format("document", "kitti", "a.kitti", |_| vec![KITTI.into()], 1, kitti),
     format("document", "mount", "a-mount.json", |kit| vec![kit.file("mount.json")], 1, mount),
+    format("document", "urdf", "a.urdf", |kit| vec![kit.file("rig.urdf")], 1, extrinsics),
+    format("document", "tf", "a-tf.yaml", |kit| vec![kit.file("rig.yaml")], 1, extrinsics),
+    format("document", "matrices", "a.txt", |_| vec![MATRICES.into()], 1, extrinsics),
+    format("document", "extrinsics-json", "a-matrix.json", |_| vec![MATRICES_JSON.into()], 1, extrinsics),
     format("document", "published", "a-found.json", |kit| vec![kit.file("found.json")], 2, published),
     format("document", "rig.toml", "rig.toml", |kit| vec![rig_toml(kit).into()], 1, config),
     format(
@@ -173,6 +177,14 @@ impl Kit {
         let mut search = SEARCH.to_vec();
         search.extend(["--resume", &state, "--export-published", &found]);
         whole(&search);
+        whole(&[
+            "mount",
+            &kit.name("mount.json"),
+            "--urdf",
+            &kit.name("rig.urdf"),
+            "--tf",
+            &kit.name("rig.yaml"),
+        ]);
         let study = kit.name("study");
         whole(&["study", "plan", "pareto", "--quick", "--seeds", "1", "--out", &study]);
         let mut plan: serde_json::Value = serde_json::from_slice(&kit.file("study/plan.json")).unwrap();
@@ -219,7 +231,7 @@ impl Kit {
                     y_m: 0.0,
                     z_m: 0.1,
                     pitch_deg: 20.0 * side,
-                    roll_deg: 0.0,
+                    ..SensorEntry::default()
                 })
                 .to_vec(),
         )
@@ -303,6 +315,15 @@ fn kitti(kit: &Kit, path: &Path, _: usize) -> Vec<String> {
 
 fn mount(kit: &Kit, path: &Path, _: usize) -> Vec<String> {
     predict(kit, &["--mount", &path.display().to_string()])
+}
+
+const MATRICES: &str =
+    "left:\n1 0 0 0.1\n0 1 0 0.2\n0 0 1 0.3\n0 0 0 1\n\nright:\n0 -1 0 0.1\n1 0 0 0.2\n0 0 1 0.3\n0 0 0 1\n";
+const MATRICES_JSON: &str = "{\"left\": [[1, 0, 0, 0.1], [0, 1, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1]], \"right\": [0, -1, 0, 0.1, 1, 0, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1]}";
+
+fn extrinsics(kit: &Kit, path: &Path, _: usize) -> Vec<String> {
+    let [out, drawing] = ["out/mount.json", "out/mount.dxf"].map(|name| kit.name(name));
+    words(&["mount", &path.display().to_string(), "--sensor", "os1-16", "--out", &out, "--drawing", &drawing])
 }
 
 fn published(kit: &Kit, path: &Path, which: usize) -> Vec<String> {

@@ -32,7 +32,7 @@ fn inspect(dir: &Path) -> (Option<i32>, String) {
 
 fn entry(name: &str) -> SensorEntry {
     let (name, model) = (name.into(), "vlp-16".into());
-    SensorEntry { name, model, x_m: 0.0, y_m: 0.0, z_m: 0.0, pitch_deg: 0.0, roll_deg: 0.0 }
+    SensorEntry { name, model, x_m: 0.0, y_m: 0.0, z_m: 0.0, pitch_deg: 0.0, ..SensorEntry::default() }
 }
 
 /// A closed session of `left`, which sent ten packets, and `right`, which sent so many.

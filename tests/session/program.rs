@@ -299,7 +299,7 @@ pub fn what_record_keeps_is_enough_to_compare() {
         y_m: 0.0,
         z_m: 0.1,
         pitch_deg,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     };
     MountFile::new(vec![entry("left", -0.1, -20.0), entry("right", 0.1, 20.0)])
         .write(&path("mount.json"))

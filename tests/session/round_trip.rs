@@ -79,7 +79,7 @@ pub fn servo_reports_and_events_come_back() {
         y_m: 0.0,
         z_m: 0.3,
         pitch_deg: 20.0,
-        roll_deg: 0.0,
+        ..SensorEntry::default()
     }]);
     writer.put_trajectory(&path).unwrap();
     writer.put_mount(&mount, &[]).unwrap();

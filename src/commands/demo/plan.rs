@@ -62,6 +62,7 @@ pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage)
             z_m: sensor.z_m,
             pitch_deg: sensor.pitch_deg,
             roll_deg: sensor.roll_deg,
+            ..SensorEntry::default()
         })
         .collect();
     entries.sort_by(|a, b| a.name.cmp(&b.name));

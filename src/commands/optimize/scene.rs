@@ -362,6 +362,7 @@ fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> a
         z_m: sensor.z_m,
         pitch_deg: sensor.pitch_deg,
         roll_deg: sensor.roll_deg,
+        ..SensorEntry::default()
     };
     let mut file = MountFile::new(document.best.judged.sensors.iter().map(entry).collect());
     file.masters = Some(rigs.mounts(values).into_iter().map(numbers).collect());

@@ -20,6 +20,7 @@ impl MountProblem {
             z_m: sensor.z_m,
             pitch_deg: sensor.pitch_deg,
             roll_deg: sensor.roll_deg,
+            ..SensorEntry::default()
         };
         let mut file =
             MountFile::new(experiment.sensors(masters).into_iter().enumerate().map(entry).collect());

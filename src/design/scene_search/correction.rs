@@ -106,7 +106,7 @@ mod tests {
                         y_m: rng.between(-0.25, 0.25),
                         z_m: rng.between(-0.15, 0.15),
                         pitch_rad: rng.between(-1.0, 1.0),
-                        roll_rad: 0.0,
+                        ..Mount::default()
                     };
                     let error =
                         400.0 + 300.0 * mount.x_m * mount.pitch_rad / 0.075 - 200.0 * mount.z_m / 0.15;

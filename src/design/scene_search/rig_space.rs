@@ -94,6 +94,7 @@ impl RigSpace {
                 z_m: v[2],
                 pitch_rad: stepped(v[3], self.bounds.pitch_deg).to_radians(),
                 roll_rad: roll_deg.or(self.fixed_roll_deg).unwrap_or(0.0).to_radians(),
+                ..Mount::default()
             }
         };
         values.chunks_exact(self.coordinates()).map(mount).collect()

@@ -34,6 +34,7 @@ impl Placement {
             z_m: self.z_m,
             pitch_rad: self.pitch_deg.to_radians(),
             roll_rad: self.roll_deg.to_radians(),
+            yaw_rad: 0.0,
         }
     }
 

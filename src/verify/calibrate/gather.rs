@@ -70,6 +70,7 @@ impl Offset {
             z_m: mount.z_m + shift[2],
             pitch_rad: axis.x.clamp(-1.0, 1.0).asin(),
             roll_rad: (-axis.y).atan2(axis.z),
+            yaw_rad: mount.yaw_rad,
         }
     }
 }
@@ -192,7 +193,7 @@ mod tests {
 
     #[test]
     fn a_turn_about_the_servo_axis_is_pitch() {
-        let mount = Mount { x_m: 0.1, y_m: 0.2, z_m: 0.3, pitch_rad: 0.4, roll_rad: 0.05 };
+        let mount = Mount { x_m: 0.1, y_m: 0.2, z_m: 0.3, pitch_rad: 0.4, roll_rad: 0.05, yaw_rad: 0.0 };
         let axis = super::super::tilt_axis(&mount);
         let mut offset = Offset::default();
         let step = 0.02 * axis;

@@ -72,7 +72,8 @@ pub(super) fn mount(args: &Args) -> anyhow::Result<Mount> {
         }
         _ => {
             let [x_m, y_m, z_m, pitch_deg, roll_deg] = args.mount.0;
-            Mount { x_m, y_m, z_m, pitch_rad: pitch_deg.to_radians(), roll_rad: roll_deg.to_radians() }
+            let (pitch_rad, roll_rad) = (pitch_deg.to_radians(), roll_deg.to_radians());
+            Mount { x_m, y_m, z_m, pitch_rad, roll_rad, yaw_rad: 0.0 }
         }
     };
     if let Some(pitch_deg) = args.actual_pitch_deg {
