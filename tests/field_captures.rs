@@ -25,6 +25,8 @@ pub const CASES: &[Case] = &[
     with_shared("a_tail_of_zeros_is_no_record", velodyne::a_tail_of_zeros_is_no_record),
     with_shared("blank_factory_bytes_need_a_model", velodyne::blank_factory_bytes_need_a_model),
     with_shared("position_packets_alone_are_said_to_be_alone", velodyne::position_packets_alone),
+    with_shared("a_beam_that_never_returns_is_named", velodyne::a_beam_that_never_returns_is_named),
+    with_shared("a_sensor_that_does_not_turn_is_said_to_stand", velodyne::a_sensor_that_does_not_turn),
     with_shared("gps_time_of_a_ptp_clock_is_right", gps_time_of_a_ptp_clock_is_right),
     with_shared("merged_datagrams_are_taken_apart", merged_datagrams_are_taken_apart),
 ];

@@ -135,6 +135,17 @@ impl SensorModel {
         &self.beams
     }
 
+    /// Number of each channel by rising elevation, as ROS drivers number the rings of a Velodyne.
+    pub fn rings_by_elevation(&self) -> Vec<u16> {
+        let mut by_elevation: Vec<usize> = (0..self.beams.len()).collect();
+        by_elevation.sort_by(|a, b| self.beams[*a].elevation_rad.total_cmp(&self.beams[*b].elevation_rad));
+        let mut rings = vec![0; by_elevation.len()];
+        for (ring, channel) in (0..).zip(by_elevation) {
+            rings[channel] = ring;
+        }
+        rings
+    }
+
     /// Number of channels.
     pub fn channels(&self) -> usize {
         self.beams.len()

@@ -220,3 +220,36 @@ pub fn position_packets_alone() {
         "{advice}"
     );
 }
+
+pub fn a_beam_that_never_returns_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = datagrams(&shared("captures/velodyne/mrpt_vlp16_gps.pcap"));
+    for datagram in all.iter_mut().filter(|datagram| datagram.payload.len() == 1206) {
+        for firing in 0..24 {
+            // laser 5 is the eleventh from below
+            let at = 100 * (firing / 2) + 4 + 3 * (16 * (firing % 2) + 5);
+            datagram.payload[at..at + 2].fill(0);
+        }
+    }
+    let capture = write_capture(&folder.path().join("dead.pcap"), &all);
+    let (_, document) = inspect(&[capture.to_str().unwrap()]);
+    assert_eq!(document["sensors"][0]["silent_beams"], json!([10]));
+    let (_, document) = inspect(&[&path("captures/velodyne/mrpt_vlp16_gps.pcap")]);
+    assert_eq!(document["sensors"][0]["silent_beams"], json!([]));
+}
+
+pub fn a_sensor_that_does_not_turn() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut all = datagrams(&shared("captures/velodyne/mrpt_vlp16_gps.pcap"));
+    for datagram in all.iter_mut().filter(|datagram| datagram.payload.len() == 1206) {
+        for block in 0..12 {
+            datagram.payload[100 * block + 2..][..2].copy_from_slice(&12_345_u16.to_le_bytes());
+        }
+    }
+    let capture = write_capture(&folder.path().join("still.pcap"), &all);
+    let (_, document, said) = decode(capture.to_str().unwrap(), &[], &[]);
+    assert!(said.contains("does not turn: its azimuth stays at 123.45°"), "{said}");
+    ensure_nothing_is_missing(&document);
+    let (_, document) = inspect(&[capture.to_str().unwrap()]);
+    assert!(document["notes"].to_string().contains("does not turn"), "{}", document["notes"]);
+}

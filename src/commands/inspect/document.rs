@@ -241,6 +241,14 @@ impl SensorReport {
             };
             let _ = writeln!(text, "    GPS ({valid}): {sentence}");
         }
+        if !self.silent_beams.is_empty() {
+            let rings: Vec<String> = self.silent_beams.iter().map(u16::to_string).collect();
+            let _ = writeln!(
+                text,
+                "    beams that never return, and their neighbours do: ring {}",
+                rings.join(", ")
+            );
+        }
         for remark in self.remark.iter().chain(&self.warnings) {
             let _ = writeln!(text, "    {remark}");
         }

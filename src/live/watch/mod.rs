@@ -1,14 +1,16 @@
 //! What is watched of one sensor while it is decoded: rates, losses, its clock, its own warnings.
 
+mod beams;
 mod first_look;
 
 pub use first_look::{FirstLook, FirstLooks};
 
+use self::beams::BeamWatch;
 use crate::live::clocks::{ClockReport, ClockWatch};
 
 use sensors::router::{Family, Sensor};
 use sensors::velodyne::{Fix, Position, Product, PulseState};
-use sensors::{DecodeStats, Decoded, Frame, Health};
+use sensors::{DecodeStats, Decoded, Frame, Health, SensorModel};
 use serde::Serialize;
 
 /// Running numbers of one sensor.
@@ -18,6 +20,7 @@ pub struct Watch {
     complete: u64,
     points: Points,
     points_of_whole: Points,
+    beams: BeamWatch,
     /// Revolutions that begin where revolutions do, and when the first and the last of them began, by the device's clock.
     begun: u64,
     begun_span_ns: Option<[u64; 2]>,
@@ -88,6 +91,8 @@ pub struct SensorReport {
     pub pulse: Option<PulseState>,
     /// Hours in use, where the sensor says so.
     pub hours_in_use: Option<u16>,
+    /// Beams that never return where their neighbours do, by their number in point files.
+    pub silent_beams: Vec<u16>,
     /// The sensor's own warnings in its last revolution.
     pub warnings: Vec<String>,
     /// Everything its decoder counted.
@@ -102,6 +107,7 @@ impl Watch {
                 self.frames += 1;
                 self.complete += u64::from(frame.complete);
                 self.points.add(frame);
+                self.beams.take(frame);
                 if frame.complete {
                     self.points_of_whole.add(frame);
                 }
@@ -125,6 +131,14 @@ impl Watch {
             }
             Decoded::Zones(_) => self.zone_reports += 1,
         }
+    }
+
+    fn silent_beams(&self, sensor: &Sensor, model: &SensorModel) -> Vec<u16> {
+        let rings = match sensor.family() {
+            Family::Velodyne(_) => model.rings_by_elevation(),
+            Family::Ouster(_) => (0..model.channels() as u16).collect(),
+        };
+        self.beams.silent(model, &rings)
     }
 
     /// Says what was seen.
@@ -176,6 +190,7 @@ impl Watch {
                 Family::Velodyne(decoder) => decoder.unit_status().map(|status| status.hours),
                 Family::Ouster(_) => None,
             },
+            silent_beams: sensor.model().map(|model| self.silent_beams(sensor, model)).unwrap_or_default(),
             warnings: self.health.map(warnings).unwrap_or_default(),
             counters: sensor.stats().clone(),
         }

@@ -210,18 +210,10 @@ pub(super) fn stamp_ns(device_time_ns: u64, host_time_ns: u64) -> u64 {
 }
 
 fn rings(source: &Source, model: &SensorModel) -> Vec<u16> {
-    let channels = model.channels() as u16;
-    if source.vendor != "Velodyne" {
-        return (0..channels).collect();
+    match source.vendor.as_str() {
+        "Velodyne" => model.rings_by_elevation(),
+        _ => (0..model.channels() as u16).collect(),
     }
-    let mut by_elevation: Vec<u16> = (0..channels).collect();
-    let elevation_rad = |channel: &u16| model.beams()[usize::from(*channel)].elevation_rad;
-    by_elevation.sort_by(|a, b| elevation_rad(a).total_cmp(&elevation_rad(b)));
-    let mut rings = vec![0; usize::from(channels)];
-    for (ring, channel) in by_elevation.into_iter().enumerate() {
-        rings[usize::from(channel)] = ring as u16;
-    }
-    rings
 }
 
 #[cfg(test)]
