@@ -339,7 +339,10 @@ fn compared() {
         MockSensor::velodyne(Product::from_name("vlp-16").unwrap(), ReturnMode::Strongest, 10.0)
             .unwrap()
             .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, payload })
+                writer.write_packet(
+                    sensor,
+                    &Packet { host_time_ns, source, destination, link: Default::default(), payload },
+                )
             })
             .unwrap();
     }

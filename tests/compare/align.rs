@@ -312,10 +312,9 @@ impl Files {
                 name: ["right", "left"][sensor].into(),
                 model: "os1-16".into(),
                 x_m: 0.12 * side,
-                y_m: 0.0,
                 z_m: 0.1,
                 pitch_deg: 25.0 * side,
-                roll_deg: 0.0,
+                ..SensorEntry::default()
             });
             let pose = mount.body_from_sensor();
             let surroundings = Surroundings {
