@@ -22,6 +22,7 @@ pub const CASES: &[Case] = &[
     with_shared("clouds_of_a_bag_become_point_files", cloud_files),
     with_shared("packets_go_from_capture_to_bags_and_back_bit_for_bit", round_trips),
     with_shared("a_bag_is_cut_by_time_and_sensor", cut_by_time),
+    with_shared("a_bag_that_ends_early_gives_what_is_before_and_says_so", ended_early),
 ];
 
 /// A VLP-16 with its position packets.
@@ -291,4 +292,33 @@ fn cut_by_time() {
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("no packet of sensor nobody; there are ouster"), "{}", stderr(&output));
     assert!(captured(&path) == expected, "the file of before is still there");
+}
+
+fn ended_early() {
+    let folder = tempfile::tempdir().unwrap();
+    let db3 = "os1_fusa_db3_message_zstd/os1_fusa_db3_message_zstd.db3";
+    for name in ["os0_windowed_none.bag", "vlp16_scans_cut_lz4.bag", "vlp16_scans_bz2.bag", "os0_crc_zstd.mcap", db3] {
+        let bytes = std::fs::read(bag(name)).unwrap();
+        let read = |count: usize| {
+            let path = folder.path().join("cut");
+            std::fs::write(&path, &bytes[..count]).unwrap();
+            let mut reader = BagPackets::open(&path, "cut").ok()?;
+            let mut packets = Vec::new();
+            while let Some(found) = reader.next().unwrap() {
+                packets.push((found.packet.host_time_ns, found.packet.payload.to_vec()));
+            }
+            Some((packets, reader.losses()))
+        };
+        let (whole, losses) = read(bytes.len()).unwrap();
+        assert!(losses.is_empty(), "{name}: {losses:?}");
+        for percent in [20, 50, 80, 95] {
+            let Some((packets, losses)) = read(bytes.len() * percent / 100) else { continue };
+            assert!(whole.starts_with(&packets), "{name} at {percent} %");
+            // behind the packets lies but an index
+            assert!(packets.len() == whole.len() || !losses.is_empty(), "{name} at {percent} %: {losses:?}");
+        }
+        let (packets, _) = read(bytes.len() * 95 / 100).unwrap_or_default();
+        let is_packed_as_one = name.ends_with(".mcap") || name.ends_with(".db3");
+        assert!(is_packed_as_one || packets.len() * 2 > whole.len(), "{name}: {}", packets.len());
+    }
 }

@@ -30,7 +30,7 @@ pub(crate) struct Header<'a> {
 
 impl<'a> Cursor<'a> {
     pub fn new(encoding: Encoding, data: &'a [u8]) -> Option<Self> {
-        let packed = Self { bytes: data, at: 0, encoding, is_big_endian: false, most_alignment: 8 };
+        let packed = Self { encoding, ..Self::packed(data) };
         match encoding {
             Encoding::Ros1 => return Some(packed),
             Encoding::Cdr => {}
@@ -45,6 +45,16 @@ impl<'a> Cursor<'a> {
             _ => return None, // parameter lists and delimited types: no type here is written so
         };
         Some(Self { bytes, is_big_endian, most_alignment, ..packed })
+    }
+
+    /// Fields without any alignment, little-endian.
+    pub fn packed(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0, encoding: Encoding::Ros1, is_big_endian: false, most_alignment: 8 }
+    }
+
+    /// What comes behind the fields read so far.
+    pub fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.at..).unwrap_or_default()
     }
 
     /// The next bytes as they are.
@@ -68,6 +78,10 @@ impl<'a> Cursor<'a> {
 
     pub fn u8(&mut self) -> Option<u8> {
         self.number().map(u8::from_le_bytes)
+    }
+
+    pub fn u16(&mut self) -> Option<u16> {
+        self.number().map(u16::from_le_bytes)
     }
 
     pub fn u32(&mut self) -> Option<u32> {

@@ -3,19 +3,46 @@
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek as _};
+use std::io::{BufReader, Read, Seek as _, SeekFrom};
 
-use mcap::records::{Record, op};
-use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
-
+use super::cursor::Cursor;
 use super::files::MCAP_MAGIC;
 use super::unpack::{MOST_MESSAGE_BYTES, Packing, unpack};
 use super::{BagError, BagFile, Container, Encoding, Losses, Topic};
 
-/// Longest record of the summary.
-const MOST_SUMMARY_BYTES: usize = 64 << 20;
+/// Longest summary.
+const MOST_SUMMARY_BYTES: u64 = 64 << 20;
 /// Operation and length of a record.
 const RECORD_HEAD_BYTES: u64 = 9;
+/// The last record: where the summary begins, where its offsets do, and its checksum.
+const FOOTER_BYTES: u64 = RECORD_HEAD_BYTES + 20;
+
+/// Operations of records. The `mcap` library, which writes these files here, takes memory as the lengths in a record ask for it:
+/// a damaged one ends the program.
+mod op {
+    pub(super) const FOOTER: u8 = 2;
+    pub(super) const SCHEMA: u8 = 3;
+    pub(super) const CHANNEL: u8 = 4;
+    pub(super) const MESSAGE: u8 = 5;
+    pub(super) const CHUNK: u8 = 6;
+    pub(super) const CHUNK_INDEX: u8 = 8;
+    pub(super) const DATA_END: u8 = 15;
+}
+
+/// The first record of these bytes: its operation, its content, and what comes behind it.
+fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let ([opcode, length @ ..], rest) = bytes.split_first_chunk::<{ RECORD_HEAD_BYTES as usize }>()?;
+    let (body, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+    Some((*opcode, body, rest))
+}
+
+/// Where a chunk begins, and the channels that it holds messages of.
+fn chunk_index(body: &[u8]) -> Option<(u64, Vec<u16>)> {
+    let mut fields = Cursor::packed(body);
+    let (_first_ns, _last_ns, offset, _bytes) = (fields.u64()?, fields.u64()?, fields.u64()?, fields.u64()?);
+    let channels = fields.bytes()?.chunks_exact(10);
+    Some((offset, channels.map(|entry| u16::from_le_bytes([entry[0], entry[1]])).collect()))
+}
 
 pub(super) struct Mcap {
     file: BufReader<File>,
@@ -103,43 +130,40 @@ impl Mcap {
             losses: Losses::default(),
             is_ended: false,
         };
-        bag.read_summary();
+        bag.read_summary().map_err(io)?;
         bag.seek(bag.at)?;
         Ok(bag)
     }
 
-    /// Topics and chunks as the summary at the end lists them; a file that was cut off has none.
-    fn read_summary(&mut self) {
-        let options = SummaryReaderOptions::default()
-            .with_file_size(self.length)
-            .with_record_length_limit(MOST_SUMMARY_BYTES);
-        let mut reader = SummaryReader::new_with_options(options);
-        while let Some(event) = reader.next_event() {
-            let outcome = match event {
-                Ok(SummaryReadEvent::ReadRequest(count)) => {
-                    self.file.read(reader.insert(count)).map(|count| reader.notify_read(count))
-                }
-                Ok(SummaryReadEvent::SeekRequest(to)) => {
-                    self.file.seek(to).map(|place| reader.notify_seeked(place))
-                }
-                Err(_) => return, // what it says comes with the records, too
-            };
-            if outcome.is_err() {
-                return;
-            }
-        }
-        let Some(summary) = reader.finish() else { return };
-        let mut channels: Vec<_> = summary.channels.into_iter().collect();
-        channels.sort_unstable_by_key(|(id, _)| *id);
-        for (id, channel) in channels {
-            let kind = channel.schema.as_ref().map_or("", |schema| schema.name.as_str());
-            self.meet_channel(id, &channel.topic, kind, &channel.message_encoding);
-        }
-        let held = |index: mcap::records::ChunkIndex| {
-            (index.chunk_start_offset, index.message_index_offsets.into_keys().collect())
+    /// Topics and chunks as the summary at the end lists them; a file that was cut off has none. What cannot be read of it
+    /// comes with the records, too.
+    fn read_summary(&mut self) -> std::io::Result<()> {
+        let Some(footer_at) = self.length.checked_sub(FOOTER_BYTES + MCAP_MAGIC.len() as u64) else {
+            return Ok(());
         };
-        self.index = summary.chunk_indexes.into_iter().map(held).collect();
+        self.file.seek(SeekFrom::Start(footer_at))?;
+        let mut footer = [0; FOOTER_BYTES as usize];
+        self.file.read_exact(&mut footer)?;
+        let summary_at = Cursor::packed(&footer[RECORD_HEAD_BYTES as usize..]).u64().unwrap_or(0);
+        let bytes = footer_at.saturating_sub(summary_at);
+        if footer[0] != op::FOOTER || summary_at == 0 || bytes > MOST_SUMMARY_BYTES {
+            return Ok(());
+        }
+        self.file.seek(SeekFrom::Start(summary_at))?;
+        let mut summary = Vec::new();
+        (&mut self.file).take(bytes).read_to_end(&mut summary)?;
+        let mut rest = &summary[..];
+        while let Some((opcode, body, behind)) = split_record(rest) {
+            match opcode {
+                op::SCHEMA | op::CHANNEL => drop(self.take(opcode, body, summary_at)),
+                op::CHUNK_INDEX => self.index.extend(chunk_index(body)),
+                _ => {}
+            }
+            rest = behind;
+        }
         self.index.sort_unstable_by_key(|(offset, _)| *offset);
+        self.losses = Losses::default();
+        Ok(())
     }
 
     fn meet_channel(&mut self, id: u16, topic: &str, kind: &str, encoding: &str) {
@@ -171,34 +195,46 @@ impl Mcap {
 
     /// A record outside of chunks or in one: a message, or something learnt.
     fn take(&mut self, opcode: u8, body: &[u8], at: u64) -> Option<(usize, u64)> {
-        if !matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
-            return None;
+        let found = match opcode {
+            op::SCHEMA => self.take_schema(body).map(|()| None),
+            op::CHANNEL => self.take_channel(body).map(|()| None),
+            op::MESSAGE => self.take_message(body).map(Some),
+            _ => return None,
+        };
+        if found.is_none() {
+            self.lose(
+                at,
+                format_args!(
+                    "a record of operation {opcode} in it cannot be read, or is of no known channel"
+                ),
+            );
         }
-        match mcap::parse_record(opcode, body) {
-            Ok(Record::Schema { header, .. }) => {
-                self.schemas.insert(header.id, header.name);
-            }
-            Ok(Record::Channel(channel)) => {
-                let kind = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                self.meet_channel(channel.id, &channel.topic, &kind, &channel.message_encoding);
-            }
-            Ok(Record::Message { header, data }) => {
-                let Some(topic) = self.channels.get(&header.channel_id) else {
-                    let id = header.channel_id;
-                    self.lose(
-                        at,
-                        format_args!("a message of channel {id}, which the file does not describe"),
-                    );
-                    return None;
-                };
-                self.message.clear();
-                self.message.extend_from_slice(&data);
-                return Some((*topic, header.log_time));
-            }
-            Ok(_) => {}
-            Err(error) => self.lose(at, error),
-        }
-        None
+        found.flatten()
+    }
+
+    fn take_schema(&mut self, body: &[u8]) -> Option<()> {
+        let mut fields = Cursor::packed(body);
+        let id = fields.u16()?;
+        self.schemas.insert(id, fields.string()?.to_owned());
+        Some(())
+    }
+
+    fn take_channel(&mut self, body: &[u8]) -> Option<()> {
+        let mut fields = Cursor::packed(body);
+        let (id, schema) = (fields.u16()?, fields.u16()?);
+        let (topic, encoding) = (fields.string()?, fields.string()?);
+        let kind = self.schemas.get(&schema).cloned().unwrap_or_default();
+        self.meet_channel(id, topic, &kind, encoding);
+        Some(())
+    }
+
+    fn take_message(&mut self, body: &[u8]) -> Option<(usize, u64)> {
+        let mut fields = Cursor::packed(body);
+        let (id, _sequence, log_time_ns, _) = (fields.u16()?, fields.u32()?, fields.u64()?, fields.u64()?);
+        let topic = *self.channels.get(&id)?;
+        self.message.clear();
+        self.message.extend_from_slice(fields.rest());
+        Some((topic, log_time_ns))
     }
 
     /// Unpacks the chunk whose record has so many bytes behind its head; what cannot be had is counted.
@@ -249,12 +285,7 @@ impl Mcap {
         let chunk = std::mem::take(&mut self.chunk);
         let (mut next, mut found) = (chunk.next, None);
         while found.is_none() && next < chunk.records.len() {
-            let record = chunk.records[next..].split_first_chunk::<{ RECORD_HEAD_BYTES as usize }>();
-            let record = record.and_then(|([opcode, length @ ..], rest)| {
-                let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
-                Some((*opcode, rest.get(..length)?))
-            });
-            let Some((opcode, body)) = record else {
+            let Some((opcode, body, _)) = split_record(&chunk.records[next..]) else {
                 if !self.is_ended {
                     let (bytes, at) = (chunk.records.len(), chunk.at);
                     self.lose(
