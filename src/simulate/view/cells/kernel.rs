@@ -10,6 +10,9 @@ use crate::base::instructions::{Instructions, Level};
 const CERTAIN: f32 = 1e-3;
 /// Steps of the table of rows.
 const STEPS: usize = 4096;
+/// Root of the solid angle of a patch over its height: floors and tables are seen at a slant. Of 1.0 to 1.4 this ranks the
+/// mounts of two sensors in a furnished house best.
+const FLATNESS: f32 = 1.2;
 /// How far beyond the outermost rows the table goes, rad: no voxel outside a sensor's least range looks wider.
 const BEYOND_RAD: f64 = 0.25;
 
@@ -193,8 +196,8 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
         distances_rad[lane] = rows.distance_rad[steps[lane]];
     }
     for lane in 0..LANES {
-        // a patch as wide as it is high: a row surely crosses it near its middle, and none near its edges
-        let row = 1.5 - 2.0 * distances_rad[lane] * ranges_m[lane] / widths_m[lane];
+        // a row surely crosses a patch near its middle, and none near its edges
+        let row = 1.5 - FLATNESS * 2.0 * distances_rad[lane] * ranges_m[lane] / widths_m[lane];
         let row = if row > 0.0 { row } else { 0.0 };
         let row = if row < 1.0 { row } else { 1.0 };
         let column = if columns[lane] < 1.0 { columns[lane] } else { 1.0 };
