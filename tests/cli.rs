@@ -156,7 +156,7 @@ fn a_missing_or_wrong_file_is_named() {
         (&["boresight", "Cargo.toml"], "Cargo.toml is no capture"),
         (&["compare", "Cargo.toml", "--room=-5,-4,0,5,4,3"], "Cargo.toml is no capture"),
         (&["boresight", &capture], "empty.pcap: give --mount"),
-        (&elsewhere, "expected a session, a mesh (.obj, .ply, .stl, .gltf, .glb) or a cloud (.ply"),
+        (&elsewhere, "expected a session, a mesh (.obj, .ply, .stl, .gltf, .glb, .off) or a cloud (.ply"),
         (&["rig", "status", "--port", "Cargo.toml"], "cannot open Cargo.toml: it is no serial device"),
         (
             &["rig", "status", "--port", "dynamixel:Cargo.toml@57600:1,2"],

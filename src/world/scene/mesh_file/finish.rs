@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{LoadedMesh, MeshFileError, MeshUnit, Soup, UpAxis};
+use super::{Fault, LoadedMesh, MeshFileError, MeshUnit, Soup, UpAxis};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Mesh;
 
@@ -45,6 +45,14 @@ pub(super) fn finish(path: &Path, mut soup: Soup, stated: Stated) -> Result<Load
         say(format!("{} faces of fewer than 3 corners left out", soup.short_faces));
     }
     let endless = soup.drop_endless();
+    if endless > 0 && soup.triangles.is_empty() {
+        let reason =
+            format!("no triangle is left: {endless} have a corner that is not finite (NaN or infinite)");
+        return Err(MeshFileError::Malformed {
+            path: path.to_owned(),
+            fault: Fault::at("triangles", reason),
+        });
+    }
     if endless > 0 {
         say(format!("{endless} triangles with a corner that is not finite (NaN or infinite) dropped"));
     }
