@@ -187,7 +187,14 @@ fn candidates(
         })
         .collect();
     compared.sort_by(|a, b| b.share.total_cmp(&a.share));
-    compared
+    // what lay apart may have ended in one place
+    let mut placed: Vec<Candidate> = Vec::new();
+    for found in compared {
+        if placed.iter().all(|other| apart(&other.refined.pose, &found.refined.pose, middle_m, APART)) {
+            placed.push(found);
+        }
+    }
+    placed
 }
 
 /// The points of the walk laid onto those of the scene: from farther than rays find their surface.
