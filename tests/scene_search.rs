@@ -95,6 +95,7 @@ fn rig(model: &str, master: &[f64; 5], sensors: usize) -> Rig {
         z_m: master[2],
         pitch_rad: master[3].to_radians(),
         roll_rad: master[4].to_radians(),
+        ..Mount::default()
     };
     let model = Unit::nominal(model).unwrap().model;
     let master = MountedSensor { name: "master".into(), model, mount };
