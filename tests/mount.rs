@@ -282,7 +282,7 @@ fn extrinsics_come_back() {
     folder.write("bare.urdf", &bare);
     let document = folder.done(&[&["bare.urdf"], &models[..]].concat());
     assert_eq!(document["sensors"][0]["pitch_deg"], 0.0);
-    assert!(document["problems"].to_string().contains("right_pitch is taken at its zero"), "{document}");
+    assert!(document["problems"].to_string().contains("right_pitch stands at its zero"), "{document}");
     let error = folder.refused(&["bare.urdf", "-o", "none.json"]);
     assert!(error.contains("--sensor right=MODEL"), "{error}");
 }

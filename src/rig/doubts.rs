@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_odd_is_told_and_what_is_usual_is_not() {
+    fn odd_mounts_are_noted_and_usual_ones_are_not() {
         let doubts = |sensor| of_rig(&[sensor]);
         assert_eq!(doubts(doubted(0.074, 0.119, 32.7)), Vec::<String>::new());
         assert_eq!(doubts(doubted(0.074, 0.119, 2.51)), Vec::<String>::new());

@@ -59,7 +59,7 @@ pub(super) fn draw(
     (low, _): (DVec3, DVec3),
 ) -> Vec<(DVec2, DVec2)> {
     let edge = plane.flat(low) + at;
-    let mut taken = Vec::new();
+    let mut rooms = Vec::new();
     for is_upright in [false, true] {
         for is_positive in [true, false] {
             for (level, (value, point)) in
@@ -74,12 +74,12 @@ pub(super) fn draw(
                 } else {
                     (DVec2::new(-half, 0.0), DVec2::new(half, high))
                 };
-                taken.push((measure.text_at + below, measure.text_at + above));
+                rooms.push((measure.text_at + below, measure.text_at + above));
                 sheet.put(Layer::Dimension, Shape::Dimension(measure));
             }
         }
     }
-    taken
+    rooms
 }
 
 /// A dimension from the origin to a point; its line leads through `line_at`.

@@ -44,8 +44,8 @@ pub(super) fn sheet(title: &str, sensors: &[FramedSensor]) -> Sheet {
     let mut sheet = Sheet::new(places.scale, title);
     border(&mut sheet);
     for (plane, at) in [(Plane::Top, places.top), (Plane::Front, places.front), (Plane::Side, places.side)] {
-        let taken = dimensions::draw(&mut sheet, plane, at, &solids, (needs.low, needs.high));
-        view::draw(&mut sheet, plane, at, &solids, (needs.low, needs.high), taken);
+        let rooms = dimensions::draw(&mut sheet, plane, at, &solids, (needs.low, needs.high));
+        view::draw(&mut sheet, plane, at, &solids, (needs.low, needs.high), rooms);
     }
     signs::draw(&mut sheet, places.signs);
     table::draw(&mut sheet, &solids, DVec2::splat(MARGIN_MM));

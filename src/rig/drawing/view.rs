@@ -12,8 +12,8 @@ const BEYOND_MM: f64 = 9.0;
 /// A view across the spin axis by less than this shows no field of view.
 const LEAST_ACROSS: f64 = 0.5;
 
-/// Rooms that words have taken, as lower left and upper right.
-type Taken = Vec<(DVec2, DVec2)>;
+/// Rooms that words take, as lower left and upper right.
+type Rooms = Vec<(DVec2, DVec2)>;
 
 pub(super) fn draw(
     sheet: &mut Sheet,
@@ -21,10 +21,10 @@ pub(super) fn draw(
     at: DVec2,
     solids: &[Solid<'_>],
     (low, high): (DVec3, DVec3),
-    mut taken: Taken,
+    mut rooms: Rooms,
 ) {
     heading(sheet, plane, at, (plane.flat(low), plane.flat(high)));
-    axes(sheet, plane, at, &mut taken);
+    axes(sheet, plane, at, &mut rooms);
     for solid in solids {
         housing(sheet, plane, at, solid);
         field_of_view(sheet, plane, at, solid);
@@ -33,13 +33,13 @@ pub(super) fn draw(
         let rims = [solid.bottom, solid.top].map(|middle| solid.rim(plane, middle)).concat();
         let corner =
             |pick: fn(DVec2, DVec2) -> DVec2| rims.iter().copied().reduce(pick).unwrap_or_default() + at;
-        taken.push((corner(DVec2::min), corner(DVec2::max)));
+        rooms.push((corner(DVec2::min), corner(DVec2::max)));
     }
     for solid in solids {
-        angle(sheet, plane, at, solid, &mut taken);
+        angle(sheet, plane, at, solid, &mut rooms);
     }
     for solid in solids {
-        name(sheet, plane, at, solid, &mut taken);
+        name(sheet, plane, at, solid, &mut rooms);
     }
 }
 
@@ -57,7 +57,7 @@ fn heading(sheet: &mut Sheet, plane: Plane, at: DVec2, (low, high): (DVec2, DVec
 }
 
 /// The platform's origin with its axes.
-fn axes(sheet: &mut Sheet, plane: Plane, at: DVec2, taken: &mut Taken) {
+fn axes(sheet: &mut Sheet, plane: Plane, at: DVec2, rooms: &mut Rooms) {
     let length = sheet.paper(9.0);
     let radius = sheet.paper(0.8);
     let (right, up) = match plane {
@@ -72,7 +72,7 @@ fn axes(sheet: &mut Sheet, plane: Plane, at: DVec2, taken: &mut Taken) {
         sheet.arrow(Layer::Centre, tip, direction);
         let words = tip + direction * sheet.paper(1.6) - DVec2::new(0.0, sheet.paper(0.8));
         sheet.text(Layer::Text, words, 2.0, Anchor::Middle, name);
-        taken.push((words - sheet.paper(1.0), words + sheet.paper(2.2)));
+        rooms.push((words - sheet.paper(1.0), words + sheet.paper(2.2)));
     }
 }
 
@@ -142,7 +142,7 @@ fn field_of_view(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>) 
 }
 
 /// The tilt that a view shows: the pitch from behind, the roll from the right, the yaw from above.
-fn angle(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, taken: &mut Taken) {
+fn angle(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, rooms: &mut Rooms) {
     let mount = solid.sensor.mounted.mount;
     let (angle_rad, from, name) = match plane {
         Plane::Front => (mount.pitch_rad, DVec2::Y, "pitch"),
@@ -164,13 +164,13 @@ fn angle(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, taken: &
     let mut radius = solid.height_mm + solid.radius_mm.min(sheet.paper(4.0)) + sheet.paper(5.0);
     for _ in 0..8 {
         let corner = corner_of(centre, radius, to, side, width, sheet);
-        if is_free(taken, corner, width, sheet) {
+        if is_free(rooms, corner, width, sheet) {
             break;
         }
         radius += sheet.paper(4.5);
     }
     let corner = corner_of(centre, radius, to, side, width, sheet);
-    taken.push((corner, corner + DVec2::new(width, sheet.paper(WORDS_MM))));
+    rooms.push((corner, corner + DVec2::new(width, sheet.paper(WORDS_MM))));
     let overrun = radius + sheet.paper(1.5);
     sheet.line(Layer::Dimension, centre, centre + overrun * from);
     sheet.line(Layer::Dimension, centre, centre + overrun * to);
@@ -189,7 +189,7 @@ fn corner_of(centre: DVec2, radius: f64, to: DVec2, side: f64, width: f64, sheet
     DVec2::new(if side > 0.0 { end.x } else { end.x - width }, end.y)
 }
 
-fn name(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, taken: &mut Taken) {
+fn name(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, rooms: &mut Rooms) {
     let words = &solid.sensor.mounted.name;
     let width = text_width(words, sheet.paper(WORDS_MM));
     let middle = plane.flat(0.5 * (solid.bottom + solid.top)) + at;
@@ -200,14 +200,14 @@ fn name(sheet: &mut Sheet, plane: Plane, at: DVec2, solid: &Solid<'_>, taken: &m
         let x = if side > 0.0 { middle.x + reach } else { middle.x - reach - width };
         DVec2::new(x, middle.y + sheet.paper(up))
     };
-    let free = places.map(corner).find(|corner| is_free(taken, *corner, width, sheet));
+    let free = places.map(corner).find(|corner| is_free(rooms, *corner, width, sheet));
     let corner = free.unwrap_or_else(|| corner((side, 0.0)));
-    taken.push((corner, corner + DVec2::new(width, sheet.paper(WORDS_MM))));
+    rooms.push((corner, corner + DVec2::new(width, sheet.paper(WORDS_MM))));
     sheet.text(Layer::Text, corner, WORDS_MM, Anchor::Start, words.as_str());
 }
 
-fn is_free(taken: &Taken, corner: DVec2, width: f64, sheet: &Sheet) -> bool {
+fn is_free(rooms: &Rooms, corner: DVec2, width: f64, sheet: &Sheet) -> bool {
     let air = sheet.paper(0.8);
     let (low, high) = (corner - air, corner + DVec2::new(width, sheet.paper(WORDS_MM)) + air);
-    taken.iter().all(|(from, to)| high.x < from.x || to.x < low.x || high.y < from.y || to.y < low.y)
+    rooms.iter().all(|(from, to)| high.x < from.x || to.x < low.x || high.y < from.y || to.y < low.y)
 }

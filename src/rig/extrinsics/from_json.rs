@@ -79,7 +79,7 @@ fn metadata(object: &Map<String, Value>, stem: &str, path: &Path) -> Result<Extr
     put_matrix(&mut found, stem, value).map_err(|reason| format!("ouster-sdk.extrinsic: {reason}"))?;
     if found.links.iter().all(|link| link.parent_from_frame == Pose::IDENTITY) {
         found.notices.push(format!(
-            "{stem}: its extrinsic is the identity, which is what stands there when nobody has set it"
+            "{stem}: its extrinsic is the identity, which is what stands there until somebody sets it"
         ));
     }
     let info = object.get("sensor_info").unwrap_or(&Value::Null);

@@ -60,7 +60,7 @@ fn link(joint: Node<'_, '_>, positions: &BTreeMap<&str, f64>, found: &mut Extrin
             if position.is_none() {
                 found
                     .notices
-                    .push(format!("joint {name} is taken at its zero: the file does not say its position"));
+                    .push(format!("joint {name} stands at its zero: the file does not say its position"));
             }
             Pose::new(DQuat::from_axis_angle(axis(joint)?, position.unwrap_or(0.0)), DVec3::ZERO)
         }
@@ -68,7 +68,7 @@ fn link(joint: Node<'_, '_>, positions: &BTreeMap<&str, f64>, found: &mut Extrin
             if position.is_none() {
                 found
                     .notices
-                    .push(format!("joint {name} is taken at its zero: the file does not say its position"));
+                    .push(format!("joint {name} stands at its zero: the file does not say its position"));
             }
             Pose::new(DQuat::IDENTITY, axis(joint)? * position.unwrap_or(0.0))
         }

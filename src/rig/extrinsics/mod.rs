@@ -19,8 +19,8 @@ use super::{Mount, MountFile, NamedFrame, SensorEntry};
 use crate::base::files;
 use crate::base::geometry::Pose;
 
-/// Digits that are kept of what was computed: nanometres, and billionths of a degree.
-const KEPT: f64 = 1e9;
+/// How finely numbers are rounded: nanometres, and billionths of a degree.
+const STEPS_OF_ONE: f64 = 1e9;
 /// The most bytes of a file; extrinsics are a page of text.
 const MOST_BYTES: usize = 16 << 20;
 
@@ -232,16 +232,16 @@ fn name_of(frame: &str, kind: Kind) -> String {
 }
 
 fn entry(name: String, model: String, mount: &Mount) -> SensorEntry {
-    let kept = |number: f64| (number * KEPT).round() / KEPT + 0.0;
+    let rounded = |number: f64| (number * STEPS_OF_ONE).round() / STEPS_OF_ONE + 0.0;
     SensorEntry {
         name,
         model,
-        x_m: kept(mount.x_m),
-        y_m: kept(mount.y_m),
-        z_m: kept(mount.z_m),
-        pitch_deg: kept(mount.pitch_rad.to_degrees()),
-        roll_deg: kept(mount.roll_rad.to_degrees()),
-        yaw_deg: kept(mount.yaw_rad.to_degrees()),
+        x_m: rounded(mount.x_m),
+        y_m: rounded(mount.y_m),
+        z_m: rounded(mount.z_m),
+        pitch_deg: rounded(mount.pitch_rad.to_degrees()),
+        roll_deg: rounded(mount.roll_rad.to_degrees()),
+        yaw_deg: rounded(mount.yaw_rad.to_degrees()),
         angle_tolerance_deg: None,
     }
 }
