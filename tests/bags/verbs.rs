@@ -297,7 +297,9 @@ fn cut_by_time() {
 fn ended_early() {
     let folder = tempfile::tempdir().unwrap();
     let db3 = "os1_fusa_db3_message_zstd/os1_fusa_db3_message_zstd.db3";
-    for name in ["os0_windowed_none.bag", "vlp16_scans_cut_lz4.bag", "vlp16_scans_bz2.bag", "os0_crc_zstd.mcap", db3] {
+    for name in
+        ["os0_windowed_none.bag", "vlp16_scans_cut_lz4.bag", "vlp16_scans_bz2.bag", "os0_crc_zstd.mcap", db3]
+    {
         let bytes = std::fs::read(bag(name)).unwrap();
         let read = |count: usize| {
             let path = folder.path().join("cut");
