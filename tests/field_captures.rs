@@ -92,7 +92,7 @@ fn metadata_of_another_mode() {
         ensure_nothing_is_missing(&document);
         assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"], "{mode}");
         assert_eq!(of_frames(&document["sensors"][0], "points"), [28_055, 1637]);
-        let corrections = json!([{"setting": "lidar_mode", "said": mode, "found": "512x10"}]);
+        let corrections = json!([{"setting": "lidar_mode", "stated": mode, "found": "512x10"}]);
         assert_eq!(document["sensors"][0]["corrections"], corrections);
         assert!(said.contains(&mode) && said.contains("512x10"), "{said}");
         // a pipe cannot be looked at before

@@ -393,7 +393,11 @@ fn predict_refuses_what_it_cannot_cast() {
         (&[&room[..], &["--min-range", "5", "--max-range", "2"]].concat(), 2, "--min-range 5 is not below"),
         (&[&room[..], &["--report", "no-such-folder/page.html"]].concat(), 1, "cannot write no-such-folder"),
         (&[&room[..], &["--trajectory", &once]].concat(), 1, "expected at least one revolution of 0.1 s"),
-        (&[&room[..], &["--trajectory", &kitti]].concat(), 1, "KITTI format: give --rate"),
+        (
+            &[&room[..], &["--trajectory", &kitti]].concat(),
+            1,
+            "12 columns, which are poses in KITTI format without times: give --rate",
+        ),
     ] {
         let output = walk.predict(arguments);
         let errors = String::from_utf8_lossy(&output.stderr);

@@ -149,12 +149,12 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
 pub fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
     let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
-    let corrected = sensor.corrections().iter().map(|Correction { setting, said, found }| match *setting {
+    let corrected = sensor.corrections().iter().map(|Correction { setting, stated, found }| match *setting {
         // says that settings may differ, and is none
         "initialization_id" => format!(
-            "{id}: {file} is of initialization {said}, the packets of {found}: settings may have changed in between"
+            "{id}: {file} is of initialization {stated}, the packets of {found}: settings may have changed in between"
         ),
-        _ => format!("{id}: {file} says {setting} {said}, its packets have {found}: decoded as the packets are"),
+        _ => format!("{id}: {file} says {setting} {stated}, its packets have {found}: decoded as the packets are"),
     });
     let counted = [
         (counters.odd_stamps, "packets have a time stamp that contradicts their neighbours, which date them"),

@@ -356,8 +356,10 @@ fn calibration(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
             &kit.name("good.pcap"),
             "--calibration",
             &path,
+            "--format",
+            "ply",
             "--out",
-            &kit.name("out/a.ply"),
+            &kit.name("out/a/"),
         ]),
         _ => predict(kit, &["--sensor", &format!("right={path}")]),
     }

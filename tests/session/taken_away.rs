@@ -5,6 +5,7 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 
+use nix::fcntl::{AT_FDCWD, RenameFlags, renameat2};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use outrigger::recording::{Manifest, SensorInfo, Session, SessionError, SessionWriter, file};
@@ -121,8 +122,10 @@ pub fn a_link_in_place_of_the_folder_is_not_followed() {
     assert_eq!([packets_in(&moved).unwrap(), packets_in(&next).unwrap()].concat(), sent);
     // a link that leads to where the folder is now takes nothing away
     let recorder = recording(&folder.path().join("again"), &sent[..10]);
-    fs::rename(folder.path().join("again"), folder.path().join("store")).unwrap();
-    symlink(folder.path().join("store"), folder.path().join("again")).unwrap();
+    symlink(folder.path().join("store"), folder.path().join("store")).unwrap();
+    // at once: in between, the folder would have been away
+    let [again, store] = ["again", "store"].map(|name| folder.path().join(name));
+    renameat2(AT_FDCWD, &again, AT_FDCWD, &store, RenameFlags::RENAME_EXCHANGE).unwrap();
     std::thread::sleep(std::time::Duration::from_millis(1200)); // two ticks
     send(&recorder, &sent[10..20]);
     let (_, _, message) = interrupt(recorder);

@@ -28,7 +28,7 @@ pub struct Correction {
     /// Its name in metadata.
     pub setting: &'static str,
     /// What the metadata say.
-    pub said: String,
+    pub stated: String,
     /// What the packets show.
     pub found: String,
 }

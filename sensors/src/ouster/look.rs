@@ -111,13 +111,13 @@ impl OusterDecoder {
         self.metadata.columns_per_packet = said;
     }
 
-    fn correct(&mut self, setting: &'static str, said: String, found: String) {
-        if said == found {
+    fn correct(&mut self, setting: &'static str, stated: String, found: String) {
+        if stated == found {
             return;
         }
         match self.corrections.iter_mut().find(|known| known.setting == setting) {
             Some(known) => known.found = found,
-            None => self.corrections.push(Correction { setting, said, found }),
+            None => self.corrections.push(Correction { setting, stated, found }),
         }
     }
 }

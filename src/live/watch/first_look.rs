@@ -95,7 +95,7 @@ impl FirstLook {
             let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
             format!(
                 "{file} says {} {}, its packets have {}: they are decoded as they are",
-                found.setting, found.said, found.found
+                found.setting, found.stated, found.found
             )
         });
         words.collect()
