@@ -35,7 +35,10 @@
 
 #![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))] // they panic when nobody reads
 // a build without some of its features has no use for all of the rest
-#![cfg_attr(not(all(feature = "daemon", feature = "mcap", feature = "survey")), allow(dead_code, unused_imports))]
+#![cfg_attr(
+    not(all(feature = "daemon", feature = "mcap", feature = "survey")),
+    allow(dead_code, unused_imports)
+)]
 
 pub mod base;
 pub mod world;

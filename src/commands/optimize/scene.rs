@@ -328,7 +328,7 @@ fn document(
         },
         plan: search.plan,
         weights: WeightsDocument::new(args.scene.weights, &search.weights),
-        reachable_voxels: search.weights.observable,
+        reachable_voxels: answer.observable_voxels,
         voxel_m: cast.site().grid.voxel_m,
         sampling: SamplingDocument {
             is_ideal: args.scene.ideal,

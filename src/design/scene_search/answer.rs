@@ -21,7 +21,7 @@ const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0]
 pub(crate) struct Judged {
     pub objective: f64,
     pub unique_voxels: u64,
-    /// Of the voxels that can be seen.
+    /// Of `Answer::observable_voxels`.
     pub observable_share: f64,
     pub overlap_ratio: f64,
     pub min_angle_deg: Option<f64>,
@@ -69,6 +69,9 @@ pub(crate) struct FlatRange {
 /// Everything about the winner.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Answer {
+    /// Voxels that can be seen: those that the model knows, and no fewer than the rigs that were cast see together.
+    #[serde(skip)]
+    pub observable_voxels: u64,
     #[serde(skip)]
     pub best: Judged,
     /// The same sensors at the winner's positions, none tilted.
@@ -118,12 +121,12 @@ impl Answer {
 
 impl SceneSearch<'_> {
     /// The score of a rig that was cast.
-    pub fn judged(&self, rig: &Rig, seen: &Seen) -> Judged {
+    fn judged(&self, rig: &Rig, seen: &Seen, observable: u64) -> Judged {
         let terms = self.weights.terms(rig, seen);
         Judged {
             objective: terms.objective(),
             unique_voxels: seen.union as u64,
-            observable_share: seen.union / self.weights.observable.max(1) as f64,
+            observable_share: seen.union / observable.max(1) as f64,
             overlap_ratio: seen.overlap_ratio(),
             min_angle_deg: angle_deg(rig),
             per_sensor_voxels: seen.per_sensor.iter().map(|count| *count as u64).collect(),
@@ -141,16 +144,18 @@ impl SceneSearch<'_> {
         let mut rigs = vec![level, single, tilted];
         rigs.extend(present.cloned());
         let seen = cast.see(&rigs);
-        let mut judged: Vec<Judged> =
-            rigs.iter().zip(&seen).map(|(rig, seen)| self.judged(rig, seen)).collect();
-        let present = present.and_then(|_| judged.pop());
-        let best_single = judged.pop()?;
-        let level_single = judged.pop()?;
-        let level = judged.pop()?;
         let phases: Vec<Seen> = PHASES
             .iter()
             .flat_map(|phase| cast.at_phase(*phase).see(std::slice::from_ref(&winner.rig)))
             .collect();
+        let observable = self.weights.observable.max(cast.seen_by_any());
+        let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, observable);
+        let mut judged: Vec<Judged> =
+            rigs.iter().zip(&seen).map(|(rig, seen)| judged_of(rig, seen)).collect();
+        let present = present.and_then(|_| judged.pop());
+        let best_single = judged.pop()?;
+        let level_single = judged.pop()?;
+        let level = judged.pop()?;
         let counts: Vec<f64> = phases.iter().chain([&winner.seen]).map(|seen| seen.union).collect();
         let mean = counts.iter().sum::<f64>() / counts.len() as f64;
         let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
@@ -159,7 +164,8 @@ impl SceneSearch<'_> {
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
         let is_near = |other: &&Exact| winner.objective() - other.objective() <= near;
         Some(Answer {
-            best: self.judged(&winner.rig, &winner.seen),
+            observable_voxels: observable,
+            best: judged_of(&winner.rig, &winner.seen),
             level,
             present,
             level_single,
@@ -168,7 +174,7 @@ impl SceneSearch<'_> {
             indistinguishable: exact[1..]
                 .iter()
                 .take_while(is_near)
-                .map(|other| self.judged(&other.rig, &other.seen))
+                .map(|other| judged_of(&other.rig, &other.seen))
                 .collect(),
             flat: self.flat_ranges(winner),
             rays: seen.iter().chain(&phases).map(|seen| seen.rays).sum(),

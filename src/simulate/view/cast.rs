@@ -1,6 +1,6 @@
 //! Every beam cast, and no more kept of it than the bit of its voxel.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -35,6 +35,8 @@ pub struct CastView {
     precision: Precision,
     instructions: Instructions,
     observable: OnceLock<u64>,
+    /// Voxels that any rig cast so far sees.
+    seen_by_any: Arc<Mutex<Vec<u64>>>,
 }
 
 impl CastView {
@@ -55,7 +57,14 @@ impl CastView {
             Ok((fan, scans))
         };
         let units = units.iter().map(fan).collect::<Result<_, ViewError>>()?;
-        Ok(Self { site, units, precision, instructions: Instructions::best(), observable: OnceLock::new() })
+        Ok(Self {
+            site,
+            units,
+            precision,
+            instructions: Instructions::best(),
+            observable: OnceLock::new(),
+            seen_by_any: Arc::default(),
+        })
     }
 
     /// The same with given instructions.
@@ -71,7 +80,14 @@ impl CastView {
             precision: self.precision,
             instructions: self.instructions,
             observable: self.observable.clone(),
+            seen_by_any: Arc::clone(&self.seen_by_any),
         }
+    }
+
+    /// How many voxels the rigs cast so far see together.
+    pub(crate) fn seen_by_any(&self) -> u64 {
+        let any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
+        any.iter().map(|word| u64::from(word.count_ones())).sum()
     }
 
     /// Where it looks.
@@ -239,6 +255,16 @@ impl CastView {
     }
 }
 
+impl CastView {
+    fn note(&self, bitmaps: &[Vec<Vec<u64>>]) {
+        let mut any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
+        for bitmap in bitmaps.iter().flatten() {
+            any.resize(bitmap.len(), 0);
+            any.iter_mut().zip(bitmap).for_each(|(any, word)| *any |= word);
+        }
+    }
+}
+
 impl View for CastView {
     fn observable(&self) -> u64 {
         let units: Vec<&Fan> = self.units.iter().map(|(fan, _)| fan).collect();
@@ -251,6 +277,7 @@ impl View for CastView {
         let together = (BITMAP_BYTES / bytes_of_rig.max(1)).max(1);
         let seen = |rigs: &[Rig]| {
             let bitmaps = self.bitmaps(rigs);
+            self.note(&bitmaps);
             let of = |(rig, bitmaps): (&Rig, &Vec<Vec<u64>>)| {
                 let bitmaps: Vec<&[u64]> = bitmaps.iter().map(Vec::as_slice).collect();
                 Seen::exact(&Counts::of_bitmaps(&bitmaps), self.rays(rig))
