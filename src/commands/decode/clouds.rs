@@ -8,7 +8,6 @@ use anyhow::bail;
 use super::document::Document;
 use super::output::Output;
 use super::{Args, FrameRange, OutputFrame};
-use crate::commands::output::{print_json, print_text, say_notice};
 use crate::commands::recording::Recording;
 use crate::commands::{Context, Outcome};
 use crate::recording::bags::{BagClouds, Surroundings, Topic};
@@ -65,19 +64,7 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
     if document.is_empty() {
         bail!("{}: no cloud in it can be read: {}", recording.name(), document.notices().join("; "));
     }
-    if args.frames.is_some() {
-        document.ensure_frames(frames)?;
-    }
-    if let Some(output) = output {
-        document.set_files(output.finish()?);
-    }
-    if context.json {
-        print_json(&document)?;
-    } else {
-        print_text(&document.table())?;
-    }
-    document.notices().iter().for_each(|notice| say_notice(notice));
-    Ok(if document.is_data_lost() { Outcome::DataLost } else { Outcome::Done })
+    super::finish(args, context, document, output)
 }
 
 /// Why clouds cannot be placed: what trajectories there are, and what is missing.

@@ -131,7 +131,17 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
     }
-    if args.frames.is_some() {
+    finish(args, context, document, output)
+}
+
+/// Closes the files and prints.
+fn finish(
+    args: &Args,
+    context: Context,
+    mut document: Document,
+    output: Option<Output>,
+) -> anyhow::Result<Outcome> {
+    if let Some(frames) = args.frames {
         document.ensure_frames(frames)?;
     }
     if let Some(output) = output {
@@ -142,8 +152,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     } else {
         print_text(&document.table())?;
     }
-    for notice in document.notices() {
-        say_notice(notice);
-    }
+    document.notices().iter().for_each(|notice| say_notice(notice));
     Ok(if document.is_data_lost() { Outcome::DataLost } else { Outcome::Done })
 }

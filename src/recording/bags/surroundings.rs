@@ -12,7 +12,7 @@ use super::roles::Role;
 use super::unpack::{ZSTD, unpack_zstd};
 use super::{BagError, BagReader};
 use crate::base::geometry::Pose;
-use crate::recording::export::Point;
+use crate::recording::export::{Point, place};
 use crate::world::trajectory::Trajectory;
 
 /// The frame whose poses messages give that do not name it.
@@ -79,15 +79,7 @@ impl RecordedTrajectory {
     /// Puts points of a frame that sits fixed to the moving one into the frame that stands still, each at its own time; those
     /// outside of the trajectory's time are taken out and counted.
     pub fn place(&self, child_from_points: Pose, points: &mut Vec<Point>) -> u64 {
-        let count = points.len();
-        points.retain_mut(|point| {
-            let parent_from_child = self.trajectory.at(point.time_ns);
-            if let Some(parent_from_child) = parent_from_child {
-                point.position_m = (parent_from_child * child_from_points).transform_point(point.position_m);
-            }
-            parent_from_child.is_some()
-        });
-        (count - points.len()) as u64
+        place(points, &self.trajectory, &child_from_points, 0)
     }
 }
 

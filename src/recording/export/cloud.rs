@@ -8,6 +8,8 @@ use sensors::projection::{Projector, sample_time_ns};
 use sensors::{Frame, Layer, SensorModel};
 
 use super::scale::{FIRST_DATE_NS, TimeScale};
+use crate::base::geometry::Pose;
+use crate::world::trajectory::Trajectory;
 
 /// Which sensor points come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,6 +58,29 @@ pub struct Echo {
     pub number: u8,
     /// How many there are.
     pub of: u8,
+}
+
+/// Moves points, each by the pose at its own time and so many ns; how many had none and are left out.
+pub(crate) fn place(
+    points: &mut Vec<Point>,
+    trajectory: &Trajectory,
+    body_from_points: &Pose,
+    shift_ns: u64,
+) -> u64 {
+    let count = points.len();
+    let mut last: Option<(u64, Option<Pose>)> = None; // the points of a column have one time
+    points.retain_mut(|point| {
+        let time_ns = point.time_ns.wrapping_add(shift_ns);
+        let pose = match last {
+            Some((at_ns, pose)) if at_ns == time_ns => pose,
+            _ => trajectory.at(time_ns).map(|world_from_body| world_from_body * *body_from_points),
+        };
+        last = Some((time_ns, pose));
+        let Some(world_from_points) = pose else { return false };
+        point.position_m = world_from_points.transform_point(point.position_m);
+        true
+    });
+    (count - points.len()) as u64
 }
 
 /// The points of one frame; samples without a return are left out.

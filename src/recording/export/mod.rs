@@ -39,6 +39,7 @@ use crate::base::files;
 use record::RecordWriter;
 
 pub use bag::write_metadata as write_bag_metadata;
+pub(crate) use cloud::place;
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
 pub use scale::TimeScale;
 

@@ -18,7 +18,7 @@ use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
 
 use crate::base::geometry::Pose;
-use crate::recording::export::{Cloud, Source};
+use crate::recording::export::{Cloud, Point, Source, place};
 use crate::world::trajectory::Trajectory;
 
 /// Where a sensor sits, and where the rig was.
@@ -74,7 +74,7 @@ impl Packer {
         cloud.fill(model, frame);
         let all = cloud.points.len();
         if let Some(placement) = placement {
-            place(cloud, placement);
+            into_world(cloud, placement);
         }
         let points = &cloud.points;
         let mut bytes = Vec::with_capacity(40 + 30 * points.len());
@@ -95,7 +95,7 @@ impl Packer {
         }
         points.iter().for_each(|point| bytes.extend_from_slice(&point.range_mm.to_le_bytes()));
         points.iter().for_each(|point| bytes.extend_from_slice(&cloud.since_start_ns(point).to_le_bytes()));
-        let mut words = |value: &dyn Fn(&crate::recording::export::Point) -> u16| {
+        let mut words = |value: &dyn Fn(&Point) -> u16| {
             points.iter().for_each(|point| bytes.extend_from_slice(&value(point).to_le_bytes()));
         };
         words(&|point| point.column as u16);
@@ -108,24 +108,14 @@ impl Packer {
     }
 }
 
-/// Moves points into the world, each by the pose at its own time; those without a pose are left out.
-fn place(cloud: &mut Cloud, placement: &Placement) {
-    let body_from_sensor = placement.body_from_sensor.unwrap_or(Pose::IDENTITY);
+/// Moves points into the world; those without a pose are left out.
+fn into_world(cloud: &mut Cloud, placement: &Placement) {
     let Some(world) = &placement.world else { return cloud.points.clear() };
+    let body_from_sensor = placement.body_from_sensor.unwrap_or(Pose::IDENTITY);
     let [first_ns, last_ns] = world.trajectory.time_span_ns();
     // a sensor that counts from power-on is dated by the host
     let is_dated = (first_ns..=last_ns).contains(&cloud.start_time_ns);
     let shift_ns = if is_dated { 0 } else { cloud.host_time_ns.wrapping_sub(cloud.start_time_ns) };
-    let mut last: Option<(u64, Option<Pose>)> = None;
-    cloud.points.retain_mut(|point| {
-        let time_ns = point.time_ns.wrapping_add(shift_ns);
-        let pose = match last {
-            Some((at_ns, pose)) if at_ns == time_ns => pose,
-            _ => world.trajectory.at(time_ns).map(|world_from_body| world_from_body * body_from_sensor),
-        };
-        last = Some((time_ns, pose));
-        let Some(world_from_sensor) = pose else { return false };
-        point.position_m = world_from_sensor.transform_point(point.position_m) - world.origin_m;
-        true
-    });
+    place(&mut cloud.points, &world.trajectory, &body_from_sensor, shift_ns);
+    cloud.points.iter_mut().for_each(|point| point.position_m -= world.origin_m);
 }
