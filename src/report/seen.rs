@@ -2,9 +2,11 @@
 
 use serde::Serialize;
 
+use super::prediction::GridDocument;
 use crate::design::objective::Terms;
 use crate::rig::{Conflicts, Rig};
 use crate::world::coverage::{Counts, Coverage};
+use crate::world::local_origin::LocalOrigin;
 
 /// The document.
 #[derive(Serialize)]
@@ -45,19 +47,14 @@ pub(crate) struct SensorDocument {
     pub unique_voxels: u64,
 }
 
-#[derive(Serialize)]
-struct GridDocument {
-    origin_m: [f64; 3],
-    voxel_m: f64,
-    cells: [usize; 3],
-}
-
 /// What is counted elsewhere.
 pub(crate) struct Scored {
     pub terms: Terms,
     pub reachable_voxels: u64,
     pub min_angle_deg: Option<f64>,
     pub rays: u64,
+    /// Where the local frame of the grid begins.
+    pub origin: LocalOrigin,
     pub trajectory_length_m: f64,
     pub warnings: Vec<String>,
     pub wall_s: f64,
@@ -73,7 +70,6 @@ impl Document {
         scored: Scored,
     ) -> Self {
         let conflicts = rig.conflicts();
-        let grid = coverage.grid();
         let sensor = |(index, (columns, scans)): (usize, &(usize, u64))| SensorDocument {
             name: rig.sensors[index].name.clone(),
             model: rig.sensors[index].model.name.clone(),
@@ -97,11 +93,7 @@ impl Document {
             conflicts,
             coverage_sha256: coverage.union_sha256(),
             rays: scored.rays,
-            grid: GridDocument {
-                origin_m: grid.origin_m.to_array(),
-                voxel_m: grid.voxel_m,
-                cells: grid.cells,
-            },
+            grid: GridDocument::of(coverage.grid(), scored.origin),
             trajectory_length_m: scored.trajectory_length_m,
             warnings: scored.warnings,
             wall_s: scored.wall_s,

@@ -66,6 +66,7 @@ pub fn run(args: &Args, context: Context, units: &[Unit], rig: &Rig, site: Site)
         reachable_voxels: weights.observable,
         min_angle_deg: angle_deg(rig),
         rays,
+        origin: loaded.origin,
         trajectory_length_m,
         warnings: loaded.warnings,
         wall_s: start.elapsed().as_secs_f64(),

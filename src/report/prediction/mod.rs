@@ -12,6 +12,8 @@ use crate::rig::{Conflicts, MountedSensor};
 use crate::simulate::baselines::Baselines;
 use crate::simulate::prediction::{Omission, Prediction, SinglePrediction, Site, unknown_share};
 use crate::simulate::scan::Scanner;
+use crate::world::coverage::VoxelGrid;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::{MapSummary, MeshSummary, Scene, VoxelMap};
 use crate::world::surface::{ObservableSurface, SurfaceShares};
 
@@ -71,11 +73,18 @@ pub(crate) struct SensorDocument {
     pub unique_voxels: u64,
 }
 
+/// The grid, in the frame of the scene's file.
 #[derive(Serialize)]
-struct GridDocument {
+pub(super) struct GridDocument {
     origin_m: [f64; 3],
-    voxel_m: f64,
+    pub voxel_m: f64,
     cells: [usize; 3],
+}
+
+impl GridDocument {
+    pub fn of(grid: &VoxelGrid, origin: LocalOrigin) -> Self {
+        Self { origin_m: origin.world(grid.origin_m).to_array(), voxel_m: grid.voxel_m, cells: grid.cells }
+    }
 }
 
 /// How much of a mesh's surface is covered.
@@ -162,11 +171,7 @@ impl Document {
             rays: sensors.iter().map(|sensor| sensor.rays).sum(),
             returns: prediction.returns.iter().sum(),
             outside_grid: coverage.outside(),
-            grid: GridDocument {
-                origin_m: loaded.origin.world(grid.origin_m).to_array(),
-                voxel_m: grid.voxel_m,
-                cells: grid.cells,
-            },
+            grid: GridDocument::of(grid, loaded.origin),
             coverage_sha256: (grid.len() <= HASHED_CELLS).then(|| coverage.union_sha256()),
             registration: PathRegistration::of_scanner(scanner),
             feasible: conflicts.violations.is_empty(),
