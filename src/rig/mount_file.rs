@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use sensors::catalogue;
 
 use super::doubts::{self, Doubted};
-use super::{FoundWith, Mount};
+use super::{FoundWith, Mount, MountedSensor};
 use crate::base::files;
 
 /// What `format` says.
@@ -96,6 +96,22 @@ fn is_zero(angle_deg: &f64) -> bool {
 }
 
 impl SensorEntry {
+    /// A mounted sensor.
+    pub(crate) fn of(sensor: &MountedSensor) -> Self {
+        let Mount { x_m, y_m, z_m, pitch_rad, roll_rad, yaw_rad } = sensor.mount;
+        Self {
+            name: sensor.name.clone(),
+            model: sensor.model.name.clone(),
+            x_m,
+            y_m,
+            z_m,
+            pitch_deg: pitch_rad.to_degrees(),
+            roll_deg: roll_rad.to_degrees(),
+            yaw_deg: yaw_rad.to_degrees(),
+            angle_tolerance_deg: None,
+        }
+    }
+
     /// The mount, in radians.
     pub fn mount(&self) -> Mount {
         Mount {

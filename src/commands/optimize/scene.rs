@@ -12,13 +12,11 @@ use crate::commands::scene_file;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
-use crate::design::scene_search::{
-    Answer, MountedDocument, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd,
-};
+use crate::design::scene_search::{Answer, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd};
 use crate::report::scene_search::{
     Best, Document, ModelDocument, SamplingDocument, TrajectoryDocument, WeightsDocument,
 };
-use crate::rig::{Mount, MountFile, Rig, SensorEntry, Unit};
+use crate::rig::{Mount, MountFile, Rig, Unit};
 use crate::simulate::prediction::grid_of;
 use crate::simulate::published::Roll;
 use crate::simulate::view::{CastView, CellView, Fineness, Precision, Sampling, View as _, ViewSite};
@@ -354,17 +352,7 @@ fn numbers(mount: Mount) -> [f64; 5] {
 fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> anyhow::Result<()> {
     document.warnings.iter().for_each(|warning| output::say_notice(warning));
     let Some(path) = &args.out else { return Ok(()) };
-    let entry = |sensor: &MountedDocument| SensorEntry {
-        name: sensor.name.clone(),
-        model: sensor.model.clone(),
-        x_m: sensor.x_m,
-        y_m: sensor.y_m,
-        z_m: sensor.z_m,
-        pitch_deg: sensor.pitch_deg,
-        roll_deg: sensor.roll_deg,
-        ..SensorEntry::default()
-    };
-    let mut file = MountFile::new(document.best.judged.sensors.iter().map(entry).collect());
+    let mut file = MountFile::new(document.best.judged.sensors.clone());
     file.masters = Some(rigs.mounts(values).into_iter().map(numbers).collect());
     file.objective = Some(document.best.judged.objective);
     file.write(path)?;

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::search::{Exact, SceneSearch};
 use super::weights::angle_deg;
 use crate::design::objective::Terms;
-use crate::rig::{Mount, Rig};
+use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
 use crate::simulate::view::{CastView, Seen, View};
 
@@ -27,35 +27,7 @@ pub(crate) struct Judged {
     pub min_angle_deg: Option<f64>,
     pub per_sensor_voxels: Vec<u64>,
     pub terms: Terms,
-    pub sensors: Vec<MountedDocument>,
-}
-
-/// A sensor of a rig, in the mount frame.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct MountedDocument {
-    pub name: String,
-    pub model: String,
-    pub x_m: f64,
-    pub y_m: f64,
-    pub z_m: f64,
-    pub pitch_deg: f64,
-    pub roll_deg: f64,
-}
-
-impl MountedDocument {
-    /// By sensor of a rig.
-    pub fn of(rig: &Rig) -> Vec<Self> {
-        let of = |sensor: &crate::rig::MountedSensor| Self {
-            name: sensor.name.clone(),
-            model: sensor.model.name.clone(),
-            x_m: sensor.mount.x_m,
-            y_m: sensor.mount.y_m,
-            z_m: sensor.mount.z_m,
-            pitch_deg: sensor.mount.pitch_rad.to_degrees(),
-            roll_deg: sensor.mount.roll_rad.to_degrees(),
-        };
-        rig.sensors.iter().map(of).collect()
-    }
+    pub sensors: Vec<SensorEntry>,
 }
 
 /// Where one coordinate of the winner may be, the others staying, by the corrected model.
@@ -131,7 +103,7 @@ impl SceneSearch<'_> {
             min_angle_deg: angle_deg(rig),
             per_sensor_voxels: seen.per_sensor.iter().map(|count| *count as u64).collect(),
             terms,
-            sensors: MountedDocument::of(rig),
+            sensors: rig.sensors.iter().map(SensorEntry::of).collect(),
         }
     }
 

@@ -10,7 +10,7 @@ mod rig_space;
 mod search;
 mod weights;
 
-pub(crate) use answer::{Answer, Judged, MountedDocument};
+pub(crate) use answer::{Answer, Judged};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
 pub(crate) use search::{Plan, SceneSearch, SearchEnd};
