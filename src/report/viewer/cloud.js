@@ -121,10 +121,11 @@ class CloudView {
     return { array, buffers, count: places.length / 3 };
   }
 
-  setValues(part, values) {
+  // a row of a cloud anew: 1 values, 2 ranges
+  setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[1]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[row]);
     gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
   }
 

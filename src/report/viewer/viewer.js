@@ -156,7 +156,7 @@ async function load(sensor, revolution) {
     cloud.part = view.upload(cloud.places, valuesOf(cloud), cloud.ranges);
     state.loaded.set(name, cloud);
     document.body.dataset.loaded = state.loaded.size;
-    if (!state.isFitted) fit(cloud, sensor);
+    if (!state.isFitted) fit(cloud);
   } catch (error) {
     state.failed.add(name);
     find("problems").append(element("li", `revolution ${revolution} of ${state.sensors[sensor].name}: ${error.message}`));
@@ -253,8 +253,16 @@ function forget(needed) {
 
 function recolour() {
   state.limitsOf = null;
-  for (const cloud of state.loaded.values()) view.setValues(cloud.part, valuesOf(cloud));
+  for (const cloud of state.loaded.values()) view.setRow(cloud.part, 1, valuesOf(cloud));
   drawBar();
+  update();
+}
+
+function chooseReturns() {
+  for (const cloud of state.loaded.values()) {
+    cloud.ranges = hideReturns(cloud);
+    view.setRow(cloud.part, 2, cloud.ranges);
+  }
   update();
 }
 
@@ -270,15 +278,13 @@ function forgetAll() {
   update();
 }
 
-function fit(cloud, sensor) {
+function fit(cloud) {
   state.isFitted = true;
-  const matrix = matrixFor(sensor);
   const ranges = Float32Array.from(cloud.range_mm).sort();
   const far = (ranges[Math.floor(0.9 * ranges.length)] ?? 10000) * 1e-3;
   if (!location.hash) view.distance = Math.max(3, 2.2 * far);
   if (find("frame").value === "world" && cloud.count > 0 && !location.hash) view.middle = [...cloud.places.slice(0, 3)];
   if (find("frame").value === "world") view.setTrack(state.heading.track_m.flat());
-  void matrix;
   view.ask();
 }
 
@@ -489,7 +495,7 @@ const KEYS = {
   "]": ["faster", () => { state.speed = Math.min(SPEEDS.length - 1, state.speed + 1); say(); }],
   l: ["loop", () => { state.isLooping = !state.isLooping; find("loop").setAttribute("aria-pressed", state.isLooping); }],
   c: ["next colour", () => { find("colour").selectedIndex = (find("colour").selectedIndex + 1) % find("colour").length; recolour(); }],
-  r: ["reset the camera", () => { view.reset(); state.isFitted = false; if (state.shown?.[0]) fit(state.shown[0], state.shown[0].sensor); }],
+  r: ["reset the camera", () => { view.reset(); state.isFitted = false; if (state.shown?.[0]) fit(state.shown[0]); }],
   t: ["from above", () => view.look(Math.PI, 1.5707)],
   f: ["from the front", () => view.look(0, 0)],
   s: ["from the left side", () => view.look(Math.PI / 2, 0)],
@@ -532,7 +538,7 @@ for (const button of document.querySelectorAll("button[data-key]")) {
 find("colour").addEventListener("change", recolour);
 find("palette").addEventListener("change", () => { view.setPalette(find("palette").value); recolour(); });
 find("frame").addEventListener("change", forgetAll);
-find("returns").addEventListener("change", forgetAll);
+find("returns").addEventListener("change", chooseReturns);
 for (const name of ["decay", "least", "most", "image"]) {
   find(name).addEventListener("change", () => {
     find(name).blur(); // the keys are the page's again
