@@ -118,7 +118,7 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
             }
         }
     }
-    let way = odometry::of_rig(recorded, &args.odometry)?;
+    let way = odometry::of_rig(recorded, &args.odometry, false)?;
     problems.extend(odometry::remarks(&way));
     Ok(way.walked.trajectory)
 }

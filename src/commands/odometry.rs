@@ -87,11 +87,15 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let way = match Recorded::open_if_seated(&args.recorded, context)? {
         Some(recorded) => {
             notices.clone_from(&recorded.notices);
-            of_rig(&recorded, &args.settings)?
+            of_rig(&recorded, &args.settings, args.scene.is_some())?
         }
         None => {
             let RecordedArgs { recording, sensors, .. } = &args.recorded;
-            of_one(&Recording::open(recording, &sensors.of(context, recording))?, &args.settings)?
+            of_one(
+                &Recording::open(recording, &sensors.of(context, recording))?,
+                &args.settings,
+                args.scene.is_some(),
+            )?
         }
     };
     let mut problems = notices;

@@ -59,22 +59,28 @@ pub struct OdometryResult {
     pub losses: Vec<String>,
     /// What else is odd about its recording.
     pub notices: Vec<String>,
-    /// An even share of its returns, in order of time.
+    /// An even share of its returns, in order of time; none where they were not asked for.
     pub rays: Vec<RecordedRay>,
     /// With the beams of their packets.
     pub mounted: Vec<MountedSensor>,
 }
 
 /// Where a rig of known mounts went.
-pub(crate) fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+pub(crate) fn of_rig(
+    recorded: &Recorded,
+    args: &OdometryArgs,
+    keeps_rays: bool,
+) -> anyhow::Result<OdometryResult> {
     args.check()?;
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
-    let (mut kept, mut mounted) = (Thinning::new(placing::RAYS), rig.sensors.clone());
+    let (mut share, mut mounted) = (keeps_rays.then(|| Thinning::new(placing::RAYS)), rig.sensors.clone());
     let mut fed = recorded.feed(&mut |taken| {
         taken.tell_model(&mut mounted);
-        let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
-        kept.add_frame(taken.sensor, taken.model, &pitch, 0, taken.frame);
+        if let Some(share) = &mut share {
+            let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
+            share.add_frame(taken.sensor, taken.model, &pitch, 0, taken.frame);
+        }
         let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
         pass.add_frame(taken.sensor, taken.model, &body_from_sensor, taken.frame);
     })?;
@@ -92,23 +98,29 @@ pub(crate) fn of_rig(recorded: &Recorded, args: &OdometryArgs) -> anyhow::Result
         sensors: rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
         losses: fed.losses,
         notices: contradicted.into_iter().chain(fed.faults.into_iter().map(|fault| fault.words)).collect(),
-        rays: Thinning::joined([kept]),
+        rays: Thinning::joined(share),
         mounted,
     })
 }
 
 /// Where the only sensor of a recording went.
-pub(crate) fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Result<OdometryResult> {
+pub(crate) fn of_one(
+    recording: &Recording,
+    args: &OdometryArgs,
+    keeps_rays: bool,
+) -> anyhow::Result<OdometryResult> {
     let mut router = recording.router()?;
     let mut pass = args.pass(1);
     let mut sensors = 0;
-    let mut kept = Thinning::new(placing::RAYS);
+    let mut share = keeps_rays.then(|| Thinning::new(placing::RAYS));
     let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
         sensors = sensors.max(at + 1);
         if at == 0 {
             pass.add_frame(0, model, &|_| Pose::IDENTITY, frame);
-            kept.add_frame(0, model, &FramePitch::constant(0.0), 0, frame);
+            if let Some(share) = &mut share {
+                share.add_frame(0, model, &FramePitch::constant(0.0), 0, frame);
+            }
         }
     };
     let ending = recording.each_packet(&mut |packet| {
@@ -129,7 +141,7 @@ pub(crate) fn of_one(recording: &Recording, args: &OdometryArgs) -> anyhow::Resu
     let only = router.sensors().first().and_then(|sensor| sensor.model().cloned()).zip(names.first());
     let mounted =
         only.map(|(model, name)| MountedSensor { name: name.clone(), model, mount: Mount::default() });
-    let (rays, mounted) = (Thinning::joined([kept]), mounted.into_iter().collect());
+    let (rays, mounted) = (Thinning::joined(share), mounted.into_iter().collect());
     Ok(OdometryResult { walked, sensors: names, revolutions_ns, losses, notices, rays, mounted })
 }
 

@@ -319,7 +319,7 @@ fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
 
 fn trajectory(args: &PlaceArgs, recorded: &Recorded, notices: &mut Vec<String>) -> anyhow::Result<Found> {
     let by_odometry = |notices: &mut Vec<String>| -> anyhow::Result<Found> {
-        let way = odometry::of_rig(recorded, &args.odometry)?;
+        let way = odometry::of_rig(recorded, &args.odometry, args.map_frames.is_none())?;
         notices.extend(odometry::remarks(&way));
         Ok(Found::Odometry(Box::new(way)))
     };
