@@ -1,16 +1,18 @@
 //! What `decode` and `inspect` share: opening a capture or session, the sensors' metadata, and one pass over the packets.
 
-use std::net::SocketAddr;
+mod pass;
+
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail, ensure};
-use sensors::Packet;
-use sensors::capture::{CaptureCounters, CaptureError, Interface};
 use sensors::ouster::Metadata;
 use sensors::router::{GivenCalibration, GivenModel, Named, Router, Tie};
 use tempfile::NamedTempFile;
+
+pub use pass::Ending;
+pub(crate) use pass::capture_losses;
 
 use super::found_metadata::OustersMet;
 use super::given::{
@@ -19,10 +21,8 @@ use super::given::{
 use super::output::say_notice;
 use super::tied_file::TiedFile;
 use crate::live::receive::auxiliary_name;
-use crate::recording::bags::{
-    BagPackets, TopicCount, is_bag_at, is_bag_folder, metadata_in, names_in, notices_of,
-};
-use crate::recording::packet_reader::{PacketError, PacketReader, is_stream, keep_stream};
+use crate::recording::bags::{is_bag_at, is_bag_folder, metadata_in, names_in};
+use crate::recording::packet_reader::{PacketReader, is_stream, keep_stream};
 use crate::recording::{Manifest, SensorEntry, Session};
 use crate::rig::Rig;
 
@@ -102,23 +102,6 @@ pub struct Recording {
 struct BagAbout {
     names: Vec<Named>,
     holds_clouds_only: bool,
-}
-
-/// How a pass over the packets ended.
-pub struct Ending {
-    /// What the file holds beside datagrams.
-    pub counters: CaptureCounters,
-    /// Why reading stopped before the end.
-    pub damage: Option<PacketError>,
-    /// Interfaces of the last section.
-    pub interfaces: Vec<Interface>,
-    /// What was not read behind the damage, in words.
-    unread: Option<String>,
-    missing: Vec<String>,
-    /// Topics of a bag, and what each held.
-    pub topics: Vec<TopicCount>,
-    /// What else there is to know of a bag, in words.
-    pub notices: Vec<String>,
 }
 
 impl Recording {
@@ -425,128 +408,10 @@ impl Recording {
         };
         entries.map(named).collect()
     }
-
-    /// Hands every datagram to `take`. A file that is cut off or damaged ends the pass early; the [`Ending`] says so.
-    pub(crate) fn each_packet(
-        &self,
-        take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<()>,
-    ) -> anyhow::Result<Ending> {
-        self.each_packet_until(&mut |packet| take(packet).map(|()| true))
-    }
-
-    /// The same, as long as `take` says to go on.
-    pub(crate) fn each_packet_until(
-        &self,
-        take: &mut dyn FnMut(&Packet<'_>) -> anyhow::Result<bool>,
-    ) -> anyhow::Result<Ending> {
-        let opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let mut reader = match opened {
-            Some(opened) => opened,
-            None => PacketReader::open(&self.path, &self.name)?,
-        };
-        let bar =
-            if self.shows_progress { progress_bar(&self.path) } else { indicatif::ProgressBar::hidden() };
-        let mut packets = 0_u64;
-        let mut found = Vec::new();
-        let damage = loop {
-            match reader.next_from() {
-                Ok(Some((interface, packet))) => {
-                    found.resize(found.len().max(interface + 1), 0);
-                    found[interface] += 1;
-                    if !take(&packet)? {
-                        break None;
-                    }
-                }
-                Ok(None) => break None,
-                Err(error) => break Some(error),
-            }
-            packets += 1;
-            if packets.is_multiple_of(1024) {
-                bar.set_position(reader.position());
-            }
-        };
-        bar.finish_and_clear();
-        let of_session = self.session.as_ref().map_or_else(Vec::new, |(_, manifest)| {
-            let contradictions = manifest.contradictions(&found, reader.interfaces());
-            manifest.missing().into_iter().chain(manifest.silent(&found)).chain(contradictions).collect()
-        });
-        let lost_in_bag = reader.bag().map_or_else(Vec::new, BagPackets::losses);
-        let topics = reader.bag().map_or_else(Vec::new, |bag| bag.counts().to_vec());
-        let notices = reader.bag().map_or_else(Vec::new, notices_of);
-        Ok(Ending {
-            counters: reader.counters(),
-            unread: damage.as_ref().and_then(|damage| self.unread_behind(damage, &reader)),
-            damage,
-            interfaces: reader.interfaces().to_vec(),
-            missing: self.unreadable.iter().cloned().chain(of_session).chain(lost_in_bag).collect(),
-            topics,
-            notices,
-        })
-    }
-
-    /// How much of the file lies behind damage, in words.
-    fn unread_behind(&self, damage: &PacketError, reader: &PacketReader) -> Option<String> {
-        let PacketError::Capture(CaptureError::Damaged { offset, .. } | CaptureError::Read { offset, .. }) =
-            damage
-        else {
-            return None;
-        };
-        let bytes = std::fs::metadata(&self.path).ok().filter(std::fs::Metadata::is_file)?.len();
-        let (from, packed) = match reader.is_packed() {
-            true => (reader.position(), " (packed)"),
-            false => (*offset, ""),
-        };
-        let unread = bytes.saturating_sub(from);
-        let percent = 100.0 * unread as f64 / bytes.max(1) as f64;
-        Some(format!("from there on {unread} bytes{packed} were not read, {percent:.0} % of the file"))
-    }
-}
-
-impl Ending {
-    /// Where packets come from: their sender, or their topic in a bag.
-    pub fn source(&self, sender: SocketAddr) -> String {
-        let topic = self.topics.iter().find(|count| count.from == Some(sender));
-        topic.map_or_else(|| sender.to_string(), |count| count.topic.clone())
-    }
-
-    /// Data that is missing because of the file or its recorder, in words.
-    pub(crate) fn losses(&self) -> Vec<String> {
-        let mut losses = self.missing.clone();
-        let unread = self.unread.as_ref().map_or(String::new(), |unread| format!("; {unread}"));
-        losses.extend(self.damage.as_ref().map(|damage| format!("{damage}{unread}")));
-        losses.extend(capture_losses(&self.counters));
-        losses
-    }
-}
-
-/// Data that a capture lacks, in words.
-pub(crate) fn capture_losses(counters: &CaptureCounters) -> Vec<String> {
-    let counted = [
-        (counters.fragments_incomplete, "datagrams lack a fragment"),
-        (
-            counters.cut_by_snap_length,
-            "frames were cut short by the recorder's snap length (record with -s 0)",
-        ),
-        (counters.dropped_by_recorder, "packets were dropped by the recorder, by its own account"),
-    ];
-    let counted =
-        counted.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-    let tail = counters.zero_tail.iter().map(ToString::to_string);
-    counters.truncated.iter().map(ToString::to_string).chain(tail).chain(counted).collect()
 }
 
 /// What can be read but once, kept in a temporary file; none of another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     let name = if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() };
     keep_stream(path).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
-}
-
-/// Drawn on stderr, and only on a terminal.
-fn progress_bar(path: &Path) -> indicatif::ProgressBar {
-    let bytes = std::fs::metadata(path).map(|metadata| metadata.len()).unwrap_or(0);
-    let bar = indicatif::ProgressBar::new(bytes);
-    if let Ok(style) = indicatif::ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes} {eta}") {
-        bar.set_style(style);
-    }
-    bar
 }
