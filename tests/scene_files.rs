@@ -49,6 +49,13 @@ fn predict(scene: &Path, walk: &Path, more: &[&str]) -> Output {
     outrigger(&[&base[..], &["--no-baselines", "--fidelity", "given"], more].concat())
 }
 
+fn ideal(scene: &Path, walk: &Path) -> Output {
+    let [scene, walk, mount] =
+        [scene.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
+    let base = ["predict", "--ideal", "--scene", &scene, "--trajectory", &walk, "--mount", &mount, "--json"];
+    outrigger(&[&base[..], &["--azimuths", "64"]].concat())
+}
+
 fn document(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", errors(output)))
 }
@@ -298,9 +305,11 @@ fn misplaced() {
         (field("origin-room.obj"), field("utm-walk.tum"), "412342.4 to 412348.4"),
         (field("utm-room.obj"), field("origin-walk.tum"), "the mesh at x 412341.4 to 412349.4"),
     ] {
-        for output in
-            [validate(&scene, &path, &["--azimuths", "30"]), predict(&scene, &path, &["--azimuths", "512"])]
-        {
+        for output in [
+            validate(&scene, &path, &["--azimuths", "30"]),
+            predict(&scene, &path, &["--azimuths", "512"]),
+            ideal(&scene, &path),
+        ] {
             assert_eq!(output.status.code(), Some(3), "{}", errors(&output));
             let warnings = document(&output)["warnings"].to_string();
             assert!(warnings.contains(words) && warnings.contains("--up"), "{warnings}");

@@ -10,6 +10,7 @@ use crate::report::seen::{Document, Scored};
 use crate::rig::{Rig, Unit};
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, View as _, ViewSite};
+use crate::world::placement::Placement;
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -46,7 +47,13 @@ const OF_REAL_SENSORS: [&str; 15] = [
 ];
 
 /// Casts and prints.
-pub fn run(args: &Args, context: Context, units: &[Unit], rig: &Rig, site: Site) -> anyhow::Result<Outcome> {
+pub fn run(
+    args: &Args,
+    context: Context,
+    (units, rig): (&[Unit], &Rig),
+    site: Site,
+    placement: Placement,
+) -> anyhow::Result<Outcome> {
     context.ensure_not_typed(&OF_REAL_SENSORS, "is about real sensors, and --ideal casts ideal ones")?;
     let start = Instant::now();
     let sampling = Sampling { scan_stride: args.ideal.scan_stride, ..args.sensing.ideal() };
@@ -61,6 +68,7 @@ pub fn run(args: &Args, context: Context, units: &[Unit], rig: &Rig, site: Site)
     stage.next("looking what could be seen from the trajectory");
     let weights = SceneWeights::new(args.ideal.weights, view.observable());
     drop(stage);
+    placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
     let scored = Scored {
         terms: weights.terms(rig, &Seen::exact(&counts, rays)),
         reachable_voxels: weights.observable,
@@ -68,7 +76,7 @@ pub fn run(args: &Args, context: Context, units: &[Unit], rig: &Rig, site: Site)
         rays,
         origin: loaded.origin,
         trajectory_length_m,
-        warnings: loaded.warnings,
+        warnings: loaded.warnings.into_iter().chain(placement.doubts).collect(),
         wall_s: start.elapsed().as_secs_f64(),
     };
     let spin = |sensor: &crate::rig::MountedSensor| {
@@ -78,5 +86,5 @@ pub fn run(args: &Args, context: Context, units: &[Unit], rig: &Rig, site: Site)
     let spins: Vec<_> = rig.sensors.iter().map(spin).collect();
     let document = Document::new(rig, &coverage, &counts, &spins, scored);
     output::print_result(context.json, &document, || document.summary(), &[])?;
-    Ok(Outcome::Done)
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
 }

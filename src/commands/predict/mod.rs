@@ -99,11 +99,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
         output::say_notice(notice);
     }
-    if args.ideal.ideal {
-        return ideal::run(args, context, &units, &rig, site);
-    }
     let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
     let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
+    if args.ideal.ideal {
+        return ideal::run(args, context, (&units, &rig), site, placement);
+    }
     let scanner = args.sensing.scanner(scene, &site.trajectory, &rig, &units, args.seed)?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
