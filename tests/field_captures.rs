@@ -63,7 +63,7 @@ fn changed_metadata(folder: &tempfile::TempDir, change: impl Fn(&mut Value)) -> 
     let mut metadata: Value =
         serde_json::from_slice(&std::fs::read(shared("captures/ouster/crc_test.json")).unwrap()).unwrap();
     change(&mut metadata);
-    let file = folder.path().join("said.json");
+    let file = folder.path().join("changed.json");
     std::fs::write(&file, metadata.to_string()).unwrap();
     file.to_str().unwrap().to_owned()
 }
@@ -81,20 +81,20 @@ fn metadata_of_another_mode() {
     let folder = tempfile::tempdir().unwrap();
     let mut all = vec![(field("crc_test_said_1024x10.json"), "1024x10".to_owned())];
     for (columns, rate_hz) in [(512, 20), (1024, 10), (1024, 20), (2048, 10)] {
-        let said = changed_metadata(&folder, |metadata| set_mode(metadata, columns, rate_hz));
+        let changed = changed_metadata(&folder, |metadata| set_mode(metadata, columns, rate_hz));
         let kept = folder.path().join(format!("{columns}x{rate_hz}.json"));
-        std::fs::rename(said, &kept).unwrap();
+        std::fs::rename(changed, &kept).unwrap();
         all.push((kept.to_str().unwrap().to_owned(), format!("{columns}x{rate_hz}")));
     }
     for (file, mode) in all {
-        let (code, document, said) = decode(&path(CRC_TEST), &[&file], &[]);
-        assert_eq!(code, 0, "{mode}: {said}");
+        let (code, document, stderr) = decode(&path(CRC_TEST), &[&file], &[]);
+        assert_eq!(code, 0, "{mode}: {stderr}");
         ensure_nothing_is_missing(&document);
         assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"], "{mode}");
         assert_eq!(of_frames(&document["sensors"][0], "points"), [28_055, 1637]);
         let corrections = json!([{"setting": "lidar_mode", "stated": mode, "found": "512x10"}]);
         assert_eq!(document["sensors"][0]["corrections"], corrections);
-        assert!(said.contains(&mode) && said.contains("512x10"), "{said}");
+        assert!(stderr.contains(&mode) && stderr.contains("512x10"), "{stderr}");
         // a pipe cannot be looked at before
         let packets = std::fs::File::open(shared(CRC_TEST)).unwrap();
         let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
@@ -103,31 +103,32 @@ fn metadata_of_another_mode() {
         let piped: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(piped["sensors"][0]["frames"], right["sensors"][0]["frames"], "{mode}, from a pipe");
     }
-    let said = changed_metadata(&folder, |metadata| {
+    let changed = changed_metadata(&folder, |metadata| {
         metadata["lidar_data_format"]["columns_per_packet"] = json!(8);
         metadata["config_params"]["columns_per_packet"] = json!(8);
     });
-    let (code, document, said) = decode(&path(CRC_TEST), &[&said], &[]);
-    assert!(code == 0 && said.contains("columns_per_packet 8, its packets have 16"), "{said}");
+    let (code, document, stderr) = decode(&path(CRC_TEST), &[&changed], &[]);
+    assert!(code == 0 && stderr.contains("columns_per_packet 8, its packets have 16"), "{stderr}");
     assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"]);
     // another unit's packets are not decoded, and both serial numbers named
-    let said =
+    let changed =
         changed_metadata(&folder, |metadata| metadata["sensor_info"]["prod_sn"] = json!("122247000999"));
-    let (code, _, said) = decode(&path(CRC_TEST), &[&said], &[]);
-    assert!(code == 1 && said.contains("122247000999") && said.contains("122247000785"), "{said}");
-    let said = changed_metadata(&folder, |metadata| metadata["sensor_info"]["initialization_id"] = json!(77));
-    let (code, _, said) = decode(&path(CRC_TEST), &[&said], &[]);
-    assert!(code == 0 && said.contains("initialization 77, the packets of 11394290"), "{said}");
+    let (code, _, stderr) = decode(&path(CRC_TEST), &[&changed], &[]);
+    assert!(code == 1 && stderr.contains("122247000999") && stderr.contains("122247000785"), "{stderr}");
+    let changed =
+        changed_metadata(&folder, |metadata| metadata["sensor_info"]["initialization_id"] = json!(77));
+    let (code, _, stderr) = decode(&path(CRC_TEST), &[&changed], &[]);
+    assert!(code == 0 && stderr.contains("initialization 77, the packets of 11394290"), "{stderr}");
 }
 
 fn metadata_of_another_window() {
     let (_, right, _) = decode(&path(CRC_TEST), &[&path("captures/ouster/crc_test.json")], &[]);
     let file = field("crc_test_said_window_128_383.json");
-    let (code, document, said) = decode(&path(CRC_TEST), &[&file], &[]);
-    assert_eq!(code, 0, "{said}");
+    let (code, document, stderr) = decode(&path(CRC_TEST), &[&file], &[]);
+    assert_eq!(code, 0, "{stderr}");
     ensure_nothing_is_missing(&document);
     assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"]);
-    assert!(said.contains("[128, 383]") && said.contains("[0, 511]"), "{said}");
+    assert!(stderr.contains("[128, 383]") && stderr.contains("[0, 511]"), "{stderr}");
 
     // the packets of a window, and metadata of the whole turn: three revolutions and what lies around them
     let folder = tempfile::tempdir().unwrap();
@@ -141,11 +142,11 @@ fn metadata_of_another_window() {
     let turns = (0..6_u64).flat_map(|turn| one.iter().map(move |datagram| later(datagram, turn)));
     let capture = write_capture(&folder.path().join("turns.pcap"), &turns.collect::<Vec<_>>());
     let (capture, full_file) = (capture.to_str().unwrap(), full_file.to_str().unwrap());
-    let (code, document, said) = decode(capture, &[full_file], &[]);
-    assert_eq!(code, 0, "{said}");
+    let (code, document, stderr) = decode(capture, &[full_file], &[]);
+    assert_eq!(code, 0, "{stderr}");
     ensure_nothing_is_missing(&document);
     let sensor = &document["sensors"][0];
-    assert_eq!(sensor["corrections"][0]["found"], "[1, 256]", "{said}");
+    assert_eq!(sensor["corrections"][0]["found"], "[1, 256]", "{stderr}");
     let frames = sensor["frames"].as_array().unwrap();
     assert_eq!(frames.len(), 6);
     assert!(frames.iter().all(|frame| frame["complete"] == true && frame["points"] == 9246), "{frames:?}");
@@ -185,13 +186,13 @@ fn metadata_are_read_as_people_keep_them() {
     ];
     for content in contents {
         std::fs::write(&file, &content).unwrap();
-        let (code, document, said) = decode(&path(CRC_TEST), &[file.to_str().unwrap()], &[]);
-        assert_eq!((code, said.as_str()), (0, ""));
+        let (code, document, stderr) = decode(&path(CRC_TEST), &[file.to_str().unwrap()], &[]);
+        assert_eq!((code, stderr.as_str()), (0, ""));
         assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"]);
     }
     std::fs::write(&file, format!("[{text},{text}]")).unwrap();
-    let (code, _, said) = decode(&path(CRC_TEST), &[file.to_str().unwrap()], &[]);
-    assert!(code == 1 && said.contains("a list of 2"), "{said}");
+    let (code, _, stderr) = decode(&path(CRC_TEST), &[file.to_str().unwrap()], &[]);
+    assert!(code == 1 && stderr.contains("a list of 2"), "{stderr}");
 }
 
 /// By its name, or by the serial number in it; where several describe one sensor, its name tells, and `--meta` wins.
@@ -219,20 +220,23 @@ fn metadata_beside_a_capture_are_used() {
             std::fs::write(place(name), content.replace("\"fps\": 10", &format!("\"fps\": 10.{at}")))
                 .unwrap();
         }
-        let (code, document, said) = decode(place("walk.pcap").to_str().unwrap(), &[], &[]);
+        let (code, document, stderr) = decode(place("walk.pcap").to_str().unwrap(), &[], &[]);
         match used {
             Some(used) => {
-                assert_eq!(code, 0, "{names:?}: {said}");
-                assert!(said.contains(&format!("{used} lies beside the recording and is used")), "{said}");
+                assert_eq!(code, 0, "{names:?}: {stderr}");
+                assert!(
+                    stderr.contains(&format!("{used} lies beside the recording and is used")),
+                    "{stderr}"
+                );
                 assert!(document["sensors"][0]["metadata"].as_str().unwrap().ends_with(used), "{names:?}");
                 let points = |document: &Value| of_frames(&document["sensors"][0], "points");
                 assert_eq!(points(&document), points(&right));
             }
-            None => assert!(code == 1 && said.contains("--meta"), "{names:?}: {said}"),
+            None => assert!(code == 1 && stderr.contains("--meta"), "{names:?}: {stderr}"),
         }
         let wrong = path("captures/ouster/windowed_frame1_0.json");
-        let (code, _, said) = decode(place("walk.pcap").to_str().unwrap(), &[&wrong], &[]);
-        assert!(code == 1 && !said.contains("is used"), "--meta wins: {said}");
+        let (code, _, stderr) = decode(place("walk.pcap").to_str().unwrap(), &[&wrong], &[]);
+        assert!(code == 1 && !stderr.contains("is used"), "--meta wins: {stderr}");
     }
 }
 
@@ -265,15 +269,15 @@ fn a_mode_that_changes_on_the_way() {
         let capture = write_capture(&folder.path().join("changed.pcap"), &packets);
         let file = folder.path().join("first.json");
         std::fs::write(&file, metadata(order[0]).to_json()).unwrap();
-        let (code, document, said) = decode(capture.to_str().unwrap(), &[file.to_str().unwrap()], &[]);
-        assert_eq!(code, 0, "{order:?}: {said}");
+        let (code, document, stderr) = decode(capture.to_str().unwrap(), &[file.to_str().unwrap()], &[]);
+        assert_eq!(code, 0, "{order:?}: {stderr}");
         ensure_nothing_is_missing(&document);
         let sensor = &document["sensors"][0];
         let expected: Vec<u64> = order.iter().flat_map(|columns| [*columns as u64; 3]).collect();
         assert_eq!(of_frames(sensor, "valid_columns"), expected, "{order:?}");
         let frames = sensor["frames"].as_array().unwrap();
         assert!(frames.iter().all(|frame| frame["complete"] == true), "{order:?}: {frames:#?}");
-        assert!(said.contains(&format!("{}x10", order[1])), "{said}");
+        assert!(stderr.contains(&format!("{}x10", order[1])), "{stderr}");
     }
 }
 
@@ -282,8 +286,8 @@ fn gps_time_of_a_ptp_clock_is_right() {
     let place = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (capture, meta) = (field("ouster_ptp.pcap"), field("ouster_ptp.json"));
     for name in ["points.las", "points.laz", "points.e57"] {
-        let (code, document, said) = decode(&capture, &[&meta], &["--out", &place(name)]);
-        assert_eq!(code, 0, "{said}");
+        let (code, document, stderr) = decode(&capture, &[&meta], &["--out", &place(name)]);
+        assert_eq!(code, 0, "{stderr}");
         assert!(
             document["sensors"][0]["clock"].as_str().unwrap().contains("TAI"),
             "{}",
@@ -329,8 +333,8 @@ fn merged_datagrams_are_taken_apart() {
     let vlp_16 = "captures/velodyne/mrpt_vlp16_gps.pcap";
     for (capture, metas, most) in [(CRC_TEST, vec![meta.as_str()], 7), (vlp_16, vec![], 5)] {
         let (_, right, _) = decode(&path(capture), &metas, &[]);
-        let (code, document, said) = decode(&merged(capture, most), &metas, &[]);
-        assert_eq!((code, said.as_str()), (0, ""), "{capture}");
+        let (code, document, stderr) = decode(&merged(capture, most), &metas, &[]);
+        assert_eq!((code, stderr.as_str()), (0, ""), "{capture}");
         let points = |document: &Value| of_frames(&document["sensors"][0], "points");
         assert_eq!(points(&document), points(&right), "{capture}");
         let counted = |document: &Value| document["sensors"][0]["counters"].clone();

@@ -27,7 +27,7 @@ use crate::world::trajectory::Trajectory;
                   it piece by piece, so that what the odometry drifted is taken out. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
-                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a way is \
+                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a trajectory is \
                   no measurement there.\n\
                   Exit codes: 0 done, 1 failed, 3 done, but data was lost."
 )]
@@ -46,7 +46,7 @@ pub struct Args {
     /// Where the walk begins in the scene, about, where several places fit: m and degrees.
     #[arg(long, value_name = "X,Y[,YAW]", requires = "scene", allow_hyphen_values = true)]
     align_near: Option<Near>,
-    /// Write the way in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
+    /// Write the trajectory in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
     #[arg(short, long, value_name = "FILE.tum")]
     out: Option<PathBuf>,
     /// Write the pose at which every revolution of the first sensor began, in KITTI format.
@@ -84,7 +84,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         scene_file::ensure_none_typed(context, "--scene names none")?;
     }
     let mut notices = Vec::new();
-    let way = match Recorded::open_if_seated(&args.recorded, context)? {
+    let result = match Recorded::open_if_seated(&args.recorded, context)? {
         Some(recorded) => {
             notices.clone_from(&recorded.notices);
             of_rig(&recorded, &args.settings, args.scene.is_some())?
@@ -99,17 +99,20 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
     };
     let mut problems = notices;
-    problems.extend(way.notices.iter().cloned());
-    problems.extend(remarks(&way));
-    let placed =
-        args.scene.as_ref().map(|scene| in_scene(args, scene, &way, &mut problems, context)).transpose()?;
+    problems.extend(result.notices.iter().cloned());
+    problems.extend(remarks(&result));
+    let placed = args
+        .scene
+        .as_ref()
+        .map(|scene| in_scene(args, scene, &result, &mut problems, context))
+        .transpose()?;
     let (alignment, trajectory) = match placed {
-        None => (None, Some(way.walked.trajectory.clone())),
+        None => (None, Some(result.walked.trajectory.clone())),
         Some(Placed { alignment, trajectory, .. }) => (Some(alignment), trajectory),
     };
     let is_placed = trajectory.is_some();
     let mut files = Vec::new();
-    let trajectory = &trajectory.unwrap_or_else(|| way.walked.trajectory.clone());
+    let trajectory = &trajectory.unwrap_or_else(|| result.walked.trajectory.clone());
     let mut write = |path: &PathBuf, text: String| {
         files.push(path.display().to_string());
         write_whole(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
@@ -118,9 +121,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         write(path, trajectory.to_tum())?;
     }
     if let Some(path) = args.kitti.as_ref().filter(|_| is_placed) {
-        let placed = way.revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
+        let placed = result.revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
         let begun: Vec<(u64, Pose)> = placed.collect();
-        let missing = way.revolutions_ns.len() - begun.len();
+        let missing = result.revolutions_ns.len() - begun.len();
         if missing > 0 {
             problems.push(format!("{missing} revolutions have no pose in the KITTI file"));
         }
@@ -129,37 +132,37 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let [first_ns, last_ns] = trajectory.time_span_ns();
     let document = Document {
         format: "outrigger-odometry/1",
-        sensors: way.sensors,
-        sweeps: way.walked.steps.len(),
+        sensors: result.sensors,
+        sweeps: result.walked.steps.len(),
         duration_s: (last_ns - first_ns) as f64 * 1e-9,
         length_m: trajectory.length_m(),
-        voxel_m: way.walked.voxel_m,
-        loose_sweeps: way.walked.steps.iter().filter(|step| step.is_loose()).count(),
-        registration: way.walked.quality,
-        steps: way.walked.steps,
+        voxel_m: result.walked.voxel_m,
+        loose_sweeps: result.walked.steps.iter().filter(|step| step.is_loose()).count(),
+        registration: result.walked.quality,
+        steps: result.walked.steps,
         alignment,
         problems,
         files,
         wall_s: start.elapsed().as_secs_f64(),
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;
-    Ok(if way.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
+    Ok(if result.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
 }
 
-/// The way in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
+/// The trajectory in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
 fn in_scene(
     args: &Args,
     scene: &std::path::Path,
-    way: &OdometryResult,
+    result: &OdometryResult,
     problems: &mut Vec<String>,
     context: Context,
 ) -> anyhow::Result<Placed> {
     let read = scene_file::read(scene, &args.mesh, &args.map, context)?;
     problems.extend(read.warnings);
     let walk = Walk {
-        trajectory: &way.walked.trajectory,
-        rays: &way.rays,
-        sensors: &way.mounted,
+        trajectory: &result.walked.trajectory,
+        rays: &result.rays,
+        sensors: &result.mounted,
         time_offset_ns: 0,
         drifts: true,
     };
@@ -177,7 +180,7 @@ fn in_scene(
 
 fn text(document: &Document) -> String {
     let mut text = format!(
-        "{} of {} in {:.1} s: {:.3} m of way, map of {:.2} m cells\n",
+        "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m\n",
         output::counted(document.sweeps as u64, "revolution"),
         document.sensors.join(", "),
         document.duration_s,

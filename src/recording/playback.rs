@@ -45,8 +45,8 @@ pub(crate) trait Tape: Send + Sync {
     /// In words; packets before a damaged place came.
     fn packets(&self, take: &mut Take<'_>) -> Result<(), String>;
 
-    /// Name of a sensor that is none of `taken`, and is added to them.
-    fn name(&self, sensor: &Sensor, taken: &mut Vec<String>) -> String;
+    /// Name of a sensor that is none of `names`, and is added to them.
+    fn name(&self, sensor: &Sensor, names: &mut Vec<String>) -> String;
 
     /// Where its points lie in the rig and in the world.
     fn placement(&self, name: &str) -> Placement;
@@ -115,7 +115,7 @@ struct State {
     units: Vec<Unit>,
     /// By sensor: number of the revolution whose first packet came at this host time.
     numbers: Vec<HashMap<u64, usize>>,
-    taken: Vec<String>,
+    names: Vec<String>,
     is_whole: bool,
     problems: Vec<String>,
     cache: HashMap<(Place, FrameOfPoints), Cached>,
@@ -233,7 +233,7 @@ impl Player {
         let mut state = self.state();
         let unit = unit(sensor);
         let at = state.units.iter().position(|known| *known == unit).unwrap_or_else(|| {
-            let name = self.tape.name(sensor, &mut state.taken);
+            let name = self.tape.name(sensor, &mut state.names);
             let body_from_sensor = self.tape.placement(&name).body_from_sensor_rows();
             let (product, channels) = (sensor.product(), frame.channels);
             state.sensors.push(Indexed {

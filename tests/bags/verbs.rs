@@ -43,10 +43,10 @@ fn stderr(output: &Output) -> String {
 fn other_makers() {
     let path = bag("real/nebula_hesai_qt64");
     let output = outrigger(&["decode", text_of(&path)]);
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let messages = stderr(&output);
+    assert_eq!(output.status.code(), Some(1), "{messages}");
     for expected in ["/pandar_packets", "pandar_msgs/PandarScan", "4 messages of Hesai packets"] {
-        assert!(said.contains(expected), "{expected}: {said}");
+        assert!(messages.contains(expected), "{expected}: {messages}");
     }
     let output = outrigger(&["inspect", "--json", text_of(&path)]);
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();

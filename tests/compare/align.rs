@@ -355,9 +355,9 @@ impl Files {
 
     fn judged(&self, more: &[&str]) -> (Option<i32>, Value, String) {
         let output = self.run("compare", &[&["--nulls", "0"], more].concat());
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{said}"));
-        (output.status.code(), document, said)
+        let messages = String::from_utf8_lossy(&output.stderr).into_owned();
+        let document = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{messages}"));
+        (output.status.code(), document, messages)
     }
 }
 
@@ -367,11 +367,11 @@ pub fn a_walk_is_compared_without_a_trajectory_in_the_scene_s_frame() {
     let own = in_own_frame(&files.truth, &mut Rng::new(4, 0), 0.0);
     std::fs::write(files.path("slam.tum"), own.to_tum()).unwrap();
     let slam = ["--trajectory", "slam.tum"];
-    let (code, document, said) = files.judged(&[&slam[..], &["--scene", "room.obj", "--align"]].concat());
+    let (code, document, messages) = files.judged(&[&slam[..], &["--scene", "room.obj", "--align"]].concat());
     assert_eq!(
         (code, &document["verdict"]),
         (Some(0), &Value::from("matches")),
-        "{said} {:#}",
+        "{messages} {:#}",
         document["words"]
     );
     assert_eq!(document["reason"]["code"], "as_predicted");
@@ -391,11 +391,11 @@ pub fn a_walk_is_compared_without_a_trajectory_in_the_scene_s_frame() {
     assert_eq!(document["reason"]["code"], "another_frame", "{:#}", document["reason"]);
     assert!(document["words"][0].as_str().unwrap().contains("try --align"), "{:#}", document["words"]);
     // no trajectory at all: odometry, placed
-    let (code, document, said) = files.judged(&["--scene", "room.obj"]);
+    let (code, document, messages) = files.judged(&["--scene", "room.obj"]);
     assert_eq!(
         (code, &document["verdict"]),
         (Some(0), &Value::from("matches")),
-        "{said} {:#}",
+        "{messages} {:#}",
         document["words"]
     );
     assert_eq!(document["alignment"]["answer"], "placed");
@@ -413,8 +413,8 @@ pub fn a_walk_is_compared_without_a_trajectory_in_the_scene_s_frame() {
 pub fn odometry_is_written_in_the_scene_s_frame() {
     let files = Files::of();
     let output = files.run("odometry", &["--scene", "room.obj", "-o", "found.tum"]);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let messages = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{messages}");
     let found = Trajectory::from_tum(&std::fs::read_to_string(files.path("found.tum")).unwrap()).unwrap();
     for (time_ns, pose) in found.stamped() {
         let Some(truth) = files.truth.at(time_ns) else { continue };

@@ -1,4 +1,4 @@
-//! Velodynes: two with one address, clocks that jump, what is not said in packets.
+//! Velodynes: two with one address, clocks that jump, what packets do not state.
 
 use serde_json::{Value, json};
 
@@ -9,18 +9,18 @@ use crate::support::shared;
 
 pub fn two_sensors_with_one_address_are_two() {
     let capture = field("two_vlp16_one_address.pcapng");
-    let ensure_two = |document: &Value, said: &str| {
+    let ensure_two = |document: &Value, stderr: &str| {
         let sensors = document["sensors"].as_array().unwrap();
-        assert_eq!(sensors.len(), 2, "{said}");
+        assert_eq!(sensors.len(), 2, "{stderr}");
         for sensor in sensors {
-            assert_eq!(of_frames(sensor, "packets"), [77, 23], "{said}");
+            assert_eq!(of_frames(sensor, "packets"), [77, 23], "{stderr}");
             assert_eq!(of_frames(sensor, "points"), [18_790, 7001]);
         }
         ensure_nothing_is_missing(document);
     };
-    let (code, document, said) = decode(&capture, &[], &[]);
-    assert_eq!(code, 0, "{said}");
-    ensure_two(&document, &said);
+    let (code, document, stderr) = decode(&capture, &[], &[]);
+    assert_eq!(code, 0, "{stderr}");
+    ensure_two(&document, &stderr);
     let links: Vec<&Value> = document["sensors"].as_array().unwrap().iter().map(|s| &s["link"]).collect();
     assert_ne!(links[0], links[1]);
     // nothing but the source port tells them apart
@@ -35,9 +35,9 @@ pub fn two_sensors_with_one_address_are_two() {
         });
     }
     let ports = write_capture(&folder.path().join("ports.pcap"), &all);
-    let (code, document, said) = decode(ports.to_str().unwrap(), &[], &[]);
-    assert_eq!(code, 0, "{said}");
-    ensure_two(&document, &said);
+    let (code, document, stderr) = decode(ports.to_str().unwrap(), &[], &[]);
+    assert_eq!(code, 0, "{stderr}");
+    ensure_two(&document, &stderr);
 }
 
 /// Whether a stamp is of the sensor that sent first: the clock of the other is 400 s away.
@@ -52,12 +52,15 @@ pub fn two_sensors_on_one_way_are_named() {
     let all = datagrams(&shared("field/captures/two_vlp16_one_address.pcapng"));
     let capture = write_capture(&folder.path().join("mixed.pcap"), &all);
     let capture = capture.to_str().unwrap();
-    let (code, document, said) = decode(capture, &[], &[]);
-    assert!(code == 3 && said.contains("two sensors send as one") && said.contains("two clocks"), "{said}");
+    let (code, document, stderr) = decode(capture, &[], &[]);
+    assert!(
+        code == 3 && stderr.contains("two sensors send as one") && stderr.contains("two clocks"),
+        "{stderr}"
+    );
     let sensors = document["sensors"].as_array().unwrap();
     assert_eq!(sensors.len(), 2);
     let packets = |sensor: &Value| sensor["counters"]["packets"].as_u64().unwrap();
-    assert!(packets(&sensors[0]) <= 108 && packets(&sensors[1]) >= 92, "{said}");
+    assert!(packets(&sensors[0]) <= 108 && packets(&sensors[1]) >= 92, "{stderr}");
     let (code, document) = inspect(&[capture]);
     assert!(code == 3 && document["losses"].to_string().contains("two sensors send as one"));
     // two clocks that agree: one sensor's packets come twice as often as it can send
@@ -77,8 +80,8 @@ pub fn two_sensors_on_one_way_are_named() {
         both.extend([datagram.clone(), other]);
     }
     let capture = write_capture(&folder.path().join("double.pcap"), &both);
-    let (code, _, said) = decode(capture.to_str().unwrap(), &[], &[]);
-    assert!(code == 3 && said.contains("twice the rate"), "{said}");
+    let (code, _, stderr) = decode(capture.to_str().unwrap(), &[], &[]);
+    assert!(code == 3 && stderr.contains("twice the rate"), "{stderr}");
 }
 
 /// A capture of a bridge shows each packet twice.
@@ -95,8 +98,8 @@ pub fn packets_that_come_by_two_ways() {
     let capture = folder.path().join("bridge.pcapng");
     std::fs::write(&capture, writer.close(&[]).unwrap()).unwrap();
     let (_, right, _) = decode(one.to_str().unwrap(), &[], &[]);
-    let (code, document, said) = decode(capture.to_str().unwrap(), &[], &[]);
-    assert_eq!(code, 0, "{said}");
+    let (code, document, stderr) = decode(capture.to_str().unwrap(), &[], &[]);
+    assert_eq!(code, 0, "{stderr}");
     assert_eq!(document["sensors"].as_array().unwrap().len(), 1);
     assert_eq!(document["sensors"][0]["frames"], right["sensors"][0]["frames"]);
     assert_eq!(document["sensors"][0]["counters"]["duplicated"], 293);
@@ -104,8 +107,8 @@ pub fn packets_that_come_by_two_ways() {
 
 pub fn one_odd_stamp_splits_no_revolution() {
     let capture = field("vlp16_one_stray_stamp.pcap");
-    let (code, document, said) = decode(&capture, &[], &[]);
-    assert_eq!(code, 0, "{said}");
+    let (code, document, stderr) = decode(&capture, &[], &[]);
+    assert_eq!(code, 0, "{stderr}");
     let sensor = &document["sensors"][0];
     assert_eq!(of_frames(sensor, "packets"), [77, 76, 7]);
     assert_eq!(of_frames(sensor, "points"), [18_790, 18_701, 2172]);
@@ -114,12 +117,12 @@ pub fn one_odd_stamp_splits_no_revolution() {
     let first_ns = of_frames(sensor, "first_time_ns");
     let last_ns = of_frames(sensor, "last_time_ns");
     assert!(last_ns[0] - first_ns[0] < 110_000_000 && first_ns[1] - last_ns[0] < 1_000_000, "not 48 s ahead");
-    assert!(said.contains("time stamp that contradicts"), "{said}");
+    assert!(stderr.contains("time stamp that contradicts"), "{stderr}");
 }
 
 pub fn snapshots_an_hour_apart_are_dated_right() {
-    let (code, document, said) = decode(&field("vlp16_three_snapshots_an_hour_apart.pcap"), &[], &[]);
-    assert_eq!(code, 0, "{said}");
+    let (code, document, stderr) = decode(&field("vlp16_three_snapshots_an_hour_apart.pcap"), &[], &[]);
+    assert_eq!(code, 0, "{stderr}");
     let begin_us: Vec<u64> =
         of_frames(&document["sensors"][0], "first_time_ns").iter().map(|time_ns| time_ns / 1000).collect();
     assert_eq!(begin_us, [1_699_999_200_100_000, 1_700_002_800_600_000, 1_700_006_401_300_000]);
@@ -140,8 +143,8 @@ pub fn snapshots_an_hour_apart_are_dated_right() {
         ("reversed", reversed, [1_700_006_401.3, 1_700_002_800.6, 1_699_999_200.1]),
     ] {
         let capture = write_capture(&folder.path().join("joined.pcap"), &packets);
-        let (code, document, said) = decode(capture.to_str().unwrap(), &[], &[]);
-        assert_eq!(code, 0, "{name}: {said}");
+        let (code, document, stderr) = decode(capture.to_str().unwrap(), &[], &[]);
+        assert_eq!(code, 0, "{name}: {stderr}");
         ensure_nothing_is_missing(&document);
         let begin_ns = of_frames(&document["sensors"][0], "first_time_ns");
         assert_eq!(begin_ns.len(), 3, "{name}");
@@ -153,11 +156,12 @@ pub fn snapshots_an_hour_apart_are_dated_right() {
 
 pub fn a_tail_of_zeros_is_no_record() {
     let capture = field("vlp16_zero_filled_tail.pcap");
-    let (code, document, said) = decode(&capture, &[], &[]);
-    assert_eq!(code, 3, "{said}");
+    let (code, document, stderr) = decode(&capture, &[], &[]);
+    assert_eq!(code, 3, "{stderr}");
     assert!(
-        said.contains("at byte 75864 is empty, and from byte 75880 on nothing but zeros follows (4096 bytes"),
-        "{said}"
+        stderr
+            .contains("at byte 75864 is empty, and from byte 75880 on nothing but zeros follows (4096 bytes"),
+        "{stderr}"
     );
     assert_eq!(document["sensors"][0]["totals"]["points"], 17_066);
     let (code, document) = inspect(&[&capture]);
@@ -175,24 +179,24 @@ pub fn a_tail_of_zeros_is_no_record() {
     let end = bytes.len();
     bytes.resize(end + 5000, 0);
     std::fs::write(&pcapng, &bytes).unwrap();
-    let (code, document, said) = decode(pcapng.to_str().unwrap(), &[], &[]);
-    assert!(code == 3 && said.contains(&format!("at byte {end} is empty")), "{said}");
+    let (code, document, stderr) = decode(pcapng.to_str().unwrap(), &[], &[]);
+    assert!(code == 3 && stderr.contains(&format!("at byte {end} is empty")), "{stderr}");
     assert_eq!(document["sensors"][0]["totals"]["points"], 17_066);
     let mut bytes = std::fs::read(&capture).unwrap();
     bytes.push(7);
     std::fs::write(&pcapng, &bytes).unwrap();
-    let (code, _, said) = decode(pcapng.to_str().unwrap(), &[], &[]);
-    assert!(code == 3 && said.contains("damaged at byte 75864: found 4096 zero bytes"), "{said}");
+    let (code, _, stderr) = decode(pcapng.to_str().unwrap(), &[], &[]);
+    assert!(code == 3 && stderr.contains("damaged at byte 75864: found 4096 zero bytes"), "{stderr}");
 }
 
 pub fn blank_factory_bytes_need_a_model() {
     let capture = field("hdl32e_blank_factory_bytes.pcap");
-    let (code, _, said) = decode(&capture, &[], &[]);
+    let (code, _, stderr) = decode(&capture, &[], &[]);
     let words = ["factory bytes", "blank", "--model hdl-32e", "vlp-16"];
-    assert!(code == 1 && words.iter().all(|words| said.contains(words)), "{said}");
+    assert!(code == 1 && words.iter().all(|words| stderr.contains(words)), "{stderr}");
     for model in ["hdl-32e", ":2368=HDL-32E"] {
-        let (code, document, said) = decode(&capture, &[], &["--model", model]);
-        assert_eq!(code, 0, "{said}");
+        let (code, document, stderr) = decode(&capture, &[], &["--model", model]);
+        assert_eq!(code, 0, "{stderr}");
         let sensor = &document["sensors"][0];
         assert_eq!(sensor["model"], "hdl-32e");
         assert_eq!(of_frames(sensor, "valid_columns").iter().sum::<u64>(), 1092);
@@ -200,19 +204,19 @@ pub fn blank_factory_bytes_need_a_model() {
     }
     // what the packets say themselves counts against it
     let vlp_16 = path("captures/velodyne/mrpt_vlp16_gps.pcap");
-    let (code, _, said) = decode(&vlp_16, &[], &["--model", "vlp-32c"]);
-    assert!(code == 1 && said.contains("vlp-32c") && said.contains("vlp-16"), "{said}");
-    let (code, document, said) = decode(&vlp_16, &[], &["--model", "puck-lite"]);
-    assert!(code == 0 && document["sensors"][0]["model"] == "puck-lite", "{said}");
-    let (code, _, said) = decode(&vlp_16, &[], &["--model", "os1-64"]);
-    assert!(code == 2 && said.contains("no Velodyne model"), "{said}");
+    let (code, _, stderr) = decode(&vlp_16, &[], &["--model", "vlp-32c"]);
+    assert!(code == 1 && stderr.contains("vlp-32c") && stderr.contains("vlp-16"), "{stderr}");
+    let (code, document, stderr) = decode(&vlp_16, &[], &["--model", "puck-lite"]);
+    assert!(code == 0 && document["sensors"][0]["model"] == "puck-lite", "{stderr}");
+    let (code, _, stderr) = decode(&vlp_16, &[], &["--model", "os1-64"]);
+    assert!(code == 2 && stderr.contains("no Velodyne model"), "{stderr}");
 }
 
 pub fn position_packets_alone() {
     let capture = field("vlp16_one_position_packet.pcap");
-    let (code, _, said) = decode(&capture, &[], &[]);
+    let (code, _, stderr) = decode(&capture, &[], &[]);
     let words = ["1 position packet from", "no data packets", "lasers are off", "filtered away"];
-    assert!(code == 1 && words.iter().all(|words| said.contains(words)), "{said}");
+    assert!(code == 1 && words.iter().all(|words| stderr.contains(words)), "{stderr}");
     let (_, document) = inspect(&[&capture]);
     let advice = document["advice"].to_string();
     assert!(
@@ -247,8 +251,8 @@ pub fn a_sensor_that_does_not_turn() {
         }
     }
     let capture = write_capture(&folder.path().join("still.pcap"), &all);
-    let (_, document, said) = decode(capture.to_str().unwrap(), &[], &[]);
-    assert!(said.contains("does not turn: its azimuth stays at 123.45°"), "{said}");
+    let (_, document, stderr) = decode(capture.to_str().unwrap(), &[], &[]);
+    assert!(stderr.contains("does not turn: its azimuth stays at 123.45°"), "{stderr}");
     ensure_nothing_is_missing(&document);
     let (_, document) = inspect(&[capture.to_str().unwrap()]);
     assert!(document["notes"].to_string().contains("does not turn"), "{}", document["notes"]);

@@ -145,8 +145,8 @@ pub fn refuses() {
         (&[ROOM, sensors[0], sensors[1], waypoints[0], waypoints[1], "--space=0,0.01,0,0,0,0"], "none of"),
     ] {
         let output = outrigger(&[&["optimize", "--evals", "20", "--azimuths", "90"], typed].concat());
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && said.contains(words), "{typed:?}: {said}");
-        assert!(!said.contains("panicked"), "{said}");
+        let messages = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && messages.contains(words), "{typed:?}: {messages}");
+        assert!(!messages.contains("panicked"), "{messages}");
     }
 }

@@ -1,4 +1,4 @@
-//! Packets held against metadata before they are decoded: what contradicts is corrected, and said.
+//! Packets held against metadata before they are decoded: what contradicts is corrected and reported.
 
 use super::decoder::OusterDecoder;
 use super::evidence::{Correction, Evidence};
@@ -59,15 +59,15 @@ impl OusterDecoder {
             return;
         }
         if !std::mem::replace(&mut self.is_met, true) && self.metadata.init_id != 0 && init_id != 0 {
-            let said = self.metadata.init_id;
-            self.correct("initialization_id", said.to_string(), init_id.to_string());
+            let stated = self.metadata.init_id;
+            self.correct("initialization_id", stated.to_string(), init_id.to_string());
         }
         self.evidence.take(&format, frame_id, init_id, bytes);
         self.stream.is_settled = self.evidence.has_turned();
         if let Some(mode) = self.evidence.other_mode(&self.metadata, self.given) {
-            let said = self.metadata.mode();
+            let stated = self.metadata.mode();
             self.metadata.set_mode(mode.columns, mode.rate_hz);
-            self.correct("lidar_mode", said, self.metadata.mode());
+            self.correct("lidar_mode", stated, self.metadata.mode());
             self.stream.follow(&self.metadata);
         }
         if let Some(window) = self.evidence.wider_window(&self.metadata) {
@@ -83,8 +83,8 @@ impl OusterDecoder {
     }
 
     fn set_window(&mut self, window: [usize; 2]) {
-        let said = std::mem::replace(&mut self.metadata.column_window, window);
-        self.correct("column_window", format!("{said:?}"), format!("{window:?}"));
+        let stated = std::mem::replace(&mut self.metadata.column_window, window);
+        self.correct("column_window", format!("{stated:?}"), format!("{window:?}"));
         self.stream.follow(&self.metadata);
     }
 
@@ -97,18 +97,18 @@ impl OusterDecoder {
         if !is_lidar || bytes.len() == self.lidar_bytes || own.profile == Profile::Off {
             return;
         }
-        let said = own.columns_per_packet;
+        let stated = own.columns_per_packet;
         for columns_per_packet in COLUMNS_PER_PACKET {
             self.metadata.columns_per_packet = columns_per_packet;
             let format = self.metadata.packet_format();
             if format.packet_bytes() == bytes.len() && self.ensure_columns(bytes).is_ok() {
                 self.lidar_bytes = bytes.len();
                 self.stream = Stream::new(&self.metadata);
-                self.correct("columns_per_packet", said.to_string(), columns_per_packet.to_string());
+                self.correct("columns_per_packet", stated.to_string(), columns_per_packet.to_string());
                 return;
             }
         }
-        self.metadata.columns_per_packet = said;
+        self.metadata.columns_per_packet = stated;
     }
 
     fn correct(&mut self, setting: &'static str, stated: String, found: String) {

@@ -6,14 +6,14 @@ use std::net::SocketAddr;
 
 use crate::{Link, Packet};
 
-/// A sensor that sent nothing for so long may be back by another way, ns.
+/// A sensor that sent nothing for so long may be back by another path, ns.
 const GONE_NS: u64 = 100_000_000;
 /// Packets that are remembered, to know one again that comes by two ways (a bridge, a mirrored port).
 const REMEMBERED: usize = 16;
 /// Ways that bring a sensor's packets a second time.
 const MOST_COPIES: usize = 4;
 
-/// One way.
+/// One path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Path {
     pub source: SocketAddr,
@@ -38,7 +38,7 @@ pub(super) struct Paths {
 }
 
 impl Paths {
-    /// The way of its data packets.
+    /// The path of its data packets.
     pub fn current(&self) -> Option<Path> {
         self.current
     }
@@ -59,12 +59,12 @@ impl Paths {
         glance(packet).is_some_and(|glance| self.recent.contains(&glance))
     }
 
-    /// Whether nothing came any more by the way that its packets took.
+    /// Whether nothing came any more by the path that its packets took.
     pub fn is_gone(&self, packet: &Packet<'_>) -> bool {
         packet.host_time_ns > 0 && packet.host_time_ns.abs_diff(self.heard_ns) >= GONE_NS
     }
 
-    /// A way that brings its packets again.
+    /// A path that brings its packets again.
     pub fn note_copy(&mut self, packet: &Packet<'_>) {
         if self.copies.len() < MOST_COPIES {
             self.copies.push(Path::of(packet));

@@ -1,4 +1,4 @@
-//! Which Velodyne a packet is of. None carries a serial number: the address, the port, the way that packets take and, as a last
+//! Which Velodyne a packet is of. None carries a serial number: the address, the port, the path that packets take and, as a last
 //! resort, their clock tell sensors apart.
 
 use super::paths::Paths;
@@ -10,7 +10,7 @@ use crate::Packet;
 use crate::velodyne::{Options, VelodyneDecoder};
 
 impl Router {
-    /// The Velodyne of this sender and port, and, where several have one address, of this way.
+    /// The Velodyne of this sender and port, and, where several have one address, of this path.
     pub(super) fn velodyne(&mut self, packet: &Packet<'_>, data: bool) -> Result<usize, Option<String>> {
         let (address, port) = stream_of(packet);
         let data_port = if data { Some(port) } else { self.data_port_of(packet)? };
@@ -45,7 +45,7 @@ impl Router {
         Ok(at)
     }
 
-    /// The one whose data packets come by this way.
+    /// The one whose data packets come by this path.
     fn velodyne_by_way(
         &mut self,
         packet: &Packet<'_>,

@@ -1,4 +1,4 @@
-//! The scene and the way through it: from files, or from the recording itself.
+//! The scene and the trajectory through it: from files, or from the recording itself.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -102,7 +102,7 @@ impl FromStr for Offset {
     }
 }
 
-/// A scene, a way, and what is odd about them.
+/// A scene, a trajectory, and what is odd about them.
 pub struct Place {
     pub scene: Scene,
     pub trajectory: Trajectory,
@@ -124,8 +124,8 @@ pub struct Place {
 
 /// Refuses, before anything is read, what was asked for and does not fit together.
 pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
-    let way = args.trajectory.as_ref().and_then(|path| path.to_str());
-    if !matches!(way, None | Some("odometry")) {
+    let source = args.trajectory.as_ref().and_then(|path| path.to_str());
+    if !matches!(source, None | Some("odometry")) {
         OdometryArgs::ensure_not_typed(context)?;
         if !args.align {
             context.ensure_not_typed(&["align_near"], "is about --align, which is not asked for")?;
@@ -137,7 +137,7 @@ pub(crate) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
              seconds, or start"
         );
     }
-    if matches!(way, None | Some("still" | "odometry")) {
+    if matches!(source, None | Some("still" | "odometry")) {
         context.ensure_not_typed(
             &["rate"],
             "is about a file of poses in KITTI format: --trajectory names none",
@@ -264,7 +264,7 @@ impl Found {
     fn trajectory(&self) -> &Trajectory {
         match self {
             Self::Elsewhere(trajectory) => trajectory,
-            Self::Odometry(way) => &way.walked.trajectory,
+            Self::Odometry(result) => &result.walked.trajectory,
         }
     }
 }
@@ -285,9 +285,12 @@ fn placed(
         drifts,
     };
     match found {
-        Found::Odometry(way) => {
-            placing::in_scene(&walk(&way.rays[..], &way.mounted[..], true), scene, origin, args.align_near)
-        }
+        Found::Odometry(result) => placing::in_scene(
+            &walk(&result.rays[..], &result.mounted[..], true),
+            scene,
+            origin,
+            args.align_near,
+        ),
         Found::Elsewhere(_) => {
             let kept = recorded.rays(placing::RAYS)?;
             placing::in_scene(&walk(&kept.rays[..], &kept.sensors[..], false), scene, origin, args.align_near)
@@ -319,9 +322,9 @@ fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
 
 fn trajectory(args: &PlaceArgs, recorded: &Recorded, notices: &mut Vec<String>) -> anyhow::Result<Found> {
     let by_odometry = |notices: &mut Vec<String>| -> anyhow::Result<Found> {
-        let way = odometry::of_rig(recorded, &args.odometry, args.map_frames.is_none())?;
-        notices.extend(odometry::remarks(&way));
-        Ok(Found::Odometry(Box::new(way)))
+        let result = odometry::of_rig(recorded, &args.odometry, args.map_frames.is_none())?;
+        notices.extend(odometry::remarks(&result));
+        Ok(Found::Odometry(Box::new(result)))
     };
     let Some(path) = &args.trajectory else {
         return match recorded.own_trajectory()? {

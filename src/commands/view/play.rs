@@ -55,8 +55,8 @@ impl Tape for Reels {
         }
     }
 
-    fn name(&self, sensor: &Sensor, taken: &mut Vec<String>) -> String {
-        sensor_ids::next_id(sensor, taken)
+    fn name(&self, sensor: &Sensor, names: &mut Vec<String>) -> String {
+        sensor_ids::next_id(sensor, names)
     }
 
     fn placement(&self, name: &str) -> Placement {

@@ -1,5 +1,5 @@
 //! A walk through all of the free floor of a scene, for whoever has none: places everywhere on the floor that somebody can
-//! stand on, visited one after the other by the shortest way.
+//! stand on, visited one after the other by the shortest path.
 
 use std::collections::VecDeque;
 
@@ -17,7 +17,7 @@ const SHOULDERS_M: f64 = 0.35;
 const HEIGHTS_M: [f64; 3] = [0.6, 1.2, 1.7];
 /// Floors this far apart are two, m.
 const STEP_M: f64 = 0.25;
-/// Every square lies within this way of a place that is visited, m.
+/// Every square lies within this distance of a place, walked, that is visited, m.
 const REACH_M: f64 = 3.0;
 
 /// Free squares of the most common floor that hang together.
@@ -36,14 +36,14 @@ pub(crate) fn planned(scene: &Scene) -> Result<Walk, WalkError> {
     let mut at = left.swap_remove(0);
     let mut path = vec![at];
     while !left.is_empty() {
-        let (way_to, steps) = floor.ways_from(at);
+        let (came_from, steps) = floor.ways_from(at);
         let nearest = (0..left.len()).min_by_key(|place| steps[left[*place]]).unwrap_or(0);
         let next = left.swap_remove(nearest);
-        let mut way = vec![next];
-        while way[way.len() - 1] != at {
-            way.push(way_to[way[way.len() - 1]]);
+        let mut leg = vec![next];
+        while leg[leg.len() - 1] != at {
+            leg.push(came_from[leg[leg.len() - 1]]);
         }
-        path.extend(way.into_iter().rev().skip(1));
+        path.extend(leg.into_iter().rev().skip(1));
         at = next;
     }
     let corners_m: Vec<DVec3> = floor
@@ -151,7 +151,7 @@ impl Floor {
         let mut corners = vec![path[0]];
         let mut from = 0;
         while from + 1 < path.len() {
-            // forty squares ahead at most: places that were to be visited lie on the way
+            // forty squares ahead at most: places that were to be visited lie on the leg
             let mut to = from + 1;
             for ahead in from + 2..path.len().min(from + 40) {
                 if self.is_straight(path[from], path[ahead]) && !path[from + 1..ahead].contains(&path[ahead])

@@ -181,8 +181,8 @@ impl Refining {
     /// Information about the guess, in residuals of unit weight.
     fn held(&self, used: usize, width_m: f64) -> Vector6<f64> {
         let free = OF_GUESS * used as f64;
-        let [way, turn] = self.guess_sd.map_or([free; 2], |sd| sd.map(|sd| free + (width_m / sd).powi(2)));
-        Vector6::new(way, way, way, turn, turn, turn)
+        let [shift, turn] = self.guess_sd.map_or([free; 2], |sd| sd.map(|sd| free + (width_m / sd).powi(2)));
+        Vector6::new(shift, shift, shift, turn, turn, turn)
     }
 }
 

@@ -81,8 +81,8 @@ fn every_format_gives_the_same_walk() {
         let found = Trajectory::read(text.as_bytes(), Some(10.0)).unwrap().trajectory;
         let later = found.stamped().map(|(t, pose)| (t + WALK[0].0, pose)).collect();
         same(&Trajectory::new(later).unwrap(), what);
-        let said = refused(&text, None);
-        assert!(said.contains("--rate") && said.contains("KITTI"), "{said}");
+        let message = refused(&text, None);
+        assert!(message.contains("--rate") && message.contains("KITTI"), "{message}");
     }
 }
 
@@ -105,8 +105,11 @@ fn how_a_file_was_read_is_said() {
 #[test]
 fn errors_show_the_numbers_of_the_file() {
     let back = tum().replacen("1700000000.300000000", "1700000000.050000000", 1);
-    let said = refused(&back, None);
-    assert!(said.contains("line 4: time 1700000000.050000000 after 1700000000.200000000 (line 3)"), "{said}");
+    let message = refused(&back, None);
+    assert!(
+        message.contains("line 4: time 1700000000.050000000 after 1700000000.200000000 (line 3)"),
+        "{message}"
+    );
     assert!(refused(&tum(), Some(10.0)).contains("leave it out"));
     assert!(refused("1 2 3\n", None).contains("line 1: 3 fields, expected 8"));
     assert!(refused("stamp,x,y,z,roll,pitch,yaw\n1,0,0,0,0,0,0\n", None).contains("quaternion"));
