@@ -17,7 +17,7 @@ const SHOULDERS_M: f64 = 0.35;
 const HEIGHTS_M: [f64; 3] = [0.6, 1.2, 1.7];
 /// Floors this far apart are two, m.
 const STEP_M: f64 = 0.25;
-/// Every square lies within this distance of a place, walked, that is visited, m.
+/// Every square lies within this walked distance of a place that is visited, m.
 const REACH_M: f64 = 3.0;
 
 /// Free squares of the most common floor that hang together.
