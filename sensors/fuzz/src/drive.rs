@@ -103,7 +103,8 @@ pub fn router(bytes: &[u8]) {
         let packet = Packet { host_time_ns: time_ns, source, destination, link: Default::default(), payload };
         router.learn(&packet);
         router.push(&packet, &mut |_, _, _| {});
-        given += 1;
+        // a payload may be that of several datagrams, of which inertial ones are the shortest
+        given += (length / 48).max(1) as u64;
     }
     router.finish(&mut |_, _, _| {});
     let unclaimed: u64 = router.unclaimed().map(|entry| entry.packets).sum();

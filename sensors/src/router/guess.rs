@@ -12,6 +12,8 @@ const COLUMNS: [usize; 5] = [16, 8, 4, 2, 1];
 const MOST_COLUMNS: u16 = 4096;
 /// Most samples an ACCEL32_GYRO32_NMEA packet is tried with.
 const MOST_IMU_SAMPLES: usize = 128;
+/// What an accelerometer shows at least, m/s²: zero-filled payloads are not inertial packets.
+const LEAST_WEIGHT_M_S2: f64 = 0.1;
 /// Of several formats that a packet can have, so many are named.
 const SHOWN_FORMATS: usize = 2;
 /// The four flags of Velodyne blocks begin with this byte.
@@ -206,7 +208,9 @@ fn is_legacy_imu(payload: &[u8]) -> bool {
     let Some(bytes) = payload.first_chunk() else { return false };
     let sample = imu::read_legacy(bytes);
     let within = |values: [f64; 3], most: f64| values.iter().all(|value| value.abs() <= most);
-    within(sample.acceleration_m_s2, 160.0) && within(sample.angular_rate_rad_s, 70.0) && sample.time_ns > 0
+    let has_weight = sample.acceleration_m_s2.iter().any(|value| value.abs() >= LEAST_WEIGHT_M_S2);
+    let is_possible = within(sample.acceleration_m_s2, 160.0) && within(sample.angular_rate_rad_s, 70.0);
+    is_possible && has_weight && sample.time_ns > 0
 }
 
 #[cfg(test)]
