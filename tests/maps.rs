@@ -436,7 +436,7 @@ fn what_makes_no_map_is_refused() {
         ("room.obj", &["--map-voxel", "0.2"], 2, "--map-voxel is about a map"),
         ("room.obj", &["--map-hits", "2"], 2, "--map-hits is about a map"),
         ("timeless.pcd", &["--map-path", &way], 1, "have no time"),
-        ("cloud.pcd", &["--map-path", &other], 1, "no point falls into the way's time"),
+        ("cloud.pcd", &["--map-path", &other], 1, "no point falls into the trajectory's time"),
         ("cloud.pcd", &["--map-path", "none.tum"], 1, "none.tum"),
     ] {
         let output = folder.predict(&[&["--scene", &folder.text(scene)], more].concat());

@@ -34,7 +34,7 @@ impl Placement {
             || path_high_m.z < low_m.z
             || path_low_m.z > high_m.z + FARTHEST_ABOVE_M;
         if is_apart {
-            let told = |[low, high]: [DVec3; 2]| {
+            let box_words = |[low, high]: [DVec3; 2]| {
                 let [low, high] = [origin.world(low), origin.world(high)];
                 let side = |axis: usize| format!("{:.1} to {:.1}", low[axis], high[axis]);
                 format!("x {}, y {}, z {} m", side(0), side(1), side(2))
@@ -42,20 +42,20 @@ impl Placement {
             let doubt = format!(
                 "the path lies outside the {what}: the path at {}, the {what} at {}. Bring both into one frame (shift, unit \
                  --mesh-unit, up axis --up)",
-                told([path_low_m, path_high_m]),
-                told([low_m, high_m])
+                box_words([path_low_m, path_high_m]),
+                box_words([low_m, high_m])
             );
             return Self { doubts: vec![doubt], is_wrong: true };
         }
         let on_path_m = trajectory.sight_stations_m(0.0);
         let is_outside = |at: &DVec3| at.cmplt(low_m - SLACK_M).any() || at.cmpgt(high_m + SLACK_M).any();
-        let is_beside = |at: &DVec3| {
+        let is_out_of_plan = |at: &DVec3| {
             let at = lifted(*at);
             at.cmplt(low_m - SLACK_M).any() || at.truncate().cmpgt(high_m.truncate() + SLACK_M).any()
         };
         let is_below = |at: &DVec3| is_below_floor(scene, lifted(*at));
         let count = |is: &dyn Fn(&DVec3) -> bool| on_path_m.iter().filter(|at| is(at)).count();
-        let (outside, beside, below) = (count(&is_outside), count(&is_beside), count(&is_below));
+        let (outside, out_of_plan, below) = (count(&is_outside), count(&is_out_of_plan), count(&is_below));
         let mut doubts = Vec::new();
         let all = on_path_m.len();
         if outside > 0 {
@@ -69,7 +69,7 @@ impl Placement {
                  them: correct the height of the path, or the up axis (--up)"
             ));
         }
-        let is_wrong = beside.max(below) as f64 > MOST_MISPLACED * all as f64;
+        let is_wrong = out_of_plan.max(below) as f64 > MOST_MISPLACED * all as f64;
         Self { doubts, is_wrong }
     }
 }

@@ -44,19 +44,19 @@ pub struct Given<'a> {
 
 /// Everything that the replay says.
 pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
-    let Replayed { sensors, kept, .. } = replayed;
+    let Replayed { sensors, sampled, .. } = replayed;
     let field = Field {
         scene: given.scene,
         trajectory: given.trajectory,
         sensors,
-        rays: kept,
+        rays: sampled,
         agree_within_m: given.agree_within_m,
     };
     let mut faults = given.faults;
     faults.extend(silent(replayed, &faults));
     faults.extend(misread(&field));
-    let every = kept.len().div_ceil(NULL_RAYS).max(1);
-    let fewer: Vec<_> = kept.iter().step_by(every).copied().collect();
+    let every = sampled.len().div_ceil(NULL_RAYS).max(1);
+    let fewer: Vec<_> = sampled.iter().step_by(every).copied().collect();
     let thinned = Field { rays: &fewer, ..field };
     let prediction = given.patches.map(|patches| {
         given.stage.next(format!("simulating {} healthy runs (--nulls)", given.healthy.runs));

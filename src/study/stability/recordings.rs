@@ -172,7 +172,7 @@ impl<'a> Recording<'a> {
             scene: self.scene,
             trajectory: &self.believed,
             sensors: &replayed.sensors,
-            rays: &replayed.kept,
+            rays: &replayed.sampled,
         };
         let check = calibrate::check(&field, &calibrate::Settings::default());
         (replayed, check)

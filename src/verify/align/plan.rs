@@ -198,7 +198,7 @@ impl Grid {
                 let score = sum[at].re;
                 let is_high = peaks.len() < PEAKS || score > peaks[peaks.len() - 1].0;
                 let around = [at - 1, at + 1, at - columns, at + columns];
-                if score <= 0.0 || !is_high || around.iter().any(|beside| sum[*beside].re > score) {
+                if score <= 0.0 || !is_high || around.iter().any(|neighbour| sum[*neighbour].re > score) {
                     continue;
                 }
                 if !is_allowed(self.low_m + self.cell_m * DVec2::new(x as f64, y as f64), yaw_rad) {

@@ -30,7 +30,7 @@ pub(crate) fn covariance(scans: &[Scan], solution: &Solution, pose: &PoseError) 
             alone.ger(1.0, &score, &score, 1.0);
         }
         let count = solution.sums.len() as f64;
-        let own = solution.from_told.ncols() as f64 / solution.observed.len().max(1) as f64;
+        let own = solution.from_observable.ncols() as f64 / solution.observed.len().max(1) as f64;
         alone *= count / (count - own).max(1.0);
     } else {
         alone += information(solution, unknowns);
@@ -49,12 +49,12 @@ pub(crate) fn covariance(scans: &[Scan], solution: &Solution, pose: &PoseError) 
             together += &cross + cross.transpose();
         }
     }
-    let told = |matrix: DMatrix<f64>| {
-        let inside = solution.from_told.transpose() * matrix * &solution.from_told;
+    let observable_part = |matrix: DMatrix<f64>| {
+        let inside = solution.from_observable.transpose() * matrix * &solution.from_observable;
         let spread = &solution.inverse * inside * &solution.inverse;
-        &solution.from_told * spread * solution.from_told.transpose()
+        &solution.from_observable * spread * solution.from_observable.transpose()
     };
-    told(alone + together)
+    observable_part(alone + together)
 }
 
 fn leak(sums: &Sums, prior: &SMatrix<f64, 6, 6>, unknowns: usize) -> DMatrix<f64> {

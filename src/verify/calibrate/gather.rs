@@ -21,7 +21,7 @@ pub(crate) fn gate_m(round: usize) -> f64 {
     if round < WIDE_ROUNDS { FIRST_GATE_M } else { LAST_GATE_M }
 }
 
-/// How a mount differs from what was said, in axes of the mount frame.
+/// How a mount differs from what is nominal, in axes of the mount frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Offset {
     /// Shift, m.
@@ -55,9 +55,9 @@ impl Offset {
         Pose::new(turn * nominal.rotation, nominal.translation_m + BODY_FROM_MOUNT_FRAME * self.translation_m)
     }
 
-    /// The mount nearest to that, of what is told.
-    pub(crate) fn corrected(&self, mount: &Mount, is_told: &[bool; 7]) -> Mount {
-        let keep = |place: usize, value: f64| if is_told[place] { value } else { 0.0 };
+    /// The mount nearest to that, of what is observable.
+    pub(crate) fn corrected(&self, mount: &Mount, is_observable: &[bool; 7]) -> Mount {
+        let keep = |place: usize, value: f64| if is_observable[place] { value } else { 0.0 };
         let turn = self.rotation.to_scaled_axis();
         let turn = DVec3::new(keep(3, turn.x), keep(4, turn.y), keep(5, turn.z));
         let shift = [0, 1, 2].map(|axis| keep(axis, self.translation_m[axis]));
@@ -127,10 +127,10 @@ pub(crate) fn rows(
         let off = Pose::new(DQuat::from_scaled_axis(DVec3::new(a, b, c)), DVec3::new(x, y, z));
         let mut scan = Scan { time_s: *time_s, rows: Vec::new(), met: vec![0; offsets.len()] };
         for ray in &field.rays[range.clone()] {
-            match said(field, ray, &off, &offsets[ray.sensor], gate_m) {
-                Said::Nothing => {}
-                Said::Elsewhere => scan.met[ray.sensor] += 1,
-                Said::Near(row) => {
+            match meeting(field, ray, &off, &offsets[ray.sensor], gate_m) {
+                Meeting::Nothing => {}
+                Meeting::Elsewhere => scan.met[ray.sensor] += 1,
+                Meeting::Near(row) => {
                     scan.met[ray.sensor] += 1;
                     scan.rows.push(row);
                 }
@@ -142,7 +142,7 @@ pub(crate) fn rows(
 }
 
 /// What a ray says of mount and pose.
-enum Said {
+enum Meeting {
     /// No return, or its ray meets no surface well enough.
     Nothing,
     /// The return lies beyond the gate from where its ray meets a surface.
@@ -151,25 +151,25 @@ enum Said {
     Near(Row),
 }
 
-fn said(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m: f64) -> Said {
-    let Some(recorded_m) = ray.range_m else { return Said::Nothing };
+fn meeting(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_m: f64) -> Meeting {
+    let Some(recorded_m) = ray.range_m else { return Meeting::Nothing };
     let sensor: &MountedSensor = &field.sensors[ray.sensor];
-    let Some(world_from_body) = field.trajectory.at(ray.time_ns) else { return Said::Nothing };
+    let Some(world_from_body) = field.trajectory.at(ray.time_ns) else { return Meeting::Nothing };
     let world_from_body = world_from_body * *off;
     let body_from_sensor = offset.body_from_sensor(&ray.mount(field.sensors));
     let world_from_sensor = world_from_body * body_from_sensor;
     let placed = ray.place(field.sensors, &world_from_sensor);
-    let Some(hit) = field.scene.cast(placed.origin_m, placed.direction) else { return Said::Nothing };
+    let Some(hit) = field.scene.cast(placed.origin_m, placed.direction) else { return Meeting::Nothing };
     let range_m = hit.distance_m + placed.range_offset_m + offset.range_m;
     if range_m < sensor.model.min_range_m || range_m > sensor.model.max_range_m {
-        return Said::Nothing;
+        return Meeting::Nothing;
     }
     let slope = placed.direction.dot(hit.normal);
     if slope.abs() < LEAST_COSINE {
-        return Said::Nothing;
+        return Meeting::Nothing;
     }
     if (recorded_m - range_m).abs() > gate_m {
-        return Said::Elsewhere;
+        return Meeting::Elsewhere;
     }
     let body_from_world = world_from_body.inverse();
     let mount_from_body = BODY_FROM_MOUNT_FRAME.transpose();
@@ -179,7 +179,7 @@ fn said(field: &Field<'_>, ray: &RecordedRay, off: &Pose, offset: &Offset, gate_
     let normal_m = mount_from_body * normal;
     let lever_m = mount_from_body * (point_m - body_from_sensor.translation_m);
     let mount_turn = lever_m.cross(normal_m);
-    Said::Near(Row {
+    Meeting::Near(Row {
         sensor: ray.sensor,
         residual_m: slope * (recorded_m - range_m),
         of_mount: [-normal_m.x, -normal_m.y, -normal_m.z, -mount_turn.x, -mount_turn.y, -mount_turn.z, slope],
@@ -201,8 +201,8 @@ mod tests {
         let corrected = offset.corrected(&mount, &[true; 7]);
         assert!((corrected.pitch_rad - 0.42).abs() < 1e-12 && (corrected.roll_rad - 0.05).abs() < 1e-12);
         assert!((corrected.x_m - 0.11).abs() < 1e-12 && (corrected.z_m - 0.28).abs() < 1e-12);
-        let [said, found] = [corrected.body_from_sensor(), offset.body_from_sensor(&mount)];
-        assert!((said.inverse() * found).rotation.to_scaled_axis().length() < 1e-9);
-        assert!(said.translation_m.distance(found.translation_m) < 1e-12);
+        let [nominal, found] = [corrected.body_from_sensor(), offset.body_from_sensor(&mount)];
+        assert!((nominal.inverse() * found).rotation.to_scaled_axis().length() < 1e-9);
+        assert!(nominal.translation_m.distance(found.translation_m) < 1e-12);
     }
 }

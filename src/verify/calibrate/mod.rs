@@ -58,7 +58,7 @@ pub struct Field<'a> {
     pub scene: &'a Scene,
     /// As recorded.
     pub trajectory: &'a Trajectory,
-    /// As said, with the models of their packets.
+    /// Nominal, with the models of their packets.
     pub sensors: &'a [MountedSensor],
     /// In order of time.
     pub rays: &'a [RecordedRay],
@@ -113,7 +113,7 @@ pub struct SensorCheck {
     pub range_offset_mm: Option<Estimate>,
     /// Rays used.
     pub rays: u64,
-    /// Why nothing can be said about the tilt here.
+    /// Why nothing is known of the tilt here.
     pub cannot_tell: Option<String>,
     /// Whether that is because the scene is another one, or of another size.
     #[serde(skip)]
@@ -124,7 +124,7 @@ pub struct SensorCheck {
 }
 
 impl SensorCheck {
-    /// Nothing is told of a sensor, and its mount is as said.
+    /// Nothing is known of a sensor, and its mount is nominal.
     pub(crate) fn untold(sensor: &str, mount: Mount) -> Self {
         Self {
             sensor: sensor.to_owned(),
@@ -156,7 +156,7 @@ pub struct RelativeTilt {
     pub sd_deg: f64,
     /// Half of the 95 % interval, degrees.
     pub u95_deg: f64,
-    /// Chance of such a value if both were as said.
+    /// Chance of such a value if both were nominal.
     pub p_value: f64,
 }
 
@@ -165,7 +165,7 @@ pub struct RelativeTilt {
 pub struct MountCheck {
     /// By sensor.
     pub mount: Vec<SensorCheck>,
-    /// Of the first two sensors, where both tilts are told.
+    /// Of the first two sensors, where both pitches are observable.
     pub relative_tilt: Option<RelativeTilt>,
     /// Times the rays were cast.
     pub rounds: usize,
@@ -277,14 +277,14 @@ fn report(
     };
     let unit = |place: usize| std::array::from_fn(|other| f64::from(u8::from(other == place)));
     let single = |place: usize, value: f64, by: f64| {
-        (enough && seen.is_told[place]).then(|| estimate(unit(place), value).scaled(by))
+        (enough && seen.is_observable[place]).then(|| estimate(unit(place), value).scaled(by))
     };
     let turn = offset.rotation.to_scaled_axis();
     let axis = tilt_axis(mount);
     let along = [0.0, 0.0, 0.0, axis.x, axis.y, axis.z, 0.0];
-    let told = enough && seen.tells(&along);
-    let tilt = told.then(|| estimate(along, turn.dot(axis)).scaled(1f64.to_degrees()));
-    let cannot_tell = match (many, near, told) {
+    let is_observable = enough && seen.tells(&along);
+    let tilt = is_observable.then(|| estimate(along, turn.dot(axis)).scaled(1f64.to_degrees()));
+    let cannot_tell = match (many, near, is_observable) {
         (true, true, _) if !is_likely => Some(format!(
             "cannot tell here: the scene fits best with ranges {:.2} m too {}, and no sensor errs so far: is the scene of another \
              size, or another place?",
@@ -316,7 +316,7 @@ fn report(
         rays,
         cannot_tell,
         is_of_another_scene: many && !(near && is_likely),
-        corrected: if near && is_likely { offset.corrected(mount, &seen.is_told) } else { *mount },
+        corrected: if near && is_likely { offset.corrected(mount, &seen.is_observable) } else { *mount },
     }
 }
 

@@ -16,7 +16,7 @@ const MOST_LOOSE_PART: f64 = 0.01;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observed {
     /// By unknown.
-    pub is_told: [bool; 7],
+    pub is_observable: [bool; 7],
     /// Largest over least eigenvalue; none where a direction is loose.
     pub condition_number: Option<f64>,
     /// Directions that are tied down, in the unknowns' own units: columns of 7 numbers.
@@ -59,13 +59,13 @@ impl Observed {
             }
         }
         let mut observed = Self {
-            is_told: [false; 7],
+            is_observable: [false; 7],
             condition_number: (loose.is_empty() && least > 0.0).then(|| largest / least),
             basis,
             loose,
             scale,
         };
-        observed.is_told = std::array::from_fn(|place| {
+        observed.is_observable = std::array::from_fn(|place| {
             let mut unit = [0.0; 7];
             unit[place] = 1.0;
             observed.tells(&unit) && 1.0 / variance[place] >= LEAST_INFORMATION
@@ -81,8 +81,13 @@ impl Observed {
         !self.basis.is_empty() && loose < MOST_LOOSE_PART * length
     }
 
-    /// Names of what is told.
+    /// Names of what is observable.
     pub(crate) fn names(&self) -> Vec<&'static str> {
-        UNKNOWNS.iter().zip(self.is_told).filter(|(_, told)| *told).map(|(name, _)| *name).collect()
+        UNKNOWNS
+            .iter()
+            .zip(self.is_observable)
+            .filter(|(_, is_observable)| *is_observable)
+            .map(|(name, _)| *name)
+            .collect()
     }
 }

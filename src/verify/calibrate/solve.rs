@@ -10,7 +10,7 @@ use crate::world::trajectory::PoseError;
 
 /// Residuals beyond so many standard deviations count less (Huber 1964, doi:10.1214/aoms/1177703732).
 const HUBER: f64 = 2.5;
-/// Times the weights are taken anew in one step.
+/// Times the weights are computed again in one step.
 const REWEIGHTINGS: usize = 4;
 /// Least standard deviation that weights are made with, m: ranges come in millimetres.
 pub const LEAST_SCALE_M: f64 = 5e-4;
@@ -47,7 +47,7 @@ pub struct Solution {
     /// Of every part of a revolution, with the last weights.
     pub sums: Vec<Sums>,
     /// Unknowns of all sensors from the directions that are tied down.
-    pub from_told: DMatrix<f64>,
+    pub from_observable: DMatrix<f64>,
     /// Inverse of the information about those.
     pub inverse: DMatrix<f64>,
 }
@@ -60,8 +60,8 @@ pub(crate) fn solve(
     known: &[[f64; 6]],
 ) -> Option<Solution> {
     let observed = observed(scans, sensors);
-    let from_told = basis(&observed);
-    if from_told.ncols() == 0 {
+    let from_observable = basis(&observed);
+    if from_observable.ncols() == 0 {
         return None;
     }
     let prior = prior(pose);
@@ -87,19 +87,19 @@ pub(crate) fn solve(
             })
             .collect();
         let (information, right) = reduced(&sums, sensors);
-        let information = from_told.transpose() * information * &from_told;
+        let information = from_observable.transpose() * information * &from_observable;
         let inverse = Cholesky::new(information)?.inverse();
-        let right = from_told.transpose() * right;
+        let right = from_observable.transpose() * right;
         let reduced = &inverse * &right;
         step_size = reduced.dot(&right).max(0.0).sqrt();
-        step = &from_told * reduced;
+        step = &from_observable * reduced;
         poses = sums.iter().map(|sums| sums.pose(&step)).collect();
         outcome = Some((sums, inverse));
     }
     let (sums, inverse) = outcome?;
     let poses = poses.iter().map(|pose| std::array::from_fn(|place| pose[place])).collect();
     let step = step.as_slice().to_vec();
-    Some(Solution { step, step_size, observed, scale_m, poses, sums, from_told, inverse })
+    Some(Solution { step, step_size, observed, scale_m, poses, sums, from_observable, inverse })
 }
 
 /// Information that the prior has about a pose error.

@@ -298,12 +298,13 @@ mod tests {
             let turn = glam::DQuat::from_axis_angle(axis, scale * measured_rad + late_rad);
             // about the mount's axes, like any tilt
             let axes = glam::DQuat::from_mat3(&crate::base::geometry::BODY_FROM_MOUNT_FRAME);
-            let seat = Pose::new(axes * turn * axes.conjugate() * level.rotation, level.translation_m);
+            let body_from_sensor =
+                Pose::new(axes * turn * axes.conjugate() * level.rotation, level.translation_m);
             let scan = Scan {
                 scene: &scene,
                 trajectory: &still,
                 model: &said.model,
-                body_from_sensor: &|_| seat,
+                body_from_sensor: &|_| body_from_sensor,
                 noise_m: 0.01,
                 seed: 7,
                 range_step_mm: 1,

@@ -130,17 +130,17 @@ mod tests {
     }
 
     /// Recorded in one room, compared with another.
-    fn between(recorded: &Scene, said: &Scene) -> Conflicts {
+    fn between(recorded: &Scene, nominal: &Scene) -> Conflicts {
         let model = sensors::catalogue::nominal("vlp-16").unwrap();
         let mount = Mount { pitch_rad: 0.5, ..Mount::default() };
         let sensors = [MountedSensor { name: "left".into(), model, mount }];
-        let way = Trajectory::straight(DVec3::new(-1.0, 0.0, 1.2), DVec3::new(1.0, 0.0, 1.2), 2.0, 1);
-        let seat = mount.body_from_sensor();
+        let path = Trajectory::straight(DVec3::new(-1.0, 0.0, 1.2), DVec3::new(1.0, 0.0, 1.2), 2.0, 1);
+        let pose = mount.body_from_sensor();
         let scan = Scan {
             scene: recorded,
-            trajectory: &way,
+            trajectory: &path,
             model: &sensors[0].model,
-            body_from_sensor: &|_| seat,
+            body_from_sensor: &|_| pose,
             noise_m: 0.02,
             seed: 1,
             range_step_mm: 2,
@@ -153,7 +153,7 @@ mod tests {
         }
         let rays = Thinning::joined([rays]);
         let field =
-            Field { scene: said, trajectory: &way, sensors: &sensors, rays: &rays, agree_within_m: 0.1 };
+            Field { scene: nominal, trajectory: &path, sensors: &sensors, rays: &rays, agree_within_m: 0.1 };
         Conflicts::between(&field).unwrap()
     }
 

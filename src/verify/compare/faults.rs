@@ -40,7 +40,7 @@ impl Fault {
 struct Reading {
     fault: Fault,
     /// Which sensor's mount and model the rays of each sensor are cast from.
-    seat: Vec<usize>,
+    slot: Vec<usize>,
     mirrored: Vec<bool>,
     turned: Vec<bool>,
     /// Size of the scene's unit, m.
@@ -74,7 +74,7 @@ impl Reading {
     fn given(sensors: &[MountedSensor]) -> Self {
         Self {
             fault: Fault::new("none", Vec::new(), String::new()),
-            seat: (0..sensors.len()).collect(),
+            slot: (0..sensors.len()).collect(),
             mirrored: vec![false; sensors.len()],
             turned: vec![false; sensors.len()],
             unit_m: 1.0,
@@ -109,7 +109,7 @@ fn readings(sensors: &[MountedSensor]) -> Vec<Reading> {
                 sensors[first].name, sensors[second].name
             );
             let mut reading = Reading::named(sensors, "swapped_sensors", &[first, second], words);
-            reading.seat.swap(first, second);
+            reading.slot.swap(first, second);
             readings.push(reading);
         }
     }
@@ -145,11 +145,11 @@ fn agree_share(field: &Field<'_>, rays: &[&RecordedRay], reading: &Reading) -> O
 
 fn class(field: &Field<'_>, ray: &RecordedRay, reading: &Reading) -> RayClass {
     let Some(world_from_body) = field.trajectory.at(ray.time_ns) else { return RayClass::Unplaced };
-    let seat = &field.sensors[reading.seat[ray.sensor]];
+    let slot = &field.sensors[reading.slot[ray.sensor]];
     // a swapped sensor's own axis angle came with the other one
-    let own = if reading.seat[ray.sensor] == ray.sensor { ray.pitch_rad } else { seat.mount.pitch_rad };
+    let own = if reading.slot[ray.sensor] == ray.sensor { ray.pitch_rad } else { slot.mount.pitch_rad };
     let pitch_rad = if reading.mirrored[ray.sensor] { -own } else { own };
-    let mut body_from_sensor = Mount { pitch_rad, ..seat.mount }.body_from_sensor();
+    let mut body_from_sensor = Mount { pitch_rad, ..slot.mount }.body_from_sensor();
     if reading.turned[ray.sensor] {
         let half = glam::DQuat::from_rotation_z(std::f64::consts::PI);
         body_from_sensor = body_from_sensor * Pose::new(half, glam::DVec3::ZERO);

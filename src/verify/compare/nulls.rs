@@ -1,4 +1,4 @@
-//! What a recording would look like if nothing were wrong with it: the mount as said, the trajectory off by what
+//! What a recording would look like if nothing were wrong with it: the mount is nominal, the trajectory off by what
 //! trajectories are off by. Where the recording stands among such runs is its p-value; how often a patch is covered in
 //! them is the chance that it is.
 
@@ -102,7 +102,7 @@ struct Run {
 }
 
 impl NullTest {
-    /// Simulates healthy runs and puts the recording among them; `progress` is told of each.
+    /// Simulates healthy runs and puts the recording among them; `progress` is called for each.
     pub(crate) fn run(field: &Field<'_>, patches: &Patches, healthy: Healthy, progress: impl Fn()) -> Self {
         let foreseen: Vec<Foreseen> = field.rays.par_iter().map(|ray| field.foresee(ray, patches)).collect();
         let recorded: Vec<Option<f64>> = field.rays.iter().map(|ray| ray.range_m).collect();
@@ -162,7 +162,7 @@ impl Calibration {
 }
 
 impl Field<'_> {
-    /// A ray where the mount and the way as said put it; none outside the way's time.
+    /// A ray where the nominal mount and the trajectory put it; none outside the trajectory's time.
     pub(super) fn place(&self, ray: &RecordedRay) -> Option<PlacedRay> {
         ray.place_on(self.sensors, self.trajectory, ray.time_ns)
     }
@@ -180,16 +180,16 @@ impl Field<'_> {
 
 /// Ranges that a healthy rig would have recorded.
 fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> {
-    let true_way =
+    let true_trajectory =
         healthy.pose.disturb_near(field.trajectory, seed, field.rays.iter().map(|ray| ray.time_ns));
     let rays = field.rays.par_iter().enumerate();
     rays.map(|(number, ray)| {
         let mut rng = Rng::new(seed, number as u64);
-        let kept = rng.uniform() >= healthy.drop_out;
+        let is_recorded = rng.uniform() >= healthy.drop_out;
         let noise_m = healthy.range_sd_m * rng.normal();
-        let placed = ray.place_on(field.sensors, &true_way, ray.time_ns)?;
+        let placed = ray.place_on(field.sensors, &true_trajectory, ray.time_ns)?;
         let (range_m, _) = placed.cast(field.scene, &field.sensors[ray.sensor])?;
-        kept.then_some(range_m + noise_m)
+        is_recorded.then_some(range_m + noise_m)
     })
     .collect()
 }

@@ -48,7 +48,7 @@ struct Shard {
     recorded: Coverage,
     placed: Coverage,
     breakdown: Vec<Breakdown>,
-    kept: Thinning,
+    sampled: Thinning,
 }
 
 /// Everything that a recording says about its prediction.
@@ -66,7 +66,7 @@ pub struct Replayed {
     /// Per sensor.
     pub breakdown: Vec<Breakdown>,
     /// An even share of the rays, in order of time.
-    pub kept: Vec<RecordedRay>,
+    pub sampled: Vec<RecordedRay>,
     /// Samples of the surface, where they were asked for.
     pub surface: Option<super::SurfaceCovered>,
 }
@@ -86,7 +86,7 @@ impl<'a> Replay<'a> {
             recorded: Coverage::new(grid.clone(), count),
             placed: Coverage::new(grid.clone(), count),
             breakdown: vec![Breakdown::default(); count],
-            kept: Thinning::new(gate.keep_rays),
+            sampled: Thinning::new(gate.keep_rays),
         };
         let shards = (0..rayon::current_num_threads().max(1)).map(|_| shard()).collect();
         Self { scene, trajectory, sensors, gate, surface: None, shards }
@@ -144,15 +144,15 @@ impl<'a> Replay<'a> {
         let mut shards = self.shards.into_iter();
         #[expect(clippy::unwrap_used, reason = "made with at least one")]
         let mut all = shards.next().unwrap();
-        let mut kept = Vec::new();
+        let mut samples = Vec::new();
         for shard in shards {
             all.as_driven.join(&shard.as_driven);
             all.recorded.join(&shard.recorded);
             all.placed.join(&shard.placed);
             all.breakdown.iter_mut().zip(&shard.breakdown).for_each(|(own, more)| own.join(more));
-            kept.push(shard.kept);
+            samples.push(shard.sampled);
         }
-        kept.push(all.kept);
+        samples.push(all.sampled);
         Replayed {
             sensors: self.sensors,
             as_driven: all.as_driven,
@@ -160,7 +160,7 @@ impl<'a> Replay<'a> {
             placed: all.placed,
             rays: all.breakdown.iter().map(Breakdown::total).collect(),
             breakdown: all.breakdown,
-            kept: Thinning::joined(kept),
+            sampled: Thinning::joined(samples),
             surface: self.surface.map(SurfaceTally::finish),
         }
     }
@@ -275,8 +275,8 @@ impl Lay<'_> {
         if let (Some(surface), Some(adder)) = (self.surface, adder) {
             surface.add(adder, predicted_point, class == RayClass::Agree, placed_point);
         }
-        if shard.kept.wants(self.sensor, fired.channel, fired.time_ns) {
-            shard.kept.push(RecordedRay {
+        if shard.sampled.wants(self.sensor, fired.channel, fired.time_ns) {
+            shard.sampled.push(RecordedRay {
                 sensor: self.sensor,
                 channel: fired.channel,
                 time_ns: fired.time_ns,

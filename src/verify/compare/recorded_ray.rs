@@ -1,4 +1,4 @@
-//! Single rays of a recording, kept to be cast again: under another mount, another pose, another reading of the scene.
+//! Single rays of a recording, stored to be cast again: under another mount, another pose, another reading of the scene.
 
 use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
@@ -44,14 +44,14 @@ impl RecordedRay {
         Mount { pitch_rad: self.pitch_rad, ..sensors[self.sensor].mount }
     }
 
-    /// The ray where its mount as said and a way at a time put it; none outside the way's time.
+    /// The ray where its nominal mount and a trajectory put it; none outside the trajectory's time.
     pub(crate) fn place_on(
         &self,
         sensors: &[MountedSensor],
-        way: &Trajectory,
+        trajectory: &Trajectory,
         time_ns: u64,
     ) -> Option<PlacedRay> {
-        let world_from_body = way.at(time_ns)?;
+        let world_from_body = trajectory.at(time_ns)?;
         Some(self.place(sensors, &(world_from_body * self.mount(sensors).body_from_sensor())))
     }
 

@@ -285,13 +285,13 @@ mod tests {
         let (low_m, high_m) = (DVec3::new(-2.0, -1.5, -1.5), DVec3::new(3.0, 2.0, 1.2));
         let room = Scene::Box(BoxScene::closed(low_m, high_m));
         let patches = Patches::of_scene(&room, 40_000, 1, &[DVec3::new(0.1, 0.2, 0.5)]).unwrap();
-        let mut told = 0;
+        let mut decided = 0;
         for patch in (0..patches.len()).filter(|patch| patches.weight(*patch) > 0) {
             let at_m = patches.middle_m(patch);
             let off_m = (at_m - low_m).abs().min((at_m - high_m).abs()).min_element();
             assert!(off_m < 1e-9, "{at_m}: {off_m} m off every wall");
-            told += 1;
+            decided += 1;
         }
-        assert!(told > 500, "{told}");
+        assert!(decided > 500, "{decided}");
     }
 }

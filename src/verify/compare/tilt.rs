@@ -164,14 +164,14 @@ impl FramePitch {
 /// either side. At least one.
 fn standing(readings: &[TiltReading]) -> usize {
     let first = readings[0];
-    let [mut least, mut greatest] = [first.pitch_rad; 2];
+    let [mut min_rad, mut max_rad] = [first.pitch_rad; 2];
     let hold = readings.iter().take_while(|reading| {
-        least = least.min(reading.pitch_rad);
-        greatest = greatest.max(reading.pitch_rad);
+        min_rad = min_rad.min(reading.pitch_rad);
+        max_rad = max_rad.max(reading.pitch_rad);
         let within_rad = reading.uncertainty_rad.unwrap_or(STANDS_WITHIN_RAD / 2.0);
         reading.held_rad.is_some()
             && reading.held_rad == first.held_rad
-            && greatest - least <= 2.0 * within_rad
+            && max_rad - min_rad <= 2.0 * within_rad
     });
     hold.count().max(1)
 }

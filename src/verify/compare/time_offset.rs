@@ -112,8 +112,8 @@ fn near(field: &Field<'_>, best_ns: i64) -> Result<TimeOffset, NoTimeOffset> {
     let by_part: Vec<Vec<Cost>> = at_ns.iter().map(|at| costs(field, middle_ns + at)).collect();
     let least_without = |left_out: Option<usize>| {
         let cost = |parts: &Vec<Cost>| {
-            let kept = parts.iter().enumerate().filter(|(part, _)| Some(*part) != left_out);
-            Cost::sum(&kept.map(|(_, cost)| *cost).collect::<Vec<_>>()).mean()
+            let used = parts.iter().enumerate().filter(|(part, _)| Some(*part) != left_out);
+            Cost::sum(&used.map(|(_, cost)| *cost).collect::<Vec<_>>()).mean()
         };
         lowest(&by_part.iter().map(cost).collect::<Vec<_>>())
     };
@@ -233,8 +233,8 @@ mod tests {
                     pitch_rad: 0.5,
                     range_m: None,
                 };
-                let seat = trajectory.at(true_ns).unwrap() * mount.body_from_sensor();
-                let met = ray.place(&sensors, &seat).cast(&scene, &sensors[0]);
+                let world_from_sensor = trajectory.at(true_ns).unwrap() * mount.body_from_sensor();
+                let met = ray.place(&sensors, &world_from_sensor).cast(&scene, &sensors[0]);
                 ray.range_m = met.map(|(range_m, _)| range_m + 0.01 * rng.normal());
                 ray.time_ns = (true_ns as i64 - (late_s * 1e9) as i64) as u64;
                 ray
@@ -253,11 +253,11 @@ mod tests {
     #[test]
     fn an_offset_is_found_as_well_as_is_said() {
         for late_s in [0.0, 0.037, -0.412] {
-            let told = found(0.8, 0.6, late_s).unwrap();
-            let off_s = (told.seconds - late_s).abs();
+            let found_offset = found(0.8, 0.6, late_s).unwrap();
+            let off_s = (found_offset.seconds - late_s).abs();
             assert!(
-                off_s < 0.002 && off_s < 4.0 * told.sd_s + 1e-4 && told.sd_s < 0.002,
-                "{late_s}: {told:?}"
+                off_s < 0.002 && off_s < 4.0 * found_offset.sd_s + 1e-4 && found_offset.sd_s < 0.002,
+                "{late_s}: {found_offset:?}"
             );
         }
     }

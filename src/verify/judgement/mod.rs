@@ -2,7 +2,7 @@
 
 pub mod comparison;
 mod reason;
-mod seats;
+mod mounts;
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,8 @@ use crate::base::numbers::number;
 use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 use crate::world::local_origin::LocalOrigin;
 use comparison::Comparison;
+use mounts::{off, off_in_range, off_its_slot};
 pub use reason::decide;
-use seats::{off, off_in_range, off_its_seat};
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.
@@ -61,7 +61,7 @@ pub fn words(
         let mut checks = comparison.mount.iter().filter(|check| check.sensor == sensor.name);
         let cause = match is_another {
             true => Some(ANOTHER_SCENE),
-            false => checks.any(|check| !off_its_seat(check).is_empty()).then_some(ANOTHER_SEAT),
+            false => checks.any(|check| !off_its_slot(check).is_empty()).then_some(ANOTHER_SLOT),
         };
         words.extend(of_rays(&sensor.name, &breakdown.total(), breakdown.strip.as_slice(), cause));
         if !is_another {
@@ -117,7 +117,7 @@ fn missing_returns(name: &str, total: &RayClasses, cell_m: Option<f64>) -> Optio
 }
 
 /// Likeliest causes of all that ends elsewhere, where they are known.
-const ANOTHER_SEAT: &str = "it sits otherwise than said; compare again with the mount that --corrected-mount writes (of a \
+const ANOTHER_SLOT: &str = "it sits elsewhere than its nominal mount; compare again with the mount that --corrected-mount writes (of a \
                             sensor whose axis measures: with --axis-zero)";
 const ANOTHER_SCENE: &str = "the scene is of another size, or another place";
 

@@ -1,7 +1,7 @@
 //! One test decides, and is named with its figure.
 
 use super::comparison::{Comparison, PART_SHARE, Reason, Verdict};
-use super::seats::off;
+use super::mounts::off;
 use super::{LEAST_RAYS, MATCH_AGREE_SHARE, MATCH_IOU, RARE};
 
 /// Trajectory and scene lie in different frames below this share of agreeing rays: even of another place a tenth agrees.

@@ -131,9 +131,9 @@ impl MeshSummary {
         let [x, y, z] = self.extent_m;
         let assumed = match (self.is_unit_stated, self.is_up_stated) {
             (true, true) => "",
-            (false, true) => "; nobody stated the unit (--mesh-unit)",
-            (true, false) => "; nobody stated the axis (--up)",
-            (false, false) => "; nobody stated either (--mesh-unit, --up)",
+            (false, true) => "; no unit is stated (--mesh-unit)",
+            (true, false) => "; no axis is stated (--up)",
+            (false, false) => "; neither is stated (--mesh-unit, --up)",
         };
         format!(
             "{x:.2} x {y:.2} x {z:.2} m, {:.2} m² in {} triangles, read in {}, {} up{assumed}",

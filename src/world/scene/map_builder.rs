@@ -66,13 +66,13 @@ pub(crate) enum MapError {
     )]
     NoTime { name: String },
     #[error(
-        "{name}: its points are of {:.3} to {:.3} s, {} goes from {:.3} to {:.3} s: no point falls into the way's time",
+        "{name}: its points are of {:.3} to {:.3} s, {} goes from {:.3} to {:.3} s: no point falls into the trajectory's time",
         .points_s[0], .points_s[1], .trajectory.display(), .trajectory_s[0], .trajectory_s[1]
     )]
     OtherTime { name: String, points_s: [f64; 2], trajectory: PathBuf, trajectory_s: [f64; 2] },
 }
 
-/// A map under way.
+/// A map that is being made.
 pub(crate) struct MapBuilder {
     map: VoxelMap,
     /// Near what came first; the map begins there.

@@ -83,10 +83,10 @@ impl Scene {
 
     /// Whether nothing stands between two points, but for what is nearer than `tolerance_m` to the second.
     pub(crate) fn sees(&self, from_m: DVec3, to_m: DVec3, tolerance_m: f64) -> bool {
-        let way = to_m - from_m;
-        let length_m = way.length();
+        let step_m = to_m - from_m;
+        let length_m = step_m.length();
         length_m > 0.0
-            && self.cast(from_m, way / length_m).is_none_or(|hit| hit.distance_m >= length_m - tolerance_m)
+            && self.cast(from_m, step_m / length_m).is_none_or(|hit| hit.distance_m >= length_m - tolerance_m)
     }
 
     /// Least axis-aligned box around every surface, m.

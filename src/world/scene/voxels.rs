@@ -274,9 +274,9 @@ impl VoxelMap {
     /// Whether one of the 6 cells around is occupied.
     fn touches_surface(&self, cell: [i32; 3], last: &mut LastRegion) -> bool {
         (0..6).any(|side| {
-            let mut beside = cell;
-            beside[side / 2] = beside[side / 2].saturating_add(if side % 2 == 0 { 1 } else { -1 });
-            self.state(beside, last) == Cell::Occupied
+            let mut neighbour = cell;
+            neighbour[side / 2] = neighbour[side / 2].saturating_add(if side % 2 == 0 { 1 } else { -1 });
+            self.state(neighbour, last) == Cell::Occupied
         })
     }
 
@@ -289,8 +289,8 @@ impl VoxelMap {
 
     /// Marks the cells from one point to before another as crossed. False when the ray is not believed.
     fn cross(&mut self, from_m: DVec3, to_m: DVec3) -> bool {
-        let way = to_m - from_m;
-        let length_m = way.length();
+        let step_m = to_m - from_m;
+        let length_m = step_m.length();
         let reach = 1e8 * self.voxel_m;
         let near = from_m.abs().max_element() < reach && to_m.abs().max_element() < reach;
         // NaN fails every comparison
@@ -299,7 +299,7 @@ impl VoxelMap {
             return false;
         }
         let end = self.cell_at(to_m);
-        let direction = if length_m > 0.0 { way / length_m } else { DVec3::X };
+        let direction = if length_m > 0.0 { step_m / length_m } else { DVec3::X };
         let mut walk = CellWalk::new(from_m, direction, self.voxel_m);
         let steps: u64 = (0..3).map(|axis| u64::from(walk.cell[axis].abs_diff(end[axis]))).sum();
         let mut last = LastRegion::default();
@@ -396,7 +396,7 @@ impl CellWalk {
         self.to_face_m[0].min(self.to_face_m[1]).min(self.to_face_m[2])
     }
 
-    /// On to the next cell: way walked to it, m, and the axis of the face.
+    /// On to the next cell: distance to it, m, and the axis of the face.
     fn step(&mut self) -> (f64, usize) {
         let to = self.to_face_m;
         let axis = if to[0] <= to[1] && to[0] <= to[2] {

@@ -69,7 +69,7 @@ impl std::fmt::Display for Suspicion {
 }
 
 impl Trajectory {
-    /// Length of the way, m.
+    /// Distance travelled, m.
     pub fn length_m(&self) -> f64 {
         self.world_from_body
             .windows(2)
@@ -98,7 +98,7 @@ impl Trajectory {
         found
     }
 
-    /// Positions of the body along the way, the first, then every `step_m` of way walked, m.
+    /// Positions of the body along the path, the first, then every `step_m` travelled, m.
     pub fn stations_m(&self, step_m: f64) -> Vec<DVec3> {
         let mut stations = vec![self.world_from_body[0].translation_m];
         let mut left_m = step_m;

@@ -33,7 +33,7 @@ impl PoseError {
         (-seconds / self.correlation_s).exp()
     }
 
-    /// One way that the body may really have gone when a trajectory was estimated.
+    /// One trajectory that the body may really have had when a trajectory was estimated.
     pub fn disturb(&self, trajectory: &Trajectory, seed: u64) -> Trajectory {
         let [start_ns, end_ns] = trajectory.time_span_ns();
         self.disturb_at_steps(trajectory, seed, (start_ns..end_ns).step_by(STEP_NS as usize).collect())
@@ -71,10 +71,10 @@ impl PoseError {
         let mut error = [0.0; 6].map(|_| rng.normal());
         let mut last_ns = start_ns;
         let stamped = times_ns.into_iter().filter_map(|time_ns| {
-            let kept = self.correlation((time_ns - last_ns) as f64 * 1e-9);
-            let fresh = (1.0 - kept * kept).sqrt();
+            let correlation = self.correlation((time_ns - last_ns) as f64 * 1e-9);
+            let fresh = (1.0 - correlation * correlation).sqrt();
             if time_ns > last_ns {
-                error = error.map(|value| kept * value + fresh * rng.normal());
+                error = error.map(|value| correlation * value + fresh * rng.normal());
             }
             last_ns = time_ns;
             let off_m = self.position_sd_m * DVec3::new(error[0], error[1], error[2]);

@@ -14,7 +14,7 @@ pub(super) type Stamped = (u64, Pose);
 
 /// Longest time between two poses of a file, s: what lies between them is filled in, at the cost of its length.
 const LONGEST_GAP_S: f64 = 3600.0;
-/// Longest way between two poses of a file, m.
+/// Longest distance between two poses of a file, m.
 const LONGEST_JUMP_M: f64 = 10_000.0;
 /// Coordinates beyond this are of no frame on this planet, m.
 const FARTHEST_M: f64 = 1e8;

@@ -1,4 +1,4 @@
-//! How a walking body moves beside its way: it sways, bobs and turns with every step.
+//! How a walking body moves about its path: it sways, bobs and turns with every step.
 
 use std::f64::consts::TAU;
 
@@ -43,20 +43,20 @@ impl Default for Gait {
 
 impl Gait {
     /// The same way at the same times, walked: poses every 10 ms and at the end.
-    pub(crate) fn walk(&self, way: &Trajectory) -> Trajectory {
-        let [start_ns, end_ns] = way.time_span_ns();
+    pub(crate) fn walk(&self, path: &Trajectory) -> Trajectory {
+        let [start_ns, end_ns] = path.time_span_ns();
         let step_ns = (1e9 / POSES_PER_S) as u64;
         let times = (start_ns..end_ns).step_by(step_ns as usize).chain([end_ns]);
         let stamped = times.filter_map(|time_ns| {
             let seconds = (time_ns - start_ns) as f64 * 1e-9;
-            Some((time_ns, way.at(time_ns)? * self.beside(seconds)))
+            Some((time_ns, path.at(time_ns)? * self.swayed(seconds)))
         });
         // times are those of a trajectory, thinned or filled in order
-        Trajectory::new(stamped.collect()).unwrap_or_else(|_| way.clone())
+        Trajectory::new(stamped.collect()).unwrap_or_else(|_| path.clone())
     }
 
     /// Body on the way from body as walked, s after the first step.
-    fn beside(&self, seconds: f64) -> Pose {
+    fn swayed(&self, seconds: f64) -> Pose {
         let stride = (TAU * self.step_hz / 2.0 * seconds).sin();
         // a quarter of a stride apart, as the trunk turns ahead of its sway
         let stride_ahead = (TAU * self.step_hz / 2.0 * seconds).cos();
@@ -74,12 +74,12 @@ mod tests {
 
     #[test]
     fn a_walk_keeps_to_its_way() {
-        let way = Trajectory::straight(DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), 2.0, 5_000);
-        let walked = Gait::default().walk(&way);
-        assert_eq!(walked.time_span_ns(), way.time_span_ns());
+        let path = Trajectory::straight(DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), 2.0, 5_000);
+        let walked = Gait::default().walk(&path);
+        assert_eq!(walked.time_span_ns(), path.time_span_ns());
         let mut farthest_m: f64 = 0.0;
         for (time_ns, pose) in walked.stamped() {
-            let straight = way.at(time_ns).unwrap();
+            let straight = path.at(time_ns).unwrap();
             farthest_m = farthest_m.max(pose.translation_m.distance(straight.translation_m));
             assert!(pose.rotation.angle_between(straight.rotation) < 3f64.to_radians());
         }

@@ -29,7 +29,7 @@ use crate::base::geometry::Pose;
 /// let walk = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0 1\n")?; // time, position, quaternion
 /// let half_way = walk.at(11_000_000_000).unwrap();
 /// assert_eq!(half_way.translation_m.to_array(), [1.5, 0.0, 1.0]);
-/// assert!(walk.at(13_000_000_000).is_none(), "nobody knows where it went then");
+/// assert!(walk.at(13_000_000_000).is_none(), "where it went then is unknown");
 /// let error = Trajectory::from_tum("10 0 0 1 0 0 0 1\n12 3 0 1 0 0 0\n").unwrap_err();
 /// assert!(error.to_string().contains("line 2"), "{error}");
 /// # Ok::<(), outrigger::world::trajectory::TrajectoryError>(())
@@ -55,12 +55,12 @@ impl Trajectory {
         Ok(Self { time_ns, world_from_body })
     }
 
-    /// A straight walk at constant speed (m/s > 0) that keeps the orientation of its direction: body x along the way.
+    /// A straight walk at constant speed (m/s > 0) that keeps the orientation of its direction: body x along it.
     pub fn straight(from_m: DVec3, to_m: DVec3, speed_m_s: f64, start_ns: u64) -> Self {
-        let way = to_m - from_m;
-        let yaw = way.y.atan2(way.x);
+        let step_m = to_m - from_m;
+        let yaw = step_m.y.atan2(step_m.x);
         let rotation = glam::DQuat::from_rotation_z(yaw);
-        let duration_ns = (way.length() / speed_m_s * 1e9).round() as u64;
+        let duration_ns = (step_m.length() / speed_m_s * 1e9).round() as u64;
         let end = Pose::new(rotation, to_m);
         let start = Pose::new(rotation, from_m);
         Self { time_ns: vec![start_ns, start_ns + duration_ns.max(1)], world_from_body: vec![start, end] }
@@ -161,7 +161,7 @@ pub enum TrajectoryError {
         /// As given, Hz.
         rate_hz: f64,
     },
-    /// A planned walk that nobody can walk.
+    /// A planned walk that cannot be walked.
     #[error("{reason}")]
     Shape {
         /// What was found and what was expected.

@@ -33,7 +33,7 @@ struct Row {
     fields: Vec<String>,
 }
 
-/// Poses under way.
+/// Poses that are being read.
 struct Reader {
     stamped: Vec<Stamped>,
     unit: Option<TimeUnit>,

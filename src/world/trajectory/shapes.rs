@@ -6,7 +6,7 @@ use super::{Trajectory, TrajectoryError};
 use crate::base::geometry::Pose;
 
 impl Trajectory {
-    /// Along corners at constant speed (m/s), body x along the way. The body turns on the spot at a corner, at
+    /// Along corners at constant speed (m/s), body x along the path. The body turns on the spot at a corner, at
     /// `turn_rad_s`. A vertical piece keeps the heading before it.
     ///
     /// # Errors
@@ -27,13 +27,13 @@ impl Trajectory {
         }
         let mut legs: Vec<(DVec3, DVec3, f64)> = Vec::new();
         for pair in corners_m.windows(2) {
-            let way = pair[1] - pair[0];
-            if way.length() < 1e-9 {
+            let step_m = pair[1] - pair[0];
+            if step_m.length() < 1e-9 {
                 continue;
             }
-            let flat = way.truncate().length() > 1e-9 * way.length();
+            let flat = step_m.truncate().length() > 1e-9 * step_m.length();
             let before = legs.last().map(|leg| leg.2).unwrap_or(0.0);
-            legs.push((pair[0], pair[1], if flat { way.y.atan2(way.x) } else { before }));
+            legs.push((pair[0], pair[1], if flat { step_m.y.atan2(step_m.x) } else { before }));
         }
         let Some(first) = legs.first() else {
             return Err(TrajectoryError::Shape { reason: "a walk needs two different corners".into() });
@@ -51,7 +51,7 @@ impl Trajectory {
         for (from_m, to_m, next_rad) in legs {
             let turn = (next_rad - yaw_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
                 - std::f64::consts::PI;
-            // quarter turns at most, so that the shorter way between two stamps is the way meant
+            // quarter turns at most, so that the shorter turn between two stamps is the turn meant
             let steps = (turn.abs() / std::f64::consts::FRAC_PI_2).ceil() as usize;
             for step in 1..=steps {
                 let share = step as f64 / steps as f64;

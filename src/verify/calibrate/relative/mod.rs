@@ -2,7 +2,7 @@
 //!
 //! No model of the scene is needed. In each window of a few revolutions every sensor's points make a map of its own, with
 //! planes through the points of neighbouring cells. A point of one sensor lies in the other's plane when both mounts are
-//! as said; what is left over is regressed on the first sensor's seven unknowns (shift, turn, range offset; the second
+//! nominal; what is left over is regressed on the first sensor's seven unknowns (shift, turn, range offset; the second
 //! stays). The body's pose is an unknown of every revolution with a prior that lets it drift (eliminated in its window);
 //! a point's distance from its own sensor's planes says nothing about the mounts but holds these poses. Planes are made
 //! anew from the corrected mount and poses in each round, with cells and gates that shrink.
@@ -25,9 +25,9 @@ use crate::base::statistics::{median, robust_deviation, student_quantile, studen
 use crate::rig::MountedSensor;
 use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::{PoseError, Trajectory};
-use window::{Block77, Column7, Look, MOST_TURNS, Said, Window};
+use window::{Block77, Column7, Look, MOST_TURNS, Window, WindowSums};
 
-/// Windows that are wished for, and without which nothing is said.
+/// Windows that are wished for, and without which there is no result.
 const WINDOWS: u64 = 10;
 const LEAST_WINDOWS: usize = 4;
 /// Points among the other sensor's planes, over all windows, at least.
@@ -50,7 +50,7 @@ const FEW: usize = 4;
 pub struct Pair<'a> {
     /// As recorded, or from odometry.
     pub trajectory: &'a Trajectory,
-    /// As said, with the models of their packets.
+    /// Nominal, with the models of their packets.
     pub sensors: &'a [MountedSensor],
     /// The sensor that is looked at, and that which it is held against.
     pub first: usize,
@@ -62,12 +62,12 @@ pub struct Pair<'a> {
     pub revolution_ns: u64,
 }
 
-/// How the first sensor sits to the second, beside what was said.
+/// How the first sensor sits to the second, against the nominal mounts.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RelativeMount {
     /// The two.
     pub sensors: [String; 2],
-    /// Tilt error of the first less that of the second; none where it cannot be told.
+    /// Tilt error of the first less that of the second; none where it is not observable.
     pub tilt: Option<RelativeTilt>,
     /// Turns of the first about the mount frame's axes (x right: roll, y forward: tilt, z up: yaw), degrees.
     pub rotation_deg: [Option<Estimate>; 3],
@@ -89,7 +89,7 @@ pub struct RelativeMount {
     pub converged: bool,
     /// Robust standard deviation of a residual between the sensors, mm.
     pub residual_sd_mm: f64,
-    /// Why nothing can be said about the tilt here.
+    /// Why nothing is known of the tilt here.
     pub cannot_tell: Option<String>,
 }
 
@@ -133,7 +133,7 @@ pub fn relative_mount(pair: &Pair<'_>, error: &PoseError) -> RelativeMount {
     let edge_m = pair.edge_m();
     let mut offset = Offset::default();
     let (mut scale_m, mut rounds, mut converged) = (None, 0, false);
-    let mut last: Option<(Vec<Said>, Observed, f64)> = None;
+    let mut last: Option<(Vec<WindowSums>, Observed, f64)> = None;
     while rounds < ROUNDS && !converged {
         let is_wide = rounds < WIDE_ROUNDS;
         let look = Look {
@@ -148,28 +148,28 @@ pub fn relative_mount(pair: &Pair<'_>, error: &PoseError) -> RelativeMount {
             every: if is_wide { FEW } else { 1 },
             scale_m,
         };
-        let said: Vec<Said> =
-            windows.par_iter().map(|window| window.said(pair, &offset, &look, error)).collect();
+        let window_sums: Vec<WindowSums> =
+            windows.par_iter().map(|window| window.sums(pair, &offset, &look, error)).collect();
         rounds += 1;
-        let Some(found_m) = spread_m(&said) else { break };
+        let Some(found_m) = spread_m(&window_sums) else { break };
         let weight_m = look.scale_m.unwrap_or(0.05);
         // gates that follow what they let through would shrink without end
         if rounds <= WIDE_ROUNDS + 1 {
             scale_m = Some(found_m);
         }
-        let observed = observed(&said, weight_m);
+        let observed = observed(&window_sums, weight_m);
         let basis = &observed.basis;
-        let (information, right) = sum(&said);
+        let (information, right) = sum(&window_sums);
         let Some(step) = solve(&(information, right), basis) else {
-            last = Some((said, observed, found_m));
+            last = Some((window_sums, observed, found_m));
             break;
         };
-        for (window, said) in windows.iter_mut().zip(&said) {
-            window.follow(said, &step);
+        for (window, window_sums) in windows.iter_mut().zip(&window_sums) {
+            window.follow(window_sums, &step);
         }
         offset.add(step.as_slice());
-        converged = !is_wide && rounds > WIDE_ROUNDS + 2 && is_small(&step, &said, basis);
-        last = Some((said, observed, found_m));
+        converged = !is_wide && rounds > WIDE_ROUNDS + 2 && is_small(&step, &window_sums, basis);
+        last = Some((window_sums, observed, found_m));
     }
     let fate = Fate { rounds, converged };
     report(pair, &offset, last, fate)
@@ -180,14 +180,15 @@ struct Fate {
     converged: bool,
 }
 
-fn sum<'a>(said: impl IntoIterator<Item = &'a Said>) -> (Block77, Column7) {
-    said.into_iter().fold((Block77::zeros(), Column7::zeros()), |(information, right), said| {
-        (information + said.information, right + said.right)
+fn sum<'a>(window_sums: impl IntoIterator<Item = &'a WindowSums>) -> (Block77, Column7) {
+    window_sums.into_iter().fold((Block77::zeros(), Column7::zeros()), |(information, right), window_sums| {
+        (information + window_sums.information, right + window_sums.right)
     })
 }
 
-fn spread_m(said: &[Said]) -> Option<f64> {
-    let mut sizes: Vec<f64> = said.iter().flat_map(|said| &said.across_m).map(|off| off.abs()).collect();
+fn spread_m(window_sums: &[WindowSums]) -> Option<f64> {
+    let mut sizes: Vec<f64> =
+        window_sums.iter().flat_map(|window| &window.across_m).map(|off| off.abs()).collect();
     if sizes.len() < LEAST_PAIRS {
         return None;
     }
@@ -195,11 +196,12 @@ fn spread_m(said: &[Said]) -> Option<f64> {
 }
 
 /// What the pairs tie down, the noise of the normals taken away. `weight_m` made the weights.
-fn observed(said: &[Said], weight_m: f64) -> Observed {
-    let pairs = said.iter().map(|said| said.across_m.len()).sum::<usize>() as f64;
-    let pretended: Block77 = said.iter().map(|said| said.pretended).sum();
-    let lever_m = (said.iter().map(|said| said.lever2_m2).sum::<f64>() / pairs.max(1.0)).sqrt();
-    let seen = (sum(said).0 - pretended) * (weight_m * weight_m);
+fn observed(window_sums: &[WindowSums], weight_m: f64) -> Observed {
+    let pairs = window_sums.iter().map(|window_sums| window_sums.across_m.len()).sum::<usize>() as f64;
+    let pretended: Block77 = window_sums.iter().map(|window_sums| window_sums.pretended).sum();
+    let lever_m =
+        (window_sums.iter().map(|window_sums| window_sums.lever2_m2).sum::<f64>() / pairs.max(1.0)).sqrt();
+    let seen = (sum(window_sums).0 - pretended) * (weight_m * weight_m);
     Observed::of(&seen, pairs, lever_m)
 }
 
@@ -208,18 +210,19 @@ fn solve((information, right): &(Block77, Column7), basis: &[[f64; 7]]) -> Optio
     if basis.is_empty() {
         return None;
     }
-    let from_told = nalgebra::DMatrix::from_fn(7, basis.len(), |row, column| basis[column][row]);
-    let inside = from_told.transpose() * information * &from_told;
-    let told = nalgebra::Cholesky::new(inside)?.solve(&(from_told.transpose() * right));
-    let step = from_told * told;
+    let from_observable = nalgebra::DMatrix::from_fn(7, basis.len(), |row, column| basis[column][row]);
+    let inside = from_observable.transpose() * information * &from_observable;
+    let reduced = nalgebra::Cholesky::new(inside)?.solve(&(from_observable.transpose() * right));
+    let step = from_observable * reduced;
     Some(Column7::from_fn(|place, _| step[place]))
 }
 
 /// Scatter of the estimate when each window is left out by turns, and how many windows that were.
-fn jackknife(said: &[Said], basis: &[[f64; 7]]) -> Option<(Block77, usize)> {
-    let used: Vec<&Said> = said.iter().filter(|said| !said.across_m.is_empty()).collect();
+fn jackknife(window_sums: &[WindowSums], basis: &[[f64; 7]]) -> Option<(Block77, usize)> {
+    let used: Vec<&WindowSums> =
+        window_sums.iter().filter(|window_sums| !window_sums.across_m.is_empty()).collect();
     let (information, right) = sum(used.iter().copied());
-    let without = |left: &&Said| solve(&(information - left.information, right - left.right), basis);
+    let without = |left: &&WindowSums| solve(&(information - left.information, right - left.right), basis);
     let steps: Vec<Column7> = used.iter().map(without).collect::<Option<_>>()?;
     let count = steps.len() as f64;
     let mean = steps.iter().sum::<Column7>() / count;
@@ -232,8 +235,8 @@ fn jackknife(said: &[Said], basis: &[[f64; 7]]) -> Option<(Block77, usize)> {
 }
 
 /// Whether no unknown moves by more than a small part of its own scatter.
-fn is_small(step: &Column7, said: &[Said], basis: &[[f64; 7]]) -> bool {
-    jackknife(said, basis).is_some_and(|(spread, _)| {
+fn is_small(step: &Column7, window_sums: &[WindowSums], basis: &[[f64; 7]]) -> bool {
+    jackknife(window_sums, basis).is_some_and(|(spread, _)| {
         (0..7).all(|place| step[place].abs() <= SMALL_STEP * spread[(place, place)].max(0.0).sqrt())
     })
 }
@@ -241,7 +244,7 @@ fn is_small(step: &Column7, said: &[Said], basis: &[[f64; 7]]) -> bool {
 fn report(
     pair: &Pair<'_>,
     offset: &Offset,
-    last: Option<(Vec<Said>, Observed, f64)>,
+    last: Option<(Vec<WindowSums>, Observed, f64)>,
     Fate { rounds, converged }: Fate,
 ) -> RelativeMount {
     let [first, second] = [pair.first, pair.second].map(|at| &pair.sensors[at]);
@@ -261,19 +264,19 @@ fn report(
         residual_sd_mm: 0.0,
         cannot_tell: None,
     };
-    let Some((said, observed, scale_m)) = last else {
+    let Some((window_sums, observed, scale_m)) = last else {
         found.cannot_tell = Some(format!(
             "cannot tell here: hardly any surface that one of {} and {} saw was seen by the other in the same second",
             first.name, second.name
         ));
         return found;
     };
-    found.pairs = said.iter().map(|said| said.across_m.len()).sum();
-    found.windows = said.iter().filter(|said| !said.across_m.is_empty()).count();
+    found.pairs = window_sums.iter().map(|window_sums| window_sums.across_m.len()).sum();
+    found.windows = window_sums.iter().filter(|window_sums| !window_sums.across_m.is_empty()).count();
     found.residual_sd_mm = 1e3 * scale_m;
     found.condition_number = observed.condition_number;
     let Some((spread, count)) =
-        jackknife(&said, &observed.basis).filter(|(_, count)| *count >= LEAST_WINDOWS)
+        jackknife(&window_sums, &observed.basis).filter(|(_, count)| *count >= LEAST_WINDOWS)
     else {
         found.cannot_tell = Some(format!(
             "cannot tell here: {} stretches of the recording show both sensors the same surfaces, {LEAST_WINDOWS} are needed",
@@ -289,7 +292,7 @@ fn report(
     };
     let unit = |place: usize| std::array::from_fn(|other| f64::from(u8::from(other == place)));
     let single = |place: usize, value: f64, by: f64| {
-        observed.is_told[place].then(|| estimate(unit(place), value).scaled(by))
+        observed.is_observable[place].then(|| estimate(unit(place), value).scaled(by))
     };
     let degrees = 1f64.to_degrees();
     let turn = offset.rotation.to_scaled_axis();
@@ -298,7 +301,7 @@ fn report(
     found.range_offset_mm = single(6, offset.range_m, 1e3);
     let axis = tilt_axis(&first.mount);
     let along = [0.0, 0.0, 0.0, axis.x, axis.y, axis.z, 0.0];
-    if !observed.tells(&along) || !observed.is_told[4] {
+    if !observed.tells(&along) || !observed.is_observable[4] {
         found.cannot_tell =
             Some("cannot tell here: the surfaces that both saw leave the tilt between them open".to_owned());
     } else if !converged {

@@ -15,7 +15,7 @@ struct Walk {
     scene: Scene,
     model: &'static str,
     said_pitch_deg: f64,
-    way: Trajectory,
+    path: Trajectory,
     error: Option<PoseError>,
     tilt_deg: f64,
     bias_m: f64,
@@ -29,7 +29,7 @@ impl Walk {
             scene,
             model: "os1-64",
             said_pitch_deg: 32.7,
-            way: Trajectory::straight(from, to, 1.0, 1_000_000_000),
+            path: Trajectory::straight(from, to, 1.0, 1_000_000_000),
             error: Some(PoseError::default()),
             tilt_deg: 0.0,
             bias_m: 0.0,
@@ -37,7 +37,7 @@ impl Walk {
         }
     }
 
-    fn said(&self) -> Vec<MountedSensor> {
+    fn nominal(&self) -> Vec<MountedSensor> {
         let model = sensors::catalogue::nominal(self.model).unwrap();
         let mounted = |name: &str, side: f64| MountedSensor {
             name: name.into(),
@@ -53,20 +53,21 @@ impl Walk {
     }
 
     fn found(&self) -> RelativeMount {
-        let said = self.said();
-        let truth = self.error.map_or_else(|| self.way.clone(), |error| error.disturb(&self.way, self.seed));
-        let [start_ns, end_ns] = self.way.time_span_ns();
+        let nominal = self.nominal();
+        let truth =
+            self.error.map_or_else(|| self.path.clone(), |error| error.disturb(&self.path, self.seed));
+        let [start_ns, end_ns] = self.path.time_span_ns();
         let spin = Spin::Angles { columns: 512, rate_hz: 10.0 };
         let mut rays = Thinning::new(600_000);
-        for (number, sensor) in said.iter().enumerate() {
+        for (number, sensor) in nominal.iter().enumerate() {
             let mut mount = sensor.mount;
             mount.pitch_rad += if number == 0 { self.tilt_deg.to_radians() } else { 0.0 };
-            let seat = mount.body_from_sensor();
+            let body_from_sensor = mount.body_from_sensor();
             let scan = Scan {
                 scene: &self.scene,
                 trajectory: &truth,
                 model: &sensor.model,
-                body_from_sensor: &|_| seat,
+                body_from_sensor: &|_| body_from_sensor,
                 noise_m: 0.01,
                 seed: 100 * self.seed + number as u64,
                 range_step_mm: 1,
@@ -88,8 +89,8 @@ impl Walk {
         }
         let rays = Thinning::joined([rays]);
         let pair = Pair {
-            trajectory: &self.way,
-            sensors: &said,
+            trajectory: &self.path,
+            sensors: &nominal,
             first: 0,
             second: 1,
             rays: &rays,
@@ -155,9 +156,9 @@ fn what_both_do_not_see_is_not_told() {
     let mut floor = nothing.clone();
     floor.faces[2][0] = true;
     let short = |scene: Scene, model: &'static str| {
-        let way =
+        let path =
             Trajectory::straight(DVec3::new(-0.8, 0.0, 1.4), DVec3::new(0.8, 0.0, 1.4), 1.0, 1_000_000_000);
-        Walk { way, model, ..Walk::through(scene) }.found()
+        Walk { path, model, ..Walk::through(scene) }.found()
     };
     for found in [short(Scene::Box(nothing), "os1-64"), short(wall(), "vlp-16")] {
         let words = found.cannot_tell.clone().unwrap_or_default();
@@ -175,8 +176,8 @@ fn what_both_do_not_see_is_not_told() {
 fn the_same_on_any_number_of_threads() {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let way = Trajectory::straight(DVec3::new(-0.3, 0.0, 1.4), DVec3::new(0.3, 0.0, 1.4), 1.0, 0);
-        pool.install(|| Walk { way, model: "os1-32", ..Walk::through(furnished()) }.found())
+        let path = Trajectory::straight(DVec3::new(-0.3, 0.0, 1.4), DVec3::new(0.3, 0.0, 1.4), 1.0, 0);
+        pool.install(|| Walk { path, model: "os1-32", ..Walk::through(furnished()) }.found())
     };
     assert_eq!(on(1), on(3));
 }

@@ -57,7 +57,7 @@ pub struct Window {
 
 /// What one window says about the unknowns, its poses free.
 #[derive(Clone, Debug)]
-pub struct Said {
+pub struct WindowSums {
     /// Information, 1 per unit squared.
     pub information: Block77,
     /// Its pull.
@@ -104,7 +104,13 @@ struct Stand {
 
 impl Window {
     /// What this window says when the first sensor is off by that.
-    pub(crate) fn said(&self, pair: &Pair<'_>, offset: &Offset, look: &Look, error: &PoseError) -> Said {
+    pub(crate) fn sums(
+        &self,
+        pair: &Pair<'_>,
+        offset: &Offset,
+        look: &Look,
+        error: &PoseError,
+    ) -> WindowSums {
         let points = self.points(pair, offset);
         let stands = self.stands(pair, offset);
         let origin_m = stands.first().map_or(DVec3::ZERO, |stand| stand.world_from_body.translation_m);
@@ -122,7 +128,7 @@ impl Window {
         let size = 7 + 6 * turns;
         let mut sums = DMatrix::<f64>::zeros(size, size);
         let mut right = DVector::<f64>::zeros(size);
-        let mut said = Said::nothing();
+        let mut window_sums = WindowSums::nothing();
         let mut row = vec![0.0; size];
         for (number, point) in points.iter().step_by(every).enumerate() {
             let planes: [Option<Found>; 2] = std::array::from_fn(|map| {
@@ -153,21 +159,21 @@ impl Window {
                 fill(&mut row, &stands, point, map == 0, &found.of_turn, plane.normal);
                 add(&mut sums, &mut right, &row, residual_m, weight);
                 if is_across {
-                    said.across_m.push(residual_m);
+                    window_sums.across_m.push(residual_m);
                     let lever_m = point.world_m - stands[point.turn].origins_m[0];
-                    said.lever2_m2 += lever_m.cross(plane.normal).length_squared();
-                    said.pretend(&stands, point, map == 0, found, weight);
+                    window_sums.lever2_m2 += lever_m.cross(plane.normal).length_squared();
+                    window_sums.pretend(&stands, point, map == 0, found, weight);
                 }
             }
         }
         self.hold(&mut sums, &mut right, error, pair.revolution_ns as f64 * 1e-9);
-        said.reduce(&sums, &right);
-        said
+        window_sums.reduce(&sums, &right);
+        window_sums
     }
 
     /// Takes the poses that belong to a step of the unknowns.
-    pub(crate) fn follow(&mut self, said: &Said, step: &Column7) {
-        let Some((held, cross, right)) = &said.back else { return };
+    pub(crate) fn follow(&mut self, window_sums: &WindowSums, step: &Column7) {
+        let Some((held, cross, right)) = &window_sums.back else { return };
         let poses = held.solve(&(right - cross * step));
         for (turn, pose) in self.poses.iter_mut().enumerate() {
             for (place, value) in pose.iter_mut().enumerate() {
@@ -188,12 +194,12 @@ impl Window {
             let world_from_body = pair.trajectory.at(ray.time_ns)? * pose(&self.poses[turn]);
             let is_first = ray.sensor == pair.first;
             let mount = ray.mount(pair.sensors);
-            let (seat, off_m) = if is_first {
+            let (mounted, off_m) = if is_first {
                 (offset.body_from_sensor(&mount), offset.range_m)
             } else {
                 (mount.body_from_sensor(), 0.0)
             };
-            let placed = ray.place(pair.sensors, &(world_from_body * seat));
+            let placed = ray.place(pair.sensors, &(world_from_body * mounted));
             let world_m = placed.at_range(range_m - off_m);
             Some(Point { is_first, turn, world_m, direction: placed.direction })
         };
@@ -202,9 +208,9 @@ impl Window {
 
     fn stands(&self, pair: &Pair<'_>, offset: &Offset) -> Vec<Stand> {
         let [start_ns, end_ns] = pair.trajectory.time_span_ns();
-        let seat = |sensor: usize| -> &MountedSensor { &pair.sensors[sensor] };
-        let first_m = offset.body_from_sensor(&seat(pair.first).mount).translation_m;
-        let second_m = seat(pair.second).mount.body_from_sensor().translation_m;
+        let mounted = |sensor: usize| -> &MountedSensor { &pair.sensors[sensor] };
+        let first_m = offset.body_from_sensor(&mounted(pair.first).mount).translation_m;
+        let second_m = mounted(pair.second).mount.body_from_sensor().translation_m;
         let stand = |(turn, off): (usize, &[f64; 6])| {
             let middle_ns =
                 pair.start_ns() + (2 * (self.turns.start + turn as u64) + 1) * pair.revolution_ns / 2;
@@ -218,30 +224,30 @@ impl Window {
 
     /// The prior of the poses: errors that fade over seconds pull neighbours together.
     fn hold(&self, sums: &mut DMatrix<f64>, right: &mut DVector<f64>, error: &PoseError, turn_s: f64) {
-        let kept = error.correlation(turn_s).min(1.0 - 1e-9);
-        let fresh = 1.0 - kept * kept;
+        let correlation = error.correlation(turn_s).min(1.0 - 1e-9);
+        let fresh = 1.0 - correlation * correlation;
         let last = self.poses.len() - 1;
         for place in 0..6 {
             let sd = if place < 3 { error.position_sd_m.max(1e-6) } else { error.rotation_sd_rad.max(1e-7) };
             for turn in 0..=last {
-                let inner = if turn == 0 || turn == last { 1.0 } else { 1.0 + kept * kept };
+                let inner = if turn == 0 || turn == last { 1.0 } else { 1.0 + correlation * correlation };
                 let own = if last == 0 { 1.0 } else { inner / fresh } / (sd * sd);
                 let at = 7 + 6 * turn + place;
                 sums[(at, at)] += own;
                 right[at] -= own * self.poses[turn][place];
                 if turn > 0 {
-                    let tie = -kept / fresh / (sd * sd);
-                    sums[(at, at - 6)] += tie;
-                    sums[(at - 6, at)] += tie;
-                    right[at] -= tie * self.poses[turn - 1][place];
-                    right[at - 6] -= tie * self.poses[turn][place];
+                    let coupling = -correlation / fresh / (sd * sd);
+                    sums[(at, at - 6)] += coupling;
+                    sums[(at - 6, at)] += coupling;
+                    right[at] -= coupling * self.poses[turn - 1][place];
+                    right[at - 6] -= coupling * self.poses[turn][place];
                 }
             }
         }
     }
 }
 
-impl Said {
+impl WindowSums {
     fn nothing() -> Self {
         Self {
             information: Block77::zeros(),
@@ -257,8 +263,8 @@ impl Said {
     fn pretend(&mut self, stands: &[Stand], point: &Point, of_first: bool, found: &Found, weight: f64) {
         let plane = &found.plane;
         let waver2 = plane.across_m2 / (plane.narrow_m2 * plane.count);
-        let (along, beside) = plane.normal.any_orthonormal_pair();
-        for direction in [along, beside] {
+        let (along, across) = plane.normal.any_orthonormal_pair();
+        for direction in [along, across] {
             let mut row = [0.0; 7 + 6 * MOST_TURNS];
             fill(&mut row, stands, point, of_first, &found.of_turn, direction);
             let seen = Column7::from_column_slice(&row[..7]);
@@ -273,9 +279,9 @@ impl Said {
         let cross = sums.view((7, 0), (poses, 7)).into_owned();
         let right_of_poses = right.rows(7, poses).into_owned();
         let Some(held) = Cholesky::new(own) else { return };
-        let taken = cross.transpose() * held.solve(&cross);
+        let eliminated = cross.transpose() * held.solve(&cross);
         let pulled = cross.transpose() * held.solve(&right_of_poses);
-        self.information = Block77::from_fn(|a, b| sums[(a, b)] - taken[(a, b)]);
+        self.information = Block77::from_fn(|a, b| sums[(a, b)] - eliminated[(a, b)]);
         self.right = Column7::from_fn(|place, _| right[place] - pulled[place]);
         self.back = Some((held, cross, right_of_poses));
     }

@@ -83,7 +83,7 @@ pub(super) fn finish(path: &Path, mut soup: Soup, stated: Stated) -> Result<Load
         let said = match (soup.unit, stated.native_up) {
             (Some(unit), _) => format!("the file states {} as its unit", unit.name()),
             (None, UpAxis::Y) => "glTF is in metres by its standard".to_owned(),
-            (None, UpAxis::Z) => "nobody stated the unit of the file".to_owned(),
+            (None, UpAxis::Z) => "the file states no unit".to_owned(),
         };
         return Err(MeshFileError::UnitUnclear { path: path.to_owned(), extent_units, said });
     }

@@ -124,9 +124,9 @@ impl TriangleTree {
         let count = points_m.len().min(PACKET);
         let mut packet = Packet::<PACKET>::new();
         for (lane, point) in points_m[..count].iter().enumerate() {
-            let way = *point - origin_m;
-            let length_m = way.length();
-            let direction = if length_m > 0.0 { way / length_m } else { DVec3::X };
+            let step_m = *point - origin_m;
+            let length_m = step_m.length();
+            let direction = if length_m > 0.0 { step_m / length_m } else { DVec3::X };
             packet.set(lane, origin_m - self.centre_m, direction, length_m - tolerance_m);
         }
         packet.repeat_first(count);

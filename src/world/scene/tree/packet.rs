@@ -140,10 +140,10 @@ impl<const N: usize> Packet<N> {
             near_adds[lane] = start * inverse[lane] - self.near_offset[axis][lane];
             far_adds[lane] = start * inverse[lane] - self.far_offset[axis][lane];
         }
-        hull.inverse[axis] = [reduced(*inverse, least), reduced(*inverse, greatest)];
+        hull.inverse[axis] = [reduced(*inverse, min), reduced(*inverse, max)];
         // ray 0 stands at the hull's origin, so that its slack is in both; the hull's own products round once more
-        hull.near_add[axis] = 2.0 * reduced(near_adds, least);
-        hull.far_add[axis] = 2.0 * reduced(far_adds, greatest);
+        hull.near_add[axis] = 2.0 * reduced(near_adds, min);
+        hull.far_add[axis] = 2.0 * reduced(far_adds, max);
     }
 
     /// Distances at which the packet may enter the boxes of a node's children; infinite where it cannot.
@@ -157,12 +157,12 @@ impl<const N: usize> Packet<N> {
             let fars = &node.planes[hull.far_plane[axis]];
             let [low, high] = hull.inverse[axis];
             for side in 0..WIDTH {
-                let near_way = nears[side] - hull.origin[axis];
-                let far_way = fars[side] - hull.origin[axis];
-                let enter = least(near_way * low, near_way * high) + hull.near_add[axis];
-                let leave = greatest(far_way * low, far_way * high) + hull.far_add[axis];
-                near[side] = greatest(enter, near[side]);
-                far[side] = least(leave, far[side]);
+                let near_inverse = nears[side] - hull.origin[axis];
+                let far_inverse = fars[side] - hull.origin[axis];
+                let enter = min(near_inverse * low, near_inverse * high) + hull.near_add[axis];
+                let leave = max(far_inverse * low, far_inverse * high) + hull.far_add[axis];
+                near[side] = max(enter, near[side]);
+                far[side] = min(leave, far[side]);
             }
         }
         let mut met = 0;
@@ -196,10 +196,10 @@ impl<const N: usize> Packet<N> {
                 let inverse = self.inverse[axis][lane];
                 let (mut enter, mut leave) = (nears[axis] * inverse, fars[axis] * inverse);
                 if MIXED {
-                    (enter, leave) = (least(enter, leave), greatest(enter, leave));
+                    (enter, leave) = (min(enter, leave), max(enter, leave));
                 }
-                near = greatest(near, enter - self.near_offset[axis][lane]);
-                far = least(far, leave - self.far_offset[axis][lane]);
+                near = max(near, enter - self.near_offset[axis][lane]);
+                far = min(far, leave - self.far_offset[axis][lane]);
             }
             met |= u32::from(near <= far) << lane;
         }
@@ -239,7 +239,7 @@ impl<const N: usize> Packet<N> {
     /// After triangles were met.
     #[inline(always)]
     pub(crate) fn shorten(&mut self) {
-        self.farthest = reduced(self.nearest, greatest);
+        self.farthest = reduced(self.nearest, max);
     }
 
     /// Every lane found a triangle or looks for none; found lanes are limited to nothing.
@@ -293,11 +293,11 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 /// One machine instruction, unlike `f32::min`, which also orders NaN.
 #[inline(always)]
-fn least(a: f32, b: f32) -> f32 {
+fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 #[inline(always)]
-fn greatest(a: f32, b: f32) -> f32 {
+fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }

@@ -91,8 +91,8 @@ fn groups(blocks: &HashMap<[i32; 3], u64>) -> HashMap<[i32; 3], u64> {
         let mut open = vec![*start];
         while let Some(block) = open.pop() {
             cells[group] += blocks[&block];
-            for beside in 0..27 {
-                let step = [beside % 3 - 1, beside / 3 % 3 - 1, beside / 9 - 1];
+            for neighbour in 0..27 {
+                let step = [neighbour % 3 - 1, neighbour / 3 % 3 - 1, neighbour / 9 - 1];
                 let next = [0, 1, 2].map(|axis| block[axis].saturating_add(step[axis]));
                 if blocks.contains_key(&next) && !of.contains_key(&next) {
                     of.insert(next, group);

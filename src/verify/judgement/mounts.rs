@@ -8,12 +8,12 @@ const TILT_MATTERS_DEG: f64 = 0.1;
 /// And it must be this sure.
 const TILT_P: f64 = 0.003;
 
-/// The other turns of a mount are told less surely, and there are more of them.
+/// The other turns of a mount are known less surely, and there are more of them.
 const TURN_P: f64 = 0.001;
 /// Shifts of a mount below this are not worth a word, mm, nor are half as large ones of ranges: plates are not measured better.
 const SHIFT_MATTERS_MM: f64 = 30.0;
 
-/// Nobody mounts a sensor so far from where it was said to be, mm.
+/// Nobody mounts a sensor so far from its nominal mount, mm.
 const NO_MOUNT_MM: f64 = 500.0;
 
 /// Whether an estimate is no chance and large enough to be felt.
@@ -26,27 +26,25 @@ fn shift_matters(shift: &Estimate) -> bool {
 }
 
 /// How a sensor surely sits otherwise than said.
-pub(crate) fn off_its_seat(check: &SensorCheck) -> Vec<String> {
+pub(crate) fn off_its_slot(check: &SensorCheck) -> Vec<String> {
     let mut words = Vec::new();
     let sensor = &check.sensor;
     if let (Some(tilt), Some(u95), Some(p_value)) = (check.tilt_error_deg, check.u95_deg, check.p_value)
         && matters(tilt, u95, TILT_MATTERS_DEG, p_value, TILT_P)
     {
-        words.push(format!("{sensor} is tilted {tilt:+.2} +- {u95:.2} degrees from where it was said to be"));
+        words.push(format!("{sensor} is tilted {tilt:+.2} +- {u95:.2} degrees from its nominal mount"));
     }
     let [roll, _, yaw] = check.rotation_deg;
     for (turn, what) in [(roll, "rolled"), (yaw, "turned about the vertical by")] {
         if let Some(turn) = turn.filter(|t| matters(t.value, t.u95, TILT_MATTERS_DEG, t.p_value, TURN_P)) {
             let (value, u95) = (turn.value, turn.u95);
-            words.push(format!(
-                "{sensor} is {what} {value:+.2} +- {u95:.2} degrees from where it was said to be"
-            ));
+            words.push(format!("{sensor} is {what} {value:+.2} +- {u95:.2} degrees from its nominal mount"));
         }
     }
     for (shift, axis) in check.translation_mm.iter().zip(["right", "ahead", "up"]) {
         if let Some(shift) = shift.filter(shift_matters) {
             words.push(format!(
-                "{sensor} sits {:+.0} +- {:.0} mm {axis} of where it was said to be",
+                "{sensor} sits {:+.0} +- {:.0} mm {axis} of its nominal mount",
                 shift.value, shift.u95
             ));
         }
@@ -70,7 +68,7 @@ fn shifts_are_shared(checks: &[SensorCheck]) -> bool {
 
 /// What is surely off of the mounts.
 pub(crate) fn off(comparison: &Comparison) -> Vec<String> {
-    let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_seat).collect();
+    let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_slot).collect();
     if shifts_are_shared(&comparison.mount) {
         words.push(
             "rather than the mounts, the way or the scene is shifted by that: do both begin at one point (an odometry \
@@ -83,7 +81,7 @@ pub(crate) fn off(comparison: &Comparison) -> Vec<String> {
     {
         let [first, second] = &relative.sensors;
         words.push(format!(
-            "{first} against {second}: {:+.3} +- {:.3} degrees of tilt more than said",
+            "{first} against {second}: {:+.3} +- {:.3} degrees of pitch above nominal",
             relative.error_deg, relative.u95_deg
         ));
     }
