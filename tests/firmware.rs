@@ -24,5 +24,5 @@ pub const CASES: &[Case] = &[
     scenarios::BROWN_OUT,
     scenarios::KILLED,
     scenarios::SWITCHES,
-    soak::AN_HOUR,
+    soak::LONG,
 ];

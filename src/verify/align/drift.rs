@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::rays::{Refining, Target};
+use super::rays::{Refining, Target, middle_m};
 use super::returns::{WalkReturn, evenly};
+use super::share;
 use super::surface::Surface;
 use crate::base::geometry::Pose;
 use crate::world::scene::Scene;
@@ -17,8 +18,14 @@ const WINDOW_NS: u64 = 500_000_000;
 const RETURNS: usize = 2500;
 /// How much a correction may differ from the one before, m and rad: what odometry drifts in a step, several times over.
 const CHANGE_SD: [f64; 2] = [0.02, 0.005];
+const OF_PIECES: Refining = Refining { rounds: 8, gate_m: 0.3, guess_sd: Some(CHANGE_SD) };
 /// Corrections by fewer returns that fit are not believed.
 const LEAST_SHARE: f64 = 0.4;
+/// Pieces that tell how a trajectory drifts, and points around the body that stand for its pose, m.
+const FEW_PIECES: u64 = 24;
+const AROUND_M: f64 = 2.0;
+/// Pieces that lie farther than this from a rigid placement of all drift, m.
+const DRIFTS_M: f64 = 0.02;
 
 /// A trajectory in the scene's frame.
 #[derive(Clone, Debug)]
@@ -44,31 +51,11 @@ pub(crate) fn follow(
 ) -> Result<Followed, TrajectoryError> {
     let surface = Surface::of(scene);
     let target = Target { scene, map: &surface.map };
+    let pieces = pieces(&target, returns, STEP_NS, scene_from_walk);
     let [start_ns, end_ns] = trajectory.time_span_ns();
-    let settings = Refining { rounds: 8, gate_m: 0.3, guess_sd: Some(CHANGE_SD) };
-    let mut corrected = *scene_from_walk;
-    let mut found: Vec<(u64, Pose)> = Vec::new();
-    let mut unsure = 0;
-    let mut from = 0;
-    // steps without returns cost nothing: a clock that was set makes them many
-    while let Some(next) = returns.get(from) {
-        let middle_ns = next.time_ns.saturating_add(STEP_NS / 2).clamp(start_ns, end_ns);
-        let near = |of: &WalkReturn| of.time_ns < middle_ns.saturating_sub(WINDOW_NS / 2);
-        let first = returns.partition_point(near);
-        let last = returns.partition_point(|of| of.time_ns <= middle_ns.saturating_add(WINDOW_NS / 2));
-        let window = evenly(&returns[first..last.max(first)], RETURNS);
-        let refined = target.refine(&corrected, &window, &settings);
-        let fits = |pose: &Pose| {
-            target.fits(pose, &window).iter().filter(|fits| **fits).count() as f64
-                / window.len().max(1) as f64
-        };
-        match refined.filter(|refined| fits(&refined.pose) >= LEAST_SHARE) {
-            Some(refined) => corrected = refined.pose,
-            None => unsure += 1,
-        }
-        found.push((middle_ns, corrected));
-        from = returns.partition_point(|of| of.time_ns < next.time_ns.saturating_add(STEP_NS)).max(from + 1);
-    }
+    let unsure = pieces.iter().filter(|piece| !piece.is_sure).count();
+    let mut found: Vec<(u64, Pose)> =
+        pieces.iter().map(|piece| (piece.time_ns.clamp(start_ns, end_ns), piece.scene_from_walk)).collect();
     found.dedup_by_key(|(time_ns, _)| *time_ns);
     let mut times_ns: Vec<u64> = trajectory.stamped().map(|(time_ns, _)| time_ns).collect();
     times_ns.extend(found.iter().map(|(time_ns, _)| *time_ns));
@@ -86,6 +73,90 @@ pub(crate) fn follow(
     let drift_m = placed.iter().map(|(_, _, moved_m)| *moved_m).fold(0.0, f64::max);
     let trajectory = Trajectory::new(placed.into_iter().map(|(time_ns, pose, _)| (time_ns, pose)).collect())?;
     Ok(Followed { trajectory, pieces: found.len(), unsure, drift_m })
+}
+
+/// Where one piece of a walk lies.
+struct Piece {
+    time_ns: u64,
+    /// Where its beams started, in the middle, m.
+    middle_m: DVec3,
+    scene_from_walk: Pose,
+    /// Whether enough of its returns fit; otherwise it lies as the piece before.
+    is_sure: bool,
+}
+
+/// Every piece laid against the scene by its own returns. A placement of the whole is best in the middle: pieces follow from
+/// there to both ends, each from where the one before lay.
+fn pieces(target: &Target<'_>, returns: &[WalkReturn], step_ns: u64, scene_from_walk: &Pose) -> Vec<Piece> {
+    // steps without returns cost nothing: a clock that was set makes them many
+    let mut starts: Vec<u64> = Vec::new();
+    let mut from = 0;
+    while let Some(next) = returns.get(from) {
+        starts.push(next.time_ns);
+        from = returns.partition_point(|of| of.time_ns < next.time_ns.saturating_add(step_ns)).max(from + 1);
+    }
+    let window = |start_ns: u64| {
+        let middle_ns = start_ns.saturating_add(step_ns / 2);
+        let half_ns = WINDOW_NS.max(step_ns) / 2;
+        let first = returns.partition_point(|of| of.time_ns < middle_ns.saturating_sub(half_ns));
+        let last = returns.partition_point(|of| of.time_ns <= middle_ns.saturating_add(half_ns));
+        (middle_ns, evenly(&returns[first..last.max(first)], RETURNS))
+    };
+    let laid = |start_ns: u64, before: &Pose| {
+        let (time_ns, window) = window(start_ns);
+        let share = |pose: &Pose| share(&target.fits(pose, &window));
+        let refined = target.refine(before, &window, &OF_PIECES);
+        let found = refined.map(|refined| refined.pose).filter(|pose| share(pose) >= LEAST_SHARE);
+        let middle_m = middle_m(&window).unwrap_or_default();
+        Piece { time_ns, middle_m, scene_from_walk: found.unwrap_or(*before), is_sure: found.is_some() }
+    };
+    let (to_start, to_end) = starts.split_at(starts.len() / 2);
+    let chain = |starts: &mut dyn Iterator<Item = &u64>| -> Vec<Piece> {
+        let mut before = *scene_from_walk;
+        let next = |start_ns: &u64| {
+            let piece = laid(*start_ns, &before);
+            before = piece.scene_from_walk;
+            piece
+        };
+        starts.map(next).collect()
+    };
+    let mut all = chain(&mut to_start.iter().rev());
+    all.reverse();
+    all.extend(chain(&mut to_end.iter()));
+    all
+}
+
+/// The rigid placement that lies nearest to those of all pieces, where the trajectory drifts so much that they differ: surfaces
+/// that are seen often or from afar pull a placement of the whole towards their pieces. None where it hardly drifts, or where
+/// too little of the walk fits.
+pub(super) fn nearest_rigid(
+    target: &Target<'_>,
+    returns: &[WalkReturn],
+    scene_from_walk: &Pose,
+) -> Option<Pose> {
+    let [first, last] = [returns.first()?, returns.last()?].map(|of| of.time_ns);
+    let step_ns = (last.saturating_sub(first) / FEW_PIECES).max(STEP_NS);
+    let mut pieces = pieces(target, returns, step_ns, scene_from_walk);
+    let all = pieces.len();
+    pieces.retain(|piece| piece.is_sure);
+    if pieces.len() < 3 || 2 * pieces.len() < all {
+        return None;
+    }
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
+    let around: Vec<DVec3> = axes.map(|axis| AROUND_M * axis).collect();
+    let at = |piece: &Piece| around.iter().map(|off| piece.middle_m + *off).collect::<Vec<_>>();
+    let from_m: Vec<DVec3> = pieces.iter().flat_map(at).collect();
+    let placed = |piece: &Piece| {
+        at(piece)
+            .into_iter()
+            .map(|point_m| piece.scene_from_walk.transform_point(point_m))
+            .collect::<Vec<_>>()
+    };
+    let to_m: Vec<DVec3> = pieces.iter().flat_map(placed).collect();
+    let rigid = Pose::between_points(&from_m, &to_m)?;
+    let left_m =
+        from_m.iter().zip(&to_m).map(|(from_m, to_m)| rigid.transform_point(*from_m).distance(*to_m));
+    (left_m.fold(0.0, f64::max) > DRIFTS_M).then_some(rigid)
 }
 
 /// The correction at a time, between two about the place of the body then: turns about a far origin would swing it.

@@ -232,15 +232,24 @@ fn judged(target: &Target<'_>, returns: &[WalkReturn], candidates: Vec<Candidate
     if answer == Answer::NotFound {
         placements.clear();
     }
+    // surfaces find the place; of a trajectory that drifts, its pieces say how it lies best
+    let mut found = best.placement();
+    if answer == Answer::Placed
+        && let Some(rigid) = drift::nearest_rigid(target, returns, &best.refined.pose)
+    {
+        let fits = target.fits(&rigid, &evenly(returns, COMPARED));
+        found = Placement::of(rigid, share(&fits));
+        placements = vec![found.clone()];
+    }
     let slides_along = degenerate.filter(|_| answer == Answer::Slides).map(|axes| axes.weakest.to_array());
     Alignment {
         answer,
         sd: Some(Deviation::of(&best.refined)),
-        best: Some(best.placement()),
+        misfit: misfit(target, returns, &found.scene_from_walk),
+        best: Some(found),
         second_best,
         placements,
         slides_along,
-        misfit: misfit(target, returns, &best.refined.pose),
     }
 }
 
