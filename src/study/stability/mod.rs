@@ -2,6 +2,7 @@
 //! limit with its reason and a verdict. A case that fails without a word is a defect of the program.
 
 mod mounts;
+mod placements;
 mod recordings;
 mod sampling;
 mod searches;
@@ -121,6 +122,7 @@ fn cases() -> impl Iterator<Item = &'static Case> {
         .chain(searches::CASES)
         .chain(stand::CASES)
         .chain(recordings::CASES)
+        .chain(placements::CASES)
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -113,7 +113,7 @@ impl<'a> Recording<'a> {
     }
 
     /// Simulates, spoils and replays it.
-    fn replayed(&self) -> Replayed {
+    pub(super) fn replayed(&self) -> Replayed {
         let grid = VoxelGrid::centred_on(room().bounds_m(), VOXEL_M);
         let gate = Gate { keep_rays: KEEP_RAYS, ..Gate::default() };
         let mut replay = Replay::new(self.scene, &self.believed, self.sensors.clone(), &grid, gate);
