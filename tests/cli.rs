@@ -26,10 +26,10 @@ fn stderr(output: &Output) -> String {
 
 fn wrong_usage_is_exit_code_2() {
     for arguments in [
-        &["evaluate", "--presett", "paper-os1-64"][..],
+        &["predict", "--presett", "paper-os1-64"][..],
         &["no-such-verb"],
-        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,NaN,0"],
-        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5"],
+        &["predict", "--preset", "paper-os1-64", "--masters", "0,0,0,NaN,0"],
+        &["predict", "--preset", "paper-os1-64", "--masters", "0,0,0,5"],
         &["optimize", "--preset", "paper-os1-64", "--pitch-limits", "30,10"],
         &["decode"],
         // what has no use, and what does not fit together: told before a file is read
@@ -43,11 +43,11 @@ fn wrong_usage_is_exit_code_2() {
         &["compare", "none", "--room=0,0,0,1,1,1", "--voxel", "0"],
         &["boresight", "none", "--trajectory", "still", "--odometry-voxel", "1"],
         &["boresight", "none", "--pose-sd", "0"],
-        &["evaluate", "--masters", "0,0,0,5,0"],
-        &["evaluate", "--preset", "paper-os9", "--masters", "0,0,0,5,0"],
-        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--voxel", "0.3"],
-        &["evaluate", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--divergence", "1"],
-        &["evaluate", "--mount", "none", "--no-mirror"],
+        &["predict", "--masters", "0,0,0,5,0"],
+        &["predict", "--preset", "paper-os9", "--masters", "0,0,0,5,0"],
+        &["predict", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--voxel", "0.3"],
+        &["predict", "--preset", "paper-os1-64", "--masters", "0,0,0,5,0", "--divergence", "1"],
+        &["predict", "--mount", "none", "--no-mirror"],
         &["optimize", "--preset", "paper-os1-64", "--lambda", "vlp-16=1"],
         &["study", "unheard-of"],
         &["study", "joint"],
@@ -151,7 +151,7 @@ fn a_missing_or_wrong_file_is_named() {
         (&["decode", "no-such.pcap"][..], "no-such.pcap"),
         (&["inspect", "no-such.pcap"], "no-such.pcap"),
         (&["boresight", "no-such-session"], "no-such-session: No such file"),
-        (&["stand", "no-such-session"], "no-such-session: No such file"),
+        (&["rig", "calibrate", "no-such-session"], "no-such-session: No such file"),
         (&["compare", "no-such-session", "--room=-5,-4,0,5,4,3"], "no-such-session: No such file"),
         (&["boresight", "Cargo.toml"], "Cargo.toml is no capture"),
         (&["compare", "Cargo.toml", "--room=-5,-4,0,5,4,3"], "Cargo.toml is no capture"),
@@ -164,8 +164,8 @@ fn a_missing_or_wrong_file_is_named() {
         ),
         (&["decode", "Cargo.toml"], "Cargo.toml"),
         (&["inspect", "src"], "src: a folder without manifest.json; expected a capture file, or a session"),
-        (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
-        (&["evaluate", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
+        (&["predict", "--preset", "paper-os1-64", "--mount", nan], "nan.json"),
+        (&["predict", "--preset", "paper-os1-64", "--mount", nan], "x_m"),
         // before the search, not after it
         (&["optimize", "--evals", "100000", "--out", "no-such/m.json"], "cannot write no-such/m.json"),
         (&["optimize", "--evals", "100000", "--report", "src"], "cannot write src: it is a folder"),
@@ -183,9 +183,9 @@ fn a_missing_or_wrong_file_is_named() {
 
 fn a_closed_pipe_is_no_panic() {
     for arguments in [
-        &["evaluate", "--preset", "paper-vlp-16", "--masters", "0.1,0,0,20,0", "--json"][..],
+        &["predict", "--preset", "paper-vlp-16", "--masters", "0.1,0,0,20,0", "--json"][..],
         &["completions", "bash"],
-        &["man", "evaluate"],
+        &["man", "predict"],
         &["man", "--keys"],
     ] {
         let mut child = Command::new(env!("CARGO_BIN_EXE_outrigger"))

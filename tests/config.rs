@@ -48,9 +48,9 @@ fn the_file_that_init_writes_is_accepted() {
     assert!(String::from_utf8(again.stderr).unwrap().contains("rig.toml exists already"));
     let named = folder.path().join("other/mine.toml");
     assert!(outrigger(&["init", named.to_str().unwrap()], &[]).status.success() && named.is_file());
-    let by_file = json(&outrigger(&["evaluate", "--config", path, "--masters", MASTER, "--json"], &[]));
+    let by_file = json(&outrigger(&["predict", "--config", path, "--masters", MASTER, "--json"], &[]));
     let by_flags = json(&outrigger(
-        &["evaluate", "--preset", "paper-os1-64", "--path", "forward", "--masters", MASTER, "--json"],
+        &["predict", "--preset", "paper-os1-64", "--path", "forward", "--masters", MASTER, "--json"],
         &[],
     ));
     assert_eq!(by_file["objective"], by_flags["objective"]);
@@ -79,9 +79,9 @@ fn flag_wins_over_environment_over_file() {
 fn one_of_several_flags_may_stand_in_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let scored = |masters: &str, more: &[&str]| {
-        let path = file(folder.path(), &format!("[evaluate]\npreset = \"paper-vlp-16\"\n{masters}"));
+        let path = file(folder.path(), &format!("[predict]\npreset = \"paper-vlp-16\"\n{masters}"));
         let output =
-            outrigger(&[&["evaluate", "--json", "--config", path.to_str().unwrap()], more].concat(), &[]);
+            outrigger(&[&["predict", "--json", "--config", path.to_str().unwrap()], more].concat(), &[]);
         assert!(output.status.success(), "{output:?}");
         json(&output)["mounts"][0][3].as_f64().unwrap()
     };
@@ -96,12 +96,12 @@ fn one_of_several_flags_may_stand_in_the_file() {
     assert!(searched.status.success(), "{searched:?}");
     let typed = scored(&of_file, &["--mount", mount.to_str().unwrap()]);
     assert!((10.0..=12.0).contains(&typed), "{typed}: the mount that was typed counts");
-    let both = file(folder.path(), &format!("[evaluate]\nmount = \"mount.json\"\n{of_file}"));
-    let output = outrigger(&["evaluate", "--config", both.to_str().unwrap()], &[]);
+    let both = file(folder.path(), &format!("[predict]\nmount = \"mount.json\"\n{of_file}"));
+    let output = outrigger(&["predict", "--config", both.to_str().unwrap()], &[]);
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.contains("rig.toml:4: `masters` and `mount` of line 3 exclude each other"), "{said}");
     for falsey in ["0", "false", ""] {
-        let asked = ["evaluate", "--preset", "paper-vlp-16", "--masters", MASTER];
+        let asked = ["predict", "--preset", "paper-vlp-16", "--masters", MASTER];
         let text = outrigger(&asked, &[("OUTRIGGER_JSON", falsey)]).stdout;
         assert!(text.starts_with(b"paper-vlp-16"), "{falsey:?}: {}", String::from_utf8_lossy(&text));
         assert!(json(&outrigger(&asked, &[("OUTRIGGER_JSON", "1")]))["objective"].is_number());
@@ -113,15 +113,15 @@ fn mistakes_are_named_with_their_line() {
     for (text, code, words) in [
         ("[fly]\n", 1, "rig.toml:2: no verb is called `fly`; known are"),
         ("[mock.plane]\n", 1, "rig.toml:2: no verb is called `mock plane`; known are rig, sensor"),
-        ("[evaluate]\nspeed = 3\n", 1, "rig.toml:3: [evaluate] has no key `speed`; known are"),
+        ("[predict]\nspeed = 3\n", 1, "rig.toml:3: [predict] has no key `speed`; known are"),
         ("[rig]\n\narm = 3\n", 1, "rig.toml:4: `arm` is true or false"),
         ("[rig]\nport = [\"a\", \"b\"]\n", 1, "rig.toml:3: `port` is one value, not an array"),
-        ("[evaluate]\npath = \"up\"\n", 2, "rig.toml:3, 'path'"),
-        ("[evaluate]\nazimuths = \"many\"\n", 2, "rig.toml:3, 'azimuths'"),
-        ("[evaluate\n", 1, "rig.toml:2: "),
+        ("[predict]\npath = \"up\"\n", 2, "rig.toml:3, 'path'"),
+        ("[predict]\nazimuths = \"many\"\n", 2, "rig.toml:3, 'azimuths'"),
+        ("[predict\n", 1, "rig.toml:2: "),
     ] {
         let path = file(folder.path(), text);
-        let output = outrigger(&["evaluate", "--masters", MASTER, "--config", path.to_str().unwrap()], &[]);
+        let output = outrigger(&["predict", "--masters", MASTER, "--config", path.to_str().unwrap()], &[]);
         let said = String::from_utf8(output.stderr).unwrap();
         assert!(
             output.status.code() == Some(code) && said.contains(words),

@@ -15,6 +15,7 @@ mod config;
 mod daemon;
 mod decode;
 mod demo;
+mod examples;
 mod export;
 mod field_captures;
 mod firmware;
@@ -57,6 +58,7 @@ fn main() -> std::process::ExitCode {
         ("daemon", daemon::CASES),
         ("decode", decode::CASES),
         ("demo", demo::CASES),
+        ("examples", examples::CASES),
         ("export", export::CASES),
         ("field_captures", field_captures::CASES),
         ("firmware", firmware::CASES),

@@ -38,7 +38,7 @@ fn outrigger(arguments: &[&str]) -> Output {
 fn validate(mesh: &Path, walk: &Path, more: &[&str]) -> Output {
     let [mesh, walk, mount] =
         [mesh.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
-    let base = ["validate", "--mesh", &mesh, "--trajectory", &walk, "--mount", &mount, "--json"];
+    let base = ["predict", "--ideal", "--scene", &mesh, "--trajectory", &walk, "--mount", &mount, "--json"];
     outrigger(&[&base[..], &["--sample-count", "20000", "--no-baselines"], more].concat())
 }
 
@@ -53,7 +53,8 @@ fn ideal(scene: &Path, walk: &Path) -> Output {
     let [scene, walk, mount] =
         [scene.to_owned(), walk.to_owned(), field("vlp16-pair.json")].map(|p| p.display().to_string());
     let base = ["predict", "--ideal", "--scene", &scene, "--trajectory", &walk, "--mount", &mount, "--json"];
-    outrigger(&[&base[..], &["--azimuths", "64"]].concat())
+    let quick = ["--azimuths", "64", "--sample-count", "20000", "--no-baselines"];
+    outrigger(&[&base[..], &quick].concat())
 }
 
 fn document(output: &Output) -> Value {

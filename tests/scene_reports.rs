@@ -21,8 +21,8 @@ pub const CASES: &[Case] = &[
     case("an_error_tells_its_cause_once", an_error_tells_its_cause_once),
     case("pages_stand_alone", pages_stand_alone),
     with_shared(
-        "a_prediction_covers_the_house_as_validate_does",
-        a_prediction_covers_the_house_as_validate_does,
+        "a_prediction_covers_the_house_as_ideal_sensors_do",
+        a_prediction_covers_the_house_as_ideal_sensors_do,
     ),
 ];
 
@@ -102,14 +102,14 @@ fn room(scale: f64, is_y_up: bool) -> String {
     text
 }
 
-const GOOD: [&str; 5] = ["evaluate", "--preset", "paper-vlp-16", "--masters", "0.07,0.1,0.05,35,0"];
+const GOOD: [&str; 5] = ["predict", "--preset", "paper-vlp-16", "--masters", "0.07,0.1,0.05,35,0"];
 
 fn single_sensors_stand_beside_a_score() {
     let folder = Folder::new();
     let document = folder.document(&GOOD);
     let single = |pitch: &str| {
         let masters = format!("0,0.1,0.05,{pitch},0");
-        folder.document(&["evaluate", "--preset", "paper-vlp-16", "--no-mirror", "--masters", &masters])
+        folder.document(&["predict", "--preset", "paper-vlp-16", "--no-mirror", "--masters", &masters])
     };
     let baselines = &document["baselines"];
     let level = single("0");
@@ -178,14 +178,8 @@ fn a_search_keeps_the_least_conditioning() {
     let conditioning = |document: &Value| {
         let master = document["best"]["masters"][0].as_array().unwrap();
         let master = master.iter().map(Value::to_string).collect::<Vec<_>>().join(",");
-        let scored = folder.document(&[
-            "evaluate",
-            "--preset",
-            "paper-vlp-16",
-            "--no-baselines",
-            "--masters",
-            &master,
-        ]);
+        let scored =
+            folder.document(&["predict", "--preset", "paper-vlp-16", "--no-baselines", "--masters", &master]);
         scored["registration"]["translation_p5"].as_f64().unwrap()
     };
     let least = 1.1 * conditioning(&free);
@@ -241,8 +235,9 @@ fn units_of_a_rig_are_as_calibrated() {
     assert_eq!(mixed["sensors"][1]["voxels"], calibrated["sensors"][1]["voxels"]);
     let nominal = folder.predict(&["--sensor", "left=os0-32"]);
     assert_eq!(nominal["sensors"][1]["columns"], 1024);
-    // in validate too, and for --mounts
-    let surface = ["validate", "--mesh", "room.obj", "--trajectory", "walk.tum", "--sample-count", "5000"];
+    // of ideal sensors too, and for --mounts
+    let surface =
+        ["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--sample-count", "5000"];
     let quick = ["--azimuths", "60", "--no-baselines"];
     let both = folder.document(&[&surface[..], &quick, &["--mount", "mount.json"]].concat());
     assert_eq!(both["rays"], 20 * 60 * (16 + 32));
@@ -280,7 +275,7 @@ fn every_flaw_has_its_option() {
         &["--max-incidence", "45"],
         &["--drop-out", "0.2"],
         &["--reflectivity", "0.1", "--max-range", "8"],
-        &["--wearer", "-0.5,0,-1.5,-0.5,0,0.2,0.25"],
+        &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"],
     ] {
         assert!(returns(more) < all, "{more:?}");
     }
@@ -317,10 +312,19 @@ fn columns_from_180_to_4096() {
 
 fn a_mesh_is_asked_for_its_unit_and_axis() {
     let folder = Folder::new();
-    let validate =
-        ["validate", "--mesh", "room.obj", "--trajectory", "walk.tum", "--sensor", "vlp-16", "--mounts"];
+    let ideal = [
+        "predict",
+        "--ideal",
+        "--scene",
+        "room.obj",
+        "--trajectory",
+        "walk.tum",
+        "--sensor",
+        "vlp-16",
+        "--mounts",
+    ];
     let quick = ["0,0,0,0,0", "--azimuths", "30", "--sample-count", "2000", "--no-baselines"];
-    let all = |more: &[&'static str]| [&validate[..], &quick, more].concat();
+    let all = |more: &[&'static str]| [&ideal[..], &quick, more].concat();
     let plain = folder.document(&all(&[]));
     assert_eq!((&plain["mesh"]["unit"], &plain["mesh"]["is_unit_stated"]), (&json!("m"), &json!(false)));
     let text = String::from_utf8(folder.run(&all(&[])).stdout).unwrap();
@@ -335,7 +339,7 @@ fn a_mesh_is_asked_for_its_unit_and_axis() {
     );
     assert_eq!(folder.document(&all(&["--mesh-unit", "mm"]))["area_m2"], plain["area_m2"]);
     folder.write("room.obj", room(100.0, false).as_bytes());
-    let doubted = folder.document(&all(&[]))["warnings"].to_string();
+    let doubted = folder.document(&all(&["--voxel", "5"]))["warnings"].to_string();
     assert!(doubted.contains("300 m high") && doubted.contains("--mesh-unit cm"), "{doubted}");
     folder.write("room.obj", room(1.0, true).as_bytes());
     let turned = folder.document(&all(&["--up", "y"]));
@@ -360,10 +364,19 @@ fn a_mesh_is_asked_for_its_unit_and_axis() {
 fn an_error_tells_its_cause_once() {
     let folder = Folder::new();
     for arguments in [
-        &["evaluate", "--preset", "paper-os1-64", "--mount", "missing.json"][..],
+        &["predict", "--preset", "paper-os1-64", "--mount", "missing.json"][..],
         &["decode", "missing.pcap"],
         &["predict", "--mount", "mount.json", "--trajectory", "missing.tum", "--room", "0,0,0,6,4,3"],
-        &["validate", "--mesh", "missing.ply", "--trajectory", "walk.tum", "--mount", "mount.json"],
+        &[
+            "predict",
+            "--ideal",
+            "--scene",
+            "missing.ply",
+            "--trajectory",
+            "walk.tum",
+            "--mount",
+            "mount.json",
+        ],
     ] {
         let error = folder.error(arguments);
         assert!(error.contains("missing."), "{error}");
@@ -404,15 +417,16 @@ fn pages_stand_alone() {
         assert!(seen["baselines"][name]["gain_voxels"].as_i64().unwrap() > 0, "two see more of a bare room");
     }
     assert!(is_whole_page(&folder.path("mesh.html"), 4).contains("Blind spots"));
-    let validate = ["validate", "--mesh", "room.obj", "--trajectory", "walk.tum", "--mount", "mount.json"];
+    let ideal =
+        ["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--mount", "mount.json"];
     let quick = ["--azimuths", "60", "--sample-count", "5000", "--report", "surface.html"];
-    folder.document(&[&validate[..], &quick].concat());
+    folder.document(&[&ideal[..], &quick].concat());
     assert!(is_whole_page(&folder.path("surface.html"), 4).contains("degenerate"));
     let error = folder.error(&[&GOOD[..], &["--report", "no/such/folder.html"]].concat());
     assert!(error.contains("no/such/folder.html"), "{error}");
 }
 
-fn a_prediction_covers_the_house_as_validate_does() {
+fn a_prediction_covers_the_house_as_ideal_sensors_do() {
     let folder = Folder::new();
     let mesh = shared("scenes/house.ply").display().to_string();
     let walk = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
@@ -421,8 +435,8 @@ fn a_prediction_covers_the_house_as_validate_does() {
     folder.write("walk.tum", first_seconds.collect::<Vec<_>>().join("\n").as_bytes());
     let common = ["--trajectory", "walk.tum", "--mount", "mount.json", "--azimuths", "360", "--no-baselines"];
     let samples = ["--sample-count", "20000"];
-    let [predicted, validated] = [("predict", "--scene"), ("validate", "--mesh")]
-        .map(|(verb, option)| folder.document(&[&[verb, option, &mesh], &common[..], &samples].concat()));
+    let [predicted, validated] = [&["predict"][..], &["predict", "--ideal"]]
+        .map(|verb| folder.document(&[verb, &["--scene", &mesh], &common, &samples].concat()));
     assert_eq!(predicted["observable_share"], validated["observable_share"]);
     for threshold in ["0.02", "0.05", "0.10"] {
         let share = |document: &Value| document["completeness"][threshold].as_f64().unwrap();

@@ -17,8 +17,8 @@ pub const CASES: &[Case] = &[
     case("rays_along_faces_and_edges_of_a_box", rays_along_faces_and_edges_of_a_box),
     case("rays_from_outside_a_box_and_from_its_walls", rays_from_outside_a_box_and_from_its_walls),
     case("sensors_on_their_side_and_in_walls", sensors_on_their_side_and_in_walls),
-    case("validate_refuses_what_it_cannot_use", validate_refuses_what_it_cannot_use),
-    case("validate_reports_and_repeats_itself", validate_reports_and_repeats_itself),
+    case("ideal_sensors_refuse_what_they_cannot_use", ideal_sensors_refuse_what_they_cannot_use),
+    case("ideal_sensors_report_and_repeat_themselves", ideal_sensors_report_and_repeat_themselves),
     with_shared("check_rays_of_the_house", check_rays_of_the_house),
     with_shared("rays_in_the_house_hit_the_same_in_company", rays_in_the_house_hit_the_same_in_company),
     with_shared("second_readers_agree_on_the_house", second_readers_agree_on_the_house),
@@ -347,13 +347,23 @@ fn write_room(folder: &Path, scale: f64) {
 }
 
 fn validate(folder: &Path, more: &[&str]) -> std::process::Output {
-    let base = ["validate", "--mesh", "room.obj", "--trajectory", "walk.tum", "--sensor", "vlp-16", "--json"];
+    let base = [
+        "predict",
+        "--ideal",
+        "--scene",
+        "room.obj",
+        "--trajectory",
+        "walk.tum",
+        "--sensor",
+        "vlp-16",
+        "--json",
+    ];
     let sized = ["--azimuths", "90", "--sample-count", "20000"];
     let exe = env!("CARGO_BIN_EXE_outrigger");
     Command::new(exe).current_dir(folder).args(base).args(sized).args(more).output().unwrap()
 }
 
-fn validate_reports_and_repeats_itself() {
+fn ideal_sensors_report_and_repeat_themselves() {
     let folder = tempfile::tempdir().unwrap();
     write_room(folder.path(), 1.0);
     let mounts = "0.05,0,0.1,30,0;-0.05,0,0.1,-30,0";
@@ -363,8 +373,9 @@ fn validate_reports_and_repeats_itself() {
             .current_dir(folder.path())
             .env("RAYON_NUM_THREADS", threads)
             .args([
-                "validate",
-                "--mesh",
+                "predict",
+                "--ideal",
+                "--scene",
                 "room.obj",
                 "--trajectory",
                 "walk.tum",
@@ -400,7 +411,7 @@ fn validate_reports_and_repeats_itself() {
     }
 }
 
-fn validate_refuses_what_it_cannot_use() {
+fn ideal_sensors_refuse_what_they_cannot_use() {
     let folder = tempfile::tempdir().unwrap();
     write_room(folder.path(), 1000.0);
     let mounts = ["--mounts", "0,0,0,0,0", "--no-baselines"];
@@ -447,7 +458,7 @@ fn validate_with_samples(folder: &Path) -> String {
     let exe = env!("CARGO_BIN_EXE_outrigger");
     let output = Command::new(exe)
         .current_dir(folder)
-        .args(["validate", "--mesh", "room.obj", "--trajectory", "walk.tum", "--sensor", "vlp-16"])
+        .args(["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--sensor", "vlp-16"])
         .args(["--mounts", "0,0,0,0,0", "--samples", "bad.npy"])
         .output()
         .unwrap();

@@ -178,7 +178,7 @@ fn the_fast_way_matches_the_released_program() {
 
 fn evaluate(arguments: &[&str]) -> std::process::Output {
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_outrigger"));
-    command.arg("evaluate").args(arguments).env_remove("OUTRIGGER_PRESET").env_remove("OUTRIGGER_JSON");
+    command.arg("predict").args(arguments).env_remove("OUTRIGGER_PRESET").env_remove("OUTRIGGER_JSON");
     command.output().unwrap()
 }
 
@@ -364,10 +364,10 @@ fn predict_counts_what_its_coverage_file_holds() {
     }
     let again: serde_json::Value = serde_json::from_slice(&walk.predict(&room).stdout).unwrap();
     assert_eq!(document["coverage_sha256"], again["coverage_sha256"]);
-    let wearer = walk.predict(&[&room[..], &["--wearer", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
+    let wearer = walk.predict(&[&room[..], &["--operator", "-0.5,0,-1.5,-0.5,0,0.2,0.25"]].concat());
     let wearer: serde_json::Value = serde_json::from_slice(&wearer.stdout).unwrap();
     assert!(wearer["returns"].as_u64() < document["returns"].as_u64(), "the wearer stands in the way");
-    let within = walk.predict(&[&room[..4], &["--wearer", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
+    let within = walk.predict(&[&room[..4], &["--operator", "-1,0,0,1,0,0,0.5", "--no-baselines"]].concat());
     let said = String::from_utf8_lossy(&within.stderr);
     assert!(said.contains("right: not one ray came back") && said.contains("wearer"), "{said}");
 }

@@ -7,14 +7,14 @@ use std::any::TypeId;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use clap::{Arg, ArgAction, Command, CommandFactory as _, FromArgMatches as _};
+use clap::{Arg, ArgAction, Command, FromArgMatches as _};
 
 use self::inherit::inherited;
 pub(crate) use self::typed::with_origin;
 use self::typed::{choices, is_typed, within};
 use super::scene_args::WalkText;
 use super::tied_file::TiedFile;
-use super::{Cli, Verb};
+use super::{Cli, Verb, help};
 use crate::drive::is_no_path;
 use crate::live::config::{Config, ConfigError, Section, Setting};
 
@@ -88,7 +88,7 @@ pub(crate) fn section<T>(
 ) -> anyhow::Result<T> {
     let words_of: Vec<OsString> =
         std::iter::once("outrigger").chain(words.iter().copied()).map(OsString::from).collect();
-    let command = apply(Cli::command(), config, &words_of)?;
+    let command = apply(help::command(), config, &words_of)?;
     let matches = command.try_get_matches_from(&words_of);
     let parsed = matches.and_then(|matches| Cli::from_arg_matches(&matches));
     let cli = parsed.map_err(|error| {

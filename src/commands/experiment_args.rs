@@ -17,11 +17,12 @@ pub struct ExperimentArgs {
     /// Direction of the walk in the mount frame: lateral as published, forward as the text has it [default: lateral].
     #[arg(long, value_parser = one_of(&[("lateral", Path::Lateral), ("forward", Path::Forward)]))]
     path: Option<Path>,
-    /// Edge of a voxel: 5 m divided by a whole number [default: the preset's 0.5].
-    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 5.0))]
+    /// Edge of a voxel [default: 0.1 in a scene; the preset's 0.5, or 5 m divided by another whole number].
+    #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     voxel: Option<f64>,
-    /// Columns per revolution [default: the preset's 180].
-    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 8192))]
+    /// Columns per revolution [default: the preset's 180; in a scene as the calibration says, else 1024 for Ouster models, 1800
+    /// for others].
+    #[arg(long, value_name = "N", value_parser = crate::commands::ranges::count(1, 65_536))]
     azimuths: Option<usize>,
     /// Roll of every master: fixed:DEG, or free to take it as given [default: fixed:0; free for a mount file].
     #[arg(long, value_name = "RULE")]
@@ -95,7 +96,22 @@ pub struct SceneSettings {
     pub is_mirrored: bool,
 }
 
+/// Most columns of a published experiment.
+const MAX_COLUMNS: usize = 8192;
+
 impl ExperimentArgs {
+    /// What has no use in a scene.
+    pub(crate) const ONLY_PUBLISHED: [&str; 8] = [
+        "preset",
+        "path",
+        "sub_poses",
+        "phase",
+        "lambda",
+        "least_distance",
+        "registration_weight",
+        "min_conditioning",
+    ];
+
     pub fn of_scene(&self) -> SceneSettings {
         SceneSettings {
             voxel_m: self.voxel,
@@ -164,8 +180,14 @@ impl ExperimentArgs {
         let names = given.chain(otherwise.iter().flat_map(|names| names.split(',')));
         let presets = names.map(|name| Preset::named(name.trim())).collect::<Result<Vec<_>, _>>()?;
         let Some(preset) = presets.first() else {
-            refuse!("which experiment? Give --preset, one of {}", Preset::names());
+            refuse!(
+                "where? Give --scene, --room, or a published experiment by --preset, one of {}",
+                Preset::names()
+            );
         };
+        if let Some(columns) = self.azimuths.filter(|columns| *columns > MAX_COLUMNS) {
+            refuse!("--azimuths {columns}, expected {MAX_COLUMNS} at most in a published experiment");
+        }
         let experiment = Experiment {
             path: self.path.unwrap_or_default(),
             voxel_m: self.voxel.unwrap_or(preset.voxel_m),

@@ -5,9 +5,9 @@ mod keys;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use clap::{Command, CommandFactory};
+use clap::Command;
 
-use super::{Cli, Outcome, output};
+use super::{Outcome, help, output};
 
 /// Arguments of `completions`.
 #[derive(clap::Args, Debug)]
@@ -19,7 +19,7 @@ pub struct CompletionsArgs {
 /// Prints a completion script.
 pub(crate) fn completions(args: &CompletionsArgs) -> anyhow::Result<Outcome> {
     let mut script = Vec::new(); // what writes to stdout itself panics where its reader went away
-    clap_complete::generate(args.shell, &mut Cli::command(), "outrigger", &mut script);
+    clap_complete::generate(args.shell, &mut help::command(), "outrigger", &mut script);
     output::print_text(&String::from_utf8(script)?)?;
     Ok(Outcome::Done)
 }
@@ -41,7 +41,7 @@ pub struct ManualArgs {
 
 /// Prints a manual page in roff: outrigger(1), or outrigger-VERB(1).
 pub(crate) fn manual(args: &ManualArgs) -> anyhow::Result<Outcome> {
-    let mut program = Cli::command();
+    let mut program = help::command();
     if let Some(folder) = &args.pages {
         return pages(program, folder);
     }

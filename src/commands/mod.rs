@@ -4,9 +4,9 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::error::ErrorKind;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::parser::ValueSource;
-use clap::{ArgMatches, Command, CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+use clap::{ArgAction, ArgMatches, Command, FromArgMatches as _, Parser, Subcommand};
 
 use crate::live::config::Config;
 
@@ -25,10 +25,10 @@ mod decode;
 mod defaults;
 mod demo;
 mod doctor;
-mod evaluate;
 mod experiment_args;
 mod found_metadata;
 mod given;
+pub mod help;
 mod init;
 mod inspect;
 mod manual;
@@ -55,17 +55,34 @@ mod sensor_ids;
 mod sensor_metadata;
 mod signals;
 mod stage;
-mod stand;
 mod study;
 mod tied_file;
 mod unread;
-mod validate;
 mod view;
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
-#[command(name = "outrigger", version, about, disable_help_subcommand = true)]
+#[command(
+    name = "outrigger",
+    version,
+    about,
+    disable_help_subcommand = true,
+    disable_help_flag = true,
+    after_help = "Begin with `outrigger demo`; `outrigger VERB --help` explains a verb."
+)]
 pub struct Cli {
+    /// Print help.
+    #[arg(short, long, global = true, action = ArgAction::HelpShort)]
+    help: Option<bool>,
+    /// Print help with every flag, those of experts too.
+    #[arg(long, global = true, action = ArgAction::HelpLong)]
+    help_all: Option<bool>,
+    /// Print what the program is at, step by step, on stderr.
+    #[arg(short, long, global = true, conflicts_with = "quiet")]
+    verbose: bool,
+    /// Print errors only on stderr: no progress, no notes.
+    #[arg(short, long, global = true)]
+    quiet: bool,
     /// Print one JSON document on stdout and nothing else there.
     #[arg(long, global = true, env = "OUTRIGGER_JSON", value_parser = clap::builder::FalseyValueParser::new())]
     json: bool,
@@ -86,18 +103,14 @@ enum Verb {
     Init(init::Args),
     /// Search the mounts that see the most.
     Optimize(Box<optimize::Args>),
-    /// Score given mounts.
-    Evaluate(evaluate::Args),
     /// A mount one can build and a robot can read: drawing, URDF, tf, OpenSCAD; and extrinsics read back.
     Mount(mount::Args),
-    /// What a mount will cover along a trajectory through a scene.
-    Predict(predict::Args),
+    /// What a given mount sees: voxels, surface and score, in a scene, a room or a published experiment.
+    Predict(Box<predict::Args>),
     /// Whether a recording covers what was predicted, and how far the mounts are off.
     Compare(compare::Args),
     /// How the sensors sit to each other, from the recording alone: no model of the scene.
     Boresight(boresight::Args),
-    /// What each servo really does, from a recording in which the rig stands and its axes go through settings.
-    Stand(stand::Args),
     /// Where the rig went, from the recording alone: a trajectory where no SLAM is at hand.
     Odometry(odometry::Args),
     /// Packets of a capture to points.
@@ -114,8 +127,6 @@ enum Verb {
     View(view::Args),
     /// Send a capture's packets again.
     Replay(replay::Args),
-    /// How much of a mesh's surface the sensors see along a trajectory.
-    Validate(validate::Args),
     /// Read and set the servo rig.
     Rig(rig::Args),
     /// Find live sensors, read and set them over their web interfaces.
@@ -125,8 +136,10 @@ enum Verb {
     /// Devices to test against, on loopback and ptys.
     Mock(mock::Args),
     /// Print a completion script for a shell.
+    #[command(hide = true)]
     Completions(manual::CompletionsArgs),
     /// Print a manual page: the program's, a verb's, or that of a verb within a verb.
+    #[command(hide = true)]
     Man(manual::ManualArgs),
 }
 
@@ -161,6 +174,13 @@ impl Context {
         })
     }
 
+    /// The same for every argument of a flattened structure.
+    pub(crate) fn ensure_none_of<A: clap::Args>(&self, why: impl std::fmt::Display) -> anyhow::Result<()> {
+        let arguments = A::augment_args(Command::new("arguments"));
+        let names: Vec<&str> = arguments.get_arguments().map(|argument| argument.get_id().as_str()).collect();
+        self.ensure_not_typed(&names, why)
+    }
+
     /// Refuses arguments (named as their fields are) that were typed and are of no use: `why` goes on after their flag.
     pub(crate) fn ensure_not_typed(
         &self,
@@ -181,7 +201,7 @@ pub(crate) fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
 
 /// The verb that was typed, as its help has it.
 fn verb_of(mut typed: &ArgMatches) -> Command {
-    let mut command = Cli::command();
+    let mut command = help::command();
     command.build();
     while let Some((name, within)) = typed.subcommand() {
         let Some(verb) = command.find_subcommand(name).cloned() else { break };
@@ -193,7 +213,7 @@ fn verb_of(mut typed: &ArgMatches) -> Command {
 /// Parses a command line, with the defaults of its `rig.toml`, and runs it.
 pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
     let arguments: Vec<OsString> = arguments.collect();
-    let mut command = Cli::command();
+    let mut command = help::command();
     let config = match defaults::file_named(&command, &arguments).map(|path| Config::read(&path)).transpose()
     {
         Ok(config) => config.map(|config| &*Box::leak(Box::new(config))),
@@ -211,9 +231,23 @@ pub fn run(arguments: impl Iterator<Item = OsString>) -> ExitCode {
     });
     match (parsed, config) {
         (Ok((cli, typed)), _) => cli.run(config, typed),
-        (Err(error), None) => error.exit(),
-        (Err(error), Some(config)) => defaults::with_origin(error, config).exit(),
+        (Err(error), None) => with_ours(error).exit(),
+        (Err(error), Some(config)) => with_ours(defaults::with_origin(error, config)).exit(),
     }
+}
+
+/// Names the verb or the flag of ours where one of another program was typed.
+fn with_ours(mut error: clap::Error) -> clap::Error {
+    let (typed, suggestion) = match error.kind() {
+        ErrorKind::InvalidSubcommand => (ContextKind::InvalidSubcommand, ContextKind::SuggestedSubcommand),
+        ErrorKind::UnknownArgument => (ContextKind::InvalidArg, ContextKind::SuggestedArg),
+        _ => return error,
+    };
+    let Some(ContextValue::String(name)) = error.get(typed) else { return error };
+    if let Some(ours) = help::ours(name) {
+        error.insert(suggestion, ContextValue::String(ours.into()));
+    }
+    error
 }
 
 fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
@@ -224,18 +258,17 @@ fn fail(error: impl Into<anyhow::Error>) -> ExitCode {
 impl Cli {
     /// Runs the verb. Exit codes: 0 ok, 1 failed, 2 usage, 3 finished but data was lost.
     fn run(self, config: Option<&'static Config>, typed: &'static ArgMatches) -> ExitCode {
+        output::set_loudness(self.verbose, self.quiet);
         let context = Context { json: self.json, config, typed };
         let outcome = match self.verb {
             Verb::Demo(args) => demo::run(&args, context),
             Verb::Doctor(args) => doctor::run(&args, context),
             Verb::Init(args) => init::run(&args, context),
             Verb::Optimize(args) => optimize::run(&args, context),
-            Verb::Evaluate(args) => evaluate::run(&args, context),
             Verb::Mount(args) => mount::run(&args, context),
             Verb::Predict(args) => predict::run(&args, context),
             Verb::Compare(args) => compare::run(&args, context),
             Verb::Boresight(args) => boresight::run(&args, context),
-            Verb::Stand(args) => stand::run(&args, context),
             Verb::Odometry(args) => odometry::run(&args, context),
             Verb::Decode(args) => decode::run(&args, context),
             Verb::Cut(args) => cut::run(&args, context),
@@ -244,7 +277,6 @@ impl Cli {
             Verb::Daemon(args) => daemon::run(&args, context),
             Verb::View(args) => view::run(&args, context),
             Verb::Replay(args) => replay::run(&args, context),
-            Verb::Validate(args) => validate::run(&args, context),
             Verb::Rig(args) => rig::run(&args, context),
             Verb::Sensor(args) => sensor::run(&args, context),
             Verb::Study(args) => study::run(&args, context),

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 
@@ -64,9 +65,32 @@ pub(crate) fn counted(count: u64, of_one: &str) -> String {
     format!("{count} {of_one}{}", if count == 1 { "" } else { "s" })
 }
 
+/// Whether notes and progress are shown, and whether each step is.
+static QUIET: AtomicBool = AtomicBool::new(false);
+static VERBOSE: AtomicBool = AtomicBool::new(false);
+
+/// Sets once, as the program begins, what is shown on stderr.
+pub(crate) fn set_loudness(verbose: bool, quiet: bool) {
+    VERBOSE.store(verbose, Ordering::Relaxed);
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+pub(crate) fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Prints a step on stderr where that was asked for.
+pub(crate) fn say_step(step: &str) {
+    if VERBOSE.load(Ordering::Relaxed) {
+        let _ = writeln!(std::io::stderr(), "outrigger: {step}");
+    }
+}
+
 /// Prints a notice on stderr: done as asked, with something the user may not expect.
 pub(crate) fn say_notice(notice: &str) {
-    let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");
+    if !is_quiet() {
+        let _ = writeln!(std::io::stderr(), "outrigger: note: {notice}");
+    }
 }
 
 /// Prints an error and its causes on stderr.

@@ -1,5 +1,6 @@
 //! `outrigger rig`: read and set the servo rig.
 
+mod calibrate;
 mod show;
 mod watch;
 
@@ -18,6 +19,9 @@ use crate::rig::MountFile;
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     // what was typed is checked before anything is opened
     refuse_unused(args.action.name(), context)?;
+    if let Action::Calibrate { session, mount } = &args.action {
+        return calibrate::run(session, mount.as_deref(), context);
+    }
     let Some(port) = &args.port else {
         let of_file = context.config.map_or(String::new(), |config| {
             format!(", or `port` under [rig] of {}, which names none", config.path.display())
@@ -62,6 +66,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             rig.clear_faults()?;
             show(&rig.status()?, None, context)?;
         }
+        Action::Calibrate { .. } => {} // drives nothing: it has returned
     }
     if moves && !context.json {
         let unhomed = if is_driven_here(port) { "; what moves them next says --home" } else { "" };

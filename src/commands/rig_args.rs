@@ -93,6 +93,22 @@ pub(super) enum Action {
     /// Clear latched faults without a cause any more.
     #[command(defer(hide_unused))]
     Clear,
+    /// What each servo really does, from a session in which the rig did not move and its axes went through their range.
+    #[command(
+        defer(hide_unused),
+        after_help = "Put the rig on firm ground with floor and walls in sight, record with the daemon, and drive each axis through \
+                      settings over its range and back, two to five seconds each. The points of every setting are matched to the \
+                      planes of the middle one: how far the sensor's turn differs from what its axis measured, the play between \
+                      the two directions, and where the servo's axis lies. Nothing is changed. Exit codes: 0 the axes do as they \
+                      measure, 1 failed, 3 they do not, it cannot be determined, or data was lost."
+    )]
+    Calibrate {
+        /// Session folder.
+        session: PathBuf,
+        /// Where the sensors sit, in the order of the axes; without it the session's own.
+        #[arg(long, value_name = "FILE")]
+        mount: Option<PathBuf>,
+    },
 }
 
 impl Action {
@@ -105,6 +121,7 @@ impl Action {
             Self::Watch { .. } => "watch",
             Self::Stop { .. } => "stop",
             Self::Clear => "clear",
+            Self::Calibrate { .. } => "calibrate",
         }
     }
 }

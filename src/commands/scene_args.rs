@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::{DVec2, DVec3};
 
-use crate::simulate::walk::Waypoint;
+use crate::simulate::walk::{self, Waypoint};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::{
@@ -49,12 +49,13 @@ impl MeshArgs {
     }
 }
 
-/// Way of the body.
+/// Trajectory of the body.
 #[derive(clap::Args, Debug, Clone)]
 pub struct TrajectoryArgs {
-    /// Way of the body: TUM, EuRoC or another table whose header names time, position and quaternion; or KITTI poses with --rate.
-    #[arg(long, value_name = "FILE")]
-    trajectory: PathBuf,
+    /// Trajectory of the body: TUM, EuRoC or another table whose header names time, position and quaternion; KITTI poses with
+    /// --rate; or waypoints "x,y x,y ..." that are walked 1.6 m above the floor [default: a path through all of the free floor].
+    #[arg(long, value_name = "FILE", allow_hyphen_values = true)]
+    trajectory: Option<WalkText>,
     /// Poses per second of a trajectory in KITTI format.
     #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     rate: Option<f64>,
@@ -63,14 +64,41 @@ pub struct TrajectoryArgs {
 impl TrajectoryArgs {
     /// The file's name.
     pub(crate) fn name(&self) -> String {
-        self.trajectory.display().to_string()
+        match &self.trajectory {
+            Some(WalkText::File(path)) => path.display().to_string(),
+            Some(WalkText::Waypoints(waypoints)) => format!("{} waypoints", waypoints.len()),
+            None => "planned trajectory".into(),
+        }
     }
 
-    /// Reads the file into the local frame of a scene; how it was read, and what is odd about it alone.
-    pub(crate) fn read(&self, origin: LocalOrigin) -> anyhow::Result<(Trajectory, Vec<String>)> {
-        let (trajectory, mut notes) = read_trajectory(&self.trajectory, self.rate)?;
-        notes.extend(suspicions(&trajectory, &self.name()));
-        Ok((origin.local_trajectory(trajectory), notes))
+    pub(crate) fn is_file(&self) -> bool {
+        matches!(self.trajectory, Some(WalkText::File(_)))
+    }
+
+    /// Reads the file into the local frame of a scene, or plans a walk there; how it was made, and what is odd about it alone.
+    pub(crate) fn read(
+        &self,
+        scene: &Scene,
+        origin: LocalOrigin,
+    ) -> anyhow::Result<(Trajectory, Vec<String>)> {
+        let walk = match &self.trajectory {
+            Some(WalkText::File(path)) => {
+                let (trajectory, mut notes) = read_trajectory(path, self.rate)?;
+                notes.extend(suspicions(&trajectory, &self.name()));
+                return Ok((origin.local_trajectory(trajectory), notes));
+            }
+            Some(WalkText::Waypoints(waypoints)) => {
+                let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(origin)).collect();
+                walk::along(scene, &local)?
+            }
+            None => walk::planned(scene)?,
+        };
+        let legs = walk.corners_m.len().saturating_sub(1);
+        let length_m = walk.trajectory.length_m();
+        let mut notes =
+            vec![format!("{}: {legs} legs, {length_m:.1} m; --trajectory gives another", self.name())];
+        notes.extend(walk.doubts);
+        Ok((walk.trajectory, notes))
     }
 
     /// Where the trajectory lies in a scene; sensors are `height_m` above it.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use super::output;
 use crate::simulate::Progress;
 
 /// A verb at work; the line disappears when it ends.
@@ -17,7 +18,7 @@ const COUNTED: &str = "{bar:24} {percent:>3} %, {eta} left: {wide_msg}";
 impl Stage {
     /// Begins the first part of the work.
     pub(crate) fn begin(what: impl Into<String>) -> Self {
-        let is_seen = std::io::stderr().is_terminal();
+        let is_seen = std::io::stderr().is_terminal() && !output::is_quiet();
         let stage = Self(if is_seen { ProgressBar::new_spinner() } else { ProgressBar::hidden() });
         stage.next(what);
         if is_seen {
@@ -28,6 +29,8 @@ impl Stage {
 
     /// Goes on to the next part, with an unknown amount of work.
     pub(crate) fn next(&self, what: impl Into<String>) {
+        let what = what.into();
+        output::say_step(&what);
         self.style(UNCOUNTED);
         self.say(what);
     }

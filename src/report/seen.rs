@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::completeness::SurfaceDocument;
 use super::prediction::GridDocument;
 use crate::design::objective::Terms;
 use crate::rig::{Conflicts, Rig};
@@ -25,12 +26,15 @@ pub(crate) struct Document {
     pub terms: Terms,
     feasible: bool,
     #[serde(flatten)]
-    conflicts: Conflicts,
+    pub conflicts: Conflicts,
     /// Union bitmap.
     pub coverage_sha256: String,
     pub rays: u64,
     grid: GridDocument,
-    trajectory_length_m: f64,
+    pub trajectory_length_m: f64,
+    /// Of a mesh.
+    #[serde(flatten)]
+    pub surface: Option<SurfaceDocument>,
     pub warnings: Vec<String>,
     pub wall_s: f64,
 }
@@ -58,6 +62,8 @@ pub(crate) struct Scored {
     pub trajectory_length_m: f64,
     pub warnings: Vec<String>,
     pub wall_s: f64,
+    /// Of a mesh.
+    pub surface: Option<SurfaceDocument>,
 }
 
 impl Document {
@@ -95,6 +101,7 @@ impl Document {
             rays: scored.rays,
             grid: GridDocument::of(coverage.grid(), scored.origin),
             trajectory_length_m: scored.trajectory_length_m,
+            surface: scored.surface,
             warnings: scored.warnings,
             wall_s: scored.wall_s,
         }
@@ -122,6 +129,7 @@ impl Document {
                 sensor.name, sensor.model, sensor.columns, sensor.scans, sensor.voxels, sensor.unique_voxels
             );
         }
+        text += &self.surface.as_ref().map_or(String::new(), SurfaceDocument::lines);
         text += &self.conflicts.lines();
         text + &format!("{:.2} s\n", self.wall_s)
     }

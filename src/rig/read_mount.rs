@@ -40,7 +40,7 @@ impl MountFile {
                 path if path == "." => String::new(),
                 path => format!("at {path}: "),
             };
-            format!("{place}{}; the fields are described under `outrigger evaluate --help`", error.inner())
+            format!("{place}{}; the fields are described under docs/design-a-mount.md", error.inner())
         })?;
         reader.end().map_err(|error| format!("{error}; a mount file is one JSON object"))?;
         file.check()?;

@@ -19,6 +19,8 @@ pub(crate) struct IdealSensors {
     pub rig: Rig,
     /// By sensor.
     pub fans: Vec<BeamFan>,
+    /// Every so many revolutions one is cast.
+    pub scan_stride: u32,
 }
 
 /// What ideal sensors cover.
@@ -66,7 +68,7 @@ impl IdealSensors {
             }
         }
         let cast = |(fan, mounts): &(&BeamFan, Vec<Mount>)| {
-            fan.cover(&self.scene, &self.trajectory, mounts, 1, &mut completeness)
+            fan.cover(&self.scene, &self.trajectory, mounts, u64::from(self.scan_stride), &mut completeness)
         };
         let rays = groups.iter().map(cast).sum();
         let mounts = fans.iter().map(|(_, mount)| numbers(mount)).collect();

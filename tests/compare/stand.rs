@@ -1,4 +1,4 @@
-//! A rig that stands while its axis goes through settings, through real packets: `outrigger stand` as a process.
+//! A rig that stands while its axis goes through settings, through real packets: `outrigger rig calibrate` as a process.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -115,7 +115,7 @@ impl Servo {
 /// Exit code, the document or nothing, and what was said.
 fn stand(session: &Path) -> (Option<i32>, Value, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_outrigger"));
-    let output = command.arg("stand").arg(session).arg("--json").output().unwrap();
+    let output = command.args(["rig", "calibrate"]).arg(session).arg("--json").output().unwrap();
     let document = serde_json::from_slice(&output.stdout).unwrap_or_default();
     (output.status.code(), document, String::from_utf8_lossy(&output.stderr).into_owned())
 }

@@ -304,7 +304,7 @@ fn trajectory(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
         0 => predict(kit, &["--trajectory", &path]),
         _ => predict(
             kit,
-            &["--trajectory", &path, "--wearer=0,0,-1,0,0,0.5,0.3", "--report", &kit.name("out/a.html")],
+            &["--trajectory", &path, "--operator=0,0,-1,0,0,0.5,0.3", "--report", &kit.name("out/a.html")],
         ),
     }
 }
@@ -328,7 +328,7 @@ fn extrinsics(kit: &Kit, path: &Path, _: usize) -> Vec<String> {
 
 fn published(kit: &Kit, path: &Path, which: usize) -> Vec<String> {
     match which {
-        0 => words(&["evaluate", "--preset", "paper-vlp-16", "--mount", &path.display().to_string()]),
+        0 => words(&["predict", "--preset", "paper-vlp-16", "--mount", &path.display().to_string()]),
         _ => predict(kit, &["--mount", &path.display().to_string()]),
     }
 }

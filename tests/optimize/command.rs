@@ -29,10 +29,10 @@ pub fn the_command_finds_writes_and_goes_on() {
     assert_eq!(whole["history"].as_array().unwrap().len(), 30);
     assert_eq!(whole["history"][29][1], whole["best"]["objective"]);
 
-    let evaluated = json(&["evaluate", "--json", "--mount", &mount]);
+    let evaluated = json(&["predict", "--json", "--mount", &mount]);
     assert_eq!(evaluated["objective"], whole["best"]["objective"], "the mount file scores as found");
     let notice = |arguments: &[&str]| {
-        let output = outrigger(&[&["evaluate", "--no-baselines", "--mount", &mount], arguments].concat());
+        let output = outrigger(&[&["predict", "--no-baselines", "--mount", &mount], arguments].concat());
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         said.split_once("found with ").map(|(_, what)| what.trim_end().to_owned())
     };
@@ -293,7 +293,7 @@ pub fn the_published_export_is_read_as_it_was_found() {
     assert_eq!(poses[0]["R"][1], serde_json::json!([0.0, 1.0, 0.0]));
 
     let evaluate = |mount: &str| {
-        json(&["evaluate", "--mount", mount, "--preset", "paper-vlp-16", "--path", "forward", "--json"])
+        json(&["predict", "--mount", mount, "--preset", "paper-vlp-16", "--path", "forward", "--json"])
     };
     let again = evaluate(export);
     assert_eq!(again["sensors"], found["best"]["sensors"]);
@@ -318,7 +318,7 @@ pub fn the_published_export_is_read_as_it_was_found() {
     );
     single["mounts"]["euler_deg"] = serde_json::json!([0, 20, 30]);
     std::fs::write(&lone, single.to_string()).unwrap();
-    let output = outrigger(&["evaluate", "--mount", lone.to_str().unwrap()]);
+    let output = outrigger(&["predict", "--mount", lone.to_str().unwrap()]);
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(1) && error.contains("mounts[0].euler_deg"), "{error}");
 }
@@ -372,7 +372,7 @@ pub fn a_mount_is_scored_as_it_was_found() {
         "--json",
     ];
     let found = json(&[&asked[..], &more, &["--final-look", "off"]].concat());
-    let evaluate = ["evaluate", "--mount", &mount, "--no-baselines", "--json"];
+    let evaluate = ["predict", "--mount", &mount, "--no-baselines", "--json"];
     let scored = json(&evaluate);
     assert_eq!(scored["objective"], found["best"]["objective"]);
     assert_eq!((&scored["path"], &scored["prices"]), (&found["path"], &found["prices"]));
@@ -388,7 +388,7 @@ pub fn a_mount_is_scored_as_it_was_found() {
     turned["sensors"][0]["pitch_deg"] = (turned["sensors"][0]["pitch_deg"].as_f64().unwrap() + 1.0).into();
     let other = folder.path().join("turned.json").to_str().unwrap().to_owned();
     std::fs::write(&other, turned.to_string()).unwrap();
-    let output = outrigger(&["evaluate", "--mount", &other, "--no-baselines"]);
+    let output = outrigger(&["predict", "--mount", &other, "--no-baselines"]);
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(told.contains("its sensors were changed since"), "{told}");
     // a file from before these were kept is read
@@ -428,8 +428,7 @@ pub fn a_search_looks_again_at_what_it_liked() {
     assert!(number(&fidelity["regret_bound"]) <= 1e-3 * number(&fidelity["value"]), "{fidelity}");
     assert!(number(&fidelity["value"]) >= number(&fidelity["favourite"]["value"]), "{fidelity}");
     // judged alone and to the end, the mount is worth what was said
-    let settled =
-        json(&["evaluate", "--mount", &mount, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
+    let settled = json(&["predict", "--mount", &mount, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
     let settled = &settled["fidelity"];
     let apart = (number(&settled["value"]) - number(&fidelity["value"])).abs();
     assert!(apart <= number(&settled["bound"]) + number(&fidelity["bound"]), "{fidelity} {settled}");
@@ -437,7 +436,7 @@ pub fn a_search_looks_again_at_what_it_liked() {
     let plain = folder.path().join("plain.json").to_str().unwrap().to_owned();
     json(&[&arguments[..], &["--out", &plain]].concat());
     let of_plain =
-        json(&["evaluate", "--mount", &plain, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
+        json(&["predict", "--mount", &plain, "--fidelity", "auto", "--tolerance", "0.2", "--json"]);
     let of_plain = &of_plain["fidelity"];
     assert!(
         number(&settled["value"]) + number(&settled["bound"])

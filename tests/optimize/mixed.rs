@@ -256,7 +256,7 @@ pub fn the_command_mixes_types() {
     one_of_each.as_object_mut().unwrap().remove("master_models");
     std::fs::write(path("each.json"), one_of_each.to_string()).unwrap();
     let lambda = &both[2..];
-    let evaluate = |file: &str| json(&[&["evaluate", "--json", "--mount", file], lambda].concat());
+    let evaluate = |file: &str| json(&[&["predict", "--json", "--mount", file], lambda].concat());
     assert_eq!(evaluate(&mount)["objective"], found["best"]["objective"], "the mount file scores as found");
     let each = evaluate(&path("each.json"));
     assert_eq!(each["models"], serde_json::json!(["os1-64", "os1-64", "vlp-16", "vlp-16"]));
@@ -268,7 +268,7 @@ pub fn the_command_mixes_types() {
             format!("{},{}", numbers.join(","), ["os1-64", "vlp-16"][index])
         })
         .collect();
-    let typed = json(&[&["evaluate", "--json", "--masters", &masters.join(";")], &both[..]].concat());
+    let typed = json(&[&["predict", "--json", "--masters", &masters.join(";")], &both[..]].concat());
     assert_eq!(typed["coverage_sha256"], each["coverage_sha256"]);
 
     // a state file goes on only with the same types and prices
@@ -301,8 +301,8 @@ pub fn the_command_mixes_types() {
         (vec!["optimize", both[0], both[1], "--export-published", &csv], "--export-published"),
         (vec!["optimize", both[0], both[1], "--lambda", "os1-64=5"], "no price for vlp-16"),
         (vec!["optimize", "--preset", "paper-vlp-16,paper-vlp-16"], "make no rig"),
-        (vec!["evaluate", "--preset", "paper-os1-64", "--mount", "EACH"], "with commas"),
-        (vec!["evaluate", both[0], both[1], "--masters", "0,0,0,20,0"], "master 1"),
+        (vec!["predict", "--preset", "paper-os1-64", "--mount", "EACH"], "with commas"),
+        (vec!["predict", both[0], both[1], "--masters", "0,0,0,20,0"], "master 1"),
     ] {
         let each = path("each.json");
         let arguments: Vec<&str> =

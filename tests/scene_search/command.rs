@@ -14,6 +14,9 @@ fn with_house<'a>(before: &[&'a str], house: &'a [String; 4], after: &[&'a str])
     before.iter().copied().chain(house).chain(after.iter().copied()).collect()
 }
 
+/// The surface is judged elsewhere.
+const QUICK: [&str; 3] = ["--no-baselines", "--sample-count", "10000"];
+
 pub fn predict_casts_ideal_mounts() {
     let reference = super::reference();
     let entry = &reference.pairs["vlp-16"][4];
@@ -22,7 +25,11 @@ pub fn predict_casts_ideal_mounts() {
     let place = house();
     let flags =
         ["--ideal", "--azimuths", "512", "--scan-stride", "4", "--voxel", "0.1", "--sensors", "vlp-16"];
-    let asked = with_house(&["predict", "--json", "--weights", "published", &mounts], &place, &flags);
+    let asked = [
+        with_house(&["predict", "--json", "--weights", "published", &mounts], &place, &flags),
+        QUICK.to_vec(),
+    ]
+    .concat();
     let found = json(&asked);
     assert_eq!(found["unique_voxels"], entry.fine.union);
     assert_eq!(found["overlap_voxels"], entry.fine.overlap);
@@ -76,7 +83,8 @@ pub fn optimize_finds_a_pair_in_the_house() {
     let predicted = json(&with_house(
         &["predict", "--json", "--mount", &mount],
         &place,
-        &["--ideal", "--azimuths", "512", "--scan-stride", "4", "--weights", "published"],
+        &[&["--ideal", "--azimuths", "512", "--scan-stride", "4", "--weights", "published"][..], &QUICK]
+            .concat(),
     ));
     let [found, predicted] = [&found["best"], &predicted].map(|best| best["unique_voxels"].as_i64().unwrap());
     assert!((found - predicted).abs() <= 8, "{found} {predicted}");

@@ -7,6 +7,7 @@ use glam::DVec3;
 
 use super::args::{Args, Corners};
 use crate::base::files;
+use crate::commands::experiment_args::ExperimentArgs;
 use crate::commands::scene_args::{WalkText, read_trajectory};
 use crate::commands::scene_file;
 use crate::commands::stage::Stage;
@@ -27,15 +28,7 @@ use crate::world::scene::LoadedScene;
 use crate::world::trajectory::{Trajectory, suspicions};
 
 /// What only a search in a published experiment knows.
-const OF_AN_EXPERIMENT: [&str; 25] = [
-    "preset",
-    "path",
-    "sub_poses",
-    "phase",
-    "lambda",
-    "least_distance",
-    "registration_weight",
-    "min_conditioning",
+const OF_AN_EXPERIMENT: [&str; 17] = [
     "method",
     "early_stop",
     "batch",
@@ -84,10 +77,9 @@ const SEARCH_STEP_SHARE: f64 = 0.85;
 pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
     let is_scene = args.scene.scene.is_some() || args.scene.room.is_some();
     if is_scene {
-        context.ensure_not_typed(
-            &OF_AN_EXPERIMENT,
-            "is about a published experiment, and --scene or --room searches another place",
-        )?;
+        let why = "is about a published experiment, and --scene or --room searches another place";
+        context.ensure_not_typed(&ExperimentArgs::ONLY_PUBLISHED, why)?;
+        context.ensure_not_typed(&OF_AN_EXPERIMENT, why)?;
     } else {
         context.ensure_not_typed(
             &OF_A_SCENE,

@@ -1,16 +1,23 @@
 //! `predict --ideal`: ideal beams, every one cast in double precision.
 
+use std::path::PathBuf;
 use std::time::Instant;
+
+use anyhow::{Context as _, bail};
 
 use super::Args;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
+use crate::report::completeness::{SurfaceDocument, Times, page};
 use crate::report::seen::{Document, Scored};
 use crate::rig::{Rig, Unit};
+use crate::simulate::fan::BeamFan;
+use crate::simulate::ideal::IdealSensors;
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, View as _, ViewSite};
 use crate::world::placement::Placement;
+use crate::world::surface::{MAIN_RANK, ObservableSurface, write_flags};
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -25,24 +32,21 @@ pub struct IdealArgs {
     /// Coefficients of the score of ideal sensors: shares of the voxels that can be seen, or as published.
     #[arg(long, value_enum, requires = "ideal", default_value_t)]
     weights: WeightRule,
+    /// Write which surface samples ideal sensors cover within 5 cm, one bit each as numpy.packbits does (a .npy file).
+    #[arg(long, value_name = "FILE", requires = "ideal")]
+    pub covered_out: Option<PathBuf>,
 }
 
 /// What has no use for ideal sensors.
-const OF_REAL_SENSORS: [&str; 15] = [
-    "sample_count",
-    "samples",
-    "no_baselines",
+const OF_REAL_SENSORS: [&str; 9] = [
     "fidelity",
     "out",
-    "report",
-    "seed",
     "spin_phase",
     "range_noise",
     "max_incidence",
     "reflectivity",
     "drop_out",
     "sub_rays",
-    "wearer",
     "no_housings",
 ];
 
@@ -54,19 +58,59 @@ pub fn run(
     site: Site,
     placement: Placement,
 ) -> anyhow::Result<Outcome> {
-    context.ensure_not_typed(&OF_REAL_SENSORS, "is about real sensors, and --ideal casts ideal ones")?;
+    let why = "is about real sensors, and --ideal casts ideal ones";
+    context.ensure_not_typed(&OF_REAL_SENSORS, why)?;
+    context.ensure_not_typed(&["operator"], why)?;
+    if site.loaded.mesh.is_none() {
+        let on_a_surface = ["no_baselines", "report", "covered_out"];
+        context.ensure_not_typed(&on_a_surface, "is about the surface of a mesh: give one behind --scene")?;
+    }
     let start = Instant::now();
-    let sampling = Sampling { scan_stride: args.ideal.scan_stride, ..args.sensing.ideal() };
+    let sampling = Sampling {
+        scan_stride: args.ideal.scan_stride,
+        ..args.sensing.ideal(args.experiment.of_scene().columns)
+    };
+    let sensors = IdealSensors {
+        scene: site.loaded.scene.clone(),
+        trajectory: site.trajectory.clone(),
+        rig: rig.clone(),
+        fans: units.iter().map(|unit| fan(unit, &sampling)).collect(),
+        scan_stride: sampling.scan_stride,
+    };
+    ensure_a_revolution(&sensors, &args.trajectory.name())?;
     let Site { loaded, trajectory, grid } = site;
     let trajectory_length_m = trajectory.length_m();
     let view_site = ViewSite { scene: loaded.scene, trajectory, grid };
     let view = CastView::new(view_site, units, &sampling, Precision::Double).map_err(wrong_usage)?;
+    let samples =
+        sensors.scene.mesh().map(|mesh| args.samples.samples(mesh, loaded.origin, args.seed)).transpose()?;
+    let prepare_s = start.elapsed().as_secs_f64();
+    let start = Instant::now();
     let stage = Stage::begin("casting the rays of the rig");
     let coverage = view.cover(rig);
     let counts = coverage.counts();
     let rays = view.rays(rig);
-    stage.next("looking what could be seen from the trajectory");
+    stage.next("finding what is observable from the trajectory");
     let weights = SceneWeights::new(args.ideal.weights, view.observable());
+    let surface = samples.map(|samples| {
+        let stations_m = sensors.trajectory.sight_stations_m(sensors.rig.mean_height_m());
+        ObservableSurface::new(&sensors.scene, samples, &stations_m)
+    });
+    let observable_s = start.elapsed().as_secs_f64();
+    stage.next("casting the rays on the samples of the surface");
+    let covered = surface.as_ref().map(|surface| sensors.cover(surface));
+    let wall_s = start.elapsed().as_secs_f64();
+    stage.next("casting single sensors to compare with (--no-baselines leaves them out)");
+    let start = Instant::now();
+    let summary = loaded.mesh;
+    let parts = surface.as_ref().zip(covered).zip(summary);
+    let (surface_document, flags) = parts
+        .map(|((surface, (shares, flags)), summary)| {
+            let baselines = (!args.no_baselines).then(|| sensors.baselines(surface, &shares));
+            let times = Times { prepare_s, observable_s, baselines_s: start.elapsed().as_secs_f64() };
+            (SurfaceDocument::new(&sensors, summary, surface, shares, baselines, times), flags)
+        })
+        .unzip();
     drop(stage);
     placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
     let scored = Scored {
@@ -76,8 +120,14 @@ pub fn run(
         rays,
         origin: loaded.origin,
         trajectory_length_m,
-        warnings: loaded.warnings.into_iter().chain(placement.doubts).collect(),
-        wall_s: start.elapsed().as_secs_f64(),
+        warnings: units
+            .iter()
+            .filter_map(|unit| unit.notice.clone())
+            .chain(loaded.warnings)
+            .chain(placement.doubts)
+            .collect(),
+        wall_s,
+        surface: surface_document,
     };
     let spin = |sensor: &crate::rig::MountedSensor| {
         let (fan, scans) = view.fan_of(&sensor.model);
@@ -86,5 +136,33 @@ pub fn run(
     let spins: Vec<_> = rig.sensors.iter().map(spin).collect();
     let document = Document::new(rig, &coverage, &counts, &spins, scored);
     output::print_result(context.json, &document, || document.summary(), &[])?;
+    if let (Some(path), Some(flags)) = (&args.ideal.covered_out, &flags) {
+        let written = write_flags(path, &flags.covered(MAIN_RANK));
+        written.with_context(|| path.display().to_string())?;
+    }
+    if let (Some(path), Some(surface), Some(of_surface)) = (&args.report, &surface, &document.surface) {
+        let page = page(&document, of_surface, &sensors, surface, loaded.origin, &output::again());
+        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
+    }
     Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+fn fan(unit: &Unit, sampling: &Sampling) -> BeamFan {
+    let columns = sampling.columns.unwrap_or(unit.columns);
+    let mut fan = BeamFan::nominal(&unit.model, columns as usize, sampling.rate_hz.unwrap_or(unit.rate_hz));
+    fan.min_range_m = sampling.min_range_m.unwrap_or(fan.min_range_m);
+    fan.max_range_m = sampling.max_range_m.unwrap_or(fan.max_range_m);
+    fan
+}
+
+fn ensure_a_revolution(sensors: &IdealSensors, name: &str) -> anyhow::Result<()> {
+    let Some(slow) = sensors.fans.iter().find(|fan| fan.scans(&sensors.trajectory) == 0) else {
+        return Ok(());
+    };
+    let [start_ns, end_ns] = sensors.trajectory.time_span_ns();
+    bail!(
+        "{name}: {} s long, expected at least one revolution of {} s",
+        (end_ns - start_ns) as f64 * 1e-9,
+        1.0 / slow.rate_hz
+    )
 }

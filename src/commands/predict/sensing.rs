@@ -14,9 +14,6 @@ use crate::world::trajectory::Trajectory;
 /// Options of the sensors.
 #[derive(clap::Args, Debug)]
 pub struct SensingArgs {
-    /// Columns per revolution [default: as the calibration says; else 1024 for Ouster models, 1800 for others].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65536))]
-    azimuths: Option<u32>,
     /// Revolutions per second [default: as the calibration says; else 10].
     #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(0.1, 200.0))]
     spin_rate: Option<f64>,
@@ -45,9 +42,9 @@ pub struct SensingArgs {
     /// Rays spread over each beam's divergence; the median range counts.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=64))]
     sub_rays: u32,
-    /// Who carries the rig: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left), m.
+    /// The operator, who shades beams: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left), m.
     #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE")]
-    wearer: Option<Numbers<7>>,
+    operator: Option<Numbers<7>>,
     /// Let beams pass through the other sensors.
     #[arg(long)]
     no_housings: bool,
@@ -58,10 +55,10 @@ const IDEAL_MIN_RANGE_M: f64 = 0.3;
 
 impl SensingArgs {
     /// Ideal beams, at the columns, rate and ranges that are given.
-    pub fn ideal(&self) -> Sampling {
+    pub fn ideal(&self, columns: Option<u32>) -> Sampling {
         Sampling {
             is_ideal: true,
-            columns: self.azimuths,
+            columns,
             rate_hz: self.spin_rate,
             min_range_m: self.min_range.or(Some(IDEAL_MIN_RANGE_M)),
             max_range_m: self.max_range,
@@ -74,16 +71,15 @@ impl SensingArgs {
         &self,
         scene: &'a Scene,
         trajectory: &'a Trajectory,
-        rig: &'a Rig,
-        units: &[Unit],
+        (rig, units): (&'a Rig, &[Unit]),
+        columns: Option<u32>,
         seed: u64,
     ) -> anyhow::Result<Scanner<'a>> {
-        self.check()?;
         let mut scanner = Scanner::new(scene, trajectory, rig, Spin::default());
         for (spin, unit) in scanner.spins.iter_mut().zip(units) {
             *spin = Spin {
                 rate_hz: self.spin_rate.unwrap_or(unit.rate_hz),
-                columns: self.azimuths.unwrap_or(unit.columns),
+                columns: columns.unwrap_or(unit.columns),
                 phase_rad: self.spin_phase.to_radians(),
                 clockwise: true,
             };
@@ -91,9 +87,9 @@ impl SensingArgs {
         if self.no_housings {
             scanner.occluders.iter_mut().for_each(Vec::clear);
         }
-        if let Some(Numbers([x0, y0, z0, x1, y1, z1, radius_m])) = self.wearer {
+        if let Some(Numbers([x0, y0, z0, x1, y1, z1, radius_m])) = self.operator {
             if radius_m <= 0.0 {
-                refuse!("--wearer: the radius is {radius_m}, expected above 0");
+                refuse!("--operator: the radius is {radius_m}, expected above 0");
             }
             let (from_m, to_m) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
             let operator = Occluder::Capsule { from_m, to_m, radius_m };
@@ -112,7 +108,7 @@ impl SensingArgs {
         Ok(scanner)
     }
 
-    fn check(&self) -> anyhow::Result<()> {
+    pub(super) fn check(&self) -> anyhow::Result<()> {
         if let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range)
             && min_m >= max_m
         {

@@ -4,7 +4,9 @@ use crate::commands::defaults::long_name;
 use crate::commands::{Context, output};
 
 /// Arguments that not every verb has a use for, and which have.
-const USED_BY: [(&str, &[&str]); 8] = [
+const USED_BY: [(&str, &[&str]); 10] = [
+    ("port", &["status", "home", "set", "apply", "watch", "stop", "clear"]),
+    ("node", &["status", "home", "set", "apply", "watch", "stop", "clear"]),
     ("arm", &["home", "set", "apply"]),
     ("home", &["home", "set", "apply"]),
     ("approach_deg", &["set", "apply"]),

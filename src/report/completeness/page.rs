@@ -1,7 +1,8 @@
 //! The page of a completeness.
 
-use super::Document;
+use super::SurfaceDocument;
 use crate::report::chart::number;
+use crate::report::seen::Document;
 use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures};
 use crate::simulate::ideal::IdealSensors;
 use crate::world::coverage::VoxelGrid;
@@ -14,20 +15,21 @@ const SPOT_M: f64 = 0.25;
 /// How much of the surface is covered, by whom, and what is not.
 pub(crate) fn page(
     document: &Document,
+    of_surface: &SurfaceDocument,
     sensors: &IdealSensors,
     surface: &ObservableSurface,
     origin: LocalOrigin,
     made_by: &str,
 ) -> Report {
-    let covered = 100.0 * document.coverage.shares.main();
-    let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
+    let covered = 100.0 * of_surface.shares.main();
+    let gain = of_surface.baselines.as_ref().map_or(String::new(), |baselines| {
         format!(
             ", {:.2} points more than the best single sensor",
             baselines.best_single.seen.gain_points["0.05"]
         )
     });
     let summary =
-        format!("{} sensors cover {covered:.2} % of the surface within 5 cm{gain}.", document.sensors);
+        format!("{} sensors cover {covered:.2} % of the surface within 5 cm{gain}.", document.sensors.len());
     let mut report = Report::new("Surface completeness", &summary, made_by);
     for warning in &document.warnings {
         report.paragraph(warning);
@@ -35,9 +37,9 @@ pub(crate) fn page(
     for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
-    shares(&mut report, document);
+    shares(&mut report, document, of_surface);
     pictures(&mut report, sensors, surface, origin);
-    let path = &document.registration;
+    let path = &of_surface.registration;
     figures::registration_section(
         &mut report,
         path.registration.as_ref(),
@@ -47,17 +49,17 @@ pub(crate) fn page(
     report
 }
 
-fn shares(report: &mut Report, document: &Document) {
+fn shares(report: &mut Report, document: &Document, of_surface: &SurfaceDocument) {
     let mut row = vec!["the mounts".to_owned(), "-".into()];
-    row.extend(document.coverage.shares.percent());
+    row.extend(of_surface.shares.percent());
     let mut rows = vec![row];
-    for (name, single) in document.baselines.iter().flat_map(|baselines| baselines.named()) {
+    for (name, single) in of_surface.baselines.iter().flat_map(|baselines| baselines.named()) {
         let mut row = vec![name.to_owned(), number(single.pitch_deg, 1)];
         row.extend(single.seen.coverage.shares.percent());
         rows.push(row);
     }
     let header = ["covered within, %", "pitch, deg", "2 cm", "5 cm", "10 cm", "5 cm, of the observable"];
-    match &document.baselines {
+    match &of_surface.baselines {
         Some(baselines) => {
             let y_label = "share covered on some revolutions";
             figures::baselines_section(report, baselines, &header, &rows, y_label, None);
@@ -69,9 +71,9 @@ fn shares(report: &mut Report, document: &Document) {
     }
     report.paragraph(&format!(
         "{:.2} % of {} samples are observable from the trajectory; {} rays, {:.1} m travelled.",
-        100.0 * document.observable_share,
-        number(document.samples as f64, 0),
-        number(document.coverage.rays as f64, 0),
+        100.0 * of_surface.observable_share,
+        number(of_surface.samples as f64, 0),
+        number(document.rays as f64, 0),
         document.trajectory_length_m
     ));
 }

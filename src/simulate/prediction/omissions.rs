@@ -82,7 +82,7 @@ pub(crate) fn omissions(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<Omission
         all.push(Omission {
             what: "who carries the rig".into(),
             worth: None,
-            why: "not said where they stand; --wearer models them".into(),
+            why: "position unknown; --operator models them".into(),
         });
     }
     all

@@ -1,37 +1,20 @@
-//! `outrigger stand`: what each servo really does, from a rig that stands still.
+//! `outrigger rig calibrate`: what each servo really does, from a recording of a rig that does not move.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::Path;
 
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use super::recorded::feed::Taken;
-use super::recorded::{Recorded, RecordedArgs};
-use super::stage::Stage;
-use super::{Context, Outcome, output};
+use crate::commands::recorded::feed::Taken;
+use crate::commands::recorded::{Recorded, RecordedArgs};
+use crate::commands::stage::Stage;
+use crate::commands::{Context, Outcome, output};
 use crate::recording::Session;
 use crate::verify::calibrate::{FoundSetting, Hold, Reached, Setting, StandTest, holds, stand_test};
 use crate::verify::compare::FramePitch;
 
-/// Arguments of `stand`.
-#[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Put the rig on firm ground where floor and walls are in sight, record with the daemon, and drive each axis \
-                  through settings over its range and back, two to five seconds each. The points of every setting are laid \
-                  into the planes of the middle one: by how much the sensor's turn differs from what its axis measured, how far it \
-                  lags when it comes from the other side, and where the servo's axis lies. Nothing is changed.\n\
-                  Exit codes: 0 the axes do as they measure, 1 failed, 3 they do not, it cannot be determined, or data was lost."
-)]
-pub struct Args {
-    /// Session folder, recorded while the rig stood still.
-    session: PathBuf,
-    /// Where the sensors sit, in the order of the axes; without it the session's own.
-    #[arg(long, value_name = "FILE")]
-    mount: Option<PathBuf>,
-}
-
-/// The document that `stand` prints.
+/// The document that it prints.
 #[derive(Debug, Serialize)]
 struct Document {
     format: &'static str,
@@ -43,18 +26,21 @@ struct Document {
     wall_s: f64,
 }
 
-/// Runs the verb.
-pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+/// Measures and prints.
+pub(super) fn run(session: &Path, mount: Option<&Path>, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
-    let name = args.session.display();
-    std::fs::metadata(&args.session).with_context(|| name.to_string())?;
+    let name = session.display();
+    std::fs::metadata(session).with_context(|| name.to_string())?;
     ensure!(
-        Session::is_session(&args.session),
+        Session::is_session(session),
         "{name} is no session: the angles of the axes are in none but those"
     );
     // no zeros: turns alone do not tell them
-    let of =
-        RecordedArgs { recording: args.session.clone(), mount: args.mount.clone(), ..Default::default() };
+    let of = RecordedArgs {
+        recording: session.to_owned(),
+        mount: mount.map(Path::to_owned),
+        ..Default::default()
+    };
     let recorded = Recorded::open(&of, context)?;
     let reports = recorded.servo()?;
     ensure!(

@@ -1,13 +1,14 @@
-//! `outrigger evaluate`
+//! `predict --preset`: the score of mounts in a published experiment.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context as _;
 
-use super::experiment_args::{ExperimentArgs, FidelityArg};
-use super::masters::Masters;
-use super::{Context, Outcome, output};
+use super::Args;
+use crate::commands::experiment_args::FidelityArg;
+use crate::commands::masters::Masters;
+use crate::commands::{Context, Outcome, output};
 use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
 use crate::design::objective::{Objective, other_score};
@@ -15,63 +16,27 @@ use crate::report::score::{Document, page};
 use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, Placement, Roll};
 
-/// Arguments of `evaluate`.
+/// How a published experiment is scored.
 #[derive(clap::Args, Debug)]
-#[command(
-    group = clap::ArgGroup::new("mounts").required(true),
-    after_help = "A mount file is one JSON object: format \"outrigger-mount/1\", frame \"mount: x right, y forward, z up\", \
-                  sensors: [{name, model, x_m, y_m, z_m, pitch_deg, roll_deg, and where they have them yaw_deg, angle_tolerance_deg} ...] and, if known, preset, objective, found_with, \
-                  masters: [[x_m, y_m, z_m, pitch_deg, roll_deg] ...], master_models: [model ...]. Its sensors are \
-                  scored as they are, mirrored ones being listed, each as the model that it is; its preset (several \
-                  with commas between them) holds where --preset is not given, and so does found_with: {path, voxel_m, \
-                  azimuths, sub_poses, phase, lambda, registration_weight, least_conditioning, least_distance_m}, with \
-                  which optimize found it. calibrations: {name: file} names the \
-                  calibration of a unit, for predict and validate. What the published program exports is read, too.\n\n\
-                  Beside the mounts stand one level sensor and the best single one (pitch in steps of 1 degree), where \
-                  the middle of the mounts is."
-)]
-pub struct Args {
-    #[command(flatten)]
-    experiment: ExperimentArgs,
-    /// Sensors from a mount file.
-    #[arg(long, group = "mounts", value_name = "FILE")]
-    mount: Option<PathBuf>,
-    /// Masters, mirrored by the program: "x,y,z,pitch_deg,roll_deg;..." in metres and degrees; on a mixed rig each ends
-    /// with its model ("x,y,z,pitch_deg,roll_deg,vlp-16;...").
-    #[arg(long, group = "mounts", allow_hyphen_values = true, value_name = "LIST")]
-    masters: Option<Masters>,
-    /// Leave out the single sensors beside which the mounts are judged.
-    #[arg(long)]
-    no_baselines: bool,
+pub struct ScoringArgs {
     /// Score again so many times with every ray off its direction by the published divergence.
     #[arg(long, value_name = "RUNS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1000))]
     rescore: u32,
     /// Divergence of the re-score: standard deviation of each component of a ray's direction.
     #[arg(long, value_name = "DEG", default_value_t = crate::simulate::published::PUBLISHED_SPREAD_DEG, value_parser = crate::commands::ranges::within(0.0, 90.0))]
     divergence: f64,
-    /// Seed of the re-score.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// given: only the sampling as given. auto: also as many rays as it takes to know J within the tolerance, with the
-    /// error that is left and what the model leaves out [default: auto with --voxel and nothing said about columns, poses
-    /// or phase; given for a published experiment].
-    #[arg(long)]
-    fidelity: Option<FidelityArg>,
-    /// Error of J that auto may leave, percent of J.
+    /// Error of J that --fidelity auto may leave, percent of J.
     #[arg(long, value_name = "PERCENT", default_value_t = 1.0, value_parser = crate::commands::ranges::within(1e-9, 100.0))]
     tolerance: f64,
-    /// Write a page with pictures.
-    #[arg(long, value_name = "FILE.html")]
-    report: Option<PathBuf>,
 }
 
-/// Runs the verb.
+/// Scores and prints.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     check(args, context)?;
     let Request { objective, sensors, stated, reason } = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
-        (None, None) => refuse!("give --mount or --masters"),
+        (None, None) => refuse!("--preset scores --mount or --masters: --mounts is about a scene"),
     };
     output::check_places([&args.report])?;
     let start = Instant::now();
@@ -80,11 +45,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if !args.no_baselines {
         document.baselines = Some(baselines(&objective, &sensors)?);
     }
-    if args.rescore > 0 {
-        document.rescored = Some(rescore(&objective, &sensors, args.rescore, args.divergence, args.seed)?);
+    if args.scoring.rescore > 0 {
+        document.rescored =
+            Some(rescore(&objective, &sensors, args.scoring.rescore, args.scoring.divergence, args.seed)?);
     }
     if fidelity_asked(args) == FidelityArg::Auto {
-        document.fidelity = Some(MountFidelity::measure(&objective, &sensors, args.tolerance / 100.0)?);
+        document.fidelity =
+            Some(MountFidelity::measure(&objective, &sensors, args.scoring.tolerance / 100.0)?);
     }
     output::print_result(context.json, &document, || document.summary(), &[])?;
     if let Some(path) = &args.report {
@@ -100,7 +67,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 
 /// Refuses what cannot be meant, or has nothing to be about.
 fn check(args: &Args, context: Context) -> anyhow::Result<()> {
-    if args.rescore == 0 {
+    if args.scoring.rescore == 0 {
         context.ensure_not_typed(&["divergence", "seed"], "is about --rescore, which is not asked for")?;
     }
     if args.mount.is_some() {

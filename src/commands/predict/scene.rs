@@ -1,0 +1,176 @@
+//! `predict --scene` and `--room`.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, bail, ensure};
+
+use super::{Args, ideal};
+use crate::commands::experiment_args::FidelityArg;
+use crate::commands::masters::Masters;
+use crate::commands::stage::Stage;
+use crate::commands::{Context, Outcome, output, scene_file, wrong_usage};
+use crate::report::prediction::{Document, page};
+use crate::rig::{MountFile, MountedSensor, Rig, Unit, UnitChoice};
+use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
+use crate::simulate::published::Placement;
+use crate::simulate::scan::Scanner;
+use crate::world::scene::LoadedScene;
+use crate::world::surface::ObservableSurface;
+
+/// Edge of a voxel where none is given, m.
+const DEFAULT_VOXEL_M: f64 = 0.1;
+
+/// Casts and prints.
+pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    if args.room.is_some() {
+        scene_file::ensure_none_typed(context, "the scene is a room")?;
+    }
+    if !args.trajectory.is_file() {
+        context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
+    }
+    args.sensing.check()?;
+    let (units, rig) = units(args)?;
+    let site = site(args, context)?;
+    for notice in units.iter().filter_map(|unit| unit.notice.as_ref()).chain(&site.loaded.warnings) {
+        output::say_notice(notice);
+    }
+    let (scene, origin) = (&site.loaded.scene, site.loaded.origin);
+    let placement = args.trajectory.placement(scene, &site.trajectory, rig.mean_height_m(), origin);
+    if args.ideal.ideal {
+        return ideal::run(args, context, (&units, &rig), site, placement);
+    }
+    let scanner = args.sensing.scanner(
+        scene,
+        &site.trajectory,
+        (&rig, &units),
+        args.experiment.of_scene().columns,
+        args.seed,
+    )?;
+    ensure_a_revolution(&scanner, &args.trajectory.name())?;
+    let start = Instant::now();
+    let stage = Stage::begin("looking which samples of the surface can be seen");
+    let stations_m = site.trajectory.sight_stations_m(rig.mean_height_m());
+    let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, origin, args.seed)).transpose()?;
+    let surface = samples.map(|samples| ObservableSurface::new(scene, samples, &stations_m));
+    let surface = surface.as_ref();
+    stage.next("casting the rays of the rig");
+    let prediction = predict(&scanner, &site.grid, surface, &stage.progress());
+    let wall_s = start.elapsed().as_secs_f64();
+    let mut doubts = doubts(&scanner, &site, surface, &prediction);
+    doubts.extend(placement.doubts);
+    stage.next("looking what single sensors would see (--no-baselines leaves them out)");
+    let baselines = (!args.no_baselines)
+        .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
+    stage.next("looking what could be seen from the way");
+    let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
+    let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);
+    (document.baselines, document.wall_s) = (baselines, wall_s);
+    if args.fidelity != Some(FidelityArg::Given) {
+        stage.next("measuring what the model leaves out");
+        document.left_out = Some(omissions(&scanner, &site.grid));
+    }
+    document.total_s = start.elapsed().as_secs_f64();
+    drop(stage);
+    doubts.iter().for_each(|doubt| output::say_notice(doubt));
+    document.warnings.extend(doubts);
+    output::print_result(context.json, &document, || document.summary(), &[])?;
+    if let Some(path) = &args.out {
+        let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        let bytes = prediction.coverage.ply(&names, origin);
+        crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
+    }
+    if let Some(path) = &args.report {
+        let page = page(&document, scene, &prediction.coverage, &observable, origin, &output::again());
+        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
+    }
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {
+    let [start_ns, end_ns] = scanner.trajectory.time_span_ns();
+    let long_s = (end_ns - start_ns) as f64 * 1e-9;
+    let turn_s = scanner.spins.iter().map(|spin| 1.0 / spin.rate_hz).fold(0.0, f64::max);
+    ensure!(
+        long_s >= 0.999 * turn_s,
+        "{name}: {long_s} s long, expected at least one revolution of {turn_s} s; the way of a rig that stands is the same \
+         pose twice"
+    );
+    Ok(())
+}
+
+fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
+    let (units, rig) = match (&args.mount, &args.mounts) {
+        (Some(path), _) => {
+            let file = MountFile::read(path)?;
+            let units = file.units(&args.sensor)?;
+            let rig = file.rig_of(&units);
+            (units, rig)
+        }
+        (None, Some(mounts)) => mounted(mounts, &args.sensors, &args.sensor)?,
+        (None, None) => {
+            refuse!("--masters is about a published experiment (--preset): give --mount or --mounts")
+        }
+    };
+    if args.out.is_some() && rig.sensors.len() > 32 {
+        bail!("{} sensors: a coverage file has bits for 32", rig.sensors.len());
+    }
+    Ok((units, rig))
+}
+
+/// The sensors of `--mounts`, of these models.
+fn mounted(mounts: &Masters, models: &[String], choices: &[UnitChoice]) -> anyhow::Result<(Vec<Unit>, Rig)> {
+    let mounts = mounts.without_models()?;
+    let units: Vec<Unit> = match (models, choices) {
+        ([], [choice]) => vec![unit_of_all(choice)?; mounts.len()],
+        (_, [_, ..]) | ([], []) => {
+            refuse!("--mounts takes models by --sensors MODEL,MODEL, or one --sensor MODEL for all of them")
+        }
+        ([model], []) => vec![Unit::nominal(model).map_err(wrong_usage)?; mounts.len()],
+        (models, []) if models.len() == mounts.len() => {
+            models.iter().map(|model| Unit::nominal(model).map_err(wrong_usage)).collect::<Result<_, _>>()?
+        }
+        (models, []) => refuse!(
+            "--sensors names {} models and --mounts lists {} sensors: give one model for all, or one for each",
+            models.len(),
+            mounts.len()
+        ),
+    };
+    let sensor = |(index, (unit, placement)): (usize, (&Unit, &Placement))| MountedSensor {
+        name: format!("sensor {}", index + 1),
+        model: unit.model.clone(),
+        mount: placement.mount(),
+    };
+    let sensors = units.iter().zip(&mounts).enumerate().map(sensor).collect();
+    Ok((units, Rig { sensors }))
+}
+
+fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
+    let mut loaded = match (&args.scene, &args.room) {
+        (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
+        (None, Some(room)) => LoadedScene::of_room(&room.scene()),
+        (None, None) => refuse!("give --scene or --room"),
+    };
+    if loaded.mesh.is_none() {
+        context.ensure_not_typed(
+            &["samples", "sample_count"],
+            "is about the surface of a mesh: give one behind --scene, or leave it out",
+        )?;
+    }
+    let (trajectory, notes) = args.trajectory.read(&loaded.scene, loaded.origin)?;
+    loaded.warnings.extend(notes);
+    let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
+    let grid = grid_of(&loaded.scene, voxel_m)?;
+    Ok(Site { loaded, trajectory, grid })
+}
+
+fn unit_of_all(choice: &UnitChoice) -> anyhow::Result<Unit> {
+    Ok(match choice {
+        UnitChoice { sensor: Some(name), .. } => {
+            refuse!("--sensor {name}=...: sensors of --mounts have no names; give one --sensor for all")
+        }
+        UnitChoice { file: Some(file), model, .. } => Unit::calibrated(file, model.as_deref())?,
+        UnitChoice { model, .. } => {
+            Unit::nominal(model.as_deref().unwrap_or_default()).map_err(wrong_usage)?
+        }
+    })
+}
