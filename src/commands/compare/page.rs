@@ -2,12 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::Document;
+use super::{Document, headlines};
 use crate::commands::output;
 use crate::report::chart::{CellClass, CellMap, LineChart, Series, number, signed};
 use crate::report::figures::where_different;
-use crate::report::{Headline, Report, orbit, unfold_box};
-use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, SurfaceShare, cell_kinds};
+use crate::report::{Report, orbit, unfold_box};
+use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
 use crate::verify::judgement::comparison::{Comparison, Verdict};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
@@ -149,7 +149,7 @@ pub(crate) fn page(
     let mut report = Report::with_verdict(
         "Predicted against recorded",
         badge,
-        &headlines(comparison),
+        &headlines::of(comparison),
         &sentence,
         &output::again(),
     );
@@ -167,41 +167,6 @@ pub(crate) fn page(
     rays_section(&mut report, comparison, replayed);
     prediction_section(&mut report, comparison);
     report
-}
-
-/// Predicted and recorded share of the surface, and how far the worst mount is off.
-fn headlines(comparison: &Comparison) -> [Headline; 3] {
-    let share = |label: &str, share: Option<&SurfaceShare>| Headline {
-        label: label.to_owned(),
-        value: share
-            .and_then(|share| Some(with_u95(100.0 * share.of_observable?, 100.0 * share.u95?, " %")))
-            .unwrap_or_else(|| "unknown".into()),
-        note: "of the surface that is visible from the path".into(),
-    };
-    let surface = comparison.surface.as_ref();
-    let errors =
-        comparison.mount.iter().filter_map(|check| Some((check, check.tilt_error_deg?, check.u95_deg?)));
-    let worst = errors.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    [
-        share("Predicted", surface.map(|surface| &surface.as_driven)),
-        share("Recorded", surface.map(|surface| &surface.recorded)),
-        Headline {
-            label: "Largest mount error".into(),
-            value: worst.map_or("unknown".into(), |(_, error, u95)| with_u95(error, u95, "°")),
-            note: worst.map_or("no pitch is observable here".into(), |(check, ..)| {
-                format!("pitch of {}", check.sensor)
-            }),
-        },
-    ]
-}
-
-/// A value with half of its 95 % interval, in the digits that this leaves.
-fn with_u95(value: f64, u95: f64, unit: &str) -> String {
-    let digits = match u95 > 0.0 {
-        true => (1 - u95.log10().floor() as i32).clamp(1, 4) as usize,
-        false => 2,
-    };
-    format!("{} ± {u95:.digits$}{unit}", number(value, digits))
 }
 
 fn counts_note(comparison: &Comparison) -> String {

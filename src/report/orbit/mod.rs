@@ -5,12 +5,14 @@
 mod compared;
 mod encode;
 mod picture;
+mod published;
 mod rig;
 mod seen;
 
 use glam::DVec3;
 
 pub(crate) use compared::compared;
+pub(crate) use published::published;
 pub(crate) use seen::seen;
 
 use super::BlindSpot;

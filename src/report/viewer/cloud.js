@@ -2,36 +2,48 @@
 // goes around or stands inside.
 "use strict";
 
-const VERTEX = `#version 300 es
+const VERTEX = `
 in vec3 place; in float value; in float range;
-uniform mat4 clip_from_world; uniform mat4 world_from_points; uniform float size; uniform float metres; uniform float focal;
+uniform mat4 clip_from_points; uniform mat4 world_from_points; uniform float size; uniform float metres; uniform float focal;
 uniform vec2 limits; uniform vec2 ranges; uniform bool is_flat; uniform vec4 flat_colour; uniform sampler2D palette;
-uniform bool is_boxed; uniform vec3 box_middle; uniform vec3 box_half; uniform vec2 box_turn; out vec4 paint; out vec3 at;
+uniform bool is_limited; uniform bool is_boxed; uniform vec3 box_middle; uniform vec3 box_half; uniform vec2 box_turn; uniform float top;
+out vec4 paint;
+#ifdef SOLID
+out vec3 at;
+#endif
 void main() {
-  vec4 world = world_from_points * vec4(place, 1.0);
-  gl_Position = clip_from_world * world;
-  at = world.xyz;
+  gl_Position = clip_from_points * vec4(place, 1.0);
   bool is_out = range < ranges.x || range > ranges.y;
-  if (is_boxed) {
+#ifdef SOLID
+  at = (world_from_points * vec4(place, 1.0)).xyz;
+#else
+  if (is_limited) {
+    vec3 at = (world_from_points * vec4(place, 1.0)).xyz;
     vec3 off = at - box_middle;
     vec2 turned = vec2(box_turn.x * off.x + box_turn.y * off.y, box_turn.x * off.y - box_turn.y * off.x);
-    is_out = is_out || any(greaterThan(abs(vec3(turned, off.z)), box_half));
+    is_out = is_out || at.z > top || (is_boxed && any(greaterThan(abs(vec3(turned, off.z)), box_half)));
   }
+  gl_PointSize = metres > 0.0 ? clamp(metres * focal / max(gl_Position.w, 0.01), size, 64.0) : size;
+#endif
   if (is_out) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = clamp(metres * focal / max(gl_Position.w, 0.01), size, 64.0);
   float share = clamp((value - limits.x) / max(limits.y - limits.x, 1e-9), 0.0, 1.0);
-  paint = is_flat ? flat_colour : vec4(texture(palette, vec2(share, 0.5)).rgb, flat_colour.a);
+  paint = is_flat ? flat_colour : vec4(texelFetch(palette, ivec2(int(share * 255.0), 0), 0).rgb, flat_colour.a);
 }`;
-const FRAGMENT = `#version 300 es
-precision highp float; in vec4 paint; in vec3 at; uniform float top; uniform bool is_shaded; out vec4 colour;
+const FRAGMENT = `
+precision highp float; in vec4 paint; out vec4 colour;
+#ifdef SOLID
+in vec3 at; uniform float top; uniform bool is_shaded;
+#endif
 void main() {
-  if (at.z > top) discard;
   colour = paint;
-  if (is_shaded) {
-    vec3 normal = normalize(cross(dFdx(at), dFdy(at)));
-    colour.rgb *= 0.6 + 0.4 * abs(dot(normal, vec3(0.35, 0.2, 0.915)));
-  }
+#ifdef SOLID
+  if (at.z > top) discard;
+  if (is_shaded) colour.rgb *= 0.6 + 0.4 * abs(dot(normalize(cross(dFdx(at), dFdy(at))), vec3(0.35, 0.2, 0.915)));
+#endif
 }`;
+// while the camera moves, slow machines draw every n-th point of large clouds
+const LARGE = 20000;
+const MOST_LEFT_OUT = 16;
 
 // stops of palettes that people with any colour vision can read, from low to high
 const PALETTES = {
@@ -73,7 +85,7 @@ class CloudView {
     Object.assign(this, { home: { yaw: 3.7, tilt: 0.6, distance: 25, middle: [0, 0, 0] }, ground: null });
     this.reset();
     if (!this.gl) return;
-    this.program = this.link();
+    this.programs = { points: this.link(""), solid: this.link("#define SOLID\n") };
     this.paletteTexture = this.gl.createTexture();
     this.setPalette("viridis");
     this.grid = this.makeGrid();
@@ -106,12 +118,12 @@ class CloudView {
     this.ask();
   }
 
-  link() {
+  link(define) {
     const gl = this.gl;
     const program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text);
+      gl.shaderSource(shader, `#version 300 es\n${define}${text}`);
       gl.compileShader(shader);
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(program, shader);
@@ -127,7 +139,7 @@ class CloudView {
     if (!gl) return;
     gl.bindTexture(gl.TEXTURE_2D, this.paletteTexture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, paletteBytes(name));
-    for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE]]) {
+    for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE]]) {
       gl.texParameteri(gl.TEXTURE_2D, key, value);
     }
     this.ask();
@@ -141,7 +153,7 @@ class CloudView {
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(at);
     gl.vertexAttribPointer(at, size, kind, false, 0, 0);
-    return buffer;
+    return { buffer, size, kind, bytes: size * data.BYTES_PER_ELEMENT };
   }
 
   // positions of any kind of number on the graphics card, with a value and a range each where these are given
@@ -151,21 +163,33 @@ class CloudView {
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
     const rows = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
-    return { array, buffers: rows, count: places.length / 3 };
+    return { array, rows, count: places.length / 3, every: 1 };
+  }
+
+  // draws only every n-th of its points from here on
+  thin(part, every) {
+    const gl = this.gl;
+    if (part.every === every) return;
+    part.every = every;
+    part.rows.forEach((row, at) => {
+      if (!row) return;
+      gl.bindBuffer(gl.ARRAY_BUFFER, row.buffer);
+      gl.vertexAttribPointer(at, row.size, row.kind, false, every > 1 ? every * row.bytes : 0, 0);
+    });
   }
 
   // a row of a cloud anew: 1 values, 2 ranges
   setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[row]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, part.rows[row].buffer);
     gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
   }
 
   free(part) {
     if (!part) return;
     this.gl.deleteVertexArray(part.array);
-    part.buffers.forEach((buffer) => buffer && this.gl.deleteBuffer(buffer));
+    part.rows.forEach((row) => row && this.gl.deleteBuffer(row.buffer));
   }
 
   line(places) {
@@ -232,15 +256,18 @@ class CloudView {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    const { program, at } = this.program;
-    gl.useProgram(program);
-    gl.uniformMatrix4fv(at.clip_from_world, false, this.matrix(width / Math.max(height, 1)));
-    gl.uniform1f(at.focal, height / (2 * Math.tan(0.4)));
-    gl.bindTexture(gl.TEXTURE_2D, this.paletteTexture);
+    this.clip = this.matrix(width / Math.max(height, 1));
     const { middle, half, yaw } = this.box ?? { middle: [0, 0, 0], half: [1, 1, 1], yaw: 0 };
-    gl.uniform3fv(at.box_middle, middle);
-    gl.uniform3fv(at.box_half, half);
-    gl.uniform2f(at.box_turn, Math.cos(yaw), Math.sin(yaw));
+    gl.bindTexture(gl.TEXTURE_2D, this.paletteTexture);
+    for (const { program, at } of Object.values(this.programs)) {
+      gl.useProgram(program);
+      gl.uniform1f(at.focal, height / (2 * Math.tan(0.4)));
+      gl.uniform3fv(at.box_middle, middle);
+      gl.uniform3fv(at.box_half, half);
+      gl.uniform2f(at.box_turn, Math.cos(yaw), Math.sin(yaw));
+      gl.uniform2fv(at.limits, this.limits);
+    }
+    this.every = this.pace();
     const lines = this.showGrid ? [[this.grid, [0.5, 0.53, 0.58, 0.45], gl.LINES]] : [];
     if (this.showAxes) lines.push(...this.axes.map(([part, colour]) => [part, colour, gl.LINES]));
     if (this.track) lines.push([this.track, this.trackColour ?? [1, 1, 1], gl.LINE_STRIP]);
@@ -252,23 +279,43 @@ class CloudView {
     canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
   }
 
+  // every how many-th point is drawn: all when nothing moves, fewer while pictures follow each other slowly
+  pace() {
+    const now = performance.now();
+    const since = now - (this.drawnAt ?? 0);
+    this.drawnAt = now;
+    if (now - (this.turnedAt ?? -1e9) > 200) return 1;
+    const every = this.every ?? 1;
+    const wanted = since > 600 ? every : since > 110 ? Math.ceil((every * since) / 90) : since < 35 ? every - 1 : every;
+    clearTimeout(this.full);
+    this.full = setTimeout(() => this.ask(), 250);
+    return Math.min(MOST_LEFT_OUT, Math.max(1, wanted));
+  }
+
   drawPart({ part, matrix, colour, kind, size, metres, isShaded, isWhole, isOnTop, ranges }) {
-    const { gl, program: { at } } = this;
+    const { gl } = this;
+    const isSolid = kind !== undefined && kind !== gl.POINTS;
+    const { program, at } = isSolid ? this.programs.solid : this.programs.points;
     const ratio = Math.min(devicePixelRatio || 1, 2);
+    const isBoxed = Boolean(this.box) && !isWhole;
+    gl.useProgram(program);
     gl.uniformMatrix4fv(at.world_from_points, false, matrix ?? IDENTITY);
+    gl.uniformMatrix4fv(at.clip_from_points, false, matrix ? product(this.clip, matrix) : this.clip);
     gl.uniform1i(at.is_flat, colour ? 1 : 0);
     gl.uniform4fv(at.flat_colour, colour ? [...colour.slice(0, 3), colour[3] ?? 1] : [1, 1, 1, 1]);
     gl.uniform1f(at.size, (size ?? this.size) * ratio);
     gl.uniform1f(at.metres, metres ?? 0);
-    gl.uniform2fv(at.limits, this.limits);
     gl.uniform2fv(at.ranges, isWhole ? [-1, 1e30] : ranges ?? this.ranges);
-    gl.uniform1i(at.is_boxed, this.box && !isWhole ? 1 : 0);
+    gl.uniform1i(at.is_boxed, isBoxed ? 1 : 0);
+    gl.uniform1i(at.is_limited, isBoxed || (!isWhole && this.top < 1e9) ? 1 : 0);
     gl.uniform1f(at.top, isWhole ? 1e9 : this.top);
     gl.uniform1i(at.is_shaded, isShaded ? 1 : 0);
     (isOnTop ? gl.disable : gl.enable).call(gl, gl.DEPTH_TEST);
     gl.depthMask((colour?.[3] ?? 1) >= 1);
     gl.bindVertexArray(part.array);
-    gl.drawArrays(kind ?? gl.POINTS, 0, part.count);
+    const every = !isSolid && part.count > LARGE ? this.every : 1;
+    this.thin(part, every);
+    gl.drawArrays(kind ?? gl.POINTS, 0, Math.floor(part.count / every));
     gl.depthMask(true);
     return part.count;
   }
@@ -365,12 +412,14 @@ class CloudView {
   }
 
   turn(yaw, tilt) {
+    this.turnedAt = performance.now();
     this.yaw += yaw;
     this.tilt = Math.min(1.5707, Math.max(-1.5707, this.tilt + tilt));
     this.ask();
   }
 
   pan(dx, dy) {
+    this.turnedAt = performance.now();
     const { right, up } = this.camera();
     const metres = (2 * Math.tan(0.4) * (this.isInside ? 5 : this.distance)) / Math.max(this.canvas.clientHeight, 1);
     this.middle = this.middle.map((middle, axis) => middle + metres * (-dx * right[axis] + dy * up[axis]));
@@ -379,6 +428,7 @@ class CloudView {
 
   // below 1 comes nearer; inside, steps forward
   nearer(factor) {
+    this.turnedAt = performance.now();
     if (this.isInside) {
       const { back } = this.camera();
       this.middle = this.middle.map((middle, axis) => middle + 5 * (factor - 1) * back[axis]);
