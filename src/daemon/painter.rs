@@ -113,7 +113,8 @@ impl Painter {
             let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
             let in_sensor_m = model.point(channel, azimuth_rad, f64::from(range_mm) * 1e-3);
             let reflectivity = frame.first.reflectivity.get(index).copied().unwrap_or(128);
-            points_m.push((world_from_sensor.transform_point(in_sensor_m), reflectivity));
+            let ring = channel.min(usize::from(u8::MAX)) as u8;
+            points_m.push((world_from_sensor.transform_point(in_sensor_m), [reflectivity, ring]));
         }
         let message = picture::points(self.sensor, time_ns, world_from_body.translation_m, &points_m);
         let _ = pages.send(message.into()); // the last page may just have gone

@@ -286,7 +286,7 @@ impl Manifest {
 
 /// UTC time of a count of nanoseconds since 1970, RFC 3339 with nine decimals. Days to civil date: Hinnant,
 /// "chrono-compatible low-level date algorithms".
-pub(super) fn rfc3339(time_ns: u64) -> String {
+pub(crate) fn rfc3339(time_ns: u64) -> String {
     let (seconds, nanoseconds) = (time_ns / 1_000_000_000, time_ns % 1_000_000_000);
     let days = seconds / 86_400 + 719_468; // since 0000-03-01
     let (era, day_of_era) = (days / 146_097, days % 146_097);

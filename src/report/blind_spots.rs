@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
+use crate::report::chart::number;
 use crate::world::coverage::VoxelGrid;
 use crate::world::local_origin::LocalOrigin;
 
@@ -19,6 +20,17 @@ pub struct BlindSpot {
 }
 
 impl BlindSpot {
+    /// Its size and place.
+    pub(crate) fn words(&self) -> String {
+        let metres = |values: [f64; 3], digits| values.map(|value| number(value, digits)).join(", ");
+        format!(
+            "{} voxels around ({}) m, {} m",
+            number(self.cells as f64, 0),
+            metres(self.centre_m, 1),
+            metres(self.extent_m, 1).replace(", ", " × ")
+        )
+    }
+
     /// The same group in the frame of the files.
     pub(crate) fn in_world(mut self, origin: LocalOrigin) -> Self {
         self.centre_m = origin.world(self.centre_m.into()).to_array();

@@ -10,13 +10,13 @@ mod blind_spots;
 pub mod chart;
 pub(crate) mod completeness;
 pub(crate) mod figures;
+pub(crate) mod orbit;
 pub(crate) mod prediction;
 pub(crate) mod score;
 pub(crate) mod scene_search;
 pub(crate) mod search;
 pub(crate) mod seen;
 mod unfold;
-#[cfg(feature = "daemon")]
 pub(crate) mod viewer;
 
 pub use above::FromAbove;
@@ -33,17 +33,96 @@ pub struct Report {
     body: String,
     /// Command that makes every figure again.
     made_by: String,
+    has_orbit: bool,
+    is_in_fold: bool,
+}
+
+/// A number at the head of a page.
+pub(crate) struct Headline {
+    pub label: String,
+    /// With its unit and uncertainty.
+    pub value: String,
+    pub note: String,
 }
 
 impl Report {
     /// An empty page; `summary` is the one sentence a reader takes away, `made_by` the command that makes it again.
     pub(crate) fn new(title: &str, summary: &str, made_by: &str) -> Self {
         let body = format!("<h1>{}</h1><p class=\"summary\">{}</p>", escape(title), escape(summary));
-        Self { title: title.to_owned(), body, made_by: made_by.to_owned() }
+        Self {
+            title: title.to_owned(),
+            body,
+            made_by: made_by.to_owned(),
+            has_orbit: false,
+            is_in_fold: false,
+        }
     }
 
+    /// A page that opens with a verdict: a badge of a class of colour, its numbers, and what to do.
+    pub(crate) fn with_verdict(
+        title: &str,
+        (badge, css): (&str, &str),
+        headlines: &[Headline],
+        advice: &str,
+        made_by: &str,
+    ) -> Self {
+        let mut report = Self::new(title, advice, made_by);
+        let mut body = format!(
+            "<h1>{} <span class=\"badge {css}\">{}</span></h1><dl class=\"headlines\">",
+            escape(title),
+            escape(badge)
+        );
+        for Headline { label, value, note } in headlines {
+            let _ = write!(
+                body,
+                "<div><dt>{}</dt><dd>{}</dd><dd class=\"note\">{}</dd></div>",
+                escape(label),
+                escape(value),
+                escape(note)
+            );
+        }
+        let _ = write!(body, "</dl><p class=\"summary\">{}</p>", escape(advice));
+        report.body = body;
+        report
+    }
+
+    /// A section; ends a fold.
     pub(crate) fn heading(&mut self, text: &str) {
+        self.end_fold();
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
+    }
+
+    /// A section that a reader opens: details, or what is as it should be. `note` stands beside the heading.
+    pub(crate) fn fold(&mut self, heading: &str, note: &str) {
+        self.end_fold();
+        let _ = write!(
+            self.body,
+            "<details><summary><h2>{}</h2> <span class=\"note\">{}</span></summary>",
+            escape(heading),
+            escape(note)
+        );
+        self.is_in_fold = true;
+    }
+
+    fn end_fold(&mut self) {
+        if std::mem::take(&mut self.is_in_fold) {
+            self.body.push_str("</details>");
+        }
+    }
+
+    /// Findings, the gravest first.
+    pub(crate) fn findings<'a>(&mut self, findings: impl Iterator<Item = &'a str>) {
+        let items: String = findings.map(|finding| format!("<li>{}</li>", escape(finding))).collect();
+        if !items.is_empty() {
+            let _ = write!(self.body, "<ol class=\"findings\">{items}</ol>");
+        }
+    }
+
+    /// A 3-D picture.
+    pub(crate) fn orbit(&mut self, orbit: orbit::Orbit, caption: &str) {
+        self.has_orbit = true;
+        self.body += &orbit.html();
+        self.close_figure(caption);
     }
 
     pub(crate) fn paragraph(&mut self, text: &str) {
@@ -71,7 +150,7 @@ impl Report {
         self.body.push_str("</tbody></table></div>");
     }
 
-    /// A chart made by [`crate::report::chart`], with its caption and the command that makes it again.
+    /// A chart made by [`crate::report::chart`], with its caption.
     pub(crate) fn figure(&mut self, svg: &str, caption: &str) {
         let _ = write!(self.body, "<figure><div class=\"scroll\">{svg}</div>");
         self.close_figure(caption);
@@ -105,22 +184,30 @@ impl Report {
     }
 
     fn close_figure(&mut self, caption: &str) {
-        let _ = write!(
-            self.body,
-            "<figcaption>{} <span class=\"again\">Made by <code>{}</code></span></figcaption></figure>",
-            escape(caption),
-            escape(&self.made_by)
-        );
+        let _ = write!(self.body, "<figcaption>{}</figcaption></figure>", escape(caption));
     }
 
-    /// The whole page.
+    /// The whole page; at its foot version, day and command.
     pub(crate) fn html(&self) -> String {
+        let fold = if self.is_in_fold { "</details>" } else { "" };
+        let viewer: String = match self.has_orbit {
+            true => {
+                [viewer::CLOUD, viewer::ORBIT].map(|script| format!("<script>{script}</script>")).concat()
+            }
+            false => String::new(),
+        };
+        let time = crate::recording::rfc3339(crate::live::receive::now_ns());
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <title>{}</title><style>{STYLE}</style></head><body><main>{}</main></body></html>\n",
+             <title>{}</title><style>{STYLE}</style></head><body><main>{}{fold}</main>\
+             <footer><p>Outrigger {}, {}. Made by <code id=\"command\">{}</code> \
+             <button type=\"button\" id=\"copy\">Copy</button></p></footer>{viewer}<script>{SCRIPT}</script></body></html>\n",
             escape(&self.title),
-            self.body
+            self.body,
+            env!("CARGO_PKG_VERSION"),
+            time.get(..10).unwrap_or_default(),
+            escape(&self.made_by)
         )
     }
 
@@ -139,6 +226,7 @@ fn cell_px(map: &CellMap) -> usize {
 }
 
 const STYLE: &str = include_str!("report.css");
+const SCRIPT: &str = include_str!("report.js");
 
 /// Longest cell that is still a number with its range and unit.
 const LONGEST_NUMBER: usize = 32;

@@ -138,6 +138,12 @@ impl<'a> Scanner<'a> {
         }
     }
 
+    /// Solids of the body that are no housing: the person who carries the rig.
+    pub(crate) fn operator(&self) -> Vec<Occluder> {
+        let of_first = self.occluders.first().into_iter().flatten();
+        of_first.filter(|solid| matches!(solid, Occluder::Capsule { .. })).copied().collect()
+    }
+
     /// Columns of a sensor within the trajectory's span.
     pub(crate) fn columns(&self, sensor: usize) -> u64 {
         let [start_ns, end_ns] = self.trajectory.time_span_ns();

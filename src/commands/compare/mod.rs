@@ -1,5 +1,6 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
+mod headlines;
 pub mod page;
 pub mod place;
 
@@ -220,7 +221,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         wall_s: start.elapsed().as_secs_f64(),
         comparison,
     };
-    let written = write(args, &document, &replayed, scene, trajectory, recorded.mount);
+    let written = write(args, &document, &replayed, (scene, place.origin), trajectory, recorded.mount);
     // a disk that is full by now takes the files, not what was found
     let outcome = conclude(args, context, &document, fed.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
@@ -343,7 +344,7 @@ fn write(
     args: &Args,
     document: &Document,
     replayed: &Replayed,
-    scene: &Scene,
+    (scene, origin): (&Scene, LocalOrigin),
     trajectory: &Trajectory,
     mut file: MountFile,
 ) -> anyhow::Result<bool> {
@@ -353,7 +354,7 @@ fn write(
         let json = out.join("report.json");
         write_json(&json, document).with_context(|| cannot(&json))?;
         let html = out.join("report.html");
-        let page = page::page(document, replayed, scene, trajectory);
+        let page = page::page(document, replayed, scene, trajectory, (args.gate, origin));
         page.write(&html).with_context(|| cannot(&html))?;
     }
     if let Some(path) = &args.corrected_mount {

@@ -2,14 +2,15 @@
 
 use std::fmt::Write as _;
 
-use super::Document;
+use super::{Document, headlines};
 use crate::commands::output;
 use crate::report::chart::{CellClass, CellMap, LineChart, Series, number, signed};
 use crate::report::figures::where_different;
-use crate::report::{Report, unfold_box};
+use crate::report::{Report, orbit, unfold_box};
 use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
 use crate::verify::judgement::comparison::{Comparison, Verdict};
 use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -17,7 +18,7 @@ use crate::world::trajectory::Trajectory;
 const TOP_CELLS: usize = 240;
 
 fn percent(share: Option<f64>) -> String {
-    share.map_or("-".into(), |share| format!("{:.2} %", 100.0 * share))
+    share.map_or("-".into(), |share| format!("{:.1} %", 100.0 * share))
 }
 
 fn figure(value: Option<f64>) -> String {
@@ -127,30 +128,39 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
     rows
 }
 
-/// The page.
+/// The page: verdict, three numbers, what to do, the recording on its scene; below that what one may want to know.
 pub(crate) fn page(
     document: &Document,
     replayed: &Replayed,
     scene: &Scene,
     trajectory: &Trajectory,
+    (agree_within_m, origin): (f64, LocalOrigin),
 ) -> Report {
     let comparison = &document.comparison;
-    let recorded = comparison
-        .surface
-        .as_ref()
-        .and_then(|surface| Some((surface.recorded.of_observable?, surface.as_driven.of_observable?)));
-    let summary = match (comparison.verdict, recorded) {
-        (Verdict::CannotTell, _) | (_, None) => format!("{}.", comparison.headline()),
-        (_, Some((recorded, driven))) => format!(
-            "{}: {:.2} % of the surface that can be seen from the path is recorded, {:.2} % was to be expected.",
-            comparison.headline(),
-            100.0 * recorded,
-            100.0 * driven
-        ),
-    };
-    let mut report = Report::new("Predicted against recorded", &summary, &output::again());
-    comparison.words.iter().chain(&document.problems).for_each(|words| report.paragraph(words));
-    document.servo_zero.iter().for_each(|offer| report.paragraph(&offer.words()));
+    let badge = (
+        comparison.verdict.label(),
+        match comparison.verdict {
+            Verdict::Matches => "pass",
+            Verdict::Differs => "differs",
+            Verdict::CannotTell => "open",
+        },
+    );
+    let sentence = format!("{}. {}", comparison.headline(), comparison.advice());
+    let mut report = Report::with_verdict(
+        "Predicted against recorded",
+        badge,
+        &headlines::of(comparison),
+        &sentence,
+        &output::again(),
+    );
+    report.orbit(
+        orbit::compared(replayed, scene, trajectory, agree_within_m, origin),
+        "An even share of the recorded rays, each where it ends; the rig stands where the trajectory begins.",
+    );
+    report.heading("Findings");
+    let zeros: Vec<String> = document.servo_zero.iter().map(super::ZeroOffer::words).collect();
+    let findings = comparison.words.iter().chain(&document.problems).chain(&zeros);
+    report.findings(findings.map(String::as_str));
     coverage_section(&mut report, comparison);
     tilt_section(&mut report, comparison);
     pictures(&mut report, replayed, scene, trajectory);
@@ -159,8 +169,17 @@ pub(crate) fn page(
     report
 }
 
+fn counts_note(comparison: &Comparison) -> String {
+    let counts = &comparison.coverage;
+    format!(
+        "{} voxels predicted, {} recorded",
+        number(counts.as_driven as f64, 0),
+        number(counts.recorded as f64, 0)
+    )
+}
+
 fn coverage_section(report: &mut Report, comparison: &Comparison) {
-    report.heading("Coverage");
+    report.fold("Coverage", &counts_note(comparison));
     let counts = &comparison.coverage;
     let count = |value: u64| number(value as f64, 0);
     let mut rows = vec![
@@ -217,7 +236,7 @@ fn coverage_section(report: &mut Report, comparison: &Comparison) {
 }
 
 fn tilt_section(report: &mut Report, comparison: &Comparison) {
-    report.heading("Where the sensors really sit");
+    report.fold("Where the sensors really sit", "measured mounts against nominal ones");
     let header =
         ["sensor", "tilted more than said", "if there were none", "what the scene tells", "condition"];
     report.table(&header, &tilt_rows(comparison));
@@ -248,7 +267,7 @@ fn tilt_section(report: &mut Report, comparison: &Comparison) {
 }
 
 fn rays_section(report: &mut Report, comparison: &Comparison, replayed: &Replayed) {
-    report.heading("Every recorded ray");
+    report.fold("Every recorded ray", "by sensor, channel, azimuth and incidence");
     let rows: Vec<Vec<String>> = comparison
         .rays
         .iter()
@@ -264,6 +283,11 @@ fn rays_section(report: &mut Report, comparison: &Comparison, replayed: &Replaye
     let classes = strip_classes();
     for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
         let strips = [strip(&sensor.name, breakdown)];
+        if strips[0].cells.iter().flatten().all(|class| *class == 0) {
+            report
+                .paragraph(&format!("{}: in every direction at least 95 % of the rays agree.", sensor.name));
+            continue;
+        }
         report.maps(
             &format!("Rays of {} by channel and azimuth", sensor.name),
             &strips,
@@ -317,7 +341,7 @@ fn strip(name: &str, breakdown: &Breakdown) -> CellMap {
 }
 
 fn pictures(report: &mut Report, replayed: &Replayed, scene: &Scene, trajectory: &Trajectory) {
-    report.heading("Where they differ");
+    report.fold("Where they differ", "plans");
     let classes = where_different();
     if matches!(scene, Scene::Box(_)) {
         let kinds = cell_kinds(&replayed.as_driven, &replayed.recorded);
@@ -393,7 +417,7 @@ fn from_above(
 
 fn prediction_section(report: &mut Report, comparison: &Comparison) {
     let Some(prediction) = &comparison.prediction else { return };
-    report.heading("Beside healthy runs");
+    report.fold("Against healthy runs", &format!("{} simulated", prediction.healthy.runs));
     let healthy = &prediction.healthy;
     report.paragraph(&format!(
         "{} simulated runs of {} rays with the mounts as said, a trajectory that is off by {:.0} mm and {:.2} degrees over \

@@ -123,7 +123,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: Default::default(),
     };
-    let page = page::page(&document, &replayed.replayed);
+    let page = page::page(&document, &replayed.replayed, &scene, &trajectory);
     let (html, json) = (args.out.join(REPORT_HTML), args.out.join(REPORT_JSON));
     page.write(&html).with_context(|| format!("cannot write {}", html.display()))?;
     document.wall_s = progress.finish();

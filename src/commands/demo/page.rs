@@ -1,15 +1,23 @@
 //! The demo's report page.
 
-use crate::report::Report;
 use crate::report::chart::number;
-use crate::verify::compare::{Agreement, RayClasses, Replayed, Table};
+use crate::report::{Report, orbit};
+use crate::verify::compare::{Agreement, Gate, RayClasses, Replayed, Table};
 use crate::verify::judgement::comparison::Verdict;
+use crate::world::local_origin::LocalOrigin;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 use super::document::Document;
 use super::pictures::{pictures, search_section};
 
 /// The page: what was done, whether it agrees, and where it does not.
-pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
+pub(crate) fn page(
+    document: &Document,
+    replayed: &Replayed,
+    scene: &Scene,
+    trajectory: &Trajectory,
+) -> Report {
     let agreement = agreement(document);
     let iou = agreement.iou.map_or("nothing to compare".to_owned(), |iou| format!("IoU {iou:.5}"));
     let verdict = match document.compare.verdict {
@@ -25,6 +33,10 @@ pub(crate) fn page(document: &Document, replayed: &Replayed) -> Report {
     for words in document.problems.iter().chain(&document.compare.words) {
         report.paragraph(words);
     }
+    report.orbit(
+        orbit::compared(replayed, scene, trajectory, Gate::default().agree_within_m, LocalOrigin::default()),
+        "Recorded rays on the hall, the rig where the trajectory begins.",
+    );
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
     pictures(&mut report, document, replayed);

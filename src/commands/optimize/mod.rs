@@ -229,7 +229,8 @@ fn write(
     if let Some(path) = &args.report {
         let simulator = problem.objective().simulator();
         let seen = simulator.see(&simulator.experiment().sensors(masters))?;
-        let page = page(document, file, &seen.coverage);
+        let rig = file.rig()?;
+        let page = page(document, file, &seen.coverage, (&simulator.experiment().preset, &rig));
         page.write(path).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.out {

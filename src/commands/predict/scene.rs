@@ -80,7 +80,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page(&document, scene, &prediction.coverage, &observable, origin, &output::again());
+        let page = page(&document, &scanner, &prediction.coverage, &observable, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })

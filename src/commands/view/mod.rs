@@ -7,6 +7,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::given::SensorArgs;
+use super::scene_args::MeshArgs;
+use super::scene_file::MapArgs;
 
 /// Arguments of `view`.
 #[derive(clap::Args, Debug)]
@@ -27,6 +29,13 @@ pub struct Args {
     /// Where the rig was (TUM): shows points in the world, each at its own time. Without it the session's own.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
+    /// What lies under the points in the world: a mesh, a cloud or an earlier session.
+    #[arg(long, value_name = "PATH")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    mesh: MeshArgs,
+    #[command(flatten)]
+    map: MapArgs,
     /// Address to serve on.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
     listen: SocketAddr,

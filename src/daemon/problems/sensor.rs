@@ -66,7 +66,14 @@ pub(super) fn problems(sensor: &SensorStatus, list: &mut List) {
         );
     }
     if let Some(clock) = &sensor.clock {
-        if sensor.recent_clock_jumps > 0 && sensor.recent_restarts == 0 {
+        if sensor.recent_clock_jumps > 0 && clock.replays > 0 {
+            list.warn(
+                name,
+                "replay",
+                format!("{name} is a replay: its recording began again."),
+                "Nothing is wrong with a clock. What is recorded over the seam cannot be compared.",
+            );
+        } else if sensor.recent_clock_jumps > 0 && sensor.recent_restarts == 0 {
             let jump_s = clock.jumps.last().map_or(0.0, |jump| jump.change_s);
             list.warn(
                 name,

@@ -62,6 +62,9 @@ pub struct ClockWatch {
     min_offset_ns: Option<i128>,
     max_offset_ns: Option<i128>,
     steps_back: u64,
+    /// Least device time so far, ns, and how often it began again there.
+    least_device_ns: Option<u64>,
+    replays: u64,
     /// Host time and offset of the segment's first pair: everything is counted from there, so that a double holds it.
     origin: Option<(u64, i128)>,
     windows: VecDeque<[f64; 2]>,
@@ -124,11 +127,16 @@ pub struct ClockReport {
     pub restarts: u64,
     /// Times that device time ran backwards, restarts not counted.
     pub steps_back: u64,
+    /// Times that device time began again where it had begun: a recording that is replayed in a loop.
+    pub replays: u64,
     /// Changes that no delay explains.
     pub jump_count: u64,
     /// The last of them.
     pub jumps: Vec<Jump>,
 }
+
+/// A replay begins again within this of where it began, ns: the first packet may have been lost.
+const SAME_BEGIN_NS: u64 = 200_000_000;
 
 impl ClockWatch {
     /// Takes the arrival and the device time of one packet (or of one frame's first).
@@ -142,6 +150,10 @@ impl ClockWatch {
         self.note_parting(host_ns, device_ns);
         let stepped_back = self.last.is_some_and(|[_, last_ns]| device_ns < last_ns);
         self.steps_back += u64::from(stepped_back);
+        let is_begun_again =
+            self.least_device_ns.is_some_and(|least| device_ns.abs_diff(least) <= SAME_BEGIN_NS);
+        self.replays += u64::from(stepped_back && is_begun_again);
+        self.least_device_ns = Some(self.least_device_ns.map_or(device_ns, |least| least.min(device_ns)));
         self.first.get_or_insert([host_ns, device_ns]);
         self.last = Some([host_ns, device_ns]);
         self.min_offset_ns = Some(self.min_offset_ns.map_or(offset_ns, |least| least.min(offset_ns)));
@@ -309,6 +321,7 @@ impl ClockWatch {
             drift_uncertainty_ppm: drift.map(|line| line.slope_uncertainty * 1e6),
             restarts: self.restarts,
             steps_back: self.steps_back,
+            replays: self.replays,
             jump_count: self.jump_count,
             jumps: self.jumps.clone(),
         })

@@ -2,7 +2,8 @@
 
 use super::{Document, SensorDocument};
 use crate::report::chart::number;
-use crate::report::{FromAbove, Report, figures, unfold_box};
+use crate::report::{FromAbove, Report, figures, orbit, unfold_box};
+use crate::simulate::scan::Scanner;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -10,12 +11,13 @@ use crate::world::scene::Scene;
 /// What the rig will see, and what it will not.
 pub(crate) fn page(
     document: &Document,
-    scene: &Scene,
+    scanner: &Scanner<'_>,
     coverage: &Coverage,
     observable: &[usize],
     origin: LocalOrigin,
     made_by: &str,
 ) -> Report {
+    let scene = scanner.scene;
     let count = |count: u64| number(count as f64, 0);
     let share = 100.0 * document.unique_voxels as f64 / document.reachable_voxels.max(1) as f64;
     let gain = document.baselines.as_ref().map_or(String::new(), |baselines| {
@@ -41,6 +43,21 @@ pub(crate) fn page(
     for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
+    let solids = scanner.operator();
+    let orbit = orbit::seen(
+        scene,
+        scanner.trajectory,
+        (scanner.rig, &solids),
+        coverage,
+        observable,
+        &document.blind_spots,
+        origin,
+    );
+    report.orbit(
+        orbit,
+        "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that could be seen \
+         from the path and are not.",
+    );
     sensors(&mut report, document);
     surface(&mut report, document);
     if let Some(map) = &document.map {

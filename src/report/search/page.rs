@@ -2,12 +2,18 @@
 
 use super::Document;
 use crate::report::chart::{LineChart, Series, number};
-use crate::report::{Report, figures};
-use crate::rig::{MountFile, SensorEntry};
+use crate::report::{Report, figures, orbit};
+use crate::rig::{MountFile, Rig, SensorEntry};
+use crate::simulate::published::Preset;
 use crate::world::coverage::Coverage;
 
 /// Convergence, mounts and coverage on one page.
-pub(crate) fn page(document: &Document, file: &MountFile, coverage: &Coverage) -> Report {
+pub(crate) fn page(
+    document: &Document,
+    file: &MountFile,
+    coverage: &Coverage,
+    (preset, rig): (&Preset, &Rig),
+) -> Report {
     let evaluation = &document.best.evaluation;
     let mut page = Report::new(
         &format!("Mounts for {}", document.preset),
@@ -21,6 +27,10 @@ pub(crate) fn page(document: &Document, file: &MountFile, coverage: &Coverage) -
             document.found_at()
         ),
         &document.command,
+    );
+    page.orbit(
+        orbit::published(preset, document.path, rig, coverage),
+        "The box of the experiment; the rig in the middle of its path, its fields of view cut off.",
     );
     mounts(&mut page, file, document);
     convergence(&mut page, document);

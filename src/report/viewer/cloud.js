@@ -1,22 +1,49 @@
-// Draws point clouds with WebGL 2: an orbit camera over revolutions, each a buffer of positions and one of values.
+// The one 3-D viewer, of recordings, reports and the daemon's page: points, lines and surfaces with WebGL 2, under a camera that
+// goes around or stands inside.
 "use strict";
 
-const VERTEX = `#version 300 es
+const VERTEX = `
 in vec3 place; in float value; in float range;
-uniform mat4 clip_from_world; uniform mat4 world_from_points; uniform float size; uniform vec2 limits; uniform vec2 ranges;
-uniform bool is_flat; uniform vec3 flat_colour; uniform sampler2D palette; out vec3 paint;
+uniform mat4 clip_from_points; uniform mat4 world_from_points; uniform float size; uniform float metres; uniform float focal;
+uniform vec2 limits; uniform vec2 ranges; uniform bool is_flat; uniform vec4 flat_colour; uniform sampler2D palette;
+uniform bool is_limited; uniform bool is_boxed; uniform vec3 box_middle; uniform vec3 box_half; uniform vec2 box_turn; uniform float top;
+out vec4 paint;
+#ifdef SOLID
+out vec3 at;
+#endif
 void main() {
-  gl_Position = clip_from_world * world_from_points * vec4(place, 1.0);
-  if (range < ranges.x || range > ranges.y) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = size;
+  gl_Position = clip_from_points * vec4(place, 1.0);
+  bool is_out = range < ranges.x || range > ranges.y;
+#ifdef SOLID
+  at = (world_from_points * vec4(place, 1.0)).xyz;
+#else
+  if (is_limited) {
+    vec3 at = (world_from_points * vec4(place, 1.0)).xyz;
+    vec3 off = at - box_middle;
+    vec2 turned = vec2(box_turn.x * off.x + box_turn.y * off.y, box_turn.x * off.y - box_turn.y * off.x);
+    is_out = is_out || at.z > top || (is_boxed && any(greaterThan(abs(vec3(turned, off.z)), box_half)));
+  }
+  gl_PointSize = metres > 0.0 ? clamp(metres * focal / max(gl_Position.w, 0.01), size, 64.0) : size;
+#endif
+  if (is_out) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   float share = clamp((value - limits.x) / max(limits.y - limits.x, 1e-9), 0.0, 1.0);
-  paint = is_flat ? flat_colour : texture(palette, vec2(share, 0.5)).rgb;
+  paint = is_flat ? flat_colour : vec4(texelFetch(palette, ivec2(int(share * 255.0), 0), 0).rgb, flat_colour.a);
 }`;
-const LINE = `#version 300 es
-in vec3 place; uniform mat4 clip_from_world; uniform mat4 world_from_points; uniform float size; uniform vec3 colour; out vec3 paint;
-void main() { gl_Position = clip_from_world * world_from_points * vec4(place, 1.0); gl_PointSize = size; paint = colour; }`;
-const PAINT = `#version 300 es
-precision mediump float; in vec3 paint; out vec4 colour; void main() { colour = vec4(paint, 1.0); }`;
+const FRAGMENT = `
+precision highp float; in vec4 paint; out vec4 colour;
+#ifdef SOLID
+in vec3 at; uniform float top; uniform bool is_shaded;
+#endif
+void main() {
+  colour = paint;
+#ifdef SOLID
+  if (at.z > top) discard;
+  if (is_shaded) colour.rgb *= 0.6 + 0.4 * abs(dot(normalize(cross(dFdx(at), dFdy(at))), vec3(0.35, 0.2, 0.915)));
+#endif
+}`;
+// while the camera moves, slow machines draw every n-th point of large clouds
+const LARGE = 20000;
+const MOST_LEFT_OUT = 16;
 
 // stops of palettes that people with any colour vision can read, from low to high
 const PALETTES = {
@@ -47,44 +74,61 @@ function paletteBytes(name) {
 
 const IDENTITY = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
+// limits of what is drawn, m
+const EVERYWHERE = [0, 1e9];
+
 class CloudView {
   constructor(canvas) {
     this.canvas = canvas;
-    this.gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
-    Object.assign(this, { size: 1.6, ranges: [0, 1e9], limits: [0, 1], showGrid: true, track: null, marks: [] });
+    this.gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
+    Object.assign(this, { size: 1.6, ranges: EVERYWHERE, limits: [0, 1], top: 1e9, box: null, showGrid: true, showAxes: true, track: null, marks: [] });
+    Object.assign(this, { home: { yaw: 3.7, tilt: 0.6, distance: 25, middle: [0, 0, 0] }, ground: null });
     this.reset();
     if (!this.gl) return;
-    this.points = this.program(VERTEX, ["place", "value", "range"]);
-    this.lines = this.program(LINE, ["place"]);
+    this.programs = { points: this.link(""), solid: this.link("#define SOLID\n") };
     this.paletteTexture = this.gl.createTexture();
     this.setPalette("viridis");
     this.grid = this.makeGrid();
-    this.axes = this.line([0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1]);
+    this.axes = ["d55e00", "009e73", "56b4e9"].map((colour, axis) => [this.line([0, 1].flatMap((end) => [0, 1, 2].map((other) => (other === axis ? end : 0)))), rgb(colour)]);
     this.listen();
     new ResizeObserver(() => this.ask()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.ask());
   }
 
   reset() {
-    Object.assign(this, { yaw: 3.7, tilt: 0.6, distance: 25, middle: [0, 0, 0] });
+    Object.assign(this, this.home, { middle: [...this.home.middle], isInside: false });
     this.ask();
   }
 
   look(yaw, tilt) {
-    Object.assign(this, { yaw, tilt });
+    Object.assign(this, { yaw, tilt, isInside: false });
     this.ask();
   }
 
-  program(vertex, names) {
+  // the whole of a box in the picture, now and after every reset
+  fit(low, high) {
+    const across = Math.hypot(...high.map((value, axis) => value - low[axis]));
+    this.home = { ...this.home, middle: low.map((value, axis) => (value + high[axis]) / 2), distance: Math.max(1, 1.25 * across) };
+    this.reset();
+  }
+
+  // from where a person stands
+  enter(eye, yaw) {
+    Object.assign(this, { middle: [...eye], yaw: yaw + Math.PI, tilt: 0, isInside: true });
+    this.ask();
+  }
+
+  link(define) {
     const gl = this.gl;
     const program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, PAINT]]) {
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text);
+      gl.shaderSource(shader, `#version 300 es\n${define}${text}`);
       gl.compileShader(shader);
       if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(program, shader);
     }
-    names.forEach((name, at) => gl.bindAttribLocation(program, at, name));
+    ["place", "value", "range"].forEach((name, at) => gl.bindAttribLocation(program, at, name));
     gl.linkProgram(program);
     const at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
     return { program, at };
@@ -95,7 +139,7 @@ class CloudView {
     if (!gl) return;
     gl.bindTexture(gl.TEXTURE_2D, this.paletteTexture);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, paletteBytes(name));
-    for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.LINEAR], [gl.TEXTURE_MAG_FILTER, gl.LINEAR], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE]]) {
+    for (const [key, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE]]) {
       gl.texParameteri(gl.TEXTURE_2D, key, value);
     }
     this.ask();
@@ -103,42 +147,53 @@ class CloudView {
 
   attribute(at, size, data) {
     const gl = this.gl;
+    const kind = { Float32Array: gl.FLOAT, Int16Array: gl.SHORT, Uint16Array: gl.UNSIGNED_SHORT, Uint8Array: gl.UNSIGNED_BYTE }[data.constructor.name];
     const buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(at);
-    gl.vertexAttribPointer(at, size, gl.FLOAT, false, 0, 0);
-    return buffer;
+    gl.vertexAttribPointer(at, size, kind, false, 0, 0);
+    return { buffer, size, kind, bytes: size * data.BYTES_PER_ELEMENT };
   }
 
-  // a cloud on the graphics card
+  // positions of any kind of number on the graphics card, with a value and a range each where these are given
   upload(places, values, ranges) {
     const gl = this.gl;
     if (!gl) return null;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    const buffers = [this.attribute(0, 3, places), this.attribute(1, 1, values), this.attribute(2, 1, ranges)];
-    return { array, buffers, count: places.length / 3 };
+    const rows = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
+    return { array, rows, count: places.length / 3, every: 1 };
+  }
+
+  // draws only every n-th of its points from here on
+  thin(part, every) {
+    const gl = this.gl;
+    if (part.every === every) return;
+    part.every = every;
+    part.rows.forEach((row, at) => {
+      if (!row) return;
+      gl.bindBuffer(gl.ARRAY_BUFFER, row.buffer);
+      gl.vertexAttribPointer(at, row.size, row.kind, false, every > 1 ? every * row.bytes : 0, 0);
+    });
   }
 
   // a row of a cloud anew: 1 values, 2 ranges
   setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[row]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, part.rows[row].buffer);
     gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
   }
 
   free(part) {
     if (!part) return;
     this.gl.deleteVertexArray(part.array);
-    part.buffers.forEach((buffer) => this.gl.deleteBuffer(buffer));
+    part.rows.forEach((row) => row && this.gl.deleteBuffer(row.buffer));
   }
 
   line(places) {
-    const array = this.gl.createVertexArray();
-    this.gl.bindVertexArray(array);
-    return { array, buffers: [this.attribute(0, 3, new Float32Array(places))], count: places.length / 3 };
+    return this.upload(new Float32Array(places));
   }
 
   // range rings every 10 m, and a cross
@@ -154,6 +209,7 @@ class CloudView {
   }
 
   setTrack(places) {
+    if (!this.gl) return;
     this.free(this.track);
     this.track = places.length >= 6 ? this.line(places) : null;
     this.ask();
@@ -166,17 +222,23 @@ class CloudView {
     this.ask();
   }
 
-  // draws once, soon
+  // draws once, soon; where drawing is slow (no graphics card), more seldom if asked to leave time for the rest of the page
   ask() {
     if (this.asked || !this.gl) return;
     this.asked = true;
-    requestAnimationFrame(() => {
-      this.asked = false;
-      this.draw();
-    });
+    const begin = () => {
+      const wanted = performance.now();
+      requestAnimationFrame(() => {
+        this.asked = false;
+        this.draw();
+        if (this.isPolite) this.pause = Math.min(600, Math.max(50, 3 * (performance.now() - wanted)));
+      });
+    };
+    if (this.pause) setTimeout(begin, this.pause);
+    else begin();
   }
 
-  // shown: [{part, matrix, colour (flat) or null}]
+  // shown: [{part, matrix, colour (flat, of 3 or 4) or null, kind, metres (size of a point), isShaded, isWhole, isOnTop, ranges}]
   show(shown) {
     this.shown = shown;
     this.ask();
@@ -189,52 +251,90 @@ class CloudView {
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     gl.viewport(0, 0, width, height);
-    gl.clearColor(...(dark ? [0.04, 0.05, 0.06] : [0.12, 0.13, 0.15]), 1);
+    gl.clearColor(...(this.ground ?? (dark ? [0.04, 0.05, 0.06] : [0.12, 0.13, 0.15])), 1);
     gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    const clip = this.matrix(width / Math.max(height, 1));
-    gl.useProgram(this.lines.program);
-    gl.uniformMatrix4fv(this.lines.at.clip_from_world, false, clip);
-    gl.uniformMatrix4fv(this.lines.at.world_from_points, false, IDENTITY);
-    gl.uniform1f(this.lines.at.size, 9 * ratio);
-    const lines = this.showGrid ? [[this.grid, [0.27, 0.3, 0.34], gl.LINES], [this.axes, [0.85, 0.85, 0.85], gl.LINES]] : [];
-    if (this.track) lines.push([this.track, [1, 1, 1], gl.LINE_STRIP]);
-    for (const mark of this.marks) lines.push([mark, [1, 0.1, 0.6], mark.count > 1 ? gl.LINES : gl.POINTS]);
-    for (const [part, colour, kind] of lines) {
-      gl.uniform3fv(this.lines.at.colour, colour);
-      gl.bindVertexArray(part.array);
-      gl.drawArrays(kind, 0, part.count);
-    }
-    gl.useProgram(this.points.program);
-    gl.uniformMatrix4fv(this.points.at.clip_from_world, false, clip);
-    gl.uniform1f(this.points.at.size, this.size * ratio);
-    gl.uniform2fv(this.points.at.limits, this.limits);
-    gl.uniform2fv(this.points.at.ranges, this.ranges);
+    this.clip = this.matrix(width / Math.max(height, 1));
+    const { middle, half, yaw } = this.box ?? { middle: [0, 0, 0], half: [1, 1, 1], yaw: 0 };
     gl.bindTexture(gl.TEXTURE_2D, this.paletteTexture);
-    let drawn = 0;
-    for (const { part, matrix, colour } of this.shown ?? []) {
-      if (!part) continue;
-      gl.uniformMatrix4fv(this.points.at.world_from_points, false, matrix ?? IDENTITY);
-      gl.uniform1i(this.points.at.is_flat, colour ? 1 : 0);
-      gl.uniform3fv(this.points.at.flat_colour, colour ?? [1, 1, 1]);
-      gl.bindVertexArray(part.array);
-      gl.drawArrays(gl.POINTS, 0, part.count);
-      drawn += part.count;
+    for (const { program, at } of Object.values(this.programs)) {
+      gl.useProgram(program);
+      gl.uniform1f(at.focal, height / (2 * Math.tan(0.4)));
+      gl.uniform3fv(at.box_middle, middle);
+      gl.uniform3fv(at.box_half, half);
+      gl.uniform2f(at.box_turn, Math.cos(yaw), Math.sin(yaw));
+      gl.uniform2fv(at.limits, this.limits);
     }
-    canvas.dataset.drawn = drawn;
+    this.every = this.pace();
+    const lines = this.showGrid ? [[this.grid, [0.5, 0.53, 0.58, 0.45], gl.LINES]] : [];
+    if (this.showAxes) lines.push(...this.axes.map(([part, colour]) => [part, colour, gl.LINES]));
+    if (this.track) lines.push([this.track, this.trackColour ?? [1, 1, 1], gl.LINE_STRIP]);
+    for (const [part, colour, kind] of lines) this.drawPart({ part, colour, kind, isWhole: true });
+    let drawn = 0;
+    for (const item of this.shown ?? []) if (item.part) drawn += this.drawPart(item);
+    for (const part of this.marks) this.drawPart({ part, colour: [1, 0.1, 0.6], kind: part.count > 1 ? gl.LINES : gl.POINTS, size: 9, isWhole: true, isOnTop: true });
+    canvas.dataset.drawn = this.drawn = drawn;
     canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
   }
 
-  // perspective times a camera that looks at the middle, z up
+  // every how many-th point is drawn: all when nothing moves, fewer while pictures follow each other slowly
+  pace() {
+    const now = performance.now();
+    const since = now - (this.drawnAt ?? 0);
+    this.drawnAt = now;
+    if (now - (this.turnedAt ?? -1e9) > 200) return 1;
+    const every = this.every ?? 1;
+    const wanted = since > 600 ? every : since > 110 ? Math.ceil((every * since) / 90) : since < 35 ? every - 1 : every;
+    clearTimeout(this.full);
+    this.full = setTimeout(() => this.ask(), 250);
+    return Math.min(MOST_LEFT_OUT, Math.max(1, wanted));
+  }
+
+  drawPart({ part, matrix, colour, kind, size, metres, isShaded, isWhole, isOnTop, ranges }) {
+    const { gl } = this;
+    const isSolid = kind !== undefined && kind !== gl.POINTS;
+    const { program, at } = isSolid ? this.programs.solid : this.programs.points;
+    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const isBoxed = Boolean(this.box) && !isWhole;
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(at.world_from_points, false, matrix ?? IDENTITY);
+    gl.uniformMatrix4fv(at.clip_from_points, false, matrix ? product(this.clip, matrix) : this.clip);
+    gl.uniform1i(at.is_flat, colour ? 1 : 0);
+    gl.uniform4fv(at.flat_colour, colour ? [...colour.slice(0, 3), colour[3] ?? 1] : [1, 1, 1, 1]);
+    gl.uniform1f(at.size, (size ?? this.size) * ratio);
+    gl.uniform1f(at.metres, metres ?? 0);
+    gl.uniform2fv(at.ranges, isWhole ? [-1, 1e30] : ranges ?? this.ranges);
+    gl.uniform1i(at.is_boxed, isBoxed ? 1 : 0);
+    gl.uniform1i(at.is_limited, isBoxed || (!isWhole && this.top < 1e9) ? 1 : 0);
+    gl.uniform1f(at.top, isWhole ? 1e9 : this.top);
+    gl.uniform1i(at.is_shaded, isShaded ? 1 : 0);
+    (isOnTop ? gl.disable : gl.enable).call(gl, gl.DEPTH_TEST);
+    gl.depthMask((colour?.[3] ?? 1) >= 1);
+    gl.bindVertexArray(part.array);
+    const every = !isSolid && part.count > LARGE ? this.every : 1;
+    this.thin(part, every);
+    gl.drawArrays(kind ?? gl.POINTS, 0, Math.floor(part.count / every));
+    gl.depthMask(true);
+    return part.count;
+  }
+
+  // perspective times a camera that looks at the middle (or from it, inside), z up
   matrix(aspect) {
-    const [near, far] = [this.distance / 100, this.distance * 20 + 200];
+    const [near, far] = this.isInside ? [0.05, 3000] : [this.distance / 100, this.distance * 20 + 200];
     const f = 1 / Math.tan(0.4);
     const { back, right, up } = this.camera();
-    const eye = this.middle.map((middle, axis) => middle + this.distance * back[axis]);
+    const eye = this.eye();
     const dot = (a) => -(a[0] * eye[0] + a[1] * eye[1] + a[2] * eye[2]);
     const [sx, k, m] = [f / aspect, (far + near) / (near - far), (2 * far * near) / (near - far)];
     const column = (i) => [sx * right[i], f * up[i], k * back[i], -back[i]];
     return new Float32Array([...column(0), ...column(1), ...column(2), sx * dot(right), f * dot(up), k * dot(back) + m, -dot(back)]);
+  }
+
+  eye() {
+    const { back } = this.camera();
+    return this.middle.map((middle, axis) => middle + (this.isInside ? 0 : this.distance * back[axis]));
   }
 
   camera() {
@@ -252,6 +352,7 @@ class CloudView {
       for (let at = 0; at < places.length / 3; at++) {
         if (ranges[at] < this.ranges[0] || ranges[at] > this.ranges[1]) continue;
         const [px, py, pz] = [places[3 * at], places[3 * at + 1], places[3 * at + 2]];
+        if (this.box && !this.isInBox(px, py, pz, matrix)) continue;
         const w = m[3] * px + m[7] * py + m[11] * pz + m[15];
         if (w <= 0) continue;
         const sx = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / w + 1) * 0.5 * width - x;
@@ -264,6 +365,15 @@ class CloudView {
       }
     });
     return best;
+  }
+
+  // whether a point lies in the crop box
+  isInBox(x, y, z, m) {
+    const at = m ? [0, 1, 2].map((row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row]) : [x, y, z];
+    const { middle, half, yaw } = this.box;
+    const off = at.map((value, axis) => value - middle[axis]);
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return Math.abs(c * off[0] + s * off[1]) <= half[0] && Math.abs(c * off[1] - s * off[0]) <= half[1] && Math.abs(off[2]) <= half[2];
   }
 
   listen() {
@@ -283,15 +393,15 @@ class CloudView {
       const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
       this.moved += Math.abs(dx) + Math.abs(dy);
       if (fingers.size === 2) {
+        // two fingers: apart comes nearer, together along moves
         const other = [...fingers].find(([id]) => id !== event.pointerId)[1];
         const apart = (a) => Math.hypot(a[0] - other[0], a[1] - other[1]);
         this.nearer(apart(before) / Math.max(apart(now), 1));
+        this.pan(dx / 2, dy / 2);
       } else if (event.buttons === 2 || event.shiftKey) {
         this.pan(dx, dy);
       } else {
-        this.yaw -= dx * 0.008;
-        this.tilt = Math.min(1.5707, Math.max(-1.5707, this.tilt + dy * 0.008));
-        this.ask();
+        this.turn(dx * (this.isInside ? 0.004 : -0.008), dy * (this.isInside ? -0.004 : 0.008));
       }
       fingers.set(event.pointerId, now);
     });
@@ -301,15 +411,30 @@ class CloudView {
     }, { passive: false });
   }
 
+  turn(yaw, tilt) {
+    this.turnedAt = performance.now();
+    this.yaw += yaw;
+    this.tilt = Math.min(1.5707, Math.max(-1.5707, this.tilt + tilt));
+    this.ask();
+  }
+
   pan(dx, dy) {
+    this.turnedAt = performance.now();
     const { right, up } = this.camera();
-    const metres = (2 * Math.tan(0.4) * this.distance) / Math.max(this.canvas.clientHeight, 1);
+    const metres = (2 * Math.tan(0.4) * (this.isInside ? 5 : this.distance)) / Math.max(this.canvas.clientHeight, 1);
     this.middle = this.middle.map((middle, axis) => middle + metres * (-dx * right[axis] + dy * up[axis]));
     this.ask();
   }
 
+  // below 1 comes nearer; inside, steps forward
   nearer(factor) {
-    this.distance = Math.min(2000, Math.max(0.3, this.distance * factor));
+    this.turnedAt = performance.now();
+    if (this.isInside) {
+      const { back } = this.camera();
+      this.middle = this.middle.map((middle, axis) => middle + 5 * (factor - 1) * back[axis]);
+    } else {
+      this.distance = Math.min(2000, Math.max(0.3, this.distance * factor));
+    }
     this.ask();
   }
 }

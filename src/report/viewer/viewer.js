@@ -55,6 +55,7 @@ async function readIndex() {
   offerFrames();
   drawTimeline();
   update();
+  readScene();
   if (!index.is_whole) setTimeout(readIndex, 300);
 }
 
@@ -132,6 +133,7 @@ function wanted() {
 
 function update() {
   if (state.sensors.length === 0) return;
+  follow();
   const places = wanted();
   // those ahead come before they are needed
   const ahead = state.sensors.flatMap((sensor, at) => [1, 2, 3].map((step) => [at, current(at) + step]))
@@ -215,10 +217,12 @@ function show(places) {
   const isFlat = find("colour").value === "sensor";
   view.limits = limits(clouds);
   view.ranges = [Number(find("least").value) || 0, Number(find("most").value) || 1e9];
-  view.show(clouds.map((cloud) => ({
+  applyCrop();
+  const ground = find("frame").value === "world" && state.isSceneShown && state.scene ? [state.scene] : [];
+  view.show([...ground, ...clouds.map((cloud) => ({
     part: cloud.part, matrix: matrixFor(cloud.sensor),
     colour: isFlat ? rgb(SENSOR_COLOURS[cloud.sensor % SENSOR_COLOURS.length]) : null,
-  })));
+  }))]);
   const [low, high] = view.limits;
   const digits = high - low < 10 ? 1 : 0;
   find("low").textContent = isFlat ? "" : low.toFixed(digits);
@@ -288,6 +292,56 @@ function fit(cloud) {
   view.ask();
 }
 
+// ---- where the rig is
+
+// pose of the trajectory at the time shown: x, y, z, m, and heading, rad; that of the sensor's own frame without a trajectory
+function poseNow() {
+  const { track_m: track, track_time_s: times } = state.heading;
+  if (find("frame").value !== "world" || !track?.length) return [0, 0, 0, 0];
+  // a sensor that counts from power-on is dated by the host
+  const own = Number(state.shown?.[0]?.startNs ?? 0n) * 1e-9;
+  const now = own >= times[0] && own <= times.at(-1) ? own : state.start + state.time;
+  let at = times.findIndex((time) => time > now);
+  if (at < 0) at = times.length - 1;
+  return [...track[Math.max(0, at - 1)], state.heading.track_heading_rad[Math.max(0, at - 1)]];
+}
+
+function follow() {
+  const [x, y, z, heading] = poseNow();
+  if (state.isFollowing && !view.isInside) view.middle = [x, y, z];
+  if (state.isInside) {
+    const turned = view.isInside ? view.yaw - Math.PI - state.headingBefore : 0;
+    const tilt = view.isInside ? view.tilt : 0;
+    view.enter([x, y, z], heading + turned);
+    view.tilt = tilt;
+    state.headingBefore = heading;
+  }
+  press("o", state.isFollowing);
+  press("i", state.isInside);
+}
+
+function press(name, isPressed) {
+  document.querySelector(`button[data-key="${name}"]`).setAttribute("aria-pressed", Boolean(isPressed));
+}
+
+function leave() {
+  Object.assign(state, { isFollowing: false, isInside: false });
+}
+
+async function readScene() {
+  if (!state.heading.scene || state.scene || !view.gl) return;
+  state.scene = { part: null };
+  const buffer = await (await fetch("api/scene")).arrayBuffer();
+  const isSurface = new DataView(buffer).getUint32(0, true) === 1;
+  const part = view.upload(new Float32Array(buffer, 8));
+  const kind = isSurface ? view.gl.TRIANGLES : view.gl.POINTS;
+  state.scene = { part, colour: [0.5, 0.54, 0.58], kind, isShaded: isSurface, isWhole: true, metres: isSurface ? 0 : 0.05 };
+  state.isSceneShown = true;
+  document.querySelector('button[data-key="m"]').hidden = false;
+  document.body.dataset.scene = part.count;
+  update();
+}
+
 // ---- time
 
 function seek(time) {
@@ -337,12 +391,10 @@ function say() {
   const on = state.sensors.findIndex((sensor) => sensor.isOn);
   const number = on < 0 ? -1 : current(on);
   find("time").textContent = `${state.time.toFixed(2)} s of ${(state.end - state.start).toFixed(2)} s, revolution ${number}, ${SPEEDS[state.speed]}x`;
-  const decay = Math.max(1, Number(find("decay").value) || 1);
-  find("command").textContent = `outrigger decode ${quoted(state.heading.recording ?? "")} --frames ${Math.max(0, number - decay + 1)}..${number + 1} --out points.ply`;
-}
-
-function quoted(word) {
-  return /^[\w./:@%+=-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`;
+  find("command").textContent = decodeCommand();
+  find("cut").textContent = cutCommand();
+  find("timeline").setAttribute("aria-valuemax", (state.end - state.start).toFixed(1));
+  find("timeline").setAttribute("aria-valuenow", state.time.toFixed(2));
 }
 
 function drawTimeline() {
@@ -383,7 +435,7 @@ function drawImages() {
   const field = find("image").value;
   state.sensors.forEach((sensor, at) => {
     const cloud = state.loaded.get(key(at, current(at)));
-    sensor.canvas.parentElement.hidden = !sensor.isOn;
+    sensor.canvas.parentElement.hidden = !sensor.isOn || !(cloud ?? sensor.cloud);
     const name = `${cloud?.name} ${field} ${find("palette").value}`;
     if (!cloud || sensor.imageOf === name) return;
     sensor.imageOf = name;
@@ -495,11 +547,19 @@ const KEYS = {
   "]": ["faster", () => { state.speed = Math.min(SPEEDS.length - 1, state.speed + 1); say(); }],
   l: ["loop", () => { state.isLooping = !state.isLooping; find("loop").setAttribute("aria-pressed", state.isLooping); }],
   c: ["next colour", () => { find("colour").selectedIndex = (find("colour").selectedIndex + 1) % find("colour").length; recolour(); }],
-  r: ["reset the camera", () => { view.reset(); state.isFitted = false; if (state.shown?.[0]) fit(state.shown[0]); }],
-  t: ["from above", () => view.look(Math.PI, 1.5707)],
-  f: ["from the front", () => view.look(0, 0)],
-  s: ["from the left side", () => view.look(Math.PI / 2, 0)],
-  g: ["grid and axes", () => { view.showGrid = !view.showGrid; view.ask(); }],
+  o: ["follow the rig", () => { state.isFollowing = !state.isFollowing; state.isInside = view.isInside = false; update(); }],
+  i: ["first person: as the rig sees it", () => { state.isInside = !state.isInside; state.isFollowing = false; if (!state.isInside) view.reset(); update(); }],
+  "+": ["nearer", () => view.nearer(0.8)],
+  "-": ["farther", () => view.nearer(1.25)],
+  q: ["turn left", () => view.turn(-0.2, 0)],
+  e: ["turn right", () => view.turn(0.2, 0)],
+  x: ["axes", () => { view.showAxes = !view.showAxes; press("x", view.showAxes); view.ask(); }],
+  m: ["scene", () => { state.isSceneShown = !state.isSceneShown; press("m", state.isSceneShown); update(); }],
+  r: ["reset the camera", () => { leave(); view.reset(); state.isFitted = false; if (state.shown?.[0]) fit(state.shown[0]); }],
+  t: ["from above", () => { state.isInside = false; view.look(Math.PI, 1.5707); update(); }],
+  f: ["from the front", () => { state.isInside = false; view.look(0, 0); update(); }],
+  s: ["from the left side", () => { state.isInside = false; view.look(Math.PI / 2, 0); update(); }],
+  g: ["range rings, 10 m apart", () => { view.showGrid = !view.showGrid; press("g", view.showGrid); view.ask(); }],
   p: ["screenshot", () => {
     view.draw();
     const name = `view-${state.time.toFixed(2)}s.png`;
@@ -535,6 +595,7 @@ for (const button of document.querySelectorAll("button[data-key]")) {
   button.title ||= `${KEYS[button.dataset.key][0]} (${button.dataset.key === " " ? "space" : button.dataset.key})`;
   button.addEventListener("click", (event) => KEYS[button.dataset.key][1](event.shiftKey));
 }
+for (const button of document.querySelectorAll("button[data-second]")) button.addEventListener("click", () => seek(state.time + Number(button.dataset.second)));
 find("colour").addEventListener("change", recolour);
 find("palette").addEventListener("change", () => { view.setPalette(find("palette").value); recolour(); });
 find("frame").addEventListener("change", forgetAll);
@@ -546,7 +607,7 @@ for (const name of ["decay", "least", "most", "image"]) {
   });
 }
 find("size").addEventListener("input", () => { view.size = Number(find("size").value); view.ask(); });
-find("copy").addEventListener("click", () => navigator.clipboard?.writeText(find("command").textContent));
+for (const [button, code] of [["copy", "command"], ["copy-cut", "cut"]]) find(button).addEventListener("click", () => navigator.clipboard?.writeText(find(code).textContent));
 const timeline = find("timeline");
 const drag = (event) => {
   if (event.buttons === 0 && event.type !== "pointerdown") return;

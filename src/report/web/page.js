@@ -135,11 +135,11 @@ function showSensors(sensors) {
     let card = list.children[at];
     if (!card) {
       const swatch = make("span", { class: "swatch", "aria-hidden": "true" });
-      swatch.style.background = css(SENSOR_COLOURS[at % SENSOR_COLOURS.length]);
+      swatch.style.background = `#${SENSOR_COLOURS[at % SENSOR_COLOURS.length]}`;
       card = make("article", { class: "card" }, make("h3", {}, swatch, make("span"), make("span")), make("p", { class: "hint" }), make("dl", { class: "facts" }));
       list.append(card);
       const legend = make("span", { "aria-hidden": "true" });
-      legend.style.background = css(SENSOR_COLOURS[at % SENSOR_COLOURS.length]);
+      legend.style.background = `#${SENSOR_COLOURS[at % SENSOR_COLOURS.length]}`;
       $("legend").append(make("li", {}, legend, sensor.name));
     }
     const [, name, state] = card.firstElementChild.children;
@@ -182,6 +182,7 @@ function clockWords({ clock, timestamp_mode: mode }) {
   }[clock.state];
   const offset = clock.state === "utc" ? `${(clock.host_minus_device_s * 1e3).toFixed(2)} ms behind this computer` : `${clock.host_minus_device_s.toFixed(3)} s behind this computer`;
   const drift = clock.drift_ppm === null ? "" : `, drifts ${clock.drift_ppm.toFixed(1)} ppm`;
+  if (clock.replays) return `replay: a recording that began again ${clock.replays} times${mode ? ` (${mode})` : ""}`;
   const jumps = clock.jump_count ? `, jumped ${clock.jump_count} times` : "";
   return `${words}, ${offset}${drift}${jumps}${mode ? ` (${mode})` : ""}`;
 }
@@ -448,11 +449,21 @@ $("show-cells").addEventListener("change", (event) => {
   scene.ask();
 });
 $("view-reset").addEventListener("click", () => scene.fitAll());
+$("freeze").addEventListener("click", (event) => {
+  scene.isFrozen = !scene.isFrozen;
+  event.target.setAttribute("aria-pressed", scene.isFrozen);
+  event.target.textContent = scene.isFrozen ? "Go on" : "Freeze";
+});
+$("colour-by").addEventListener("change", (event) => scene.colourBy(event.target.value));
+for (const name of ["ring-from", "ring-to"]) $(name).addEventListener("change", () => scene.showRings(Number($("ring-from").value), Number($("ring-to").value)));
+for (const [name, act] of Object.entries({ "view-top": () => scene.look(Math.PI, 1.5707), "view-nearer": () => scene.nearer(0.8), "view-farther": () => scene.nearer(1.25), "view-left": () => scene.turn(0.3, 0), "view-right": () => scene.turn(-0.3, 0) })) {
+  $(name).addEventListener("click", act);
+}
 
 const cellLegend = make("ul", { class: "legend", id: "cell-legend", hidden: "" });
 ["predicted, not seen yet", "predicted and seen", "seen, not predicted"].forEach((words, state) => {
   const swatch = make("span", { class: "square", "aria-hidden": "true" });
-  swatch.style.background = css(CELL_COLOURS[state]);
+  swatch.style.background = `#${CELL_COLOURS[state]}`;
   cellLegend.append(make("li", {}, swatch, words));
 });
 $("layers").after(cellLegend);

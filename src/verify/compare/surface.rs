@@ -4,7 +4,7 @@
 //! A patch is a cell (of 0.25 m, larger in large places) of a grid that no wall of a plan in whole centimetres lies on, times the axis that its
 //! surface faces most. It counts by the number of its points that are observable, which is its area.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::DVec3;
 
@@ -22,6 +22,9 @@ pub const COVERED_WITHIN_M: f64 = 0.05;
 const CORNER_M: f64 = 0.0707;
 /// Patches of fewer observable points say nothing.
 const LEAST_POINTS: u32 = 5;
+
+/// Edge of a block whose coverage varies for itself, m: as in [`super::intervals`].
+const BLOCK_M: f64 = 2.0;
 
 type Key = ([i32; 3], u8);
 
@@ -133,6 +136,25 @@ impl Patches {
         self.index.get(&key(point_m - self.corner_m, normal, self.patch_m)).map(|patch| *patch as usize)
     }
 
+    /// Half of the 95 % interval of the share of observable points that are covered: that of a ratio over blocks (Cochran,
+    /// Sampling Techniques, 3rd edition, section 6.4). None without two blocks.
+    fn u95_of_share(&self, points: &[bool]) -> Option<f64> {
+        let mut blocks: BTreeMap<[i64; 3], [f64; 2]> = BTreeMap::new();
+        for ((patch, seen), covered) in self.patch_of.iter().zip(&self.observable).zip(points) {
+            if *seen {
+                let block = self.block_of(self.centres_m[*patch as usize], BLOCK_M);
+                let [found, all] = blocks.entry(block).or_default();
+                *found += f64::from(u8::from(*covered));
+                *all += 1.0;
+            }
+        }
+        let n = blocks.len() as f64;
+        let [found, all] = blocks.values().fold([0.0; 2], |sum, [found, all]| [sum[0] + found, sum[1] + all]);
+        let share = found / all;
+        let squares: f64 = blocks.values().map(|[found, all]| (found - share * all).powi(2)).sum();
+        (n > 1.0).then(|| 1.96 * (n / (n - 1.0) * squares).sqrt() / all)
+    }
+
     /// Patches of which at least half of the observable points are covered.
     pub(crate) fn covered(&self, points: &[bool]) -> Vec<bool> {
         let mut found = vec![0u32; self.len()];
@@ -238,6 +260,7 @@ impl<'a> SurfaceTally<'a> {
         let both = |completeness: &Completeness| SurfaceShare {
             of_all: completeness.shares()[0],
             of_observable: completeness.share_of(&self.patches.observable, 0),
+            u95: self.patches.u95_of_share(&completeness.covered(0)),
         };
         let patches = |completeness: &Completeness| self.patches.covered(&completeness.covered(0));
         SurfaceCovered {
@@ -258,6 +281,8 @@ pub struct SurfaceShare {
     pub of_all: f64,
     /// Of those that can be seen from the path; none where nothing can.
     pub of_observable: Option<f64>,
+    /// Half of the 95 % interval of that: what other blocks of 2 m of the same place would have said.
+    pub u95: Option<f64>,
 }
 
 /// What a recording covers of a surface.
@@ -293,5 +318,22 @@ mod tests {
             decided += 1;
         }
         assert!(decided > 500, "{decided}");
+    }
+
+    #[test]
+    fn the_interval_of_a_share_covers_the_truth_as_often_as_it_says() {
+        let room = Scene::Box(BoxScene::closed(DVec3::new(-8.0, -8.0, 0.0), DVec3::new(8.0, 8.0, 3.0)));
+        let patches = Patches::of_scene(&room, 40_000, 1, &[DVec3::new(0.1, 0.2, 1.5)]).unwrap();
+        let mut inside = 0;
+        for seed in 0..200 {
+            let mut rng = Rng::new(seed, 5);
+            // whole patches are covered or not
+            let covered: Vec<bool> = (0..patches.len()).map(|_| rng.uniform() < 0.8).collect();
+            let points: Vec<bool> = patches.patch_of.iter().map(|patch| covered[*patch as usize]).collect();
+            let share = points.iter().filter(|point| **point).count() as f64 / points.len() as f64;
+            inside += u32::from((share - 0.8).abs() <= patches.u95_of_share(&points).unwrap());
+        }
+        // binomial: 190 of 200, 4 standard deviations
+        assert!((178..=200).contains(&inside), "{inside}");
     }
 }

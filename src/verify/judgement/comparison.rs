@@ -76,6 +76,30 @@ impl Comparison {
         format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.untold())
     }
 
+    /// What to do, in one sentence.
+    pub(crate) fn advice(&self) -> &'static str {
+        match (self.verdict, self.reason.code) {
+            (Verdict::Matches, _) => "Nothing is to be done: the recording can be used.",
+            (Verdict::CannotTell, _) => {
+                "Record longer, or give a trajectory that covers the recording, and compare again."
+            }
+            (_, "mount_off") => {
+                "Compare again with --corrected-mount, set the mount to what was found, and check the brackets."
+            }
+            (_, "another_frame") => {
+                "Trajectory and scene are in different frames: compare again with --align."
+            }
+            (_, "silent_sensor" | "sensor_with_few_rays") => {
+                "Check power, cable and network of the sensor that is named below, and record again."
+            }
+            (_, "metadata_missing" | "metadata_of_another_unit" | "wrong_model") => {
+                "Give the metadata of the sensors that recorded (--meta), and compare again."
+            }
+            (_, "surface_missing") => "Look at the missed surface below and walk there again.",
+            _ => "Mend what the first finding names, and compare again.",
+        }
+    }
+
     /// What a match leaves open: coverage as promised does not promise tilts.
     fn untold(&self) -> String {
         let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());

@@ -200,6 +200,18 @@ impl Mesh {
         points
     }
 
+    /// Corners of the largest triangles, m, in the order of the mesh.
+    pub(crate) fn largest_triangles(&self, most: usize) -> impl Iterator<Item = [DVec3; 3]> + '_ {
+        let mut numbers: Vec<usize> = (0..self.triangles.len()).collect();
+        if numbers.len() > most {
+            let area_m2 = |triangle: &usize| self.triangle_area_m2(*triangle);
+            numbers.sort_by(|a, b| area_m2(b).total_cmp(&area_m2(a)).then(a.cmp(b)));
+            numbers.truncate(most);
+            numbers.sort_unstable();
+        }
+        numbers.into_iter().map(|triangle| self.corners(triangle))
+    }
+
     fn corners(&self, triangle: usize) -> [DVec3; 3] {
         self.triangles[triangle].map(|index| self.vertices_m[index as usize])
     }

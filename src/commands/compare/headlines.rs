@@ -1,0 +1,54 @@
+//! The three numbers at the head of a comparison's page.
+
+use crate::report::Headline;
+use crate::report::chart::number;
+use crate::verify::compare::SurfaceShare;
+use crate::verify::judgement::comparison::Comparison;
+
+/// Predicted and recorded share of the surface, and how far the worst mount is off.
+pub(super) fn of(comparison: &Comparison) -> [Headline; 3] {
+    let share = |label: &str, share: Option<&SurfaceShare>| Headline {
+        label: label.to_owned(),
+        value: share
+            .and_then(|share| Some(with_u95(100.0 * share.of_observable?, 100.0 * share.u95?, " %")))
+            .unwrap_or_else(|| "unknown".into()),
+        note: "of the surface that is visible from the path".into(),
+    };
+    let surface = comparison.surface.as_ref();
+    let errors =
+        comparison.mount.iter().filter_map(|check| Some((check, check.tilt_error_deg?, check.u95_deg?)));
+    let worst = errors.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
+    [
+        share("Predicted", surface.map(|surface| &surface.as_driven)),
+        share("Recorded", surface.map(|surface| &surface.recorded)),
+        Headline {
+            label: "Largest mount error".into(),
+            value: worst.map_or("unknown".into(), |(_, error, u95)| with_u95(error, u95, "°")),
+            note: worst.map_or("no pitch is observable here".into(), |(check, ..)| {
+                format!("pitch of {}", check.sensor)
+            }),
+        },
+    ]
+}
+
+/// A value with half of its 95 % interval, in the digits that this leaves.
+fn with_u95(value: f64, u95: f64, unit: &str) -> String {
+    let digits = match u95 > 0.0 {
+        true => (1 - u95.log10().floor() as i32).clamp(0, 4) as usize,
+        false => 2,
+    };
+    format!("{} ± {u95:.digits$}{unit}", number(value, digits))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_follow_the_uncertainty() {
+        assert_eq!(with_u95(81.912_34, 1.4, " %"), "81.9 ± 1.4 %");
+        assert_eq!(with_u95(1.987_65, 0.123, "°"), "1.99 ± 0.12°");
+        assert_eq!(with_u95(63.04, 22.0, " %"), "63 ± 22 %");
+        assert_eq!(with_u95(100.0, 0.0, " %"), "100.00 ± 0.00 %");
+    }
+}
