@@ -21,7 +21,7 @@ pub(super) const CASES: &[Case] = &[
     },
     Case {
         name: "long corridor",
-        about: "a walk in a corridor whose ends are out of view",
+        about: "a walk in a corridor with its ends out of view",
         measure: corridor,
     },
     Case {
