@@ -107,10 +107,7 @@ impl Room {
             let link = sensors::Link::default();
             MockSensor::ouster(metadata(sensor as u64))
                 .run(&surroundings, |host_time_ns, payload| {
-                    writer.write_packet(
-                        sensor,
-                        &Packet { host_time_ns, source, destination, link: link.clone(), payload },
-                    )
+                    writer.write_packet(sensor, &Packet { host_time_ns, source, destination, link, payload })
                 })
                 .unwrap();
             let model = sensors::catalogue::nominal("os1-16").unwrap();
