@@ -222,7 +222,10 @@ fn backpack_rooms() {
         let (mut points, mut sum_m, mut worst_m, mut number) = (0, DVec3::ZERO, 0.0_f64, 0);
         while let Some(mut cloud) = clouds.next().unwrap() {
             let (of, child_from_cloud) = surroundings.trajectory_of(&cloud.frame_id).unwrap();
-            assert_eq!(of.place(child_from_cloud, &mut cloud.points), 0);
+            for point in &mut cloud.points {
+                let world_from_cloud = of.trajectory.at(point.time_ns).unwrap() * child_from_cloud;
+                point.position_m = world_from_cloud.transform_point(point.position_m);
+            }
             number += 1;
             for point in &cloud.points {
                 let at_m = point.position_m;

@@ -28,6 +28,7 @@ mod mount;
 mod mutants;
 mod optimize;
 mod ouster;
+mod registered;
 mod rig;
 mod rig_damage;
 mod rig_stops;
@@ -71,6 +72,7 @@ fn main() -> std::process::ExitCode {
         ("mutants", mutants::CASES),
         ("optimize", optimize::CASES),
         ("ouster", ouster::CASES),
+        ("registered", registered::CASES),
         ("rig", rig::CASES),
         ("rig_damage", rig_damage::CASES),
         ("rig_stops", rig_stops::CASES),

@@ -1,17 +1,21 @@
 //! `outrigger cut`: packets to packets.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use anyhow::{bail, ensure};
-use sensors::router::{Routed, Router};
+use sensors::Decoded;
+use sensors::router::{Routed, Router, Sensor};
 use serde::Serialize;
 
 use super::given::SensorArgs;
 use super::recording::Recording;
 use super::{Context, Outcome, output, sensor_ids};
+use crate::recording::bags::Surroundings;
 use crate::recording::moment::Moment;
 use crate::recording::packet_writer::{PacketFormat, PacketWriter};
+use crate::rig::{MountFile, NamedFrame, framed};
 
 /// Packets looked at before any is written, to know what the sensors are.
 const LOOK_AHEAD: u64 = 20_000;
@@ -37,7 +41,7 @@ pub struct Args {
     /// File to write: .pcap, .pcapng, .bag (ROS 1) or .mcap (ROS 2).
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// First time: seconds since the start, seconds since 1970, or a time such as 2023-11-14T22:13:20Z.
+    /// First time: seconds since the start, seconds since 1970, a time such as 2023-11-14T22:13:20Z, or a revolution (12f).
     #[arg(long, value_name = "T")]
     from: Option<Moment>,
     /// End, which is not included.
@@ -46,6 +50,9 @@ pub struct Args {
     /// Only packets of this sensor: its name as `inspect` gives it, or its serial number. May be repeated.
     #[arg(long = "sensor", value_name = "NAME")]
     only: Vec<String>,
+    /// Where the sensors sit: written to a bag as static transforms. Without it a session's own, or those of the bag that is read.
+    #[arg(long, value_name = "FILE")]
+    mount: Option<PathBuf>,
     /// Overwrite a file that exists.
     #[arg(long)]
     force: bool,
@@ -77,7 +84,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         Document { format: "outrigger-cut/1", out: args.out.display().to_string(), ..Document::default() };
     let mut met: BTreeSet<String> = BTreeSet::new();
     let mut wanted: BTreeSet<&str> = args.only.iter().map(String::as_str).collect();
-    let assigns = format.needs_sensors() || !args.only.is_empty();
+    let has_frames = [args.from, args.to].into_iter().flatten().any(|moment| moment.frame().is_some());
+    let assigns = format.needs_sensors() || !args.only.is_empty() || has_frames;
     let mut start_ns = None;
     for path in &args.recordings {
         let sensors = args.sensors.or_of(context, path);
@@ -95,11 +103,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             None => writer.insert(PacketWriter::create(&args.out, format)?),
         };
         let mut router = if assigns { recording.router()? } else { Router::new() };
+        let revolutions = if has_frames { revolutions(args, &recording)? } else { BTreeMap::new() };
         let first_names = if assigns { names_of(&recording)? } else { Vec::new() };
+        let mut transforms = match format.needs_sensors() && start_ns.is_none() {
+            true => static_frames(args, &recording, &first_names)?,
+            false => None,
+        };
         let mut names: BTreeMap<usize, (String, bool)> = BTreeMap::new();
         let ending = recording.each_packet(&mut |packet| {
             let start_ns = *start_ns.get_or_insert(packet.host_time_ns);
-            let at_ns = |moment: Option<Moment>| moment.map(|moment| moment.time_ns(start_ns));
+            let at_ns = |moment: Option<Moment>| moment.and_then(|moment| moment.time_ns(start_ns));
             let is_within = at_ns(args.from).is_none_or(|from_ns| packet.host_time_ns >= from_ns)
                 && at_ns(args.to).is_none_or(|to_ns| packet.host_time_ns < to_ns);
             if !assigns {
@@ -124,9 +137,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 wanted.retain(|only| *only != name && *only != serial);
                 (name, is_wanted)
             });
-            if !*is_wanted || !is_within {
+            let is_of_frames = !has_frames
+                || revolutions.get(&at).is_some_and(|times_ns| times_ns.contains(&packet.host_time_ns));
+            if !*is_wanted || !is_within || !is_of_frames {
                 document.left_out += 1;
                 return Ok(());
+            }
+            if let Some(frames) = transforms.take() {
+                writer.add_transforms(packet.host_time_ns, &frames)?;
             }
             let is_new = !document.sensors.contains_key(name.as_str());
             if is_new && let Some(text) = recording.metadata_text(&router.sensors()[at]) {
@@ -156,6 +174,66 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     output::print_result(context.json, &document, || text(&document), &document.losses)?;
     Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
+}
+
+/// The frames of the sensors, by `--mount` or the recording itself.
+fn static_frames(
+    args: &Args,
+    recording: &Recording,
+    names: &[String],
+) -> anyhow::Result<Option<Vec<NamedFrame>>> {
+    let mount = match (&args.mount, recording.checked_session()) {
+        (Some(path), _) => Some(MountFile::read(path)?),
+        (None, Some(session)) => session.mount()?,
+        (None, None) => None,
+    };
+    if let Some(mut mount) = mount {
+        // sensors of a capture have no names of their own: they are those of the mount file in their order
+        let is_named = names.iter().any(|name| mount.sensors.iter().any(|entry| entry.name == *name));
+        for (entry, name) in mount.sensors.iter_mut().zip(names).filter(|_| !is_named) {
+            entry.name.clone_from(name);
+        }
+        let units = mount.units(&[])?;
+        let framed = framed(&mount, &units).map_err(anyhow::Error::msg)?;
+        return Ok(Some(framed.into_iter().flat_map(|sensor| sensor.frames).collect()));
+    }
+    if !recording.is_bag() {
+        return Ok(None);
+    }
+    let frames: Vec<NamedFrame> =
+        Surroundings::read(recording.path(), &recording.name())?.frames.links().collect();
+    Ok((!frames.is_empty()).then_some(frames))
+}
+
+/// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.
+fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
+    let [from, to] = [args.from, args.to].map(|moment| moment.and_then(Moment::frame));
+    let (from, to) = (from.unwrap_or(0), to.unwrap_or(u64::MAX));
+    let mut router = recording.router()?;
+    let mut counts: BTreeMap<usize, u64> = BTreeMap::new();
+    let mut times_ns: BTreeMap<usize, RangeInclusive<u64>> = BTreeMap::new();
+    let mut count = |at: usize, _: &Sensor, decoded: Decoded<'_>| {
+        let Decoded::Frame(frame) = decoded else { return };
+        let number = counts.entry(at).or_default();
+        if (from..to).contains(number) {
+            let [first_ns, last_ns] = frame.host_time_ns;
+            let known = times_ns.entry(at).or_insert(first_ns..=last_ns);
+            *known = *known.start()..=last_ns.max(*known.end());
+        }
+        *number += 1;
+    };
+    recording.each_packet(&mut |packet| {
+        router.push(packet, &mut count);
+        Ok(())
+    })?;
+    router.finish(&mut count);
+    ensure!(
+        !times_ns.is_empty(),
+        "--from, --to: {} has fewer revolutions, counted from 0: {}",
+        recording.name(),
+        counts.values().map(u64::to_string).collect::<Vec<_>>().join(", ")
+    );
+    Ok(times_ns)
 }
 
 /// Ends a pass early.

@@ -45,6 +45,7 @@ mod record;
 mod recorded;
 mod recorded_odometry;
 mod recording;
+mod registered;
 mod replay;
 mod rig;
 mod rig_args;

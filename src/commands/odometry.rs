@@ -1,7 +1,9 @@
 //! `outrigger odometry`: where the rig went, from its own recording.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context as _;
 use serde::Serialize;
@@ -10,12 +12,17 @@ use super::placing::{self, Near, Placed, Walk};
 use super::recorded::{Recorded, RecordedArgs};
 use super::recorded_odometry::{OdometryArgs, OdometryResult, of_one, of_rig, remarks};
 use super::recording::Recording;
+use super::registered::mounts::Mounts;
+use super::registered::{MountedFrame, each_frame};
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
-use super::{Context, Outcome, output};
+use super::{Context, Outcome, output, sensor_ids};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
 use crate::design::registration::RegistrationQuality;
+use crate::recording::export::{Cloud, Export, FileFrame, Format, Source};
+use crate::recording::packet_reader::is_stream;
+use crate::recording::registered::{PointFilter, Registration, Target, TimeOffset, VoxelThinning};
 use crate::verify::align::Alignment;
 use crate::verify::odometry::Step;
 use crate::world::trajectory::Trajectory;
@@ -42,14 +49,21 @@ pub struct Args {
     #[command(flatten)]
     mesh: MeshArgs,
     #[command(flatten)]
-    map: MapArgs,
+    scene_map: MapArgs,
     /// Where the walk begins in the scene, about, where several places fit: m and degrees.
     #[arg(long, value_name = "X,Y[,YAW]", requires = "scene", allow_hyphen_values = true)]
     align_near: Option<Near>,
     /// Write the trajectory in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
     #[arg(short, long, value_name = "FILE.tum")]
     out: Option<PathBuf>,
-    /// Write the pose at which every revolution of the first sensor began, in KITTI format.
+    /// Write the map: the returns of all sensors in the frame of the trajectory, each at its own time (.laz, .las, .e57, .ply,
+    /// .csv, .npy or .pcd; a file that exists is replaced).
+    #[arg(long, value_name = "FILE.laz")]
+    map: Option<PathBuf>,
+    /// One point of the map per voxel of this edge: the first that was measured.
+    #[arg(long, value_name = "M", requires = "map", value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
+    voxel: Option<f64>,
+    /// Write the pose in the middle of every revolution of the first sensor, in KITTI format.
     #[arg(long, value_name = "FILE")]
     kitti: Option<PathBuf>,
 }
@@ -79,7 +93,8 @@ struct Document {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     args.settings.check()?;
-    args.recorded.check_places([&args.out, &args.kitti])?;
+    args.recorded.check_places([&args.out, &args.kitti, &args.map])?;
+    let map = args.map.as_deref().map(|path| map_of(args, path)).transpose()?;
     if args.scene.is_none() {
         scene_file::ensure_none_typed(context, "--scene names none")?;
     }
@@ -129,6 +144,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         write(path, Trajectory::new(begun)?.to_kitti())?;
     }
+    if let Some((path, format)) = map.filter(|_| is_placed) {
+        let (points, losses) = write_map(args, context, trajectory, path, format)?;
+        files.push(format!("{} ({points} points)", path.display()));
+        problems.extend(losses);
+    }
     let [first_ns, last_ns] = trajectory.time_span_ns();
     let document = Document {
         format: "outrigger-odometry/1",
@@ -149,6 +169,53 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if result.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
 }
 
+/// Where the map goes, and in which format; refused before the work.
+fn map_of<'a>(args: &Args, path: &'a Path) -> anyhow::Result<(&'a Path, Format)> {
+    let format = Format::of_path(path).filter(|format| !matches!(format, Format::Mcap | Format::Foxglove));
+    let Some(format) = format else {
+        refuse!(
+            "--map {}: expected a name that ends in .laz, .las, .e57, .ply, .pcd, .csv or .npy",
+            path.display()
+        );
+    };
+    if is_stream(&args.recorded.recording) {
+        refuse!(
+            "--map reads the recording twice, and {} can be read but once: save it as a file first",
+            args.recorded.recording.display()
+        );
+    }
+    Ok((path, format))
+}
+
+/// Reads the recording again and puts its returns where the trajectory says; how many, and what was lost.
+fn write_map(
+    args: &Args,
+    context: Context,
+    trajectory: &Trajectory,
+    path: &Path,
+    format: Format,
+) -> anyhow::Result<(u64, Option<String>)> {
+    let RecordedArgs { recording, sensors, mount, zeros } = &args.recorded;
+    let recording = Recording::open(recording, &sensors.of(context, recording))?;
+    let mut mounts = Mounts::of(&recording, mount.as_deref(), zeros)?;
+    let filter = PointFilter { voxels: args.voxel.map(VoxelThinning::new), ..PointFilter::default() };
+    let target = Target::World { trajectory: trajectory.clone(), offset: TimeOffset::Fixed(0) };
+    let mut registration = Registration::new(target, filter);
+    let frame = FileFrame { name: registration.frame_name(), origin: registration.origin(), wkt: None };
+    let mut export = Export::create_in(&frame, path, format, true)?;
+    let (mut ids, mut clouds) = (Vec::new(), BTreeMap::new());
+    each_frame(&recording, &mut mounts, &mut |mounted| {
+        let MountedFrame { at, sensor, model, body_from_sensor, frame, .. } = mounted;
+        let cloud = clouds.entry(at).or_insert_with(|| {
+            Cloud::new(Arc::new(Source::of(sensor, sensor_ids::next_id(sensor, &mut ids), at)), model)
+        });
+        cloud.fill(model, frame);
+        registration.apply(at, cloud, body_from_sensor);
+        Ok(export.add(cloud)?)
+    })?;
+    Ok((export.finish()?.points, registration.losses()))
+}
+
 /// The trajectory in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
 fn in_scene(
     args: &Args,
@@ -157,7 +224,7 @@ fn in_scene(
     problems: &mut Vec<String>,
     context: Context,
 ) -> anyhow::Result<Placed> {
-    let read = scene_file::read(scene, &args.mesh, &args.map, context)?;
+    let read = scene_file::read(scene, &args.mesh, &args.scene_map, context)?;
     problems.extend(read.warnings);
     let walk = Walk {
         trajectory: &result.walked.trajectory,
@@ -171,7 +238,7 @@ fn in_scene(
     problems.extend(placed.notices.iter().cloned());
     if placed.trajectory.is_none() {
         problems.push(placed.alignment.words());
-        let asked = args.out.is_some() || args.kitti.is_some();
+        let asked = args.out.is_some() || args.kitti.is_some() || args.map.is_some();
         problems
             .extend(asked.then(|| "no trajectory is written: it has no sure place in the scene".to_owned()));
     }

@@ -14,6 +14,10 @@ use crate::verify::compare::{FramePitch, RecordedRay, Thinning};
 use crate::verify::odometry::{Limits, OdometryPass, Settings, Walked};
 use crate::world::trajectory::suspicions;
 
+/// Ranges that odometry uses where nothing else is asked for, m.
+const NEAREST_M: f64 = 0.5;
+const FARTHEST_M: f64 = 100.0;
+
 /// How odometry samples a recording.
 #[derive(clap::Args, Debug)]
 pub struct OdometryArgs {
@@ -21,11 +25,17 @@ pub struct OdometryArgs {
     #[arg(long = "odometry-voxel", id = "odometry_voxel", value_name = "M", value_parser = crate::commands::ranges::within(0.01, 100.0))]
     voxel_m: Option<f64>,
     /// Returns nearer than this are not used by odometry: whoever carries the rig moves with it.
-    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = 0.5, value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
+    #[arg(long = "odometry-min-range", id = "odometry_min_range", value_name = "M", default_value_t = NEAREST_M, value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     nearest_m: f64,
     /// Returns farther than this are not used by odometry.
-    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = 100.0, value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
+    #[arg(long = "odometry-max-range", id = "odometry_max_range", value_name = "M", default_value_t = FARTHEST_M, value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     farthest_m: f64,
+}
+
+impl Default for OdometryArgs {
+    fn default() -> Self {
+        Self { voxel_m: None, nearest_m: NEAREST_M, farthest_m: FARTHEST_M }
+    }
 }
 
 impl OdometryArgs {
@@ -44,7 +54,7 @@ impl OdometryArgs {
         Ok(())
     }
 
-    fn pass(&self, sensors: usize) -> OdometryPass {
+    pub(crate) fn pass(&self, sensors: usize) -> OdometryPass {
         let limits = Limits { nearest_m: self.nearest_m, farthest_m: self.farthest_m };
         OdometryPass::new(sensors, limits, Settings { voxel_m: self.voxel_m, reach_m: 1.5 * self.farthest_m })
     }
@@ -54,7 +64,7 @@ impl OdometryArgs {
 pub struct OdometryResult {
     pub walked: Walked,
     pub sensors: Vec<String>,
-    /// Begin of every revolution of the first sensor, ns.
+    /// Middle of every revolution of the first sensor, ns.
     pub revolutions_ns: Vec<u64>,
     pub losses: Vec<String>,
     /// What else is odd about its recording.

@@ -224,6 +224,11 @@ impl Recording {
         &self.path
     }
 
+    /// Whether it is a bag.
+    pub(crate) fn is_bag(&self) -> bool {
+        self.bag.is_some()
+    }
+
     /// Whether it is a bag with clouds and no packets.
     pub fn holds_clouds_only(&self) -> bool {
         self.bag.as_ref().is_some_and(|bag| bag.holds_clouds_only)

@@ -52,6 +52,7 @@ pub(crate) mod packet_writer;
 mod parts;
 pub(crate) mod playback;
 mod receiving;
+pub(crate) mod registered;
 mod session;
 mod shared;
 mod ticker;

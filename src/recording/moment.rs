@@ -13,15 +13,23 @@ pub(crate) enum Moment {
     SinceStart(u64),
     /// Since 1970, UTC, ns.
     Clock(u64),
+    /// The begin of a sensor's revolution, by its number from 0.
+    Frame(u64),
 }
 
 impl Moment {
-    /// On the clock, for a recording that starts then.
-    pub fn time_ns(self, start_ns: u64) -> u64 {
+    /// On the clock, for a recording that starts then; none of a revolution.
+    pub fn time_ns(self, start_ns: u64) -> Option<u64> {
         match self {
-            Self::SinceStart(offset_ns) => start_ns.saturating_add(offset_ns),
-            Self::Clock(time_ns) => time_ns,
+            Self::SinceStart(offset_ns) => Some(start_ns.saturating_add(offset_ns)),
+            Self::Clock(time_ns) => Some(time_ns),
+            Self::Frame(_) => None,
         }
+    }
+
+    /// The number of a revolution.
+    pub fn frame(self) -> Option<u64> {
+        if let Self::Frame(number) = self { Some(number) } else { None }
     }
 }
 
@@ -31,14 +39,17 @@ impl FromStr for Moment {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
             format!(
-                "{text:?}: expected seconds since the start (12.5), seconds since 1970 (1700000000.5), or a time such as \
-                 2023-11-14T22:13:20.5Z"
+                "{text:?}: expected seconds since the start (12.5), seconds since 1970 (1700000000.5), a time such as \
+                 2023-11-14T22:13:20.5Z, or a revolution (12f)"
             )
         };
         if let Some((day, clock)) = text.split_once(['T', ' ']) {
             let time_ns = date_ns(day).zip(clock_ns(clock.strip_suffix('Z').unwrap_or(clock)));
             let time_ns = time_ns.and_then(|(day_ns, clock_ns)| day_ns.checked_add(clock_ns));
             return time_ns.map(Self::Clock).ok_or_else(wrong);
+        }
+        if let Some(number) = text.strip_suffix('f') {
+            return number.parse().map(Self::Frame).map_err(|_| wrong());
         }
         let ns = decimal_ns(text.strip_suffix('s').unwrap_or(text)).ok_or_else(wrong)?;
         Ok(if ns >= FIRST_UNIX_S * SECOND_NS { Self::Clock(ns) } else { Self::SinceStart(ns) })
@@ -94,12 +105,16 @@ mod tests {
     fn every_form_of_a_time() {
         let read = |text: &str| text.parse::<Moment>();
         assert_eq!(read("12.5"), Ok(Moment::SinceStart(12_500_000_000)));
+        assert_eq!(
+            (read("12f"), read("12s")),
+            (Ok(Moment::Frame(12)), Ok(Moment::SinceStart(12_000_000_000)))
+        );
         assert_eq!(read("0"), Ok(Moment::SinceStart(0)));
         assert_eq!(read("1700000000.123456789"), Ok(Moment::Clock(1_700_000_000_123_456_789)));
         assert_eq!(read("2023-11-14T22:13:20.5Z"), Ok(Moment::Clock(1_700_000_000_500_000_000)));
         assert_eq!(read("2000-02-29 00:00"), Ok(Moment::Clock(951_782_400_000_000_000)));
         assert_eq!(read("1970-01-01T00:00:00Z"), Ok(Moment::Clock(0)));
-        for wrong in ["", "-1", "1.2.3", "1e9", "2023-13-01T00:00Z", "2023-11-14T25:00Z", "x"] {
+        for wrong in ["", "-1", "1.2.3", "1e9", "2023-13-01T00:00Z", "2023-11-14T25:00Z", "x", "f", "1.5f"] {
             assert!(read(wrong).is_err(), "{wrong}");
         }
     }

@@ -52,7 +52,7 @@ def odometry_as_tum_and_as_kitti_is_one(program, _demo, capture):
     is_valid(tum)
     is_valid(kitti)
     assert kitti.num_poses > 1, "a pose for each revolution"
-    # KITTI has no times: its poses, one at the beginning of each revolution, lie on the other's way, one after the other
+    # KITTI has no times: its poses, one in the middle of each revolution, lie on the other's way, one after the other
     way, reached = tum.positions_xyz, 0.0
     for position in kitti.positions_xyz:
         off, along = min(on_segment(position, number, *way[number:number + 2]) for number in range(len(way) - 1))

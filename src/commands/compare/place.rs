@@ -52,7 +52,7 @@ pub struct PlaceArgs {
     /// Where the walk begins in the scene, about, where several places fit: m and degrees.
     #[arg(long, value_name = "X,Y[,YAW]", allow_hyphen_values = true)]
     align_near: Option<Near>,
-    /// Poses per second of a trajectory in KITTI format; the first pose is that of the first column.
+    /// Poses per second of a trajectory in KITTI format; each pose is that of the middle of its revolution.
     #[arg(long, value_name = "HZ", value_parser = crate::commands::ranges::within(1e-3, 1e6))]
     rate: Option<f64>,
     /// Added to the recording's times to get those of the trajectory, s; `start` lets both begin together, `search` looks
@@ -351,17 +351,10 @@ fn trajectory(args: &PlaceArgs, recorded: &Recorded, notices: &mut Vec<String>) 
         return Ok(Found::Elsewhere(poses));
     }
     let first_ns = recorded.span_ns()?.context("the recording holds no frame")?[0];
+    let first_ns = first_ns + (0.5e9 / args.rate.unwrap_or(1.0)).round() as u64; // poses are those of the middles
     let stamped: Vec<(u64, Pose)> =
         poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();
-    going_on(stamped).map(Found::Elsewhere)
-}
-
-/// Poses of revolutions say where each began: during the last one the body goes on as before.
-fn going_on(mut stamped: Vec<(u64, Pose)>) -> anyhow::Result<Trajectory> {
-    if let [.., (before_ns, before), (last_ns, last)] = stamped[..] {
-        stamped.push((2 * last_ns - before_ns, last * (before.inverse() * last)));
-    }
-    Ok(Trajectory::new(stamped)?)
+    Ok(Found::Elsewhere(Trajectory::of_revolutions(stamped)?))
 }
 
 fn map(

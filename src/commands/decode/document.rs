@@ -12,8 +12,10 @@ use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::frames::FrameRange;
+use super::placing::Placing;
 use crate::commands::output::counted;
 use crate::commands::recording::{Ending, Recording};
+use crate::commands::registered::mounts::Mounts;
 use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
 
@@ -214,11 +216,6 @@ impl Document {
         self.losses = losses;
     }
 
-    /// Adds what the user should know beside the result.
-    pub(crate) fn add_notices(&mut self, notices: impl Iterator<Item = String>) {
-        self.notices.extend(notices);
-    }
-
     /// Counts what is no frame.
     pub(crate) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
         let found = self.found.entry(sensor).or_default();
@@ -231,7 +228,13 @@ impl Document {
     }
 
     /// Takes over what router and reader counted.
-    pub(crate) fn conclude(&mut self, recording: &Recording, router: &Router, ending: &Ending) {
+    pub(crate) fn conclude(
+        &mut self,
+        recording: &Recording,
+        router: &Router,
+        ending: &Ending,
+        wants: &dyn Fn(&str, &str) -> bool,
+    ) {
         self.capture = recording.name();
         self.fragments_incomplete = ending.counters.fragments_incomplete;
         self.capture_counters = ending.counters.clone();
@@ -240,6 +243,9 @@ impl Document {
         self.unclaimed = router.unclaimed().cloned().collect();
         let ids = crate::commands::sensor_ids::ids(router);
         for (at, sensor) in router.sensors().iter().enumerate() {
+            if !wants(&ids[at], sensor.serial()) {
+                continue;
+            }
             let found = self.found.remove(&at).unwrap_or_default();
             let counters = sensor.stats().clone();
             if sensor.one_of_several().is_some() {
@@ -281,6 +287,21 @@ impl Document {
         self.data_lost = !self.losses.is_empty();
     }
 
+    /// Adds what there is to say of the frame of the points.
+    pub(crate) fn add_registration(&mut self, placing: &Placing<'_>, notices: Vec<String>) {
+        let names = |at: usize| self.sensors.get(at).map_or(String::new(), |sensor| sensor.id.clone());
+        let of_clocks = placing.registration.notices(&names);
+        let losses: Vec<String> = placing
+            .registration
+            .losses()
+            .into_iter()
+            .chain(placing.mounts.iter().flat_map(Mounts::losses))
+            .collect();
+        self.notices.extend(notices.into_iter().chain(of_clocks).chain(losses.iter().cloned()));
+        self.data_lost |= !losses.is_empty();
+        self.losses.extend(losses);
+    }
+
     /// Refuses a range of frames in which no sensor has one.
     pub(crate) fn ensure_frames(&self, asked: FrameRange) -> anyhow::Result<()> {
         let has = |sensor: &SensorReport| format!("{} of {}", sensor.counters.frames, sensor.id);
@@ -320,7 +341,7 @@ impl Document {
     }
 
     /// The same for people.
-    pub(crate) fn table(&self) -> String {
+    pub(crate) fn table(&self, is_verbose: bool) -> String {
         let mut text = String::new();
         for sensor in &self.sensors {
             let serial =
@@ -331,8 +352,10 @@ impl Document {
                 "{}: {} {}, {}{serial}{source}, beams {}",
                 sensor.id, sensor.vendor, sensor.model, sensor.format, sensor.beams
             );
-            let _ = writeln!(text, "    frame    points   second  columns  packets");
-            for frame in &sensor.frames {
+            if is_verbose {
+                text.push_str("    frame    points   second  columns  packets\n");
+            }
+            for frame in sensor.frames.iter().filter(|_| is_verbose) {
                 let second = frame.points_second.map_or("-".into(), |points| points.to_string());
                 let expected = frame.expected_packets.map_or(String::new(), |packets| format!("/{packets}"));
                 let _ = writeln!(
@@ -360,6 +383,9 @@ impl Document {
                 counters.malformed,
                 counters.crc_errors,
             );
+            if let Some(clock) = &sensor.clock {
+                let _ = writeln!(text, "    clock: {clock}");
+            }
         }
         for file in &self.files {
             let _ = writeln!(text, "wrote {} ({} points)", file.path, file.points);

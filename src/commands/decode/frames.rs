@@ -17,6 +17,11 @@ impl Default for FrameRange {
 }
 
 impl FrameRange {
+    /// Those of them from one on, and before another.
+    pub(crate) fn within(self, from: Option<u64>, end: Option<u64>) -> Self {
+        Self { first: self.first.max(from.unwrap_or(0)), end: self.end.min(end.unwrap_or(u64::MAX)) }
+    }
+
     /// Whether a frame is meant.
     pub(crate) fn contains(self, number: u64) -> bool {
         (self.first..self.end).contains(&number)
@@ -65,7 +70,9 @@ pub enum OutputFrame {
     /// Each sensor's own.
     #[default]
     Sensor,
-    /// The frame in which the recording has a trajectory, each point at its own time.
+    /// The rig's: x forward, y left, z up.
+    Rig,
+    /// The frame of a trajectory, each point at its own time.
     World,
 }
 

@@ -4,23 +4,30 @@ mod clouds;
 mod document;
 mod frames;
 mod output;
+mod placing;
+mod points;
 
 use std::cell::{Cell, RefCell};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use sensors::Decoded;
+use sensors::router::Router;
 
 use self::document::Document;
-use self::frames::{FrameRange, OutputFrame};
+use self::frames::FrameRange;
 use self::output::Output;
+use self::placing::Placing;
+use self::points::PointArgs;
 use super::given::SensorArgs;
 use super::output::{print_json, print_text, say_notice};
 use super::recording::Recording;
-use super::{Context, Outcome, signals};
-use crate::recording::export::Format;
+use super::{Context, Outcome, sensor_ids, signals};
+use crate::recording::export::{FileFrame, Format};
+use crate::recording::registered::Registration;
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 when everything that the recording holds of the sensors was decoded; 3 when it was decoded but data is \
@@ -46,17 +53,19 @@ pub struct Args {
     format: Option<Format>,
     /// File for all points, or folder (one that is there, or a name that ends in / or has no extension): one file per sensor
     /// and frame, a ROS 2 bag of mcap.
-    #[arg(long, value_name = "PATH")]
+    #[arg(short, long, value_name = "PATH")]
     out: Option<PathBuf>,
     /// Frames of each sensor, counted from 0, end not included: 2..5, 2.., ..5 or 2. Without inertial samples.
     #[arg(long, value_name = "A..B")]
     frames: Option<FrameRange>,
-    /// Frame of the points: each sensor's own, or the world's, where a bag of clouds holds static transforms and a trajectory.
-    #[arg(long, value_enum, default_value_t)]
-    frame: OutputFrame,
+    #[command(flatten)]
+    points: PointArgs,
     /// Overwrite files that exist.
     #[arg(long)]
     force: bool,
+    /// Print a line for every frame.
+    #[arg(short, long)]
+    verbose: bool,
 }
 
 impl Args {
@@ -70,39 +79,50 @@ impl Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
+    let format = args.format(context);
+    args.points.check(context, format.or_else(|| args.out.as_deref().and_then(Format::of_path)))?;
+    let sensors = args.sensors.or_of(context, &args.capture);
+    let recording = match args.points.is_read_again() {
+        true => Recording::open_to_reread(&args.capture, &sensors)?,
+        false => Recording::open(&args.capture, &sensors)?,
+    };
+    Output::new(args, format, &recording, FileFrame::default())?; // refused before the work, not after
     if recording.holds_clouds_only() {
         return clouds::run(args, context, &recording);
     }
-    if args.frame == OutputFrame::World {
-        bail!(
-            "--frame world: {} holds packets, and only clouds of a bag are placed by its own trajectory; expected a bag with \
-             clouds, static transforms and odometry, poses or transforms",
-            recording.name()
-        );
-    }
-    let mut output = Output::new(args, args.format(context), &recording)?;
-    let mut router = recording.router()?;
-    let frames = args.frames.unwrap_or_default();
     let mut document = Document::default();
-    let problem = RefCell::new(None);
+    let mut notices = Vec::new();
+    let (mounts, registration) = args.points.registration(&recording, &mut notices)?;
+    let mut placing = Placing { mounts, registration, recording: &recording };
+    let mut output = Output::new(args, format, &recording, args.points.file_frame(&placing.registration))?;
+    let mut router = recording.router()?;
+    let frames = args.points.frames(args.frames);
+    let problem: RefCell<Option<anyhow::Error>> = RefCell::new(None);
     let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
-    let host_time_ns = Cell::new(0);
+    let (host_time_ns, first_host_ns) = (Cell::new(0), Cell::new(None));
+    let (mut ids, mut wanted) = (Vec::new(), BTreeMap::new());
     let mut take = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
-        if let Decoded::Frame(frame) = decoded
+        first_host_ns.get().into_iter().for_each(|host_ns| placing.registration.begin(host_ns));
+        let is_wanted = *wanted
+            .entry(at)
+            .or_insert_with(|| args.points.wants(&sensor_ids::next_id(sensor, &mut ids), sensor.serial()));
+        if is_wanted
+            && let Decoded::Frame(frame) = decoded
             && let Some(model) = sensor.model()
             && let number = document.count_frame(at)
-            && frames.contains(number)
+            && frames.unwrap_or_default().contains(number)
+            && placing.registration.is_wanted(frame.host_time_ns)
         {
             document.add_frame(at, sensor.timestamp_mode(), model, frame);
             if let Some(output) = &mut output
                 && problem.borrow().is_none()
             {
-                problem.replace(output.add(at, number, sensor, model, frame).err());
+                problem.replace(output.add(at, number, sensor, model, frame, &mut placing).err());
             }
         }
-        if let Decoded::Imu(sample) = decoded
-            && args.frames.is_none()
+        if is_wanted
+            && let Decoded::Imu(sample) = decoded
+            && frames.is_none()
             && let Some(output) = &mut output
             && problem.borrow().is_none()
         {
@@ -114,24 +134,51 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         if stop.load(Ordering::Relaxed) {
             bail!(INTERRUPTED);
         }
-        problem.take().map_or(Ok(()), |problem| Err(problem.into()))
+        problem.take().map_or(Ok(()), Err)
     };
     let ending = recording.each_packet(&mut |packet| {
         host_time_ns.set(packet.host_time_ns);
+        first_host_ns.set(first_host_ns.get().or(Some(packet.host_time_ns)));
         router.push(packet, &mut take);
         go_on()
     })?;
     router.finish(&mut take);
     go_on()?;
     recording.ensure_given_fits(&router)?;
-    document.conclude(&recording, &router, &ending);
+    ensure_met(args, &router)?;
+    document.conclude(&recording, &router, &ending, &|id, serial| args.points.wants(id, serial));
+    document.add_registration(&placing, notices);
     if document.is_empty() {
         if let Some(damage) = ending.damage {
             return Err(damage.into());
         }
         bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
     }
+    ensure_points(args, output.as_ref(), &placing.registration)?;
     finish(args, context, document, output)
+}
+
+/// Refuses to write a file without points.
+fn ensure_points(args: &Args, output: Option<&Output>, registration: &Registration) -> anyhow::Result<()> {
+    if output.is_none_or(|output| output.points() > 0) || !args.points.is_selective() {
+        return Ok(());
+    }
+    match registration.losses() {
+        Some(loss) => bail!("nothing is written: {loss}"),
+        None => bail!(
+            "nothing is written: no point is left by what was asked for (frames, times, sensors, ranges, box)"
+        ),
+    }
+}
+
+/// Refuses the name of a sensor that the recording does not hold.
+fn ensure_met(args: &Args, router: &Router) -> anyhow::Result<()> {
+    let ids = sensor_ids::ids(router);
+    for name in args.points.only() {
+        let is_met = ids.contains(name) || router.sensors().iter().any(|sensor| sensor.serial() == name);
+        ensure!(is_met || ids.is_empty(), "--sensor {name}: no packet of it; there are {}", ids.join(", "));
+    }
+    Ok(())
 }
 
 /// Closes the files and prints.
@@ -141,7 +188,7 @@ fn finish(
     mut document: Document,
     output: Option<Output>,
 ) -> anyhow::Result<Outcome> {
-    if let Some(frames) = args.frames {
+    if let Some(frames) = args.points.frames(args.frames) {
         document.ensure_frames(frames)?;
     }
     if let Some(output) = output {
@@ -150,7 +197,7 @@ fn finish(
     if context.json {
         print_json(&document)?;
     } else {
-        print_text(&document.table())?;
+        print_text(&document.table(args.verbose))?;
     }
     document.notices().iter().for_each(|notice| say_notice(notice));
     Ok(if document.is_data_lost() { Outcome::DataLost } else { Outcome::Done })

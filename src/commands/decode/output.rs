@@ -4,22 +4,26 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use sensors::ouster::ImuSample;
 use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
 
 use super::Args;
 use super::document::WrittenFile;
+use super::placing::Placing;
+use crate::base::files::folder_of;
 use crate::commands::recording::Recording;
 use crate::commands::sensor_ids;
-use crate::recording::export::{Cloud, Export, ExportError, Format, Source, write_bag_metadata};
+use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
 
 /// Point files under way.
 pub struct Output {
     format: Format,
     place: Place,
+    frame: FileFrame,
     force: bool,
+    points: u64,
     sources: HashMap<usize, Arc<Source>>,
     clouds: HashMap<usize, Cloud>,
     ids: Vec<String>,
@@ -61,6 +65,7 @@ impl Output {
         args: &Args,
         format: Option<Format>,
         recording: &Recording,
+        frame: FileFrame,
     ) -> anyhow::Result<Option<Self>> {
         if args.out.as_deref() == Some(Path::new("-")) {
             refuse!(
@@ -83,7 +88,7 @@ impl Output {
         };
         let (out, is_file) = match &args.out {
             Some(out) => (out.clone(), !is_folder_name(out)),
-            None => default_place(recording, format),
+            None => default_place(recording, format, &frame),
         };
         if !is_file && out.exists() && !out.is_dir() {
             bail!("--out {}: there is a file of this name, which cannot be a folder", out.display());
@@ -91,6 +96,17 @@ impl Output {
         if recording.is_read_from(&out) {
             bail!("--out {}: this is the recording itself", out.display());
         }
+        ensure_parent(&out, args)?;
+        let at_m = frame.origin.world_m();
+        ensure!(
+            !frame.is_far() || format.holds_far_points(),
+            "--format {}: the points lie near ({:.0}, {:.0}, {:.0}) m, which its 32 bits hold to half a metre at best; expected las, \
+             laz, e57, ply, csv or npy",
+            format.extension(),
+            at_m.x,
+            at_m.y,
+            at_m.z
+        );
         let bag = !is_file && format == Format::Mcap;
         let place = match is_file || bag {
             true => {
@@ -105,7 +121,9 @@ impl Output {
         Ok(Some(Self {
             format,
             place,
+            frame,
             force: args.force,
+            points: 0,
             sources: HashMap::new(),
             clouds: HashMap::new(),
             ids: Vec::new(),
@@ -121,11 +139,13 @@ impl Output {
         sensor: &Sensor,
         model: &SensorModel,
         frame: &Frame,
-    ) -> Result<(), OutputError> {
+        placing: &mut Placing<'_>,
+    ) -> anyhow::Result<()> {
         let source = self.source(at, sensor);
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
-        self.write(at, number)
+        placing.apply(at, sensor, frame, cloud)?;
+        Ok(self.write(at, number)?)
     }
 
     /// Writes points that a bag holds, the topic's `number`th.
@@ -136,10 +156,11 @@ impl Output {
 
     fn write(&mut self, at: usize, number: u64) -> Result<(), OutputError> {
         let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
+        self.points += cloud.points.len() as u64;
         match &mut self.place {
-            Place::File { path, export, sensor, .. } => {
+            Place::File { path, export, sensor, bag } => {
                 let first = *sensor.get_or_insert(at);
-                if first != at && !self.format.holds_several_sensors() {
+                if first != at && self.frame.name.is_none() && !self.format.holds_several_sensors() {
                     let name =
                         |at: &usize| self.clouds.get(at).map_or(String::new(), |c| c.source.id.clone());
                     return Err(OutputError::Mixed {
@@ -149,7 +170,7 @@ impl Output {
                     });
                 }
                 if export.is_none() {
-                    *export = Some(Export::create(path, self.format, self.force)?);
+                    *export = Some(begin(&self.frame, path, *bag, self.format, self.force)?);
                 }
                 if let Some(export) = export {
                     export.add(&self.clouds[&at])?;
@@ -158,7 +179,7 @@ impl Output {
             Place::Folder(folder) => {
                 let name = format!("{}_{:06}.{}", cloud.source.id, number, self.format.extension());
                 let path = folder.join(name);
-                let mut export = Export::create(&path, self.format, self.force)?;
+                let mut export = begin(&self.frame, &path, true, self.format, self.force)?;
                 export.add(cloud)?;
                 let points = export.finish()?.points;
                 self.files.push(WrittenFile { path: path.display().to_string(), points });
@@ -179,10 +200,10 @@ impl Output {
             return Ok(());
         }
         let source = self.source(at, sensor);
-        if let Place::File { path, export, .. } = &mut self.place {
+        if let Place::File { path, export, bag, .. } = &mut self.place {
             let file = match export {
                 Some(file) => file,
-                None => export.insert(Export::create(path, self.format, self.force)?),
+                None => export.insert(begin(&self.frame, path, *bag, self.format, self.force)?),
             };
             file.add_imu(&source, sample, host_time_ns)?;
         }
@@ -190,15 +211,13 @@ impl Output {
     }
 
     fn source(&mut self, at: usize, sensor: &Sensor) -> Arc<Source> {
-        let mut describe = || Source {
-            id: sensor_ids::next_id(sensor, &mut self.ids),
-            number: at as u16, // the router keeps to a few sensors
-            vendor: sensor.vendor().into(),
-            model: sensor.product(),
-            serial: sensor.serial().into(),
-            timestamp_mode: sensor.timestamp_mode(),
-        };
+        let mut describe = || Source::of(sensor, sensor_ids::next_id(sensor, &mut self.ids), at);
         Arc::clone(self.sources.entry(at).or_insert_with(|| Arc::new(describe())))
+    }
+
+    /// Points that were written so far.
+    pub(crate) fn points(&self) -> u64 {
+        self.points
     }
 
     /// Ends the last file; lists all of them.
@@ -214,6 +233,35 @@ impl Output {
     }
 }
 
+/// Begins a file; `makes_folder`: its folder is part of what was asked for.
+fn begin(
+    frame: &FileFrame,
+    path: &Path,
+    makes_folder: bool,
+    format: Format,
+    force: bool,
+) -> Result<Export, ExportError> {
+    let folder = folder_of(path);
+    if makes_folder && !folder.is_dir() {
+        std::fs::create_dir(folder)
+            .map_err(|error| ExportError::Write { path: folder.to_owned(), cause: error.into() })?;
+    }
+    Export::create_in(frame, path, format, force)
+}
+
+/// The folder in which a file or a folder is to appear is there.
+fn ensure_parent(out: &Path, args: &Args) -> anyhow::Result<()> {
+    let parent = folder_of(out);
+    ensure!(
+        args.out.is_none() || parent.is_dir(),
+        "--out {}: there is no folder {}; make it first (mkdir -p {})",
+        out.display(),
+        parent.display(),
+        parent.display()
+    );
+    Ok(())
+}
+
 /// `FOLDER/FOLDER_0.mcap`, as ROS 2 names the files of a bag.
 fn bag_file_name(folder: &Path) -> String {
     let name = folder.file_name().map_or("bag".into(), |name| name.to_string_lossy());
@@ -226,13 +274,13 @@ fn is_folder_name(out: &Path) -> bool {
 }
 
 /// Beside nothing: in the current folder, named after the recording; and whether it is a file.
-fn default_place(recording: &Recording, format: Format) -> (PathBuf, bool) {
+fn default_place(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
     let name = PathBuf::from(recording.name());
     let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());
     if let Some(inner) = stem.strip_suffix(".pcap").or(stem.strip_suffix(".pcapng")) {
         stem = inner.to_owned(); // of a gzipped file
     }
-    match format.is_per_frame() {
+    match format.is_per_frame() && frame.name.is_none() {
         true => (PathBuf::from(stem), false),
         false => (PathBuf::from(format!("{stem}.{}", format.extension())), true),
     }

@@ -56,13 +56,7 @@ impl Taken<'_> {
 
     /// Where it sat on the body at each time of its sensor's clock, the mount as said but for the pitch.
     pub(crate) fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
-        let (pitch, nominal) = (self.pitch_or(nominal), *nominal);
-        // most axes stand
-        let standing = Mount { pitch_rad: pitch.mean_rad(), ..nominal }.body_from_sensor();
-        move |device_ns| match pitch.is_constant() {
-            true => standing,
-            false => Mount { pitch_rad: pitch.at(device_ns), ..nominal }.body_from_sensor(),
-        }
+        body_from_sensor_over(*nominal, self.pitch_or(nominal))
     }
 
     /// Gives the rig's sensor the beams of its packets.
@@ -71,6 +65,16 @@ impl Taken<'_> {
         if known != self.model {
             *known = self.model.clone();
         }
+    }
+}
+
+/// Where a sensor sits on the body at each time of its clock, ns: as its mount says, but for the pitch.
+pub(crate) fn body_from_sensor_over(nominal: Mount, pitch: FramePitch) -> impl Fn(u64) -> Pose + use<> {
+    // most axes stand
+    let standing = Mount { pitch_rad: pitch.mean_rad(), ..nominal }.body_from_sensor();
+    move |device_ns| match pitch.is_constant() {
+        true => standing,
+        false => Mount { pitch_rad: pitch.at(device_ns), ..nominal }.body_from_sensor(),
     }
 }
 

@@ -20,9 +20,11 @@ use crate::commands::Context;
 use crate::commands::given::{SensorArgs, ensure_named};
 use crate::commands::output;
 use crate::commands::recording::{Recording, ensure_recording};
+use crate::commands::registered::bag_mount;
 use crate::commands::stage::Stage;
 use crate::drive::ServoReport;
 use crate::recording::Session;
+use crate::recording::bags::is_bag_at;
 use crate::recording::packet_reader::PacketReader;
 use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
@@ -114,7 +116,12 @@ impl Recorded {
             Some(said) => Some(MountFile::read(said)?),
             None => session.as_ref().map(Session::mount).transpose()?.flatten(),
         };
-        let Some(mount) = mount else {
+        let (mut in_bag, mut notices) = (None, Vec::new());
+        if mount.is_none() && is_bag_at(path) {
+            let recording = Recording::open(path, sensors)?;
+            in_bag = bag_mount::of_bag(&recording, &mut notices)?;
+        }
+        let Some(mount) = mount.or(in_bag) else {
             // what is no recording at all does not lack a mount; a pipe could be read but once
             if path.is_file() || path.is_dir() {
                 PacketReader::open(path, &path.display().to_string())?;
@@ -123,7 +130,6 @@ impl Recorded {
             return Ok(None);
         };
         let rig = mount.rig()?;
-        let mut notices = Vec::new();
         let source = match session {
             Some(mut session) if sensors.meta.is_empty() => {
                 ensure!(
@@ -131,7 +137,7 @@ impl Recorded {
                     "--model: {} is a session, which names the models of its sensors; give --model to a capture",
                     path.display()
                 );
-                notices = host_clock::settle(&mut session, &rig)?;
+                notices.extend(host_clock::settle(&mut session, &rig)?);
                 let calibrations = sensors.calibrations()?;
                 ensure_meant(&calibrations, &session)?;
                 let Tilts { histories: tilts, notices: not_homed } = tilts(&session, &rig, zeros)?;

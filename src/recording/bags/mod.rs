@@ -36,6 +36,7 @@ pub(crate) use files::{Packed, is_bag, is_bag_at, is_bag_folder, start_of};
 pub use packets::{BagPacket, BagPackets, BagSensor, TopicCount};
 pub(crate) use packets::{metadata_in, names_in, notices_of};
 pub use roles::Role;
+pub(crate) use surroundings::PLATFORM_FRAME;
 pub use surroundings::{FrameTree, RecordedTrajectory, Surroundings};
 
 /// Why a bag cannot be read, or not further. All messages before the place named were handed out.
@@ -62,6 +63,20 @@ pub enum BagError {
         found: String,
         /// What should.
         expected: &'static str,
+    },
+    /// No poses over time, or none of the topic that was asked for.
+    #[error(
+        "{name}: no trajectory{}; expected nav_msgs/Odometry or Path, geometry_msgs poses, or /tf; it has {}",
+        topic.as_ref().map_or(String::new(), |topic| format!(" on {topic}")),
+        if topics.is_empty() { "none".to_owned() } else { topics.join(", ") }
+    )]
+    NoTrajectory {
+        /// The bag.
+        name: String,
+        /// The topic that was asked for.
+        topic: Option<String>,
+        /// Topics with trajectories, and of which frame in which.
+        topics: Vec<String>,
     },
     /// A kind of bag that is not read.
     #[error("{name} is {found}: {instead}")]

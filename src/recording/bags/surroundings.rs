@@ -12,11 +12,11 @@ use super::roles::Role;
 use super::unpack::{ZSTD, unpack_zstd};
 use super::{BagError, BagReader};
 use crate::base::geometry::Pose;
-use crate::recording::export::{Point, place};
+use crate::rig::NamedFrame;
 use crate::world::trajectory::Trajectory;
 
 /// The frame whose poses messages give that do not name it.
-const PLATFORM_FRAME: &str = "base_link";
+pub(crate) const PLATFORM_FRAME: &str = "base_link";
 /// Links between frames that are followed.
 const MOST_LINKS: usize = 32;
 /// Poses of all trajectories of a bag: an hour at 1 kHz of four.
@@ -40,6 +40,35 @@ impl FrameTree {
             }
             _ => drop(self.parents.insert(child.to_owned(), (parent.to_owned(), parent_from_child))),
         }
+    }
+
+    /// Every frame and where it sits in its parent.
+    pub(crate) fn links(&self) -> impl Iterator<Item = NamedFrame> {
+        self.parents.iter().map(|(name, (parent, parent_from_frame))| NamedFrame {
+            name: name.clone(),
+            parent: parent.clone(),
+            parent_from_frame: *parent_from_frame,
+        })
+    }
+
+    /// Whether there is none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.parents.is_empty()
+    }
+
+    /// Whether a frame is one of these.
+    pub(crate) fn holds(&self, frame: &str) -> bool {
+        self.parents.contains_key(frame)
+    }
+
+    /// Whether a frame is one of these, or one that others sit in.
+    pub(crate) fn names(&self, frame: &str) -> bool {
+        self.holds(frame) || self.parents.values().any(|(parent, _)| parent == frame)
+    }
+
+    /// The frame at the end of the chain of parents.
+    pub(crate) fn root_of<'a>(&'a self, frame: &'a str) -> Option<&'a str> {
+        Some(self.root(frame)?.0)
     }
 
     /// The pose of one frame in another; none where no chain of static transforms joins them.
@@ -73,14 +102,6 @@ pub struct RecordedTrajectory {
     pub child: String,
     /// Its poses.
     pub trajectory: Trajectory,
-}
-
-impl RecordedTrajectory {
-    /// Puts points of a frame that sits fixed to the moving one into the frame that stands still, each at its own time; those
-    /// outside of the trajectory's time are taken out and counted.
-    pub fn place(&self, child_from_points: Pose, points: &mut Vec<Point>) -> u64 {
-        place(points, &self.trajectory, &child_from_points, 0)
-    }
 }
 
 /// All of it.
@@ -166,6 +187,35 @@ impl Surroundings {
         };
         found.sort_by_key(|(is_transform, of)| (std::cmp::Reverse(span_ns(&of.trajectory)), *is_transform));
         self.trajectories = found.into_iter().map(|(_, of)| of).collect();
+    }
+
+    /// The trajectory of the platform (of `base_link`, where static transforms lead there) by one topic, or by the one that
+    /// lasts longest; and what was chosen, in words.
+    pub(crate) fn platform_trajectory(
+        self,
+        bag: &Path,
+        topic: Option<&str>,
+    ) -> Result<(Trajectory, Vec<String>), BagError> {
+        let name = bag.display().to_string();
+        let of_topic = |of: &&RecordedTrajectory| topic.is_none_or(|topic| of.topic == topic);
+        let words = |of: &RecordedTrajectory| format!("{} ({} in {})", of.topic, of.child, of.parent);
+        let Some(of) = self.trajectories.iter().find(of_topic) else {
+            let topics = self.trajectories.iter().map(words).collect();
+            return Err(BagError::NoTrajectory { name, topic: topic.map(str::to_owned), topics });
+        };
+        let mut notices = vec![format!("{name}: trajectory of {}", words(of))];
+        let others: Vec<String> =
+            self.trajectories.iter().filter(|other| !std::ptr::eq(*other, of)).map(words).collect();
+        if topic.is_none() && !others.is_empty() {
+            notices.push(format!("{name}: it also has {}; {name}:TOPIC chooses", others.join(", ")));
+        }
+        notices.extend(self.notices);
+        let child_from_platform = self.frames.a_from_b(&of.child, PLATFORM_FRAME);
+        let trajectory = match child_from_platform.filter(|pose| *pose != Pose::IDENTITY) {
+            Some(child_from_platform) => of.trajectory.of_fixed_frame(&child_from_platform),
+            None => of.trajectory.clone(),
+        };
+        Ok((trajectory, notices))
     }
 
     /// The trajectory of a frame: the first whose child sits fixed to it, and how.

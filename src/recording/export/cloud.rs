@@ -5,11 +5,11 @@ use std::sync::Arc;
 use glam::DVec3;
 use sensors::ouster::TimestampMode;
 use sensors::projection::{Projector, sample_time_ns};
+use sensors::router::Sensor;
 use sensors::{Frame, Layer, SensorModel};
 
 use super::scale::{FIRST_DATE_NS, TimeScale};
 use crate::base::geometry::Pose;
-use crate::world::trajectory::Trajectory;
 
 /// Which sensor points come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,10 +28,24 @@ pub struct Source {
     pub timestamp_mode: Option<TimestampMode>,
 }
 
+impl Source {
+    /// A sensor of a recording.
+    pub(crate) fn of(sensor: &Sensor, id: String, number: usize) -> Self {
+        Self {
+            id,
+            number: number as u16, // the router keeps to a few sensors
+            vendor: sensor.vendor().into(),
+            model: sensor.product(),
+            serial: sensor.serial().into(),
+            timestamp_mode: sensor.timestamp_mode(),
+        }
+    }
+}
+
 /// One return of one firing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// In the sensor frame, m.
+    /// In the frame of its cloud, m.
     pub position_m: DVec3,
     /// As measured, mm.
     pub range_mm: u32,
@@ -60,24 +74,19 @@ pub struct Echo {
     pub of: u8,
 }
 
-/// Moves points, each by the pose at its own time and so many ns; how many had none and are left out.
-pub(crate) fn place(
-    points: &mut Vec<Point>,
-    trajectory: &Trajectory,
-    body_from_points: &Pose,
-    shift_ns: u64,
-) -> u64 {
+/// Moves points into another frame, each by the pose at its own time (ns, the sensor's clock); how many had none and are
+/// left out.
+pub(crate) fn place(points: &mut Vec<Point>, to_from_points: impl Fn(u64) -> Option<Pose>) -> u64 {
     let count = points.len();
     let mut last: Option<(u64, Option<Pose>)> = None; // the points of a column have one time
     points.retain_mut(|point| {
-        let time_ns = point.time_ns.wrapping_add(shift_ns);
         let pose = match last {
-            Some((at_ns, pose)) if at_ns == time_ns => pose,
-            _ => trajectory.at(time_ns).map(|world_from_body| world_from_body * *body_from_points),
+            Some((at_ns, pose)) if at_ns == point.time_ns => pose,
+            _ => to_from_points(point.time_ns),
         };
-        last = Some((time_ns, pose));
-        let Some(world_from_points) = pose else { return false };
-        point.position_m = world_from_points.transform_point(point.position_m);
+        last = Some((point.time_ns, pose));
+        let Some(pose) = pose else { return false };
+        point.position_m = pose.transform_point(point.position_m);
         true
     });
     (count - points.len()) as u64
@@ -95,6 +104,8 @@ pub struct Cloud {
     pub host_time_ns: u64,
     /// In order of columns, then channels, then returns.
     pub points: Vec<Point>,
+    /// The frame that the points are in, where that is not their sensor's own.
+    pub(crate) points_in: Option<&'static str>,
     scale: Option<TimeScale>,
     rings: Vec<u16>,
     placer: Option<Placer>,
@@ -110,6 +121,7 @@ impl Cloud {
             start_time_ns: 0,
             host_time_ns: 0,
             points: Vec::new(),
+            points_in: None,
             scale: None,
             rings,
             placer: Some(Placer::new(model)),
@@ -130,6 +142,7 @@ impl Cloud {
             start_time_ns,
             host_time_ns,
             points,
+            points_in: None,
             scale: None,
             rings: Vec::new(),
             placer: None,
@@ -139,6 +152,7 @@ impl Cloud {
     /// Replaces the points by those of a frame.
     pub fn fill(&mut self, model: &SensorModel, frame: &Frame) {
         self.points.clear();
+        self.points_in = None;
         // an HDL-64E may say on the way how its beams lie
         self.rings = rings(&self.source, model);
         self.frame_id = frame.frame_id;
@@ -151,6 +165,11 @@ impl Cloud {
             self.fill_layer(model, frame, second, 2);
             self.points.sort_by_key(|point| (point.column, point.ring, point.return_number));
         }
+    }
+
+    /// The frame of the points, for a message header.
+    pub(crate) fn frame_name(&self) -> &str {
+        self.points_in.unwrap_or(&self.source.id)
     }
 
     /// Time for a message header, ns since 1970.

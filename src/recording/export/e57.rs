@@ -12,11 +12,13 @@ use crate::base::files::hexadecimal;
 pub(super) struct E57Writer {
     writer: Writer<File>,
     scans: u64,
+    is_wide: bool,
 }
 
 impl E57Writer {
-    pub(super) fn new(file: File) -> Result<Self, Cause> {
-        Ok(Self { writer: Writer::new(file, &guid(b"outrigger file"))?, scans: 0 })
+    /// `is_wide`: coordinates of 64 bits, for points far from the origin.
+    pub(super) fn new(file: File, is_wide: bool) -> Result<Self, Cause> {
+        Ok(Self { writer: Writer::new(file, &guid(b"outrigger file"))?, scans: 0, is_wide })
     }
 }
 
@@ -29,7 +31,10 @@ impl CloudWriter for E57Writer {
         let rings = cloud.points.iter().map(|point| i64::from(point.ring)).max().unwrap_or(0);
         let intensity = cloud.points.iter().map(|point| point.intensity).fold(0.0_f32, f32::max);
         let whole = |max| RecordDataType::Integer { min: 0, max };
-        let metres = RecordDataType::Single { min: None, max: None };
+        let metres = match self.is_wide {
+            true => RecordDataType::Double { min: None, max: None },
+            false => RecordDataType::Single { min: None, max: None },
+        };
         let prototype = vec![
             Record { name: RecordName::CartesianX, data_type: metres.clone() },
             Record { name: RecordName::CartesianY, data_type: metres.clone() },
@@ -57,11 +62,15 @@ impl CloudWriter for E57Writer {
         let gps_time = gps_ns(cloud.stamp_ns(), cloud.scale()) as f64 * 1e-9;
         scan.set_acquisition_start(Some(DateTime { gps_time, atomic_reference: false }));
         for (point, echo) in cloud.echoes() {
-            let position = point.position_m.as_vec3();
+            let metres = |value: f64| match self.is_wide {
+                true => RecordValue::Double(value),
+                false => RecordValue::Single(value as f32),
+            };
+            let [x, y, z] = point.position_m.to_array().map(metres);
             scan.add_point(vec![
-                RecordValue::Single(position.x),
-                RecordValue::Single(position.y),
-                RecordValue::Single(position.z),
+                x,
+                y,
+                z,
                 RecordValue::Single(point.intensity),
                 RecordValue::Integer(i64::from(point.ring)),
                 RecordValue::Integer(i64::from(point.column)),

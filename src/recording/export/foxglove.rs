@@ -49,7 +49,7 @@ const STRIDE: usize = 30;
 pub(crate) fn points(cloud: &Cloud) -> Result<Vec<u8>, Cause> {
     let message = PointCloud {
         timestamp: Some(timestamp(cloud.stamp_ns())?),
-        frame_id: cloud.source.id.clone(),
+        frame_id: cloud.frame_name().to_owned(),
         pose: Some(pose(&Pose::IDENTITY)),
         point_stride: STRIDE as u32,
         fields: FIELDS.map(field).into(),

@@ -8,7 +8,7 @@ use las::{Builder, GpsTimeType, Header, Point, Transform, Vector, Version, Vlr, 
 
 use super::gps::{gps_ns, year_and_day};
 use super::sink::{Failure, Sink};
-use super::{Cause, Cloud, CloudWriter};
+use super::{Cause, Cloud, CloudWriter, FileFrame};
 
 /// Steps of stored coordinates, m: a tenth of what sensors resolve; 32 bits reach 214 km with it.
 const STEP_M: f64 = 1e-4;
@@ -21,18 +21,19 @@ pub(super) struct LasWriter {
     sink: Option<Sink>,
     writer: Option<Writer<Sink>>,
     compressed: bool,
+    frame: FileFrame,
     failure: Failure,
 }
 
 impl LasWriter {
-    pub(super) fn new(file: File, compressed: bool) -> Self {
+    pub(super) fn new(file: File, compressed: bool, frame: FileFrame) -> Self {
         let (sink, failure) = Sink::new(file);
-        Self { sink: Some(sink), writer: None, compressed, failure }
+        Self { sink: Some(sink), writer: None, compressed, frame, failure }
     }
 
     fn begin(&mut self, day: Option<(u16, u16)>) -> Result<(), Cause> {
         if let Some(sink) = self.sink.take() {
-            self.writer = Some(Writer::new(sink, header(day, self.compressed)?)?);
+            self.writer = Some(Writer::new(sink, header(day, self.compressed, &self.frame)?)?);
         }
         Ok(())
     }
@@ -72,11 +73,12 @@ impl CloudWriter for LasWriter {
     }
 }
 
-fn header(day: Option<(u16, u16)>, compressed: bool) -> Result<Header, Cause> {
+fn header(day: Option<(u16, u16)>, compressed: bool, frame: &FileFrame) -> Result<Header, Cause> {
     let mut format = Format::new(6)?;
     format.extra_bytes = 2;
     format.is_compressed = compressed;
-    let axis = Transform { scale: STEP_M, offset: 0.0 };
+    let axis = |offset| Transform { scale: STEP_M, offset };
+    let [x, y, z] = frame.origin.world_m().to_array().map(axis);
     let (file_creation_year, file_creation_day_of_year) = day.unwrap_or_default();
     let mut builder = Builder::new(raw::Header {
         file_creation_year,
@@ -86,11 +88,15 @@ fn header(day: Option<(u16, u16)>, compressed: bool) -> Result<Header, Cause> {
     builder.version = Version::new(1, 4);
     builder.gps_time_type = GpsTimeType::Standard;
     builder.point_format = format;
-    builder.transforms = Vector { x: axis, y: axis, z: axis };
+    builder.transforms = Vector { x, y, z };
     builder.generating_software = concat!("outrigger ", env!("CARGO_PKG_VERSION")).into();
-    builder.system_identifier = "LiDAR, sensor frame".into();
+    builder.system_identifier = format!("LiDAR, {} frame", frame.name.unwrap_or("sensor"));
     builder.vlrs = vec![ring_dimension()];
-    Ok(builder.into_header()?)
+    let mut header = builder.into_header()?;
+    if let Some(wkt) = &frame.wkt {
+        header.set_wkt_crs(format!("{wkt}\0").into_bytes())?; // the specification asks for a string that ends in 0
+    }
+    Ok(header)
 }
 
 /// Describes the two extra bytes of every point (specification, "Extra Bytes").

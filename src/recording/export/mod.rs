@@ -1,7 +1,7 @@
 //! Point files: PCD, PLY, CSV, NumPy, LAS/LAZ, E57 and MCAP.
 //!
 //! A file appears under its name only when it is whole. Coordinates are metres in the sensor frame (x forward, y left,
-//! z up). `t` is the time since the frame's first column in nanoseconds, `timestamp` the device clock in seconds; LAS
+//! z up), or in the rig's or the world's where a cloud was moved there. `t` is the time since the frame's first column in nanoseconds, `timestamp` the device clock in seconds; LAS
 //! and E57 have GPS time.
 
 mod bag;
@@ -21,6 +21,7 @@ mod npy;
 mod pcd;
 mod ply;
 mod record;
+mod reference_system;
 mod scale;
 #[cfg(any(feature = "mcap", feature = "survey"))]
 mod sink;
@@ -35,12 +36,15 @@ use sensors::ouster::ImuSample;
 #[cfg(not(all(feature = "mcap", feature = "survey")))]
 use crate::base::features::left_out;
 use crate::base::files;
+use crate::world::local_origin::LocalOrigin;
 
 use record::RecordWriter;
 
 pub use bag::write_metadata as write_bag_metadata;
 pub(crate) use cloud::place;
 pub use cloud::{Cloud, Echo, Placer, Point, Source};
+pub(crate) use reference_system::ReferenceSystem;
+pub(crate) use scale::FIRST_DATE_NS;
 pub use scale::TimeScale;
 
 /// A file format for points.
@@ -92,9 +96,37 @@ impl Format {
         !matches!(self, Self::Pcd | Self::Ply)
     }
 
+    /// Whether it has coordinates of 64 bits where points lie far from the origin.
+    pub(crate) fn holds_far_points(self) -> bool {
+        !matches!(self, Self::Pcd | Self::Mcap | Self::Foxglove)
+    }
+
+    /// Whether it says which coordinate reference system its points are in.
+    pub(crate) fn holds_reference_system(self) -> bool {
+        matches!(self, Self::Las | Self::Laz)
+    }
+
     /// Whether users expect one file per frame.
     pub(crate) fn is_per_frame(self) -> bool {
         matches!(self, Self::Pcd | Self::Ply)
+    }
+}
+
+/// The frame that the points of a file are in.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FileFrame {
+    /// Its name; none where points are in their sensor's own frame.
+    pub name: Option<&'static str>,
+    /// Whole metres near the points, where these lie far from the origin.
+    pub origin: LocalOrigin,
+    /// Its coordinate reference system as well-known text.
+    pub wkt: Option<String>,
+}
+
+impl FileFrame {
+    /// Whether 32 bits are too few for its coordinates.
+    pub(crate) fn is_far(&self) -> bool {
+        self.origin != LocalOrigin::default()
     }
 }
 
@@ -193,14 +225,23 @@ pub struct Export {
 impl Export {
     /// Begins a file; it appears under its name when [`Export::finish`] returns.
     pub fn create(path: &Path, format: Format, overwrite: bool) -> Result<Self, ExportError> {
+        Self::create_in(&FileFrame::default(), path, format, overwrite)
+    }
+
+    /// The same for points of a frame.
+    pub(crate) fn create_in(
+        frame: &FileFrame,
+        path: &Path,
+        format: Format,
+        overwrite: bool,
+    ) -> Result<Self, ExportError> {
         let refuse = |cause: Cause| ExportError::Write { path: path.to_owned(), cause };
         if !overwrite && path.exists() {
             return Err(ExportError::Exists { path: path.to_owned() });
         }
-        std::fs::create_dir_all(files::folder_of(path)).map_err(|error| refuse(error.into()))?;
         let temporary = files::temporary_near(path).map_err(|error| refuse(error.into()))?;
         let file = temporary.as_file().try_clone().map_err(|error| refuse(error.into()))?;
-        let writer = writer(format, file).map_err(refuse)?;
+        let writer = writer(format, file, frame).map_err(refuse)?;
         Ok(Self { path: path.to_owned(), temporary, writer, overwrite, points: 0 })
     }
 
@@ -242,18 +283,18 @@ impl Export {
     }
 }
 
-fn writer(format: Format, file: File) -> Result<Box<dyn CloudWriter>, Cause> {
+fn writer(format: Format, file: File, frame: &FileFrame) -> Result<Box<dyn CloudWriter>, Cause> {
     Ok(match format {
-        Format::Pcd => Box::new(RecordWriter::new(file, pcd::header)?),
-        Format::Ply => Box::new(RecordWriter::new(file, ply::header)?),
+        Format::Pcd => Box::new(RecordWriter::new(file, pcd::header, false)?),
+        Format::Ply => Box::new(RecordWriter::new(file, ply::header, frame.is_far())?),
         Format::Csv => Box::new(csv::CsvWriter::new(file)?),
         Format::Npy => Box::new(npy::NpyWriter::new(file)?),
         #[cfg(feature = "survey")]
-        Format::Las => Box::new(las::LasWriter::new(file, false)),
+        Format::Las => Box::new(las::LasWriter::new(file, false, frame.clone())),
         #[cfg(feature = "survey")]
-        Format::Laz => Box::new(las::LasWriter::new(file, true)),
+        Format::Laz => Box::new(las::LasWriter::new(file, true, frame.clone())),
         #[cfg(feature = "survey")]
-        Format::E57 => Box::new(e57::E57Writer::new(file)?),
+        Format::E57 => Box::new(e57::E57Writer::new(file, frame.is_far())?),
         #[cfg(feature = "mcap")]
         Format::Mcap => Box::new(mcap::McapWriter::new(file, mcap::Dialect::Ros2)?),
         #[cfg(feature = "mcap")]

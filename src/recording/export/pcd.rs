@@ -3,7 +3,7 @@
 use super::record::{BYTES, FIELDS, Field};
 
 /// The header has the same length whatever the count: a comment fills it up.
-pub(super) fn header(points: u64) -> String {
+pub(super) fn header(points: u64, _: bool) -> String {
     let list = |of: &dyn Fn(&Field) -> String| FIELDS.iter().map(of).collect::<Vec<_>>().join(" ");
     let fill = "-".repeat(2 * (20 - points.to_string().len()));
     debug_assert_eq!(FIELDS.iter().map(|(_, _, size, _)| size).sum::<usize>(), BYTES);

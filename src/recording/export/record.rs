@@ -23,6 +23,8 @@ pub(super) const FIELDS: [Field; 9] = [
 
 /// Bytes of one record.
 pub(super) const BYTES: usize = 32;
+/// Of these, those of the coordinates.
+const COORDINATES: usize = 12;
 
 /// One point, in the order of [`FIELDS`], little-endian.
 pub(super) fn bytes(cloud: &Cloud, point: &Point) -> [u8; BYTES] {
@@ -48,22 +50,35 @@ pub(super) fn seconds(time_ns: u64) -> f64 {
 /// has the same length whatever the count.
 pub(super) struct RecordWriter {
     file: BufWriter<File>,
-    header: fn(u64) -> String,
+    header: Header,
+    is_wide: bool,
     points: u64,
 }
 
+/// The header of a file of so many points, with coordinates of 64 bits or of 32.
+type Header = fn(u64, bool) -> String;
+
 impl RecordWriter {
-    pub(super) fn new(file: File, header: fn(u64) -> String) -> Result<Self, Cause> {
+    /// `is_wide`: coordinates of 64 bits, for points far from the origin.
+    pub(super) fn new(file: File, header: Header, is_wide: bool) -> Result<Self, Cause> {
         let mut file = BufWriter::new(file);
-        file.write_all(header(0).as_bytes())?;
-        Ok(Self { file, header, points: 0 })
+        file.write_all(header(0, is_wide).as_bytes())?;
+        Ok(Self { file, header, is_wide, points: 0 })
     }
 }
 
 impl CloudWriter for RecordWriter {
     fn add(&mut self, cloud: &Cloud) -> Result<(), Cause> {
         for point in &cloud.points {
-            self.file.write_all(&bytes(cloud, point))?;
+            let record = bytes(cloud, point);
+            if !self.is_wide {
+                self.file.write_all(&record)?;
+                continue;
+            }
+            for coordinate_m in point.position_m.to_array() {
+                self.file.write_all(&coordinate_m.to_le_bytes())?;
+            }
+            self.file.write_all(&record[COORDINATES..])?;
         }
         self.points += cloud.points.len() as u64;
         Ok(())
@@ -72,6 +87,6 @@ impl CloudWriter for RecordWriter {
     fn close(self: Box<Self>) -> Result<(), Cause> {
         let mut file = flush(self.file)?;
         file.seek(SeekFrom::Start(0))?;
-        Ok(file.write_all((self.header)(self.points).as_bytes())?)
+        Ok(file.write_all((self.header)(self.points, self.is_wide).as_bytes())?)
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use sensors::ouster::TimestampMode;
 
 /// Stamps before this are no dates: 2000-01-01 in ns since 1970. A sensor without a time source counts from power-on.
-pub(super) const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
+pub(crate) const FIRST_DATE_NS: u64 = 946_684_800_000_000_000;
 /// TAI is ahead of UTC by this since 2017 (IERS Bulletin C).
 const TAI_AHEAD_S: f64 = 37.0;
 /// Hosts without a time source are off by less than this.

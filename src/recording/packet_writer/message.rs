@@ -1,5 +1,7 @@
 //! Messages that hold packets, as ROS 1 and ROS 2 write them, with their definitions.
 
+use crate::rig::NamedFrame;
+
 /// How messages are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Dialect {
@@ -16,6 +18,8 @@ pub(super) enum Kind {
     Scan,
     /// Metadata as text.
     Text,
+    /// Frames and where they sit.
+    Transforms,
 }
 
 const LINE: &str = "================================================================================\n";
@@ -29,6 +33,7 @@ impl Kind {
             Self::Packet => "ouster_ros/PacketMsg",
             Self::Scan => "velodyne_msgs/VelodyneScan",
             Self::Text => "std_msgs/String",
+            Self::Transforms => "tf2_msgs/TFMessage",
         }
     }
 
@@ -38,6 +43,7 @@ impl Kind {
             Self::Packet => "ouster_sensor_msgs/msg/PacketMsg",
             Self::Scan => "velodyne_msgs/msg/VelodyneScan",
             Self::Text => "std_msgs/msg/String",
+            Self::Transforms => "tf2_msgs/msg/TFMessage",
         }
     }
 
@@ -47,6 +53,7 @@ impl Kind {
             Self::Packet => "4f7b5949e76f86d01e96b0e33ba9b5e3",
             Self::Scan => "50804fc9533a0e579e6322c04ae70566",
             Self::Text => "992ce8a1687cec8c8bd883ec73ca41d1",
+            Self::Transforms => "94810edda583a504dfda3829e70d7eec",
         }
     }
 
@@ -62,6 +69,20 @@ impl Kind {
         match self {
             Self::Packet => PACKET.into(),
             Self::Text => TEXT.into(),
+            Self::Transforms => {
+                let mut text = format!(
+                    "geometry_msgs/TransformStamped[] transforms\n{LINE}MSG: geometry_msgs/TransformStamped\n{header}\
+                     string child_frame_id\ngeometry_msgs/Transform transform\n{LINE}MSG: std_msgs/Header\n{time}{LINE}\
+                     MSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n{LINE}\
+                     MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n{LINE}\
+                     MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+                );
+                if dialect == Dialect::Ros2 {
+                    text += LINE;
+                    text += "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
+                }
+                text
+            }
             Self::Scan => {
                 let mut text = format!(
                     "{header}VelodynePacket[] packets\n{LINE}MSG: std_msgs/Header\n{time}{LINE}MSG: velodyne_msgs/VelodynePacket\n\
@@ -100,6 +121,13 @@ impl Message {
         self.bytes.extend(value.to_le_bytes());
     }
 
+    fn f64(&mut self, value: f64) {
+        if self.dialect == Dialect::Ros2 {
+            self.bytes.resize((self.bytes.len() - 4).next_multiple_of(8) + 4, 0);
+        }
+        self.bytes.extend(value.to_le_bytes());
+    }
+
     fn time(&mut self, time_ns: u64) {
         self.u32((time_ns / 1_000_000_000) as u32); // till 2106
         self.u32((time_ns % 1_000_000_000) as u32);
@@ -126,6 +154,27 @@ impl Message {
     pub fn text(dialect: Dialect, text: &str) -> Vec<u8> {
         let mut message = Self::new(dialect);
         message.string(text);
+        message.bytes
+    }
+
+    /// Frames and where they sit in their parents.
+    pub fn transforms(dialect: Dialect, time_ns: u64, frames: &[NamedFrame]) -> Vec<u8> {
+        let mut message = Self::new(dialect);
+        message.u32(frames.len() as u32); // of few sensors
+        for NamedFrame { name, parent, parent_from_frame } in frames {
+            if dialect == Dialect::Ros1 {
+                message.u32(0);
+            }
+            message.time(time_ns);
+            message.string(parent);
+            message.string(name);
+            let (translation_m, rotation) = (parent_from_frame.translation_m, parent_from_frame.rotation);
+            translation_m
+                .to_array()
+                .into_iter()
+                .chain(rotation.to_array())
+                .for_each(|value| message.f64(value));
+        }
         message.bytes
     }
 

@@ -18,6 +18,7 @@ use tempfile::NamedTempFile;
 
 use self::message::{Dialect, Kind, Message};
 use crate::base::files;
+use crate::rig::NamedFrame;
 
 /// What a writer says went wrong.
 type Cause = Box<dyn std::error::Error + Send + Sync>;
@@ -117,6 +118,12 @@ impl PacketWriter {
         messages.add_metadata(sensor, time_ns, text).map_err(|cause| self.error(cause))
     }
 
+    /// Puts where frames sit before the packets, where the format has a place for it.
+    pub fn add_transforms(&mut self, time_ns: u64, frames: &[NamedFrame]) -> Result<(), PacketWriteError> {
+        let Sink::Messages(messages) = &mut self.sink else { return Ok(()) };
+        messages.add_transforms(time_ns, frames).map_err(|cause| self.error(cause))
+    }
+
     /// Adds a packet of a sensor.
     pub fn write(&mut self, sensor: &str, packet: &Packet<'_>) -> Result<(), PacketWriteError> {
         let outcome = match &mut self.sink {
@@ -171,7 +178,10 @@ impl Messages {
     }
 
     fn topic(&mut self, sensor: &str, what: &str, kind: Kind) -> Result<u32, Cause> {
-        let name = TopicName(format!("/{}/{what}", namespace(sensor)));
+        self.topic_called(TopicName(format!("/{}/{what}", namespace(sensor))), kind)
+    }
+
+    fn topic_called(&mut self, name: TopicName, kind: Kind) -> Result<u32, Cause> {
         if let Some(topic) = self.topics.get(&name) {
             return Ok(*topic);
         }
@@ -183,6 +193,11 @@ impl Messages {
     fn add_metadata(&mut self, sensor: &str, time_ns: u64, text: &str) -> Result<(), Cause> {
         let topic = self.topic(sensor, "metadata", Kind::Text)?;
         self.sink.write(topic, time_ns, &Message::text(self.sink.dialect(), text))
+    }
+
+    fn add_transforms(&mut self, time_ns: u64, frames: &[NamedFrame]) -> Result<(), Cause> {
+        let topic = self.topic_called(TopicName("/tf_static".into()), Kind::Transforms)?;
+        self.sink.write(topic, time_ns, &Message::transforms(self.sink.dialect(), time_ns, frames))
     }
 
     fn write(&mut self, sensor: &str, packet: &Packet<'_>) -> Result<(), Cause> {

@@ -143,7 +143,7 @@ impl<W: Write + Seek + Send> MessageSink for Ros1Writer<W> {
     fn add_topic(&mut self, topic: &TopicName, kind: Kind) -> Result<u32, super::Cause> {
         let id = self.connections.len() as u32; // of few sensors
         let header = fields(&[("op", &[7]), ("conn", &id.to_le_bytes()), ("topic", topic.0.as_bytes())]);
-        let is_latched: &[u8] = if kind == Kind::Text { b"1" } else { b"0" };
+        let is_latched: &[u8] = if matches!(kind, Kind::Text | Kind::Transforms) { b"1" } else { b"0" };
         let data = fields(&[
             ("topic", topic.0.as_bytes()),
             ("type", kind.ros1_name().as_bytes()),

@@ -60,17 +60,10 @@ impl Packer {
         number: usize,
         placement: Option<&Placement>,
     ) -> Vec<u8> {
-        let cloud = self.clouds.entry(at).or_insert_with(|| {
-            let source = Source {
-                id: String::new(),
-                number: at as u16,
-                vendor: sensor.vendor().to_owned(),
-                model: sensor.product(),
-                serial: sensor.serial().to_owned(),
-                timestamp_mode: sensor.timestamp_mode(),
-            };
-            Cloud::new(Arc::new(source), model)
-        });
+        let cloud = self
+            .clouds
+            .entry(at)
+            .or_insert_with(|| Cloud::new(Arc::new(Source::of(sensor, String::new(), at)), model));
         cloud.fill(model, frame);
         let all = cloud.points.len();
         if let Some(placement) = placement {
@@ -116,6 +109,7 @@ fn into_world(cloud: &mut Cloud, placement: &Placement) {
     // a sensor that counts from power-on is dated by the host
     let is_dated = (first_ns..=last_ns).contains(&cloud.start_time_ns);
     let shift_ns = if is_dated { 0 } else { cloud.host_time_ns.wrapping_sub(cloud.start_time_ns) };
-    place(&mut cloud.points, &world.trajectory, &body_from_sensor, shift_ns);
+    let pose = |time_ns: u64| world.trajectory.at(time_ns.wrapping_add(shift_ns));
+    place(&mut cloud.points, |time_ns| Some(pose(time_ns)? * body_from_sensor));
     cloud.points.iter_mut().for_each(|point| point.position_m -= world.origin_m);
 }

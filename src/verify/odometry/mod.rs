@@ -40,6 +40,8 @@ const MOST_HALVED: usize = 3;
 const LEAST_LAID: usize = 4000;
 /// The same before it is added to the map.
 const MAPPED: f64 = 0.5;
+/// Before the first sweep and after the last the body is taken to go on as it did for so long, ns: two revolutions.
+const LONGEST_REST_NS: u64 = 200_000_000;
 /// Sweeps after which the map forgets what is out of reach.
 const FORGET_EVERY: usize = 16;
 
@@ -111,7 +113,7 @@ impl Motion {
     }
 }
 
-/// Sweeps go in, a way comes out. The world is the body at the middle of the first sweep until `Odometry::finish`
+/// Sweeps go in, a way comes out. The world is the body at the middle of the first sweep until `Odometry::finish_over`
 /// moves it to the body at its start.
 pub struct Odometry {
     settings: Settings,
@@ -223,14 +225,18 @@ impl Odometry {
         self.take(&sweep, &aligned, &guess);
     }
 
-    /// The way.
+    /// The trajectory. Where the recording begins before the first sweep and ends after the last, as with parts of a
+    /// revolution, the body is taken to have moved on as it did; `recorded_ns`: first and last firing.
     ///
     /// # Errors
     /// Fewer than two sweeps with returns, or a second one that does not fit the first.
-    pub(crate) fn finish(self) -> Result<Walked, OdometryError> {
+    pub(crate) fn finish_over(self, recorded_ns: Option<[u64; 2]>) -> Result<Walked, OdometryError> {
         let (Some(map), Some([start_ns, end_ns])) = (self.map, self.span_ns) else {
             return Err(OdometryError::TooFew { sweeps: 0 });
         };
+        let [begun_ns, ended_ns] = recorded_ns.unwrap_or([start_ns, end_ns]);
+        let start_ns = begun_ns.clamp(start_ns.saturating_sub(LONGEST_REST_NS), start_ns);
+        let end_ns = (ended_ns + 1).clamp(end_ns, end_ns + LONGEST_REST_NS);
         let [(first_ns, first), (second_ns, second), ..] = self.poses[..] else {
             return Err(match self.problems.into_iter().next() {
                 Some(reason) => OdometryError::Lost { reason },

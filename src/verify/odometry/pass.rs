@@ -10,6 +10,8 @@ pub(crate) struct OdometryPass {
     sweeps: Sweeps,
     odometry: Odometry,
     revolutions_ns: Vec<u64>,
+    /// Of the first and the last firing of any sensor.
+    span_ns: Option<[u64; 2]>,
 }
 
 impl OdometryPass {
@@ -18,6 +20,7 @@ impl OdometryPass {
             sweeps: Sweeps::new(sensors, limits),
             odometry: Odometry::new(settings),
             revolutions_ns: Vec::new(),
+            span_ns: None,
         }
     }
 
@@ -29,8 +32,16 @@ impl OdometryPass {
         body_from_sensor: &dyn Fn(u64) -> Pose,
         frame: &Frame,
     ) {
-        if let Some([first_ns, _]) = frame.time_span_ns().filter(|_| sensor == 0) {
-            self.revolutions_ns.push(first_ns);
+        if let Some([first_ns, last_ns]) = frame.time_span_ns().filter(|_| sensor == 0) {
+            self.revolutions_ns.push(first_ns + (last_ns - first_ns) / 2);
+        }
+        if let Some([first_ns, last_ns]) = frame.time_span_ns() {
+            let fired_ns = model.beams().iter().map(|beam| beam.fire_offset_ns.round() as i64);
+            let (least_ns, most_ns) =
+                fired_ns.fold((0, 0), |(least, most), at| (at.min(least), at.max(most)));
+            let span_ns = [first_ns.saturating_add_signed(least_ns), last_ns.saturating_add_signed(most_ns)];
+            let known_ns = self.span_ns.unwrap_or(span_ns);
+            self.span_ns = Some([known_ns[0].min(span_ns[0]), known_ns[1].max(span_ns[1])]);
         }
         self.sweeps.add_frame(sensor, model, body_from_sensor, frame);
         while let Some(sweep) = self.sweeps.next_whole() {
@@ -38,10 +49,10 @@ impl OdometryPass {
         }
     }
 
-    /// The result, and when every revolution of the first sensor began, ns.
+    /// The result, and the middle of every revolution of the first sensor, ns.
     ///
     /// # Errors
-    /// Those of [`Odometry::finish`].
+    /// Those of [`Odometry::finish_over`].
     pub(crate) fn finish(mut self, losses: &mut Vec<String>) -> Result<(Walked, Vec<u64>), OdometryError> {
         while let Some(sweep) = self.sweeps.next_rest() {
             self.odometry.add(sweep);
@@ -53,7 +64,7 @@ impl OdometryPass {
                  they were left out"
             ));
         }
-        Ok((self.odometry.finish()?, self.revolutions_ns))
+        Ok((self.odometry.finish_over(self.span_ns)?, self.revolutions_ns))
     }
 }
 

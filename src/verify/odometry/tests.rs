@@ -35,7 +35,7 @@ fn walked(model: &str, pitches_deg: &[f64], scene: BoxScene, walk: &Trajectory, 
     });
     let mut odometry = Odometry::new(Settings::default());
     sweeps.into_iter().for_each(|sweep| odometry.add(sweep));
-    odometry.finish().unwrap()
+    odometry.finish_over(None).unwrap()
 }
 
 /// Greatest distance and angle from the truth, m and degrees, both laid together at the start.
@@ -120,14 +120,14 @@ fn too_little_is_an_error_and_a_hole_is_told() {
         end_ns: (turn + 1) * 100_000_000,
         points: vec![SweepPoint { time_ns: turn * 100_000_000, body_m: DVec3::splat(1.0) }; points],
     };
-    let said = Odometry::new(Settings::default()).finish().unwrap_err().to_string();
+    let said = Odometry::new(Settings::default()).finish_over(None).unwrap_err().to_string();
     assert!(said.starts_with("0 revolutions"), "{said}");
     let mut one = Odometry::new(Settings::default());
     one.add(sweep(0, 1000));
-    assert!(one.finish().unwrap_err().to_string().starts_with("1 revolutions"));
+    assert!(one.finish_over(None).unwrap_err().to_string().starts_with("1 revolutions"));
     let mut empty = Odometry::new(Settings::default());
     empty.add(sweep(0, 1000));
     empty.add(sweep(1, 3));
-    let said = empty.finish().unwrap_err().to_string();
+    let said = empty.finish_over(None).unwrap_err().to_string();
     assert!(said.contains("holds 3 returns"), "{said}");
 }

@@ -55,6 +55,21 @@ impl Trajectory {
         Ok(Self { time_ns, world_from_body })
     }
 
+    /// From the poses in the middle of revolutions: before the first of them and after the last the body moves as it does next
+    /// to them.
+    pub(crate) fn of_revolutions(mut stamped: Vec<(u64, Pose)>) -> Result<Self, TrajectoryError> {
+        if let [(first_ns, first), (second_ns, second), ..] = stamped[..]
+            && let [.., (before_ns, before), (last_ns, last)] = stamped[..]
+        {
+            stamped.push((2 * last_ns - before_ns, last * (before.inverse() * last)));
+            let begun_ns = (2 * first_ns).checked_sub(second_ns).filter(|begun_ns| *begun_ns < first_ns);
+            if let Some(begun_ns) = begun_ns {
+                stamped.insert(0, (begun_ns, first * (second.inverse() * first)));
+            }
+        }
+        Self::new(stamped)
+    }
+
     /// A straight walk at constant speed (m/s > 0) that keeps the orientation of its direction: body x along it.
     pub fn straight(from_m: DVec3, to_m: DVec3, speed_m_s: f64, start_ns: u64) -> Self {
         let step_m = to_m - from_m;
@@ -87,6 +102,12 @@ impl Trajectory {
         let span = (self.time_ns[after] - self.time_ns[before]) as f64;
         let share = (time_ns - self.time_ns[before]) as f64 / span;
         Some(self.world_from_body[before].interpolate(&self.world_from_body[after], share))
+    }
+
+    /// The poses of a frame that sits fixed to the body.
+    pub(crate) fn of_fixed_frame(&self, body_from_frame: &Pose) -> Self {
+        let world_from_body = self.world_from_body.iter().map(|pose| *pose * *body_from_frame).collect();
+        Self { time_ns: self.time_ns.clone(), world_from_body }
     }
 
     /// The same poses, moved.

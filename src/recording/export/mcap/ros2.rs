@@ -69,7 +69,7 @@ pub(super) fn points(cloud: &Cloud) -> Result<Vec<u8>, Cause> {
     let points = u32::try_from(cloud.points.len())?;
     let bytes = points.checked_mul(step).ok_or("more points than a message can hold")?;
     let mut cdr = Cdr::new();
-    header(&mut cdr, &cloud.source, cloud.stamp_ns());
+    header(&mut cdr, cloud.frame_name(), cloud.stamp_ns());
     cdr.u32(1); // height: a list, not a picture
     cdr.u32(points);
     cdr.u32(fields.len() as u32);
@@ -118,7 +118,7 @@ fn append(cloud: &Cloud, point: &Point, velodyne: bool, out: &mut Vec<u8>) {
 /// An `Imu`. A covariance that begins with -1 says that orientation is not measured; zeros, that the variance is not known.
 pub(super) fn imu(source: &Source, sample: &ImuSample, stamp_ns: u64) -> Vec<u8> {
     let mut cdr = Cdr::new();
-    header(&mut cdr, source, stamp_ns);
+    header(&mut cdr, &source.id, stamp_ns);
     let mut no_orientation = [0.0; 9];
     no_orientation[0] = -1.0;
     let unknown = [0.0; 9];
@@ -137,8 +137,8 @@ pub(super) fn imu(source: &Source, sample: &ImuSample, stamp_ns: u64) -> Vec<u8>
     cdr.into_bytes()
 }
 
-fn header(cdr: &mut Cdr, source: &Source, stamp_ns: u64) {
+fn header(cdr: &mut Cdr, frame: &str, stamp_ns: u64) {
     cdr.u32((stamp_ns / 1_000_000_000) as u32); // builtin_interfaces/Time holds 32 bits of seconds
     cdr.u32((stamp_ns % 1_000_000_000) as u32);
-    cdr.string(&source.id);
+    cdr.string(frame);
 }
