@@ -384,15 +384,15 @@ fn an_error_tells_its_cause_once() {
     }
 }
 
-/// No script, no outside address, every picture with words for those who do not see it and the command that made it.
+/// No outside address, every picture with words for those who do not see it, and once the command that made them.
 fn is_whole_page(path: &Path, figures: usize) -> String {
     let page = std::fs::read_to_string(path).unwrap();
     assert!(page.starts_with("<!doctype html>") && page.trim_end().ends_with("</html>"));
-    for outside in ["<script", "http://", "https://", "src=", "@import", "url("] {
+    for outside in ["<script src", "http://", "https://", "src=", "@import", "url("] {
         assert!(!page.contains(outside), "{outside}");
     }
     assert_eq!(page.matches("<figure>").count(), figures);
-    assert_eq!(page.matches("Made by <code>outrigger ").count(), figures);
+    assert_eq!(page.matches("Made by <code id=\"command\">outrigger ").count(), 1);
     let pictures = page.matches("<svg class=").count();
     assert_eq!(page.matches("role=\"img\" aria-label=\"").count(), pictures);
     assert!(!page.contains("aria-label=\"\"") && !page.contains("NaN"));

@@ -5,6 +5,8 @@ use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
@@ -16,6 +18,8 @@ pub const CASES: &[Case] = &[
     with_shared("points_are_those_of_decode_in_any_order", points_are_those_of_decode_in_any_order),
     with_shared("points_lie_in_the_world_of_the_trajectory", points_lie_in_the_world_of_the_trajectory),
     with_shared("only_this_host_is_answered", only_this_host_is_answered),
+    with_shared("a_scene_lies_under_the_points", a_scene_lies_under_the_points),
+    case("a_report_holds_what_it_shows_in_3d", a_report_holds_what_it_shows_in_3d),
     case("a_file_without_packets_is_refused", a_file_without_packets_is_refused),
 ];
 
@@ -151,6 +155,102 @@ fn points_lie_in_the_world_of_the_trajectory() {
         }
         assert_equal(&viewer, &turned, number, [0.25, -0.5, 0.125], "world");
     }
+}
+
+/// Two walls of a room of 6 x 4 x 3 m, in UTM.
+const WALLS: &str = "v 412340 5567890 312\nv 412346 5567890 312\nv 412346 5567890 315\nv 412346 5567894 312\n\
+                     f 1 2 3\nf 2 4 3\n";
+
+fn a_scene_lies_under_the_points() {
+    let capture = path(VELODYNE);
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        std::fs::write(folder.path().join(name), text).unwrap();
+        folder.path().join(name).display().to_string()
+    };
+    let walk = file(
+        "walk.tum",
+        "1585897000 412345.25 5567890.5 312.125 0 0 0 1\n1585897900 412345.25 5567890.5 312.125 0 0 0 1\n",
+    );
+    let scene = file("walls.obj", WALLS);
+    let viewer = Viewer::start(&[&capture, "--trajectory", &walk, "--scene", &scene]);
+    let index = viewer.index();
+    let origin_m: Vec<f64> = serde_json::from_value(index["origin_m"].clone()).unwrap();
+    let (code, bytes) = viewer.get("/api/scene");
+    assert_eq!((code, &bytes[..8]), (200, &[1, 0, 0, 0, 6, 0, 0, 0][..]), "two triangles");
+    let corner_m = |corner: usize| {
+        [0, 1, 2].map(|axis| {
+            let at = 8 + 12 * corner + 4 * axis;
+            f64::from(f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap())) + origin_m[axis]
+        })
+    };
+    assert_eq!(corner_m(0), [412_340.0, 5_567_890.0, 312.0]);
+    assert_eq!(corner_m(4), [412_346.0, 5_567_894.0, 312.0]);
+    assert_eq!(Viewer::start(&[&capture, "--trajectory", &walk]).get("/api/scene").0, 404);
+    let output = outrigger(&["view", "--no-open", &capture, "--scene", &scene]);
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && words.contains("--trajectory"), "{words}");
+}
+
+/// The data of a page's 3-D picture.
+fn orbit_of(page: &str) -> Value {
+    let start = page.find("<script type=\"application/json\">").unwrap() + 32;
+    let end = start + page[start..].find("</script>").unwrap();
+    serde_json::from_str(&page[start..end]).unwrap()
+}
+
+fn a_report_holds_what_it_shows_in_3d() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    std::fs::write(file("walk.tum"), "0 2 2 1.5 0 0 0 1\n1 4 2 1.5 0 0 0 1\n").unwrap();
+    let output = outrigger(&[
+        "--json",
+        "predict",
+        "--mounts=0.1,0,0.1,30,0;-0.1,0,0.1,-30,0",
+        "--sensors",
+        "vlp-16",
+        "--room",
+        "0,0,0,6,4,3",
+        "--trajectory",
+        &file("walk.tum"),
+        "--azimuths",
+        "60",
+        "--no-baselines",
+        "--fidelity",
+        "given",
+        "--report",
+        &file("page.html"),
+    ]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let document: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let page = std::fs::read_to_string(file("page.html")).unwrap();
+    let orbit = orbit_of(&page);
+    let layers = orbit["layers"].as_array().unwrap();
+    let places_m = |layer: &Value| -> Vec<[f64; 3]> {
+        let bytes = STANDARD.decode(layer["places"].as_str().unwrap()).unwrap();
+        let counts: Vec<i16> = bytes.chunks(2).map(|two| i16::from_le_bytes([two[0], two[1]])).collect();
+        let metres = |axis: usize, count: i16| {
+            orbit["middle_m"][axis].as_f64().unwrap() + f64::from(count) * orbit["count_m"].as_f64().unwrap()
+        };
+        counts.chunks(3).map(|place| [0, 1, 2].map(|axis| metres(axis, place[axis]))).collect()
+    };
+    let cells = || layers.iter().filter(|layer| layer["shape"] == "points");
+    let all: usize = cells().map(|layer| places_m(layer).len()).sum();
+    assert_eq!(Some(all as u64), document["reachable_voxels"].as_u64());
+    let unseen = cells()
+        .find(|layer| layer["name"] == "observable, but unseen")
+        .map_or(0, |layer| places_m(layer).len());
+    assert_eq!(Some((all - unseen) as u64), document["unique_voxels"].as_u64());
+    // walls lie in the middle of their voxels
+    for [x, y, z] in cells().flat_map(places_m) {
+        let off_m = [x, 6.0 - x, y, 4.0 - y, z, 3.0 - z].map(f64::abs);
+        assert!(off_m.iter().any(|off_m| *off_m < 1e-3), "{x} {y} {z}");
+    }
+    let path: Vec<_> =
+        layers.iter().filter(|layer| layer["name"] == "trajectory").flat_map(places_m).collect();
+    assert!((path[0][0] - 2.0).abs() < 1e-3 && (path.last().unwrap()[0] - 4.0).abs() < 1e-3, "{path:?}");
+    assert!(layers.iter().any(|layer| layer["name"] == "field of view of sensor 1"));
+    assert!(page.contains("<svg class=\"cells\"") && page.len() < 8_000_000);
 }
 
 fn only_this_host_is_answered() {

@@ -10,6 +10,7 @@ mod blind_spots;
 pub mod chart;
 pub(crate) mod completeness;
 pub(crate) mod figures;
+mod headlines;
 pub(crate) mod orbit;
 pub(crate) mod prediction;
 pub(crate) mod score;
@@ -21,6 +22,7 @@ pub(crate) mod viewer;
 
 pub use above::FromAbove;
 pub use blind_spots::{BlindSpot, blind_spots};
+pub(crate) use headlines::compared;
 pub use unfold::{unfold_box, unfold_mount_box};
 
 /// Blind spots that a document lists, the largest first.
@@ -38,11 +40,11 @@ pub struct Report {
 }
 
 /// A number at the head of a page.
-pub(crate) struct Headline {
-    pub label: String,
+struct Headline {
+    label: String,
     /// With its unit and uncertainty.
-    pub value: String,
-    pub note: String,
+    value: String,
+    note: String,
 }
 
 impl Report {
@@ -59,7 +61,7 @@ impl Report {
     }
 
     /// A page that opens with a verdict: a badge of a class of colour, its numbers, and what to do.
-    pub(crate) fn with_verdict(
+    fn with_verdict(
         title: &str,
         (badge, css): (&str, &str),
         headlines: &[Headline],

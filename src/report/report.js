@@ -23,14 +23,14 @@ function alone(svg) {
 function rows(svg) {
   const data = svg.querySelector("metadata");
   if (data) return data.textContent;
-  const [, , width, height] = svg.getAttribute("viewBox").split(" ").map(Number);
+  const [, , , height] = svg.getAttribute("viewBox").split(" ").map(Number);
   const lines = ["column,row,class"];
   for (const path of svg.querySelectorAll("path")) {
     for (const [, x, y, run] of path.getAttribute("d").matchAll(/M(\d+) (\d+)h(\d+)v1h-\d+z/g)) {
       for (let at = 0; at < Number(run); at++) lines.push(`${Number(x) + at},${height - 1 - Number(y)},${path.getAttribute("class").slice(2)}`);
     }
   }
-  return width ? lines.join("\r\n") : "";
+  return lines.join("\r\n");
 }
 
 document.querySelectorAll("figure").forEach((figure, number) => {

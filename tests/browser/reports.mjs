@@ -57,6 +57,8 @@ async function turnsAround(page, report) {
     check(`${report}: a blind spot is gone to`, middle.every((value, axis) => Math.abs(value - place[axis]) < 1e-6), `${middle} ${place}`);
   }
   const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: /^SVG/ }).first().click()]);
+  const charts = await page.evaluate(() => [...document.querySelectorAll("svg.chart, svg.cells")].map((svg) => rows(svg).split("\r\n").length));
+  check(`${report}: every figure has data to save`, charts.length > 0 && charts.every((count) => count > 1), charts.join(" "));
   check(`${report}: a figure is saved as SVG`, readFileSync(await download.path(), "utf8").startsWith("<svg"));
 }
 

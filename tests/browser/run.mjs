@@ -9,6 +9,7 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
+import { seriousFaults } from "./accessible.mjs";
 
 const [outrigger, executablePath, shots] = process.argv.slice(2);
 const folder = mkdtempSync(join(tmpdir(), "outrigger-page-"));
@@ -139,6 +140,26 @@ room = "-6,-4,-1.5,6,4,2"
   check("the keyboard turns it", (await colours()).sum !== bare.sum);
   await page.locator("#show-points").check();
   await page.locator("#show-cells").check();
+  await press("Freeze");
+  const still = await colours();
+  await page.waitForTimeout(1000);
+  check("a frozen picture stays", (await colours()).sum === still.sum);
+  const sums = [still.sum];
+  for (const colour of ["height", "reflectivity", "ring"]) {
+    await page.locator("#colour-by").selectOption(colour);
+    sums.push((await colours()).sum);
+  }
+  check("points are coloured by height, reflectivity and ring, over the coverage", new Set(sums).size === 4, sums.join(" "));
+  await page.locator("#ring-to").fill("3");
+  await page.locator("#ring-to").dispatchEvent("change");
+  check("rings are filtered", (await colours()).sum !== sums[3]);
+  await page.locator("#ring-to").fill("255");
+  await page.locator("#ring-to").dispatchEvent("change");
+  await page.locator("#colour-by").selectOption("sensor");
+  await press("Go on");
+  const faults = await seriousFaults(page);
+  check("axe-core finds no serious fault", faults.length === 0, faults.join("\n     "));
+  if (shots) await page.screenshot({ path: join(shots, "live.png"), fullPage: true });
   check("coverage is told against the prediction", await sees(/% of what is predicted/));
 
   // the recorder

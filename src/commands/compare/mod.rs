@@ -1,6 +1,5 @@
 //! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
 
-mod headlines;
 pub mod page;
 pub mod place;
 

@@ -2,13 +2,13 @@
 
 use std::fmt::Write as _;
 
-use super::{Document, headlines};
+use super::Document;
 use crate::commands::output;
-use crate::report::chart::{CellClass, CellMap, LineChart, Series, number, signed};
+use crate::report::chart::{CellClass, CellMap, LineChart, Series, decimals_of, number, signed};
 use crate::report::figures::where_different;
-use crate::report::{Report, orbit, unfold_box};
+use crate::report::{Report, compared, orbit, unfold_box};
 use crate::verify::compare::{Breakdown, CellKinds, Replayed, SECTORS, cell_kinds};
-use crate::verify::judgement::comparison::{Comparison, Verdict};
+use crate::verify::judgement::comparison::Comparison;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -98,7 +98,10 @@ fn interval(ends: Option<[f64; 2]>) -> String {
 const BEAMS_DEG: f64 = 0.01;
 
 fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
-    let degrees = |value: f64, u95: f64| format!("{} +- {u95:.4} deg", signed(value, 4));
+    let degrees = |value: f64, u95: f64| {
+        let digits = decimals_of(u95);
+        format!("{} ± {u95:.digits$}°", signed(value, digits))
+    };
     let mut rows: Vec<Vec<String>> = Vec::new();
     for check in &comparison.mount {
         let tilt = check.tilt_error_deg.zip(check.u95_deg);
@@ -137,22 +140,7 @@ pub(crate) fn page(
     (agree_within_m, origin): (f64, LocalOrigin),
 ) -> Report {
     let comparison = &document.comparison;
-    let badge = (
-        comparison.verdict.label(),
-        match comparison.verdict {
-            Verdict::Matches => "pass",
-            Verdict::Differs => "differs",
-            Verdict::CannotTell => "open",
-        },
-    );
-    let sentence = format!("{}. {}", comparison.headline(), comparison.advice());
-    let mut report = Report::with_verdict(
-        "Predicted against recorded",
-        badge,
-        &headlines::of(comparison),
-        &sentence,
-        &output::again(),
-    );
+    let mut report = compared("Predicted against recorded", comparison, &document.problems, &output::again());
     report.orbit(
         orbit::compared(replayed, scene, trajectory, agree_within_m, origin),
         "An even share of the recorded rays, each where it ends; the rig stands where the trajectory begins.",
@@ -353,13 +341,13 @@ fn pictures(report: &mut Report, replayed: &Replayed, scene: &Scene, trajectory:
             "The room unfolded: floor and ceiling seen from above with x up the page, walls from inside.",
         );
     }
-    let mut with_way = classes.to_vec();
-    with_way.push(CellClass::new("c-left", "the way"));
+    let mut with_path = classes.to_vec();
+    with_path.push(CellClass::new("c-path", "trajectory"));
     let above = from_above(&replayed.as_driven, &replayed.recorded, &replayed.placed, trajectory);
     report.maps(
         "Seen from above",
         &[above],
-        &with_way,
+        &with_path,
         "From above, x up the page and y to the left: a column is missed where a twentieth of its predicted cells is.",
     );
 }
@@ -416,7 +404,9 @@ fn from_above(
 }
 
 fn prediction_section(report: &mut Report, comparison: &Comparison) {
-    let Some(prediction) = &comparison.prediction else { return };
+    let Some(prediction) = comparison.prediction.as_ref().filter(|null| null.healthy.runs > 0) else {
+        return;
+    };
     report.fold("Against healthy runs", &format!("{} simulated", prediction.healthy.runs));
     let healthy = &prediction.healthy;
     report.paragraph(&format!(

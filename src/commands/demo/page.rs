@@ -1,9 +1,8 @@
 //! The demo's report page.
 
 use crate::report::chart::number;
-use crate::report::{Report, orbit};
+use crate::report::{Report, compared, orbit};
 use crate::verify::compare::{Agreement, Gate, RayClasses, Replayed, Table};
-use crate::verify::judgement::comparison::Verdict;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
@@ -18,25 +17,13 @@ pub(crate) fn page(
     scene: &Scene,
     trajectory: &Trajectory,
 ) -> Report {
-    let agreement = agreement(document);
-    let iou = agreement.iou.map_or("nothing to compare".to_owned(), |iou| format!("IoU {iou:.5}"));
-    let verdict = match document.compare.verdict {
-        Verdict::Matches if !document.problems.is_empty() => {
-            "What was recorded is as predicted, but data was lost"
-        }
-        Verdict::Matches => "The recording covers what was predicted",
-        Verdict::Differs => "The recording does not cover what was predicted",
-        Verdict::CannotTell => "Too little was recorded to tell",
-    };
-    let summary = format!("{verdict} ({iou} of recorded and as-driven patches).");
-    let mut report = Report::new("Outrigger demo", &summary, &document.command);
-    for words in document.problems.iter().chain(&document.compare.words) {
-        report.paragraph(words);
-    }
+    let mut report = compared("Outrigger demo", &document.compare, &document.problems, &document.command);
     report.orbit(
         orbit::compared(replayed, scene, trajectory, Gate::default().agree_within_m, LocalOrigin::default()),
         "Recorded rays on the hall, the rig where the trajectory begins.",
     );
+    report.heading("Findings");
+    report.findings(document.problems.iter().chain(&document.compare.words).map(String::as_str));
     coverage_section(&mut report, document);
     rays_section(&mut report, document);
     pictures(&mut report, document, replayed);
@@ -55,7 +42,7 @@ fn agreement(document: &Document) -> Agreement {
 fn coverage_section(report: &mut Report, document: &Document) {
     let counts = &document.compare.coverage;
     let agreement = agreement(document);
-    report.heading("The three coverages");
+    report.fold("The three coverages", "planned, as driven, recorded");
     report.table(
         &["cells hit", "count", "what it is"],
         &[
@@ -91,7 +78,7 @@ fn row3(name: &str, count: u64, what: &str) -> Vec<String> {
 }
 
 fn rays_section(report: &mut Report, document: &Document) {
-    report.heading("Every recorded ray");
+    report.fold("Every recorded ray", "by sensor");
     let rows: Vec<Vec<String>> = document
         .compare
         .rays
@@ -106,7 +93,7 @@ fn rays_section(report: &mut Report, document: &Document) {
 }
 
 fn rig_section(report: &mut Report, document: &Document) {
-    report.heading("The rig");
+    report.fold("The rig", "asked and measured pitches");
     let rows: Vec<Vec<String>> = document
         .rig
         .iter()
@@ -128,7 +115,7 @@ fn rig_section(report: &mut Report, document: &Document) {
 }
 
 fn recording_section(report: &mut Report, document: &Document) {
-    report.heading("The recording");
+    report.fold("The recording", "packets sent and recorded");
     let rows: Vec<Vec<String>> = document
         .recording
         .iter()

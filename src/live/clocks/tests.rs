@@ -128,6 +128,24 @@ fn a_sensor_that_restarts_is_a_jump() {
 }
 
 /// After each start the clock stands some milliseconds elsewhere: less than a jump, and more than 200 ppm of a line over all.
+/// Frames of a recording that is played three times, and of a sensor whose clock is set back to where it never was.
+#[test]
+fn a_recording_that_begins_again_is_a_replay() {
+    let mut watch = ClockWatch::default();
+    for frame in 0..150_u64 {
+        watch.add(HOST_NS + frame * 100_000_000, 1_585_897_255_313_000_000 + frame % 50 * 100_000_000);
+    }
+    let report = watch.report().unwrap();
+    assert_eq!((report.replays, report.steps_back, report.jump_count), (2, 2, 2));
+    let mut watch = ClockWatch::default();
+    for frame in 0..100_u64 {
+        let set_back_ns = if frame < 50 { 0 } else { 3_600_000_000_000 };
+        watch.add(HOST_NS + frame * 100_000_000, HOST_NS + frame * 100_000_000 - set_back_ns);
+    }
+    let report = watch.report().unwrap();
+    assert_eq!((report.replays, report.jump_count), (0, 1));
+}
+
 #[test]
 fn restarts_are_no_drift() {
     for is_announced in [true, false] {

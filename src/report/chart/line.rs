@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::axis::Axis;
-use super::escape;
+use super::{escape, metadata};
 
 /// A chart of one or more lines over a common x.
 #[derive(Clone, Debug, Default)]
@@ -105,6 +105,9 @@ impl LineChart {
                 escape(name)
             );
         }
+        let rows =
+            self.series.iter().flat_map(|series| series.points.iter().map(|at| (series.name.as_str(), *at)));
+        svg += &metadata(["series", &self.x_label, &self.y_label], rows);
         svg.push_str("</svg>");
         svg
     }
@@ -135,6 +138,10 @@ mod tests {
             LineChart { series: vec![series("a", 1.0), series("b<", 1.0001)], ..LineChart::default() };
         let svg = chart.svg();
         assert!(svg.contains("b&lt;") && !svg.contains("b<<"));
+        assert!(
+            svg.contains("<metadata>series,,\r\na,0,0\r\na,1,1\r\nb&lt;,0,0\r\nb&lt;,1,1.0001</metadata>"),
+            "{svg}"
+        );
         let heights: Vec<f64> = svg
             .split("<text class=\"s")
             .skip(1)

@@ -6,10 +6,24 @@ mod cells;
 mod line;
 mod scatter;
 
+pub(crate) use crate::base::numbers::decimals_of;
 pub use crate::base::numbers::{number, signed};
 pub use cells::{CellClass, CellMap, cell_map_svg};
 pub use line::{LineChart, Series};
 pub use scatter::{NamedPoint, ScatterChart};
+
+/// The data of a chart as CSV, inside its picture: what a page offers to save.
+fn metadata<'a>(labels: [&str; 3], rows: impl Iterator<Item = (&'a str, [f64; 2])>) -> String {
+    let word = |text: &str| match text.contains([',', '"']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    };
+    let mut csv = labels.map(word).join(",");
+    for (name, [x, y]) in rows {
+        csv += &format!("\r\n{},{x},{y}", word(name));
+    }
+    format!("<metadata>{}</metadata>", escape(&csv))
+}
 
 /// Text safe inside SVG and HTML.
 pub(crate) fn escape(text: &str) -> String {

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::axis::Axis;
-use super::escape;
+use super::{escape, metadata};
 
 /// A chart of named points; less is better on both axes. What is not above zero cannot be shown on a logarithm and
 /// stands on the chart's edge, as at most what the edge says.
@@ -125,6 +125,8 @@ impl ScatterChart {
             occupied.push(room);
             names.push(room);
         }
+        let rows = self.points.iter().map(|point| (point.name.as_str(), point.at));
+        svg += &metadata(["name", &self.x_label, &self.y_label], rows);
         svg.push_str("</svg>");
         svg
     }

@@ -43,7 +43,7 @@ void main() {
 }`;
 // while the camera moves, slow machines draw every n-th point of large clouds
 const LARGE = 20000;
-const MOST_LEFT_OUT = 16;
+const MOST_LEFT_OUT = 20;
 
 // stops of palettes that people with any colour vision can read, from low to high
 const PALETTES = {
@@ -282,14 +282,18 @@ class CloudView {
   // every how many-th point is drawn: all when nothing moves, fewer while pictures follow each other slowly
   pace() {
     const now = performance.now();
-    const since = now - (this.drawnAt ?? 0);
+    const before = this.drawnAt ?? 0;
+    const since = now - before;
     this.drawnAt = now;
-    if (now - (this.turnedAt ?? -1e9) > 200) return 1;
-    const every = this.every ?? 1;
-    const wanted = since > 600 ? every : since > 110 ? Math.ceil((every * since) / 90) : since < 35 ? every - 1 : every;
+    const isMoving = (this.turnedAt ?? -1) > before;
+    const isOn = isMoving && this.isMoving; // so was the picture before: the time between the two is that of a picture
+    this.isMoving = isMoving;
+    if (!isMoving) return 1;
+    const every = this.pacedEvery ?? 1;
+    this.pacedEvery = !isOn ? every : since > 110 ? Math.min(MOST_LEFT_OUT, Math.ceil((every * since) / 90)) : since < 35 ? Math.max(1, every - 1) : every;
     clearTimeout(this.full);
     this.full = setTimeout(() => this.ask(), 250);
-    return Math.min(MOST_LEFT_OUT, Math.max(1, wanted));
+    return this.pacedEvery;
   }
 
   drawPart({ part, matrix, colour, kind, size, metres, isShaded, isWhole, isOnTop, ranges }) {

@@ -44,7 +44,7 @@ class Orbit {
     const gl = this.view.gl;
     this.view.ground = colour("scene");
     this.view.show(this.data.layers.filter((layer) => layer.is_shown).map((layer) => ({
-      part: layer.part, matrix: this.matrix, isWhole: !layer.is_cut, metres: layer.size_m, isShaded: layer.shape === LIST.Surface, size: 2,
+      part: layer.part, matrix: this.matrix, isWhole: !layer.is_cut, metres: 1.4 * layer.size_m, isShaded: layer.shape === LIST.Surface, size: 2,
       colour: colour(layer.colour), kind: { [LIST.Points]: gl.POINTS, [LIST.Lines]: gl.LINES, [LIST.Surface]: gl.TRIANGLES }[layer.shape],
     })));
   }

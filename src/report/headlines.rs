@@ -1,12 +1,27 @@
-//! The three numbers at the head of a comparison's page.
+//! The head of a page about a comparison: verdict, three numbers, what to do.
 
-use crate::report::Headline;
-use crate::report::chart::number;
+use super::{Headline, Report};
+use crate::report::chart::{decimals_of, number};
 use crate::verify::compare::SurfaceShare;
-use crate::verify::judgement::comparison::Comparison;
+use crate::verify::judgement::comparison::{Comparison, Verdict};
+
+/// A page that opens with what a comparison comes to.
+pub(crate) fn compared(title: &str, comparison: &Comparison, problems: &[String], made_by: &str) -> Report {
+    let css = match comparison.verdict {
+        Verdict::Matches => "pass",
+        Verdict::Differs => "differs",
+        Verdict::CannotTell => "open",
+    };
+    let advice = match (comparison.verdict, problems) {
+        (Verdict::Matches, [_, ..]) => "Something is odd or was lost: read the findings first.",
+        _ => comparison.advice(),
+    };
+    let sentence = format!("{}. {advice}", comparison.headline());
+    Report::with_verdict(title, (comparison.verdict.label(), css), &headlines(comparison), &sentence, made_by)
+}
 
 /// Predicted and recorded share of the surface, and how far the worst mount is off.
-pub(super) fn of(comparison: &Comparison) -> [Headline; 3] {
+fn headlines(comparison: &Comparison) -> [Headline; 3] {
     let share = |label: &str, share: Option<&SurfaceShare>| Headline {
         label: label.to_owned(),
         value: share
@@ -33,10 +48,7 @@ pub(super) fn of(comparison: &Comparison) -> [Headline; 3] {
 
 /// A value with half of its 95 % interval, in the digits that this leaves.
 fn with_u95(value: f64, u95: f64, unit: &str) -> String {
-    let digits = match u95 > 0.0 {
-        true => (1 - u95.log10().floor() as i32).clamp(0, 4) as usize,
-        false => 2,
-    };
+    let digits = decimals_of(u95);
     format!("{} ± {u95:.digits$}{unit}", number(value, digits))
 }
 
