@@ -36,7 +36,7 @@ everything about servos from `[rig]`, and from `[rig.apply]` which `sensors` sit
 ";
 
 pub(super) fn page(program: &Command) -> String {
-    let models: Vec<String> = catalogue::names().iter().map(|name| format!("`{name}`")).collect();
+    let models: Vec<String> = catalogue::decoded_names().iter().map(|name| format!("`{name}`")).collect();
     let mut page = OF_SENSORS.replace("{models}", &models.join(", "));
     program.get_subcommands().for_each(|verb| keys(verb, "", &[], &mut page));
     page

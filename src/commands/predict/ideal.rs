@@ -9,7 +9,7 @@ use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
 use crate::report::seen::{Document, Scored};
 use crate::rig::{Rig, Unit};
 use crate::simulate::prediction::Site;
-use crate::simulate::view::{CastView, Precision, Sampling, Seen, View as _, ViewSite};
+use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
 use crate::world::placement::Placement;
 
 /// Arguments about ideal beams.
@@ -59,7 +59,7 @@ pub fn run(
     let sampling = Sampling { scan_stride: args.ideal.scan_stride, ..args.sensing.ideal() };
     let Site { loaded, trajectory, grid } = site;
     let trajectory_length_m = trajectory.length_m();
-    let view_site = ViewSite { scene: loaded.scene, trajectory, grid };
+    let view_site = ViewSite { scene: loaded.scene, trajectory, grid, shades: Shades::default() };
     let view = CastView::new(view_site, units, &sampling, Precision::Double).map_err(wrong_usage)?;
     let stage = Stage::begin("casting the rays of the rig");
     let coverage = view.cover(rig);

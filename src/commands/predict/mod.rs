@@ -193,8 +193,8 @@ fn mounted(
             mounts.len()
         ),
     };
-    let units = models.into_iter().map(|model| Unit::nominal(model).map_err(wrong_usage));
-    let units: Vec<Unit> = units.collect::<Result<_, _>>()?;
+    let units = models.into_iter().map(|model| Ok(Unit::typed(model).map_err(wrong_usage)?.0));
+    let units: Vec<Unit> = units.collect::<anyhow::Result<_>>()?;
     let sensor = |(index, (unit, placement)): (usize, (&Unit, &Placement))| MountedSensor {
         name: format!("sensor {}", index + 1),
         model: unit.model.clone(),
