@@ -215,7 +215,7 @@ pub fn operators_and_housings_shade() {
 
 /// Where everything is seen whatever the tilt, nothing is tilted.
 pub fn prefers_the_level_mount() {
-    let flags = ["--sensors", "os1-64", "--azimuths", "400", "--voxel", "2.5"];
+    let flags = ["--sensors", "os1-64", "--azimuths", "200", "--scan-stride", "10", "--voxel", "2.5"];
     let place = [
         "optimize",
         "--room=-5,-5,0,5,5,3",

@@ -49,7 +49,7 @@ impl Plan {
     pub fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
         let (correcting, finalists) = match rays_of_exact {
             rays if rays < CHEAP_RAYS => (16, 14),
-            rays if rays < DEAR_RAYS => (10, 6),
+            rays if rays < DEAR_RAYS => (12, 8),
             _ => (6, 5),
         };
         Self {
