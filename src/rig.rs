@@ -8,6 +8,7 @@ mod extrinsics;
 mod found_with;
 mod frames;
 mod mount_file;
+mod own_sensor;
 mod published_export;
 mod read_mount;
 mod scad;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use outrigger::base::instructions::Instructions;
 use outrigger::rig::{Mount, MountedSensor, Rig, Unit};
 use outrigger::simulate::view::{
-    CastView, CellView, Fineness, Precision, Sampling, Seen, View as _, ViewSite,
+    CastView, CellView, Fineness, Precision, Sampling, Seen, Shades, View as _, ViewSite,
 };
 use outrigger::world::coverage::VoxelGrid;
 use outrigger::world::scene::{Scene, load_mesh};
@@ -28,6 +28,11 @@ pub const CASES: &[Case] = &[
     with_shared("predict_casts_ideal_mounts", command::predict_casts_ideal_mounts),
     with_shared("optimize_finds_a_pair_in_the_house", command::optimize_finds_a_pair_in_the_house),
     crate::support::case("optimize_searches_a_room_along_waypoints", command::optimize_searches_a_room),
+    crate::support::case("optimize_searches_with_any_sensor", command::searches_with_any_sensor),
+    crate::support::case("optimize_compares_numbers_of_sensors", command::compares_numbers_of_sensors),
+    crate::support::case("operators_and_housings_shade_in_the_search", command::operators_and_housings_shade),
+    crate::support::case("of_mounts_that_see_alike_the_level_one_is_best", command::prefers_the_level_mount),
+    crate::support::case("a_search_in_a_scene_goes_on_from_a_state_file", command::goes_on_from_a_state_file),
     crate::support::case("a_search_in_a_scene_refuses_what_it_cannot_use", command::refuses),
 ];
 
@@ -74,7 +79,12 @@ fn site(voxel_m: f64) -> ViewSite {
     let scene = Scene::Mesh(std::sync::Arc::new(mesh));
     let walk = std::fs::read_to_string(shared("reference/validation/house_trajectory.tum")).unwrap();
     let trajectory = Trajectory::from_tum(&walk).unwrap();
-    ViewSite { grid: VoxelGrid::centred_on(scene.bounds_m(), voxel_m), scene, trajectory }
+    ViewSite {
+        grid: VoxelGrid::centred_on(scene.bounds_m(), voxel_m),
+        scene,
+        trajectory,
+        shades: Shades::default(),
+    }
 }
 
 fn sampling(columns: u32, scan_stride: u32) -> Sampling {

@@ -3,6 +3,8 @@
 
 use glam::{DAffine3, DVec3};
 
+use crate::pattern::Pattern;
+
 /// One laser beam, as calibrated, in the lidar frame (x forward, y left, z up, spin axis z).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Beam {
@@ -94,6 +96,8 @@ pub struct SensorModel {
     beams: Vec<Beam>,
     /// One per beam, or none.
     corrections: Vec<BeamCorrection>,
+    /// Directions over time, of a sensor without rings.
+    pattern: Option<Pattern>,
 }
 
 impl SensorModel {
@@ -109,6 +113,7 @@ impl SensorModel {
             sensor_from_lidar,
             beams,
             corrections: Vec::new(),
+            pattern: None,
         }
     }
 
@@ -125,7 +130,35 @@ impl SensorModel {
         self
     }
 
-    /// Corrections beyond the beams, in channel order; empty for all but calibrated HDL-64E.
+    /// The same sensor without rings: its lines take the place of its channels, a period that of a revolution.
+    pub(crate) fn with_pattern(mut self, pattern: Pattern) -> Self {
+        let nothing = Beam {
+            elevation_rad: 0.0,
+            azimuth_offset_rad: 0.0,
+            origin_radial_m: 0.0,
+            origin_z_m: 0.0,
+            range_offset_m: 0.0,
+            fire_offset_ns: 0.0,
+        };
+        self.beams = vec![nothing; pattern.lines()];
+        self.corrections = Vec::new();
+        self.pattern = Some(pattern);
+        self
+    }
+
+    /// The same sensor with rings.
+    pub(crate) fn without_pattern(self) -> Self {
+        let corrections = self.corrections.first().map_or(Vec::new(), |same| vec![*same; self.beams.len()]);
+        Self { pattern: None, corrections, ..self }
+    }
+
+    /// Directions over time, of a sensor without rings.
+    pub fn pattern(&self) -> Option<&Pattern> {
+        self.pattern.as_ref()
+    }
+
+    /// Corrections beyond the beams, in channel order; empty for all but calibrated HDL-64E and heads whose optical centre lies
+    /// beside their axis.
     pub fn corrections(&self) -> &[BeamCorrection] {
         &self.corrections
     }
@@ -157,8 +190,17 @@ impl SensorModel {
     }
 
     /// The ray of a channel at an encoder azimuth (rad, clockwise from the lidar's +x). Source: Ouster sensor
-    /// documentation, "3D points"; Velodyne VLP-16 manual 63-9243, chapter 9.
+    /// documentation, "3D points"; Velodyne VLP-16 manual 63-9243, chapter 9. Of a sensor without rings a turn is a period of
+    /// its pattern.
     pub fn ray(&self, channel: usize, azimuth_rad: f64) -> Ray {
+        if let Some(pattern) = &self.pattern {
+            let along = pattern.direction(channel, azimuth_rad / std::f64::consts::TAU);
+            return Ray {
+                origin_m: self.sensor_from_lidar.translation,
+                direction: self.sensor_from_lidar.transform_vector3(along),
+                range_offset_m: 0.0,
+            };
+        }
         let beam = &self.beams[channel];
         let encoder = -azimuth_rad;
         let (sin_bearing, cos_bearing) = (encoder - beam.azimuth_offset_rad).sin_cos();

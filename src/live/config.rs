@@ -237,7 +237,7 @@ impl Reader<'_> {
                 "sensor name {name:?}: expected letters, digits, dots, dashes and underscores"
             ));
         }
-        catalogue::nominal(&model).map_err(|error| error.to_string())?;
+        catalogue::decoded(&model).map_err(|error| error.to_string())?;
         let folder = crate::base::files::folder_of(self.path);
         Ok(SensorConfig {
             listen: listen.map(Endpoint::address).transpose().map_err(|why| format!("listen = {why}"))?,

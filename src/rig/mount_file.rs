@@ -255,7 +255,11 @@ impl MountFile {
                     sensor.name
                 ));
             }
-            catalogue::nominal(&sensor.model).map_err(|error| format!("sensors[{index}].model: {error}"))?;
+            // a sensor of the user's own is known by its file
+            if !self.calibrations.as_ref().is_some_and(|files| files.contains_key(&sensor.name)) {
+                catalogue::nominal(&sensor.model)
+                    .map_err(|error| format!("sensors[{index}].model: {error}"))?;
+            }
             for (field, value) in sensor.numbers() {
                 finite(&format!("sensors[{index}].{field}"), value)?;
             }

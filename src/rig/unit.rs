@@ -73,7 +73,7 @@ impl FromStr for UnitChoice {
         }
         Err(format!(
             "no sensor model is called {what:?}; known are {}; or give a calibration: Ouster metadata (.json), Velodyne \
-             .xml or .yaml, MODEL:FILE",
+             .xml or .yaml, MODEL:FILE; or a sensor of your own: a model file (.toml), a table of beams or a pattern (.csv)",
             catalogue::names().join(", ")
         ))
     }
@@ -83,6 +83,10 @@ impl FromStr for UnitChoice {
 enum FileKind {
     Ouster,
     Velodyne,
+    /// A model file as those of the catalogue.
+    Model,
+    /// A table of beams, or a pattern over time.
+    Table,
 }
 
 impl FileKind {
@@ -90,17 +94,23 @@ impl FileKind {
         match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
             "json" => Some(Self::Ouster),
             "xml" | "yaml" | "yml" => Some(Self::Velodyne),
+            "toml" => Some(Self::Model),
+            "csv" => Some(Self::Table),
             _ => None,
         }
     }
 }
 
 impl Unit {
-    /// The nominal sensor of a catalogue name: Ouster models turn in 1024 columns, others in 1800, 10 times a second.
+    /// The nominal sensor of a catalogue name.
     pub fn nominal(name: &str) -> Result<Self, UnitError> {
-        let model = catalogue::nominal(name)?;
-        let columns = if Product::from_name(name).is_some() { 1800 } else { 1024 };
-        Ok(Self { model, columns, rate_hz: 10.0, sensor_from_imu: None, notice: None })
+        Ok(Self::of_entry(catalogue::entry(name)?))
+    }
+
+    pub(super) fn of_entry(entry: catalogue::Entry) -> Self {
+        let catalogue::Entry { model, columns, rate_hz, unverified, .. } = entry;
+        let notice = unverified.map(|what| format!("{}: unverified {what}", model.name));
+        Self { model, columns, rate_hz, sensor_from_imu: None, notice }
     }
 
     /// The calibrated unit of a file; its ending says which kind. `stated` is the catalogue name of its model, where
@@ -118,6 +128,10 @@ impl Unit {
             Some(FileKind::Velodyne) => {
                 let bytes = files::read(path).map_err(unreadable)?;
                 Self::velodyne(path, &bytes, stated)
+            }
+            Some(kind) => {
+                let text = files::read_text(path).map_err(unreadable)?;
+                Self::of_own_file(path, &text, kind == FileKind::Model, stated)
             }
             None => Err(UnitError::UnknownKind { path: path.to_owned() }),
         }
@@ -267,7 +281,8 @@ pub enum UnitError {
     },
     /// The name says no kind of calibration.
     #[error(
-        "{}: no calibration by its name; known are Ouster metadata (.json) and Velodyne .xml, .yaml, .yml",
+        "{}: no calibration by its name; known are Ouster metadata (.json), Velodyne .xml, .yaml, .yml, model files (.toml) and \
+         tables of beams (.csv)",
         path.display()
     )]
     UnknownKind {
@@ -282,6 +297,17 @@ pub enum UnitError {
     NoProductLine {
         /// The file.
         path: PathBuf,
+    },
+    /// As typed.
+    #[error("{0}")]
+    NotTyped(String),
+    /// No model file and no table.
+    #[error("{}: {source}", path.display())]
+    Own {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: catalogue::ModelError,
     },
     /// No Velodyne calibration.
     #[error("{}: {source}", path.display())]

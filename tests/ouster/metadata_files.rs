@@ -46,7 +46,7 @@ pub fn metadata_of_every_age_is_read() {
     assert_eq!((windowed.column_window, windowed.packets_per_frame()), ([2014, 2036], 3));
     let dual = of("3_0_1_os-122246000293-128");
     assert_eq!(dual.profile, Profile::Rng19Rfl8Sig16Nir16Dual);
-    assert_eq!(dual.model.max_range_m, 120.0, "limits come from the catalogue");
+    assert_eq!(dual.model.max_range_m, 170.0, "limits come from the catalogue");
 }
 
 pub fn malformed_metadata_is_named() {

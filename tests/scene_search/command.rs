@@ -77,7 +77,9 @@ pub fn optimize_finds_a_pair_in_the_house() {
     assert!(found["best"]["unique_voxels"].as_u64() > found["level"]["unique_voxels"].as_u64());
     assert!(found["model"]["model_error"]["sd"].as_f64().unwrap() < 400.0, "{}", found["model"]);
     let history = found["history"].as_array().unwrap();
-    assert_eq!(history[history.len() - 1][1], found["best"]["objective"]);
+    // a less tilted mount may be the best where the beams cannot tell
+    let best_found = history[history.len() - 1][1].as_f64().unwrap();
+    assert!((0.0..=60.0).contains(&(best_found - j)), "{best_found} {j}");
 
     // the mount file says the same, beam by beam
     let predicted = json(&with_house(
@@ -135,12 +137,144 @@ pub fn optimize_searches_a_room() {
     assert!(again["unique_voxels"].as_u64().unwrap() > 0);
 }
 
+/// A search in the room, as JSON.
+fn in_room(flags: &[&str]) -> serde_json::Value {
+    let place =
+        ["optimize", ROOM, "--trajectory", "-3,0 3,0 3,2", "--voxel", "0.5", "--evals", "60", "--json"];
+    json(&[&place[..], flags].concat())
+}
+
+pub fn searches_with_any_sensor() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let seen = |sensors: &str| {
+        let found = in_room(&["--sensors", sensors, "--azimuths", "300", "--scan-stride", "3"]);
+        found["best"]["observable_share"].as_f64().unwrap()
+    };
+    // a dome sees its own half of the room
+    for (sensors, least) in [
+        ("hesai-xt32,hesai-xt32", 0.9),
+        ("robosense-bpearl,vlp-16", 0.9),
+        ("osdome-64", 0.7),
+        ("livox-mid-360", 0.9),
+    ] {
+        let share = seen(sensors);
+        assert!((least..=1.0).contains(&share), "{sensors}: {share}");
+    }
+    // a narrow forward cone sees less of a room than a ring of beams
+    let (cone, ring) = (seen("livox-mid-40"), seen("vlp-16"));
+    assert!(cone > 0.05 && cone < 0.8 * ring, "{cone} {ring}");
+
+    // a table of the VLP-16's own beams is a VLP-16, and its mount file leads back to it
+    let table = path("mine.csv");
+    let elevations = (0..16).map(|row| format!("{}\n", -15 + 2 * row)).collect::<String>();
+    std::fs::write(&table, format!("elevation_deg\n{elevations}")).unwrap();
+    let mount = path("mount.json");
+    let flags = ["--ideal", "--azimuths", "300", "--scan-stride", "3", "--sensors"];
+    let own = in_room(&[&flags[..], &[&format!("vlp-16:{table}"), "-o", &mount]].concat());
+    let known = in_room(&[&flags[..], &["vlp-16"]].concat());
+    assert_eq!(own["best"], known["best"]);
+    let text = std::fs::read_to_string(&mount).unwrap();
+    assert!(text.contains("mine.csv"), "{text}");
+    let again = json(&[
+        "predict",
+        "--json",
+        "--mount",
+        &mount,
+        ROOM,
+        "--trajectory",
+        "-3,0 3,0 3,2",
+        "--voxel",
+        "0.5",
+        "--ideal",
+    ]);
+    assert!(again["unique_voxels"].as_u64() >= own["best"]["unique_voxels"].as_u64());
+    std::fs::write(&table, "elevation_deg\n1\nhigh\n").unwrap();
+    let output = outrigger(&["optimize", ROOM, "--sensors", &table, "--trajectory", "-3,0 3,0"]);
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        output.status.code() == Some(2) && words.contains("line 3") && words.contains("mine.csv"),
+        "{words}"
+    );
+}
+
+pub fn compares_numbers_of_sensors() {
+    let found =
+        in_room(&["--sensors", "vlp-16", "--count", "1..2", "--azimuths", "120", "--scan-stride", "5"]);
+    let by_count = found["by_count"].as_array().unwrap();
+    assert_eq!((by_count[0]["sensors"].as_u64(), by_count[1]["sensors"].as_u64()), (Some(1), Some(2)));
+    assert!(by_count[1]["unique_voxels"].as_u64() >= by_count[0]["unique_voxels"].as_u64(), "{by_count:?}");
+    let of_best = found["best"]["sensors"].as_array().unwrap().len() as u64;
+    let best = by_count.iter().find(|found| found["sensors"] == of_best).unwrap();
+    let others = by_count.iter().map(|found| found["objective"].as_f64().unwrap());
+    assert_eq!(best["objective"].as_f64().unwrap(), others.fold(f64::NEG_INFINITY, f64::max));
+}
+
+pub fn operators_and_housings_shade() {
+    let flags = ["--sensors", "vlp-16,vlp-16", "--azimuths", "120", "--scan-stride", "5"];
+    let j = |more: &[&str]| {
+        let level = in_room(&[&flags[..], more].concat());
+        level["level"]["per_sensor_voxels"][0].as_u64().unwrap()
+    };
+    let (ideal, housed) = (j(&["--ideal", "--space=0.2,0.2,0,0,0,0"]), j(&["--space=0.2,0.2,0,0,0,0"]));
+    let behind = j(&["--space=0.2,0.2,0,0,0,0", "--operator=-0.4,0,-1,-0.4,0,0.4,0.3"]);
+    assert!(ideal > 0 && behind < housed, "{ideal} {housed} {behind}");
+}
+
+/// Where everything is seen whatever the tilt, nothing is tilted.
+pub fn prefers_the_level_mount() {
+    let flags = ["--sensors", "os1-64", "--azimuths", "200", "--scan-stride", "10", "--voxel", "2.5"];
+    let place = [
+        "optimize",
+        "--room=-5,-5,0,5,5,3",
+        "--trajectory",
+        "-4,-4 4,-4 4,4 -4,4",
+        "--evals",
+        "40",
+        "--json",
+    ];
+    let found = json(&[&place[..], &flags].concat());
+    assert_eq!(found["best"]["observable_share"], 1.0);
+    assert_eq!(found["best"]["sensors"][0]["pitch_deg"], 0.0, "{}", found["best"]);
+    assert_eq!(found["tolerance"]["worst_loss_share"], 0.0);
+}
+
+pub fn goes_on_from_a_state_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (state, page, csv) = (path("state.json"), path("page.html"), path("history.csv"));
+    let flags = ["--sensors", "vlp-16,vlp-16", "--azimuths", "120", "--scan-stride", "5"];
+    let files = ["--resume", &state, "--report", &page, "--csv", &csv];
+    let first = in_room(&[&flags[..], &files].concat());
+    let html = std::fs::read_to_string(&page).unwrap();
+    assert!(html.contains("of what can be seen") && html.contains("Who sees what"), "{}", html.len());
+    let lines = std::fs::read_to_string(&csv).unwrap();
+    assert_eq!(lines.lines().count() - 1, first["history"].as_array().unwrap().len());
+    // what was found before is not looked at again, and half of it leads to the same
+    let text = std::fs::read_to_string(&state).unwrap();
+    let mut kept: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let scores = kept["findings"]["scores"].as_array_mut().unwrap();
+    assert!(scores.len() >= 40, "{}", scores.len());
+    scores.truncate(32);
+    kept["findings"]["exact"] = serde_json::json!([]);
+    std::fs::write(&state, kept.to_string()).unwrap();
+    let again = in_room(&[&flags[..], &["--resume", &state]].concat());
+    assert_eq!((&again["best"], &again["history"]), (&first["best"], &first["history"]));
+    let other =
+        [&["optimize", ROOM, "--trajectory", "-3,0 3,0", "--resume", &state, "--evals", "60"][..], &flags];
+    let output = outrigger(&other.concat());
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && words.contains("trajectory"), "{words}");
+}
+
 pub fn refuses() {
     let waypoints = ["--trajectory", "-3,0 3,0"];
     let sensors = ["--sensors", "vlp-16,vlp-16"];
     for (typed, words) in [
         (&[ROOM, "--trajectory", "-3,0 3,0"][..], "--sensors"),
         (&[ROOM, sensors[0], "vlp-17", waypoints[0], waypoints[1]], "vlp-17"),
+        (&[ROOM, sensors[0], "left=vlp-16", waypoints[0], waypoints[1]], "left"),
+        (&[ROOM, sensors[0], sensors[1], waypoints[0], waypoints[1], "--count", "4..1"], "4..1"),
         (&["--room=-6,-4,0,6,4,1.5", sensors[0], sensors[1]], "--trajectory"),
         (&[ROOM, sensors[0], sensors[1], "--trajectory", "0,0"], "1 waypoints"),
         (&[ROOM, sensors[0], sensors[1], "--trajectory", "0,0 1,2,3,4"], "4 numbers"),

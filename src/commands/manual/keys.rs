@@ -39,7 +39,7 @@ which `sensors` sit on axis 0, 1, ...
 const OF_A_RIG: [&str; 4] = ["record", "daemon", "rig", "rig.apply"];
 
 pub(super) fn page(program: &Command) -> String {
-    let models: Vec<String> = catalogue::names().iter().map(|name| format!("`{name}`")).collect();
+    let models: Vec<String> = catalogue::decoded_names().iter().map(|name| format!("`{name}`")).collect();
     let mut page = OF_SENSORS.replace("{models}", &models.join(", "));
     let (mut explained, mut named) = (String::new(), String::new());
     for verb in program.get_subcommands().filter(|verb| !verb.is_hide_set()) {

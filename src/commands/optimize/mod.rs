@@ -3,6 +3,8 @@
 mod args;
 mod scene;
 mod scene_flags;
+mod scene_state;
+mod site;
 mod spec;
 
 use std::path::Path;

@@ -1,34 +1,30 @@
 //! `optimize --scene`: the search in any scene.
 
+use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Context as _, bail};
-use glam::DVec3;
-
 use super::args::{Args, Corners};
+use super::scene_flags::Counts;
+use super::scene_state::{Question, State};
+use super::site::{WalkSource, site};
 use crate::base::files;
 use crate::commands::experiment_args::ExperimentArgs;
-use crate::commands::scene_args::{WalkText, read_trajectory};
-use crate::commands::scene_file;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, signals, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
-use crate::design::scene_search::{Answer, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd};
+use crate::design::scene_search::{Answer, Findings, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd};
 use crate::report::scene_search::{
-    Best, Document, ModelDocument, SamplingDocument, TrajectoryDocument, WeightsDocument,
+    Best, CountDocument, Document, ModelDocument, Pictured, SamplingDocument, TrajectoryDocument,
+    WeightsDocument, page,
 };
 use crate::rig::{Mount, MountFile, Rig, Unit};
-use crate::simulate::prediction::grid_of;
 use crate::simulate::published::Roll;
-use crate::simulate::view::{CastView, CellView, Fineness, Precision, Sampling, View as _, ViewSite};
-use crate::simulate::walk::{self, Walk};
-use crate::world::local_origin::LocalOrigin;
-use crate::world::placement::Placement;
-use crate::world::scene::LoadedScene;
-use crate::world::trajectory::{Trajectory, suspicions};
+use crate::simulate::view::{CastView, CellView, Fineness, Precision, Sampling, View as _};
+use anyhow::{Context as _, bail};
 
 /// What only a search in a published experiment knows.
-const OF_AN_EXPERIMENT: [&str; 17] = [
+const OF_AN_EXPERIMENT: [&str; 16] = [
     "method",
     "early_stop",
     "batch",
@@ -45,14 +41,15 @@ const OF_AN_EXPERIMENT: [&str; 17] = [
     "max_rays",
     "certify",
     "export_published",
-    "resume",
 ];
 /// And what only a search in a scene.
-const OF_A_SCENE: [&str; 13] = [
+const OF_A_SCENE: [&str; 15] = [
     "trajectory",
     "rate",
     "trajectory_out",
     "sensors",
+    "count",
+    "operator",
     "ideal",
     "scan_stride",
     "weights",
@@ -64,14 +61,14 @@ const OF_A_SCENE: [&str; 13] = [
     "map_path",
 ];
 
-const DEFAULT_VOXEL_M: f64 = 0.1;
 const DEFAULT_EVALUATIONS: u64 = 1000;
 /// Least range of an ideal sensor, m.
 const IDEAL_MIN_RANGE_M: f64 = 0.3;
 /// Fewer channels leave gaps that many views have to fill.
 const FEW_CHANNELS: usize = 32;
-/// A search corrects its model, and may look coarsely.
+/// A search corrects its model, and may look coarsely: rays, and layers of height, m.
 const SEARCH_STEP_SHARE: f64 = 0.85;
+const SEARCH_LAYER_GAP_M: f64 = 0.15;
 
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
 pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
@@ -91,13 +88,8 @@ pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
 
 /// Searches and reports.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    if args.csv.is_some() || args.report.is_some() {
-        context.ensure_not_typed(
-            &["csv", "report"],
-            "is not written of a search in a scene; --json has everything",
-        )?;
-    }
-    output::check_places([&args.out, &args.scene.trajectory_out])?;
+    let files = [&args.out, &args.scene.trajectory_out, &args.csv, &args.report, &args.resume];
+    output::check_places(files)?;
     let start = Instant::now();
     let rigs = rig_space(args)?;
     let present = args.scene.present.as_deref().map(|path| present(path, &rigs)).transpose()?;
@@ -119,22 +111,16 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         views: if channels < FEW_CHANNELS { 100 } else { 50 },
         step_share: SEARCH_STEP_SHARE,
         ..Fineness::between(rigs.bounds.z_m)
-    };
-    let model = CellView::new(&site, &units, &sampling, &fineness)?;
+    }
+    .with_gaps(SEARCH_LAYER_GAP_M);
+    let mut model = CellView::new(&site, &units, &sampling, &fineness)?;
     let cast = CastView::new(site, &units, &sampling, Precision::Single).map_err(wrong_usage)?;
     let weights = SceneWeights::new(args.scene.weights, model.observable());
-    let middle: Vec<f64> =
-        rigs.space()?.variables().iter().map(|variable| 0.5 * (variable.low + variable.high)).collect();
-    let plan = Plan::new(evaluations, seed, cast.rays(&rigs.rig(&middle)));
-    let mut search = SceneSearch::new(&rigs, model, &cast, weights, plan)?;
-    stage.counts(evaluations as u64, 0);
-    let progress = |done: usize, what: &str| {
-        stage.at(done as u64);
-        stage.say(what);
-    };
-    let end = search.run(&progress, &stop);
+    let run = Run { args, cast: &cast, weights, evaluations, seed, stage: &stage, stop: &stop };
+    let (rigs, known, by_count) = run.by_count(rigs, &mut model)?;
+    let (search, mut end) = run.search(&rigs, &mut model, known)?;
     stage.next("casting what the best mount is compared with");
-    let answer = search.answer(&cast, &end.exact, present.as_ref().map(|(_, rig)| rig));
+    let answer = search.answer(&cast, &mut end.exact, present.as_ref().map(|(_, rig)| rig));
     drop(stage);
     let Some(answer) = answer else {
         bail!("stopped before the first exact evaluation: no mount was scored")
@@ -150,11 +136,124 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
-    let document = document(args, &cast, &search, &end, answer, (start, source, warnings));
-    let written = write(args, &rigs, &document, &winner.values);
+    let origin = source.origin;
+    let mut document = document(args, &cast, &search, &end, answer, (start, source, warnings));
+    document.by_count = by_count;
+    let written = write(args, &rigs, &document, &winner.values).and_then(|()| {
+        let Some(path) = &args.report else { return Ok(()) };
+        let coverage = cast.cover(&winner.rig);
+        let observable = cast.cells_seen_by_any();
+        let made_by = output::again();
+        let pictured = Pictured {
+            coverage: &coverage,
+            bounds_m: cast.site().scene.bounds_m(),
+            observable: &observable,
+            origin,
+            made_by: &made_by,
+        };
+        page(&document, &pictured).write(path).with_context(|| path.display().to_string())
+    });
     output::print_result(context.json, &document, || document.summary(), &[])?;
     written?;
     Ok(Outcome::Done)
+}
+
+/// What all searches of a command share.
+struct Run<'a, 's> {
+    args: &'s Args,
+    cast: &'a CastView,
+    weights: SceneWeights,
+    evaluations: usize,
+    seed: u64,
+    stage: &'s Stage,
+    stop: &'s AtomicBool,
+}
+
+impl<'a> Run<'a, '_> {
+    /// Searches with each number of sensors that is asked for; the rigs of the best number by J, and what was found there.
+    fn by_count(
+        &self,
+        rigs: RigSpace,
+        model: &mut CellView,
+    ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<CountDocument>)> {
+        let Some(Counts(first, last)) = self.args.scene.count else { return Ok((rigs, None, Vec::new())) };
+        let mut best: Option<(f64, RigSpace, Findings)> = None;
+        let mut found = Vec::new();
+        for sensors in first..=last {
+            let rigs = rigs.with_sensors(sensors, self.args.experiment.of_scene().is_mirrored);
+            let (search, mut end) = self.search(&rigs, model, None)?;
+            let findings = search.findings().clone();
+            end.exact.retain(|exact| rigs.violation_m(&exact.rig) == 0.0);
+            let Some(winner) = end.exact.first() else {
+                output::say_notice(&format!(
+                    "no mount of {sensors} sensors keeps them apart: give a larger --space"
+                ));
+                continue;
+            };
+            found.push(CountDocument {
+                sensors,
+                unique_voxels: winner.seen.union as u64,
+                observable_share: 0.0,
+                objective: winner.objective(),
+            });
+            if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
+                best = Some((winner.objective(), rigs.clone(), findings));
+            }
+        }
+        let observable = self.weights.observable.max(self.cast.seen_by_any()).max(1);
+        found
+            .iter_mut()
+            .for_each(|found| found.observable_share = found.unique_voxels as f64 / observable as f64);
+        match best {
+            Some((_, rigs, findings)) => Ok((rigs, Some(findings), found)),
+            None => bail!(
+                "none of {first} to {last} sensors fits: give a larger --space, or a smaller --clearance"
+            ),
+        }
+    }
+
+    /// One search; `known` is what it found before.
+    fn search<'b>(
+        &self,
+        rigs: &'b RigSpace,
+        model: &'b mut CellView,
+        known: Option<Findings>,
+    ) -> anyhow::Result<(SceneSearch<'b>, SearchEnd)>
+    where
+        'a: 'b,
+    {
+        let space = rigs.space()?;
+        let middle: Vec<f64> =
+            space.variables().iter().map(|variable| 0.5 * (variable.low + variable.high)).collect();
+        let plan = Plan::new(self.evaluations, self.seed, self.cast.rays(&rigs.rig(&middle)));
+        let mut state = None;
+        let known = match (known, &self.args.resume) {
+            (Some(known), _) => known,
+            (None, Some(path)) => {
+                let question = Question::of(self.args, &plan, rigs, self.cast);
+                let (opened, known) = State::open(path, question)?;
+                state = Some(opened);
+                known
+            }
+            (None, None) => Findings::default(),
+        };
+        let mut search = SceneSearch::new(rigs, model, self.cast, self.weights, plan, known)?;
+        self.stage.counts(self.evaluations as u64, 0);
+        let failed = std::cell::RefCell::new(None);
+        let progress = |search: &SceneSearch<'_>, what: &str| {
+            self.stage.at(search.evaluations() as u64);
+            self.stage.say(what);
+            if let Some(Err(error)) = state.as_ref().map(|state| state.keep(search.findings())) {
+                failed.borrow_mut().get_or_insert(error);
+                self.stop.store(true, std::sync::atomic::Ordering::Relaxed);
+            }
+        };
+        let end = search.run(&progress, self.stop);
+        match failed.into_inner() {
+            Some(error) => Err(error),
+            None => Ok((search, end)),
+        }
+    }
 }
 
 fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
@@ -163,12 +262,18 @@ fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
             "which sensors? Give --sensors, models of the catalogue with commas between them (os1-64,os1-64)"
         );
     }
+    if args.scene.count.is_some() && args.scene.sensors.len() > 1 {
+        refuse!("--count is about one model, and --sensors names {}: give it once", args.scene.sensors.len());
+    }
     let mut units: Vec<Unit> = Vec::new();
+    let mut files: Vec<Option<PathBuf>> = Vec::new();
     let mut places = Vec::new();
-    for name in &args.scene.sensors {
-        let unit = Unit::nominal(name.trim()).map_err(wrong_usage)?;
-        let place = units.iter().position(|known| *known == unit).unwrap_or_else(|| {
+    for typed in &args.scene.sensors {
+        let (unit, file) = Unit::typed(typed.trim()).map_err(wrong_usage)?;
+        let place = units.iter().position(|known| known.model == unit.model).unwrap_or_else(|| {
+            unit.notice.iter().for_each(|notice| output::say_notice(notice));
             units.push(unit);
+            files.push(file);
             units.len() - 1
         });
         places.push(place);
@@ -185,6 +290,7 @@ fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
     Ok(RigSpace {
         masters: RigSpace::masters_of(&places, settings.is_mirrored),
         units,
+        files,
         bounds,
         fixed_roll_deg: match settings.roll {
             Roll::Fixed(roll_deg) => Some(roll_deg),
@@ -220,68 +326,6 @@ fn present(path: &std::path::Path, rigs: &RigSpace) -> anyhow::Result<(Vec<Unit>
         ));
     }
     Ok((units, rig))
-}
-
-fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
-    let scene_args = &args.scene;
-    let mut loaded = match (&scene_args.scene, &scene_args.room) {
-        (Some(path), _) => scene_file::read(path, &scene_args.mesh, &scene_args.map, context)?,
-        (None, Some(room)) => {
-            scene_file::ensure_none_typed(context, "the scene is a room")?;
-            LoadedScene::of_room(&room.scene())
-        }
-        (None, None) => refuse!("give --scene or --room"),
-    };
-    let (trajectory, source) = walk_of(args, context, &mut loaded)?;
-    let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
-    let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;
-    Ok((ViewSite { scene: loaded.scene, trajectory, grid }, loaded.warnings, source))
-}
-
-/// Where the trajectory comes from.
-struct WalkSource {
-    name: String,
-    /// Of a walk that was planned here.
-    corners_m: Vec<DVec3>,
-    /// Where the local frame of scene and trajectory begins.
-    origin: LocalOrigin,
-}
-
-fn walk_of(
-    args: &Args,
-    context: Context,
-    loaded: &mut LoadedScene,
-) -> anyhow::Result<(Trajectory, WalkSource)> {
-    if !matches!(args.scene.trajectory, Some(WalkText::File(_))) {
-        context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
-    }
-    let (Walk { trajectory, corners_m, doubts }, name) = match &args.scene.trajectory {
-        None => {
-            let walk = walk::planned(&loaded.scene)?;
-            let name = format!("planned through the free floor, {} legs", walk.corners_m.len() - 1);
-            (walk, name)
-        }
-        Some(WalkText::Waypoints(waypoints)) => {
-            let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(loaded.origin)).collect();
-            (walk::along(&loaded.scene, &local)?, format!("{} waypoints", waypoints.len()))
-        }
-        Some(WalkText::File(path)) => {
-            let name = path.display().to_string();
-            let (trajectory, mut doubts) = read_trajectory(path, args.scene.rate)?;
-            doubts.extend(suspicions(&trajectory, &name));
-            let trajectory = loaded.origin.local_trajectory(trajectory);
-            (Walk { trajectory, corners_m: Vec::new(), doubts }, name)
-        }
-    };
-    loaded.warnings.extend(doubts);
-    let scene = &loaded.scene;
-    let placement = Placement::new(scene, &trajectory, 0.0, loaded.origin);
-    if placement.is_wrong {
-        bail!("{name}: {}", placement.doubts.join("; "));
-    }
-    loaded.warnings.extend(placement.doubts.iter().map(|doubt| format!("{name}: {doubt}")));
-    let corners_m = corners_m.into_iter().map(|corner_m| loaded.origin.world(corner_m)).collect();
-    Ok((trajectory, WalkSource { name, corners_m, origin: loaded.origin }))
 }
 
 fn document(
@@ -332,6 +376,7 @@ fn document(
             duration_s: (end_ns - start_ns) as f64 * 1e-9,
         },
         history: end.history.clone(),
+        by_count: Vec::new(),
         warnings,
         answer,
     }
@@ -343,9 +388,13 @@ fn numbers(mount: Mount) -> [f64; 5] {
 
 fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> anyhow::Result<()> {
     document.warnings.iter().for_each(|warning| output::say_notice(warning));
+    if let Some(path) = &args.csv {
+        files::write_whole(path, document.csv().as_bytes()).with_context(|| path.display().to_string())?;
+    }
     let Some(path) = &args.out else { return Ok(()) };
     let mut file = MountFile::new(document.best.judged.sensors.clone());
     file.masters = Some(rigs.mounts(values).into_iter().map(numbers).collect());
+    file.calibrations = rigs.calibrations(&rigs.rig(values));
     file.objective = Some(document.best.judged.objective);
     file.write(path)?;
     Ok(())

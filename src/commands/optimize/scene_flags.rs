@@ -1,10 +1,40 @@
 //! What `optimize` is asked for about a scene.
 
 use std::path::PathBuf;
+use std::str::FromStr;
 
-use crate::commands::scene_args::{MeshArgs, Room, WalkText};
+use sensors::catalogue;
+
+use crate::commands::scene_args::{MeshArgs, Numbers, Room, WalkText};
 use crate::commands::scene_file::MapArgs;
 use crate::design::scene_search::WeightRule;
+
+/// All sensors that can be searched with.
+fn sensors_help() -> String {
+    format!(
+        "Models of the sensors, with commas between them; two of a kind are a mirrored pair unless --no-mirror. Known are {} (* \
+         has unverified parts); or a file of your own: a model file (.toml), a table of beams (.csv: elevation_deg, \
+         rot_correction_deg, vertical_offset_m, fire_us) or a pattern (.csv: time, azimuth, zenith angle), MODEL:FILE with \
+         limits and housing of a known one",
+        catalogue::marked_names().join(", ")
+    )
+}
+
+/// From the fewest sensors to the most.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Counts(pub usize, pub usize);
+
+impl FromStr for Counts {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (first, last) = text.split_once("..").unwrap_or((text, text));
+        match (first.trim().parse(), last.trim().parse()) {
+            (Ok(first), Ok(last)) if 1 <= first && first <= last && last <= 8 => Ok(Self(first, last)),
+            _ => Err(format!("{text:?}: give numbers of sensors from 1 to 8, such as 1..4")),
+        }
+    }
+}
 
 /// Arguments of a search in a scene.
 #[derive(clap::Args, Debug)]
@@ -36,12 +66,18 @@ pub struct SceneSearchArgs {
     /// Write the trajectory as it was used (TUM).
     #[arg(long, value_name = "FILE.tum", help_heading = "Output")]
     pub(super) trajectory_out: Option<PathBuf>,
-    /// Models of the sensors, with commas between them; two of a kind are a mirrored pair unless --no-mirror.
-    #[arg(long, value_delimiter = ',', value_name = "MODEL,MODEL", help_heading = "Model")]
+    #[arg(long, value_delimiter = ',', value_name = "MODEL,MODEL", help_heading = "Model", help = sensors_help())]
     pub(super) sensors: Vec<String>,
+    /// Search with each number of sensors from A to B, all of the one model of --sensors, and compare what they see.
+    #[arg(long, value_name = "A..B", conflicts_with = "resume", help_heading = "Model")]
+    pub(super) count: Option<Counts>,
     /// Search with ideal beams, as `predict --ideal` has them.
     #[arg(long, help_heading = "Model")]
     pub(super) ideal: bool,
+    /// Who carries the rig and shades: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left, z up), m.
+    /// Housings of the other sensors shade, too, unless --ideal.
+    #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE", help_heading = "Model")]
+    pub(super) operator: Option<Numbers<7>>,
     /// Judge by every N-th revolution.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) scan_stride: u32,

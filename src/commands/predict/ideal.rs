@@ -15,7 +15,7 @@ use crate::rig::{Rig, Unit};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::ideal::IdealSensors;
 use crate::simulate::prediction::Site;
-use crate::simulate::view::{CastView, Precision, Sampling, Seen, View as _, ViewSite};
+use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
 use crate::world::placement::Placement;
 use crate::world::surface::{MAIN_RANK, ObservableSurface, write_flags};
 
@@ -80,7 +80,7 @@ pub fn run(
     ensure_a_revolution(&sensors, &args.trajectory.name())?;
     let Site { loaded, trajectory, grid } = site;
     let trajectory_length_m = trajectory.length_m();
-    let view_site = ViewSite { scene: loaded.scene, trajectory, grid };
+    let view_site = ViewSite { scene: loaded.scene, trajectory, grid, shades: Shades::default() };
     let view = CastView::new(view_site, units, &sampling, Precision::Double).map_err(wrong_usage)?;
     let samples =
         sensors.scene.mesh().map(|mesh| args.samples.samples(mesh, loaded.origin, args.seed)).transpose()?;

@@ -125,10 +125,11 @@ fn mounted(mounts: &Masters, models: &[String], choices: &[UnitChoice]) -> anyho
         (_, [_, ..]) | ([], []) => {
             refuse!("--mounts takes models by --sensors MODEL,MODEL, or one --sensor MODEL for all of them")
         }
-        ([model], []) => vec![Unit::nominal(model).map_err(wrong_usage)?; mounts.len()],
-        (models, []) if models.len() == mounts.len() => {
-            models.iter().map(|model| Unit::nominal(model).map_err(wrong_usage)).collect::<Result<_, _>>()?
-        }
+        ([model], []) => vec![Unit::typed(model).map_err(wrong_usage)?.0; mounts.len()],
+        (models, []) if models.len() == mounts.len() => models
+            .iter()
+            .map(|model| Ok(Unit::typed(model).map_err(wrong_usage)?.0))
+            .collect::<anyhow::Result<_>>()?,
         (models, []) => refuse!(
             "--sensors names {} models and --mounts lists {} sensors: give one model for all, or one for each",
             models.len(),

@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
-use super::search::{Exact, SceneSearch};
+use super::search::{Exact, SceneSearch, tilt_rad};
 use super::weights::angle_deg;
+use crate::base::rng::Rng;
 use crate::design::objective::Terms;
 use crate::rig::{Mount, Rig, SensorEntry};
 use crate::simulate::baselines::{SCAN_PITCHES_DEG, level_mount};
@@ -12,7 +13,10 @@ use crate::simulate::view::{CastView, Seen, View};
 /// Loss of J that a flat range allows, as a share of the voxels seen.
 pub(crate) const FLAT_LOSS: f64 = 0.001;
 /// Starts of the revolutions, in columns, at which the winner is judged again.
-const PHASES: [f64; 3] = [0.25, 0.5, 0.75];
+const PHASES: [f64; 2] = [1.0 / 3.0, 2.0 / 3.0];
+/// Of equals the least tilted wins: equal is what differs by this share of the deviation over starts of the revolutions. More would
+/// cost as much as the search may lose.
+const TIE_SHARE: f64 = 0.5;
 /// How far from the winner a coordinate is tried, in sixtieths of its range.
 const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
 
@@ -38,6 +42,24 @@ pub(crate) struct FlatRange {
     pub high: f64,
 }
 
+/// What errors of building cost: shares of the voxels that the winner sees, by the model. Every sensor is off by itself, evenly
+/// within plus and minus.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub(crate) struct ToleranceLoss {
+    pub position_m: f64,
+    pub angle_deg: f64,
+    pub draws: usize,
+    pub mean_loss_share: f64,
+    pub worst_loss_share: f64,
+}
+
+/// Mounts that are drawn for that.
+const DRAWS: usize = 16;
+const POSITION_M: f64 = 0.01;
+const ANGLE_DEG: f64 = 1.0;
+/// A loss within these errors that makes the best mount a cliff.
+const CLIFF_SHARE: f64 = 0.01;
+
 /// Everything about the winner.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Answer {
@@ -54,11 +76,12 @@ pub(crate) struct Answer {
     pub level_single: Judged,
     /// The same at the pitch that is best by the model.
     pub best_single: Judged,
-    /// Standard deviation of the winner's count over four starts of the revolutions, voxels.
+    /// Standard deviation of the winner's count over three starts of the revolutions, voxels.
     pub phase_sd_voxels: f64,
     /// Rigs that were judged and lie within two such deviations of the winner (of a difference).
     pub indistinguishable: Vec<Judged>,
     pub flat: Vec<FlatRange>,
+    pub tolerance: ToleranceLoss,
     /// Beams cast for all this.
     pub rays: u64,
 }
@@ -87,6 +110,12 @@ impl Answer {
                     .into(),
             );
         }
+        if self.tolerance.worst_loss_share > CLIFF_SHARE {
+            doubts.push(format!(
+                "the best mount stands at a cliff: {POSITION_M} m and {ANGLE_DEG} degree off may cost {:.1} % of the voxels",
+                100.0 * self.tolerance.worst_loss_share
+            ));
+        }
         doubts
     }
 }
@@ -107,19 +136,42 @@ impl SceneSearch<'_> {
         }
     }
 
-    /// Casts what the winner is compared with.
-    pub fn answer(&self, cast: &CastView, exact: &[Exact], present: Option<&Rig>) -> Option<Answer> {
-        let winner = exact.first()?;
-        let level = level_of(&winner.rig);
+    /// The winner's count at other starts of the revolutions, voxels.
+    fn phases(&self, cast: &CastView, rig: &Rig) -> Vec<Seen> {
+        PHASES.iter().flat_map(|phase| cast.at_phase(*phase).see(std::slice::from_ref(rig))).collect()
+    }
+
+    /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
+    /// one takes its place, among them the same positions level.
+    pub fn answer(&self, cast: &CastView, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
+        let first = exact.first()?;
+        let phases = self.phases(cast, &first.rig);
+        let counts: Vec<f64> = phases.iter().chain([&first.seen]).map(|seen| seen.union).collect();
+        let mean = counts.iter().sum::<f64>() / counts.len() as f64;
+        let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
+        let phase_sd_voxels = (square / (counts.len() - 1) as f64).sqrt();
+        let level_values = self.rigs.level(&first.values);
+        let level_rig = self.rigs.rig(&level_values);
+        let level_seen = cast.see(std::slice::from_ref(&level_rig)).pop()?;
+        let level_terms = self.weights.terms(&level_rig, &level_seen);
+        let level_exact = Exact {
+            predicted: self.look_at(std::slice::from_ref(&level_values))[0],
+            values: level_values,
+            rig: level_rig,
+            seen: level_seen,
+            terms: level_terms,
+        };
+        let level = level_exact.clone();
+        if tilt_rad(&first.rig) > 0.0 {
+            exact.push(level_exact);
+        }
+        prefer_least_tilted(exact, TIE_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
+        let winner = &exact[0];
         let single = self.single(&winner.rig);
         let tilted = self.best_single(&single);
-        let mut rigs = vec![level, single, tilted];
+        let mut rigs = vec![single, tilted];
         rigs.extend(present.cloned());
         let seen = cast.see(&rigs);
-        let phases: Vec<Seen> = PHASES
-            .iter()
-            .flat_map(|phase| cast.at_phase(*phase).see(std::slice::from_ref(&winner.rig)))
-            .collect();
         let observable = self.weights.observable.max(cast.seen_by_any());
         let judged_of = |rig: &Rig, seen: &Seen| self.judged(rig, seen, observable);
         let mut judged: Vec<Judged> =
@@ -127,30 +179,51 @@ impl SceneSearch<'_> {
         let present = present.and_then(|_| judged.pop());
         let best_single = judged.pop()?;
         let level_single = judged.pop()?;
-        let level = judged.pop()?;
-        let counts: Vec<f64> = phases.iter().chain([&winner.seen]).map(|seen| seen.union).collect();
-        let mean = counts.iter().sum::<f64>() / counts.len() as f64;
-        let square = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>();
-        let phase_sd_voxels = (square / (counts.len() - 1) as f64).sqrt();
         // of a difference of two counts
         let near = 2.0 * std::f64::consts::SQRT_2 * phase_sd_voxels;
-        let is_near = |other: &&Exact| winner.objective() - other.objective() <= near;
+        let is_near = |other: &&Exact| (winner.objective() - other.objective()).abs() <= near;
+        let rays = seen.iter().chain(&phases).chain([&level.seen]).map(|seen| seen.rays).sum();
         Some(Answer {
             observable_voxels: observable,
             best: judged_of(&winner.rig, &winner.seen),
-            level,
+            level: judged_of(&level.rig, &level.seen),
             present,
             level_single,
             best_single,
             phase_sd_voxels,
             indistinguishable: exact[1..]
                 .iter()
-                .take_while(is_near)
+                .filter(is_near)
                 .map(|other| judged_of(&other.rig, &other.seen))
                 .collect(),
             flat: self.flat_ranges(winner),
-            rays: seen.iter().chain(&phases).map(|seen| seen.rays).sum(),
+            tolerance: self.tolerance_loss(winner),
+            rays,
         })
+    }
+
+    /// What small errors of every sensor cost, by the model.
+    fn tolerance_loss(&self, winner: &Exact) -> ToleranceLoss {
+        let mut rng = Rng::new(self.plan.seed, 3);
+        let mut rigs = vec![winner.rig.clone(); DRAWS + 1];
+        let angle_rad = ANGLE_DEG.to_radians();
+        for mount in rigs[1..].iter_mut().flat_map(|rig| &mut rig.sensors).map(|sensor| &mut sensor.mount) {
+            for position_m in [&mut mount.x_m, &mut mount.y_m, &mut mount.z_m] {
+                *position_m += rng.between(-POSITION_M, POSITION_M);
+            }
+            for turned_rad in [&mut mount.pitch_rad, &mut mount.roll_rad] {
+                *turned_rad += rng.between(-angle_rad, angle_rad);
+            }
+        }
+        let seen = self.model.see(&rigs);
+        let losses: Vec<f64> = seen[1..].iter().map(|off| 1.0 - off.union / seen[0].union.max(1.0)).collect();
+        ToleranceLoss {
+            position_m: POSITION_M,
+            angle_deg: ANGLE_DEG,
+            draws: DRAWS,
+            mean_loss_share: losses.iter().sum::<f64>() / DRAWS as f64,
+            worst_loss_share: losses.iter().copied().fold(0.0, f64::max),
+        }
     }
 
     /// The strongest sensor of a rig alone, level, in its middle.
@@ -212,11 +285,11 @@ impl SceneSearch<'_> {
     }
 }
 
-/// The same sensors where they are, none tilted.
-fn level_of(rig: &Rig) -> Rig {
-    let mut level = rig.clone();
-    for sensor in &mut level.sensors {
-        (sensor.mount.pitch_rad, sensor.mount.roll_rad) = (0.0, 0.0);
-    }
-    level
+/// The least tilted of the rigs that keep their distance and score within `near` of the first takes its place.
+fn prefer_least_tilted(exact: &mut [Exact], near: f64, violation_m: impl Fn(&Rig) -> f64) {
+    let best = exact[0].objective();
+    let is_equal = |other: &Exact| best - other.objective() <= near && violation_m(&other.rig) == 0.0;
+    let equals = (0..exact.len()).filter(|at| *at == 0 || is_equal(&exact[*at]));
+    let least = equals.min_by(|a, b| tilt_rad(&exact[*a].rig).total_cmp(&tilt_rad(&exact[*b].rig)));
+    exact[..=least.unwrap_or(0)].rotate_right(1);
 }

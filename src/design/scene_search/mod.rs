@@ -13,5 +13,5 @@ mod weights;
 pub(crate) use answer::{Answer, Judged};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
-pub(crate) use search::{Plan, SceneSearch, SearchEnd};
+pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};

@@ -1,5 +1,8 @@
 //! Rigs as a search space: where each master sits and how it is tilted.
 
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
 use crate::design::optimize::{KeepApart, Mirror, MountBounds, Space, SpaceError, Variable};
 use crate::rig::{Mount, MountedSensor, Rig, Unit};
 
@@ -16,6 +19,8 @@ pub(crate) struct Master {
 #[derive(Clone, Debug)]
 pub(crate) struct RigSpace {
     pub units: Vec<Unit>,
+    /// The file of each that the user brought.
+    pub files: Vec<Option<PathBuf>>,
     pub masters: Vec<Master>,
     pub bounds: MountBounds,
     /// Roll of every master, degrees; searched where none.
@@ -41,6 +46,11 @@ impl RigSpace {
         }
         masters.extend(single.into_iter().map(|unit| Master { unit, is_mirrored: false }));
         masters
+    }
+
+    /// The same with so many sensors, all of the first unit.
+    pub fn with_sensors(&self, count: usize, is_mirrored: bool) -> Self {
+        Self { masters: Self::masters_of(&vec![0; count], is_mirrored), ..self.clone() }
     }
 
     /// Variables of a master.
@@ -105,6 +115,18 @@ impl RigSpace {
         self.rig_of(&self.mounts(values))
     }
 
+    /// The same point with every tilt as near to none as the limits allow.
+    pub fn level(&self, values: &[f64]) -> Vec<f64> {
+        let mut level = values.to_vec();
+        for master in level.chunks_exact_mut(self.coordinates()) {
+            let limits = [self.bounds.pitch_deg, self.bounds.roll_deg];
+            for (tilt_deg, (low, high)) in master[3..].iter_mut().zip(limits) {
+                *tilt_deg = 0.0_f64.clamp(low, high);
+            }
+        }
+        level
+    }
+
     /// The rig of these masters.
     pub fn rig_of(&self, mounts: &[Mount]) -> Rig {
         let mut sensors = Vec::new();
@@ -120,6 +142,16 @@ impl RigSpace {
             }
         }
         Rig { sensors }
+    }
+
+    /// By sensor of a rig the file that the user brought; none where there is none.
+    pub fn calibrations(&self, rig: &Rig) -> Option<BTreeMap<String, PathBuf>> {
+        let file = |sensor: &MountedSensor| {
+            let unit = self.units.iter().position(|unit| unit.model == sensor.model)?;
+            Some((sensor.name.clone(), self.files[unit].clone()?))
+        };
+        let files: BTreeMap<String, PathBuf> = rig.sensors.iter().filter_map(file).collect();
+        (!files.is_empty()).then_some(files)
     }
 
     /// The coordinates of a point that lie at their limits, in words.
@@ -164,6 +196,7 @@ mod tests {
     fn pair() -> RigSpace {
         RigSpace {
             units: vec![Unit::nominal("os1-64").unwrap()],
+            files: vec![None],
             masters: RigSpace::masters_of(&[0, 0], true),
             bounds: MountBounds::default(),
             fixed_roll_deg: Some(0.0),

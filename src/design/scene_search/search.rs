@@ -13,13 +13,16 @@ use crate::simulate::view::{CellView, Seen, View};
 
 /// Rigs of the spread by which voxels that everything sees are found.
 const SETTLING: usize = 48;
+/// Of the spread every so many voxels are looked at, and all of them for its best quarter.
+const SPARSE: usize = 4;
 /// Standard deviation of the first and the last step of a local search, as shares of each variable's range.
 const STEP_SHARES: [f64; 2] = [0.15, 0.02];
 /// Mounts from which a local search steps, and steps between two looks at which are best.
 const PARENTS: usize = 8;
 const CHILDREN: usize = 16;
-/// Exact evaluations of rigs that cast so many rays or more are dear.
+/// Exact evaluations of rigs that cast so many rays or more are dear, of those that cast fewer than so many cheap.
 const DEAR_RAYS: u64 = 30_000_000;
+const CHEAP_RAYS: u64 = 3_000_000;
 /// Share of the best trials among which the correction's mounts are chosen.
 const GOOD_SHARE: f64 = 0.15;
 /// Finalists are at least so far from each other and from what was judged, in the unit cube.
@@ -44,7 +47,11 @@ pub(crate) struct Plan {
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
     pub fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
-        let (correcting, finalists) = if rays_of_exact < DEAR_RAYS { (12, 8) } else { (6, 5) };
+        let (correcting, finalists) = match rays_of_exact {
+            rays if rays < CHEAP_RAYS => (16, 14),
+            rays if rays < DEAR_RAYS => (12, 8),
+            _ => (6, 5),
+        };
         Self {
             seed,
             evaluations,
@@ -74,6 +81,12 @@ impl Exact {
     }
 }
 
+/// How far a rig is tilted in all, rad.
+pub(super) fn tilt_rad(rig: &Rig) -> f64 {
+    let tilts = rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad.hypot(sensor.mount.roll_rad));
+    tilts.sum()
+}
+
 /// A rig that the model looked at.
 struct Tried {
     values: Vec<f64>,
@@ -86,7 +99,7 @@ struct Tried {
 /// A search under way.
 pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
-    pub model: CellView,
+    pub model: &'a mut CellView,
     pub judge: &'a dyn View,
     pub weights: SceneWeights,
     pub plan: Plan,
@@ -96,6 +109,20 @@ pub(crate) struct SceneSearch<'a> {
     correction: Correction,
     /// Model evaluations done and the best exact J then.
     history: Vec<(usize, f64)>,
+    /// What was found before, in the order in which the search asks.
+    known: Findings,
+    found: Findings,
+}
+
+/// What a search has found so far, in its order: with these it goes on, or again, as it did.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Findings {
+    /// J by the model, as looked at first.
+    pub scores: Vec<f64>,
+    /// Of the best of the spread, by all voxels.
+    pub again: Vec<f64>,
+    /// Of the rigs that were cast.
+    pub exact: Vec<Seen>,
 }
 
 /// How a search ended.
@@ -120,12 +147,14 @@ impl<'a> SceneSearch<'a> {
     /// Bounds out of order.
     pub fn new(
         rigs: &'a RigSpace,
-        model: CellView,
+        model: &'a mut CellView,
         judge: &'a dyn View,
         weights: SceneWeights,
         plan: Plan,
+        known: Findings,
     ) -> Result<Self, SpaceError> {
         let space = rigs.space()?;
+        model.unsettle();
         Ok(Self {
             rigs,
             model,
@@ -137,11 +166,18 @@ impl<'a> SceneSearch<'a> {
             exact: Vec::new(),
             correction: Correction::default(),
             history: Vec::new(),
+            known,
+            found: Findings::default(),
         })
     }
 
+    /// What was found until now.
+    pub fn findings(&self) -> &Findings {
+        &self.found
+    }
+
     /// Searches until the plan is done or `stop` is set; the best exact one is there either way.
-    pub fn run(&mut self, progress: &dyn Fn(usize, &str), stop: &AtomicBool) -> SearchEnd {
+    pub fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
         let Plan { evaluations, spread, local, correcting, finalists, seed } = self.plan;
         let mut rng = Rng::new(seed, 0);
@@ -152,12 +188,13 @@ impl<'a> SceneSearch<'a> {
             if is_stopped() && !self.tried.is_empty() {
                 break;
             }
-            self.look(points);
-            progress(self.tried.len(), "looking at mounts all over the space");
+            self.look(points, SPARSE);
+            progress(self, "looking at mounts all over the space");
         }
+        self.look_again();
         self.search_locally((spread + local).min(evaluations), 1, progress, stop);
         if !is_stopped() {
-            progress(self.tried.len(), "casting every beam of the mounts that correct the model");
+            progress(self, "casting every beam of the mounts that correct the model");
             self.judge_all(self.far_apart(correcting));
             self.correct();
             self.search_locally(evaluations, 2, progress, stop);
@@ -166,7 +203,7 @@ impl<'a> SceneSearch<'a> {
             if is_stopped() && !self.exact.is_empty() {
                 break;
             }
-            progress(self.tried.len(), "casting every beam of the finalists");
+            progress(self, "casting every beam of the finalists");
             self.judge_all(self.best_left(count));
             self.correct();
         }
@@ -180,8 +217,11 @@ impl<'a> SceneSearch<'a> {
             exact.predicted = self.predicted(&exact.values);
         }
         let violation_m = |exact: &Exact| self.rigs.violation_m(&exact.rig);
+        // of equals the least tilted
         exact.sort_by(|a, b| {
-            violation_m(a).total_cmp(&violation_m(b)).then(b.objective().total_cmp(&a.objective()))
+            let by_score =
+                violation_m(a).total_cmp(&violation_m(b)).then(b.objective().total_cmp(&a.objective()));
+            by_score.then(tilt_rad(&a.rig).total_cmp(&tilt_rad(&b.rig)))
         });
         SearchEnd {
             rays: exact.iter().map(|exact| exact.seen.rays).sum(),
@@ -226,15 +266,43 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
+    /// J by the model, by every `stride`-th voxel.
+    fn scores(&self, rigs: &[Rig], stride: usize) -> Vec<f64> {
+        let seen = self.model.see_sparsely(rigs, stride);
+        rigs.iter().zip(&seen).map(|(rig, seen)| self.weights.terms(rig, seen).objective()).collect()
+    }
+
+    /// The best of the spread by all voxels; the others are not asked for again.
+    fn look_again(&mut self) {
+        let best: Vec<usize> = self.ranked().into_iter().take(self.tried.len() / 4).collect();
+        let rigs: Vec<Rig> = best.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
+        let is_known = self.known.again.len() == best.len();
+        let scores = if is_known { self.known.again.clone() } else { self.scores(&rigs, 1) };
+        for (at, score) in best.into_iter().zip(&scores) {
+            self.tried[at].score = *score;
+        }
+        self.found.again = scores;
+    }
+
+    /// Mounts that the model looked at.
+    pub fn evaluations(&self) -> usize {
+        self.tried.len()
+    }
+
     /// The model looks at points.
-    fn look(&mut self, points: &[Vec<f64>]) {
+    fn look(&mut self, points: &[Vec<f64>], stride: usize) {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
-        let seen = self.model.see(&rigs);
-        for ((values, rig), seen) in points.iter().zip(&rigs).zip(&seen) {
+        let first = self.tried.len();
+        let scores: Vec<f64> = match self.known.scores.get(first..first + points.len()) {
+            Some(known) => known.to_vec(),
+            None => self.scores(&rigs, stride),
+        };
+        self.found.scores.extend(&scores);
+        for ((values, rig), score) in points.iter().zip(&rigs).zip(scores) {
             self.tried.push(Tried {
                 values: values.clone(),
                 mounts: self.rigs.mounts(values),
-                score: self.weights.terms(rig, seen).objective(),
+                score,
                 violation_m: self.rigs.violation_m(rig),
             });
         }
@@ -246,7 +314,7 @@ impl<'a> SceneSearch<'a> {
         &mut self,
         limit: usize,
         round: u64,
-        progress: &dyn Fn(usize, &str),
+        progress: &dyn Fn(&Self, &str),
         stop: &AtomicBool,
     ) {
         let [first_share, last_share] = STEP_SHARES.map(|share| share / round as f64);
@@ -260,8 +328,8 @@ impl<'a> SceneSearch<'a> {
             let children = CHILDREN.min(limit - self.tried.len());
             let points: Vec<Vec<f64>> =
                 (0..children).map(|_| self.child(&parents, share, &mut rng)).collect();
-            self.look(&points);
-            progress(self.tried.len(), "looking at mounts around the best ones");
+            self.look(&points, 1);
+            progress(self, "looking at mounts around the best ones");
         }
     }
 
@@ -348,7 +416,12 @@ impl<'a> SceneSearch<'a> {
 
     fn judge_all(&mut self, chosen: Vec<usize>) {
         let rigs: Vec<Rig> = chosen.iter().map(|at| self.rigs.rig(&self.tried[*at].values)).collect();
-        let seen = self.judge.see(&rigs);
+        let first = self.exact.len();
+        let seen = match self.known.exact.get(first..first + rigs.len()) {
+            Some(known) => known.to_vec(),
+            None => self.judge.see(&rigs),
+        };
+        self.found.exact.extend(seen.iter().cloned());
         for ((at, rig), seen) in chosen.into_iter().zip(rigs).zip(seen) {
             let terms = self.weights.terms(&rig, &seen);
             let values = self.tried[at].values.clone();

@@ -8,9 +8,10 @@ use sensors::SensorModel;
 
 use super::cells::reachable_voxels;
 use super::fan::FanBeam;
-use super::{Fan, Sampling, Scans, Seen, View, ViewError, ViewSite};
+use super::{Fan, Sampling, Scans, Seen, Shades, View, ViewError, ViewSite};
 use crate::base::instructions::Instructions;
 use crate::rig::{Mount, Rig, Unit};
+use crate::simulate::occluder::Occluder;
 use crate::world::coverage::{Counts, Coverage};
 use crate::world::scene::{Mesh, PACKET, RayTile};
 
@@ -18,6 +19,9 @@ use crate::world::scene::{Mesh, PACKET, RayTile};
 const TILE: usize = 4;
 /// Bitmaps of all rigs, sensors and threads of a pass, bytes.
 const BITMAP_BYTES: usize = 256 << 20;
+
+/// Distances at which beams are stopped, column by column, m.
+type Shade = Vec<f32>;
 
 /// With how many digits beams are cast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,6 +94,12 @@ impl CastView {
         any.iter().map(|word| u64::from(word.count_ones())).sum()
     }
 
+    /// These voxels, ascending.
+    pub(crate) fn cells_seen_by_any(&self) -> Vec<usize> {
+        let any = self.seen_by_any.lock().unwrap_or_else(PoisonError::into_inner);
+        (0..64 * any.len()).filter(|cell| any[cell / 64] >> (cell % 64) & 1 != 0).collect()
+    }
+
     /// Where it looks.
     pub fn site(&self) -> &ViewSite {
         &self.site
@@ -126,6 +136,10 @@ impl CastView {
         let nothing = || -> Vec<Vec<Vec<u64>>> {
             rigs.iter().map(|rig| vec![vec![0; words]; rig.sensors.len()]).collect()
         };
+        let shades: Vec<Vec<Option<Shade>>> = rigs
+            .par_iter()
+            .map(|rig| (0..rig.sensors.len()).map(|at| self.shade(rig, at)).collect())
+            .collect();
         let jobs: Vec<(usize, u64)> = (0..self.units.len())
             .filter(|unit| {
                 let mut sensors = rigs.iter().flat_map(|rig| &rig.sensors);
@@ -140,7 +154,7 @@ impl CastView {
             .map(|thread| {
                 let mut bitmaps = nothing();
                 for (unit, scan) in jobs.iter().skip(thread).step_by(threads) {
-                    self.cast_scan(*unit, *scan, rigs, &mut bitmaps);
+                    self.cast_scan(*unit, *scan, (rigs, &shades), &mut bitmaps);
                 }
                 bitmaps
             })
@@ -158,26 +172,65 @@ impl CastView {
     }
 
     /// One revolution of every sensor of a unit.
-    fn cast_scan(&self, unit: usize, scan: u64, rigs: &[Rig], bitmaps: &mut [Vec<Vec<u64>>]) {
+    fn cast_scan(
+        &self,
+        unit: usize,
+        scan: u64,
+        (rigs, shades): (&[Rig], &[Vec<Option<Shade>>]),
+        bitmaps: &mut [Vec<Vec<u64>>],
+    ) {
         let (fan, scans) = &self.units[unit];
         let poses = scans.poses(&self.site.trajectory, scan);
-        for (rig, bitmaps) in rigs.iter().zip(bitmaps) {
-            for (sensor, bitmap) in rig.sensors.iter().zip(bitmaps) {
+        for ((rig, shades), bitmaps) in rigs.iter().zip(shades).zip(bitmaps) {
+            for ((sensor, shade), bitmap) in rig.sensors.iter().zip(shades).zip(bitmaps) {
+                let shade = shade.as_deref();
                 if self.unit(&sensor.model) != unit {
                     continue;
                 }
                 let columns = columns(fan, &sensor.mount, &poses);
                 match self.site.scene.mesh() {
                     Some(mesh) if self.precision == Precision::Single => {
-                        self.mark_rounded(mesh, fan, &columns, bitmap);
+                        self.mark_rounded(mesh, fan, (&columns, shade), bitmap);
                     }
-                    _ => self.mark_precise(fan, &columns, bitmap),
+                    _ => self.mark_precise(fan, (&columns, shade), bitmap),
                 }
             }
         }
     }
 
-    fn mark_rounded(&self, mesh: &Mesh, fan: &Fan, columns: &[(DMat3, DVec3)], bitmap: &mut [u64]) {
+    /// How far each beam of a sensor gets before the rig or its operator stands in its way, column by column.
+    fn shade(&self, rig: &Rig, sensor: usize) -> Option<Shade> {
+        let Shades { has_housings, operator } = &self.site.shades;
+        let mut occluders: Vec<Occluder> = operator.iter().copied().collect();
+        if *has_housings {
+            occluders.extend(Occluder::other_housings(rig, sensor));
+        }
+        if occluders.is_empty() {
+            return None;
+        }
+        let (fan, _) = self.fan_of(&rig.sensors[sensor].model);
+        let in_body = vec![(DMat3::IDENTITY, DVec3::ZERO); fan.columns];
+        let columns = columns(fan, &rig.sensors[sensor].mount, &in_body);
+        let distance_m = |column: usize, number: usize| {
+            let beam = fan.beam(column, number);
+            let (axes, origin_m) = &columns[shifted(column, beam.shift, columns.len())];
+            let (from_m, along) = (*origin_m + *axes * beam.origin_m, *axes * beam.direction);
+            let met = occluders.iter().filter_map(|occluder| occluder.distance_m(from_m, along));
+            met.fold(f64::INFINITY, f64::min) as f32
+        };
+        let of_column = |column: usize| (0..fan.beams.len()).map(move |number| (column, number));
+        Some(
+            (0..fan.columns).flat_map(of_column).map(|(column, number)| distance_m(column, number)).collect(),
+        )
+    }
+
+    fn mark_rounded(
+        &self,
+        mesh: &Mesh,
+        fan: &Fan,
+        (columns, shade): (&[(DMat3, DVec3)], Option<&[f32]>),
+        bitmap: &mut [u64],
+    ) {
         let centre_m = mesh.centre_m();
         let rounded = |(axes, origin_m): &(DMat3, DVec3)| RoundedColumn {
             axes: [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| axis.as_vec3().to_array()),
@@ -185,16 +238,23 @@ impl CastView {
         };
         let columns: Vec<RoundedColumn> = columns.iter().map(rounded).collect();
         let beams: Vec<RoundedBeam> = fan.beams.iter().map(RoundedBeam::of).collect();
+        let pattern: Option<Vec<[f32; 3]>> = fan
+            .pattern()
+            .map(|directions| directions.iter().map(|along| along.as_vec3().to_array()).collect());
         let cells = RoundedGrid::new(&self.site, centre_m);
         let (min_m, max_m) = (fan.min_range_m as f32, fan.max_range_m as f32);
         let mut rays = RayTile::EMPTY;
         let mut offset_m = [0.0_f32; PACKET];
+        let mut free_m = [f32::INFINITY; PACKET];
         for first in (0..columns.len()).step_by(TILE) {
-            for beams in beams.chunks(TILE) {
+            for (chunk, beams) in beams.chunks(TILE).enumerate() {
                 let mut count = 0;
-                for step in 0..TILE.min(columns.len() - first) {
-                    for beam in beams {
-                        beam.place(&columns, first + step, count, &mut rays);
+                for column in first..columns.len().min(first + TILE) {
+                    for (number, beam) in beams.iter().enumerate() {
+                        let at = column * fan.beams.len() + chunk * TILE + number;
+                        let own = pattern.as_ref().map_or(beam.direction, |directions| directions[at]);
+                        free_m[count] = shade.map_or(f32::INFINITY, |free_m| free_m[at]);
+                        beam.place(own, &columns, column, count, &mut rays);
                         offset_m[count] = beam.range_offset_m;
                         count += 1;
                     }
@@ -205,12 +265,15 @@ impl CastView {
                         rays.direction[axis][lane] = rays.direction[axis][0];
                     }
                     offset_m[lane] = offset_m[0];
+                    free_m[lane] = free_m[0];
                 }
                 let distances_m = mesh.cast_tile(&rays, max_m, self.instructions);
                 let indices = cells.indices(&rays, &distances_m);
                 for lane in 0..PACKET {
                     let range_m = distances_m[lane] + offset_m[lane];
-                    if range_m >= min_m && range_m <= max_m && indices[lane] != OUTSIDE {
+                    let is_in_range =
+                        range_m >= min_m && range_m <= max_m && distances_m[lane] < free_m[lane];
+                    if is_in_range && indices[lane] != OUTSIDE {
                         bitmap[indices[lane] as usize / 64] |= 1 << (indices[lane] % 64);
                     }
                 }
@@ -218,25 +281,36 @@ impl CastView {
         }
     }
 
-    fn mark_precise(&self, fan: &Fan, columns: &[(DMat3, DVec3)], bitmap: &mut [u64]) {
+    fn mark_precise(
+        &self,
+        fan: &Fan,
+        (columns, shade): (&[(DMat3, DVec3)], Option<&[f32]>),
+        bitmap: &mut [u64],
+    ) {
         let (mut origins_m, mut directions) = (Vec::new(), Vec::new());
-        let mut offsets_m = Vec::new();
+        // of each beam what its range counts before its origin, and how far it gets, m
+        let mut limits_m: Vec<(f64, f64)> = Vec::new();
         for first in (0..columns.len()).step_by(TILE) {
-            for beams in fan.beams.chunks(TILE) {
+            for numbers in (0..fan.beams.len()).collect::<Vec<_>>().chunks(TILE) {
                 origins_m.clear();
                 directions.clear();
-                offsets_m.clear();
+                limits_m.clear();
                 for column in first..columns.len().min(first + TILE) {
-                    for beam in beams {
+                    for number in numbers {
+                        let beam = fan.beam(column, *number);
                         let (axes, origin_m) = &columns[shifted(column, beam.shift, columns.len())];
                         origins_m.push(*origin_m + *axes * beam.origin_m);
                         directions.push(*axes * beam.direction);
-                        offsets_m.push(beam.range_offset_m);
+                        let free_m =
+                            shade.map_or(f32::INFINITY, |free_m| free_m[column * fan.beams.len() + number]);
+                        limits_m.push((beam.range_offset_m, f64::from(free_m)));
                     }
                 }
                 let mut met = |ray: usize, distance_m: Option<f64>| {
                     let Some(distance_m) = distance_m else { return };
-                    if !(fan.min_range_m..=fan.max_range_m).contains(&(distance_m + offsets_m[ray])) {
+                    let (offset_m, free_m) = limits_m[ray];
+                    let is_in_range = (fan.min_range_m..=fan.max_range_m).contains(&(distance_m + offset_m));
+                    if !(is_in_range && distance_m < free_m) {
                         return;
                     }
                     let point_m = origins_m[ray] + distance_m * directions[ray];
@@ -327,11 +401,18 @@ impl RoundedBeam {
     }
 
     #[inline(always)]
-    fn place(&self, columns: &[RoundedColumn], column: usize, lane: usize, rays: &mut RayTile) {
+    fn place(
+        &self,
+        own: [f32; 3],
+        columns: &[RoundedColumn],
+        column: usize,
+        lane: usize,
+        rays: &mut RayTile,
+    ) {
         let RoundedColumn { axes, origin_m } = &columns[shifted(column, self.shift, columns.len())];
         for axis in 0..3 {
             let along = |v: [f32; 3]| axes[0][axis] * v[0] + axes[1][axis] * v[1] + axes[2][axis] * v[2];
-            rays.direction[axis][lane] = along(self.direction);
+            rays.direction[axis][lane] = along(own);
             rays.origin_m[axis][lane] = origin_m[axis] + along(self.origin_m);
         }
     }

@@ -1,9 +1,10 @@
 //! The beams of one sensor, as views cast them: each fixed in a frame that turns with the column.
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
-use sensors::SensorModel;
+use sensors::{Pattern, SensorModel};
 
 use super::ViewError;
 use crate::base::geometry::BODY_FROM_MOUNT_FRAME;
@@ -54,6 +55,12 @@ pub(super) struct FanBeam {
     pub shift: usize,
 }
 
+impl FanBeam {
+    /// Forward, from the sensor's origin.
+    const FROM_ORIGIN: Self =
+        Self { direction: DVec3::X, origin_m: DVec3::ZERO, range_offset_m: 0.0, shift: 0 };
+}
+
 /// The beams of a sensor and how it spins.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fan {
@@ -78,6 +85,8 @@ pub struct Fan {
     turns: Vec<(f64, f64)>,
     /// From the lowest beam to the highest: neighbours see neighbouring surfaces.
     pub(super) beams: Vec<FanBeam>,
+    /// Directions of a sensor without rings, column by column; none for others.
+    pattern: Option<Arc<[DVec3]>>,
 }
 
 /// Elevations that are even within this are meant to be, degrees: tables of models are rounded.
@@ -98,11 +107,16 @@ impl Fan {
             return Err(ViewError::Ranges { model: model.name.clone(), min_range_m, max_range_m });
         }
         let direction_of_turn = if sampling.is_ideal { 1.0 } else { -1.0 };
-        let step_rad = direction_of_turn * TAU / columns as f64;
-        let (sensor_from_lidar, mut beams) = if sampling.is_ideal {
+        let pattern = model.pattern().map(|pattern| directions(pattern, columns, sampling.phase));
+        // a pattern turns by itself
+        let turn_rad = if pattern.is_some() { 0.0 } else { TAU };
+        let step_rad = direction_of_turn * turn_rad / columns as f64;
+        let affine = model.sensor_from_lidar();
+        let (sensor_from_lidar, mut beams) = if pattern.is_some() {
+            ((affine.matrix3, affine.translation), vec![FanBeam::FROM_ORIGIN; model.channels()])
+        } else if sampling.is_ideal {
             ((DMat3::IDENTITY, DVec3::ZERO), ideal_beams(unit))
         } else {
-            let affine = model.sensor_from_lidar();
             ((affine.matrix3, affine.translation), calibrated_beams(unit, rate_hz, step_rad, columns))
         };
         beams.sort_by(|a, b| a.direction.z.total_cmp(&b.direction.z));
@@ -118,12 +132,33 @@ impl Fan {
             step_rad,
             turns: turns(columns, step_rad, sampling.phase),
             beams,
+            pattern,
         })
     }
 
     /// The same with the first column turned on by so many columns.
     pub(super) fn at_phase(&self, phase: f64) -> Self {
-        Self { turns: turns(self.columns, self.step_rad, phase), ..self.clone() }
+        let pattern = self.model.pattern().map(|pattern| directions(pattern, self.columns, phase));
+        Self { turns: turns(self.columns, self.step_rad, phase), pattern, ..self.clone() }
+    }
+
+    /// A beam in the frame of a column.
+    pub(super) fn beam(&self, column: usize, number: usize) -> FanBeam {
+        let beam = self.beams[number];
+        match &self.pattern {
+            Some(directions) => FanBeam { direction: directions[column * self.beams.len() + number], ..beam },
+            None => beam,
+        }
+    }
+
+    /// The axis about which the beams are even, in the frame in which columns turn.
+    pub(super) fn axis(&self) -> DVec3 {
+        self.model.pattern().map_or(DVec3::Z, Pattern::axis)
+    }
+
+    /// Directions of a sensor without rings, column by column.
+    pub(super) fn pattern(&self) -> Option<&[DVec3]> {
+        self.pattern.as_deref()
     }
 
     /// Beams of one revolution.
@@ -138,7 +173,7 @@ impl Fan {
 
     /// Body from the frame in which columns turn.
     pub(super) fn body_from_lidar(&self, mount: &Mount) -> (DMat3, DVec3) {
-        if self.is_ideal {
+        if self.is_ideal && self.pattern.is_none() {
             return (BODY_FROM_MOUNT_FRAME * mount.rotation(), BODY_FROM_MOUNT_FRAME * mount.position_m());
         }
         let body_from_sensor = mount.body_from_sensor();
@@ -157,6 +192,15 @@ impl Fan {
 
 fn turns(columns: usize, step_rad: f64, phase: f64) -> Vec<(f64, f64)> {
     (0..columns).map(|column| (step_rad * (column as f64 + phase)).sin_cos()).collect()
+}
+
+/// The directions of a pattern at so many instants of its period, the first moved on by `phase` of them.
+fn directions(pattern: &Pattern, columns: usize, phase: f64) -> Arc<[DVec3]> {
+    let at = |column: usize| {
+        let share = (column as f64 + phase) / columns as f64;
+        (0..pattern.lines()).map(move |line| pattern.direction(line, share))
+    };
+    (0..columns).flat_map(at).collect()
 }
 
 fn ideal_beams(unit: &Unit) -> Vec<FanBeam> {

@@ -14,6 +14,7 @@ pub use cells::{BuildCost, CellView, Fineness};
 pub use fan::{Fan, Sampling};
 pub use scans::Scans;
 
+use super::occluder::Occluder;
 use crate::rig::Rig;
 use crate::world::coverage::Counts;
 use crate::world::scene::Scene;
@@ -28,6 +29,17 @@ pub struct ViewSite {
     pub trajectory: Trajectory,
     /// What counts it.
     pub grid: crate::world::coverage::VoxelGrid,
+    /// What moves with the body and shades.
+    pub shades: Shades,
+}
+
+/// What of the rig and its operator stands in the way of beams.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shades {
+    /// Housings of the other sensors.
+    pub has_housings: bool,
+    /// Who carries the rig, in the frame of the body.
+    pub operator: Option<Occluder>,
 }
 
 /// Voxels of a grid whose bitmaps are held whole (32 MiB each).
@@ -44,7 +56,7 @@ impl ViewSite {
 }
 
 /// What a rig sees. Counts of a model are expectations.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Seen {
     /// Voxels seen by each sensor.
     pub per_sensor: Vec<f64>,

@@ -353,8 +353,7 @@ impl<'a> Document<'a> {
 /// `OS-1-128-AH` -> `os1-128`.
 fn catalogue_name(product_line: &str) -> Option<String> {
     let mut parts = product_line.split('-');
-    let family = parts.next()?.to_ascii_lowercase();
-    Some(format!("{family}{}-{}", parts.next()?, parts.next()?))
+    Some(format!("{}{}-{}", parts.next()?, parts.next()?, parts.next()?).to_ascii_lowercase())
 }
 
 /// What sensors of firmware before 2.0 leave out.

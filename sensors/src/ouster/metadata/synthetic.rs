@@ -77,8 +77,8 @@ pub(super) fn metadata(wanted: &Synthetic<'_>) -> Result<Metadata, MetadataError
     let lower = wanted.model_name.to_ascii_lowercase();
     let product_line = lower
         .strip_prefix("os")
-        .filter(|rest| rest.starts_with(|letter: char| letter.is_ascii_digit()))
-        .map(|rest| format!("OS-{rest}"))
+        .filter(|rest| rest.starts_with(|letter: char| letter.is_ascii_digit()) || rest.starts_with("dome-"))
+        .map(|rest| format!("OS-{}", rest.to_ascii_uppercase()))
         .ok_or_else(|| error("model_name", "an Ouster", wanted.model_name.to_owned()))?;
     let (columns, per_packet) = (wanted.columns_per_frame, wanted.columns_per_packet);
     if per_packet == 0 || columns == 0 || columns > 16_384 || columns % per_packet != 0 {

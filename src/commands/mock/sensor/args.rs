@@ -21,7 +21,7 @@ use crate::mock::transmit::Pace;
                         the trajectory's times; without a trajectory file these begin now."
 )]
 pub struct Args {
-    #[arg(long, value_name = "NAME", help = format!("Sensor model: {}", catalogue::names().join(", ")), value_parser = parse_model)]
+    #[arg(long, value_name = "NAME", help = format!("Sensor model: {}", catalogue::decoded_names().join(", ")), value_parser = parse_model)]
     pub(super) model: String,
     /// Where packets go.
     #[arg(long, value_name = "HOST:PORT", value_parser = parse_address)]

@@ -12,7 +12,7 @@ pub(super) fn parse_address(text: &str) -> Result<SocketAddr, String> {
 }
 
 pub(super) fn parse_model(text: &str) -> Result<String, String> {
-    catalogue::nominal(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
+    catalogue::decoded(text).map(|_| text.to_owned()).map_err(|error| error.to_string())
 }
 
 pub(super) fn parse_profile(text: &str) -> Result<Profile, String> {

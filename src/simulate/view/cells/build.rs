@@ -147,7 +147,16 @@ fn view(
 ) -> Vec<Record> {
     let mut hits: Vec<(u32, u32)> = Vec::new();
     let mut points: Vec<([f32; 3], f32)> = Vec::new();
+    let is_free = |from_eye_m: DVec3| {
+        let range_m = from_eye_m.length();
+        let stopped_m =
+            site.shades.operator.and_then(|operator| operator.distance_m(eye_m, from_eye_m / range_m));
+        stopped_m.is_none_or(|stopped_m| stopped_m > range_m)
+    };
     map.cast(&site.scene, place, eye_m, max_range_m, |hit| {
+        if !is_free(hit.from_eye_m) {
+            return;
+        }
         if let Some(cell) = site.grid.index(hit.point_m) {
             hits.push((cell as u32, points.len() as u32));
             points.push((hit.from_eye_m.as_vec3().to_array(), hit.solid_angle_sr as f32));

@@ -2,6 +2,8 @@
 //! same bits with any instruction set.
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
 
+use glam::DVec3;
+
 use super::Fan;
 use super::records::{Block, LANES, Layer};
 use crate::base::instructions::{Instructions, Level};
@@ -10,6 +12,8 @@ use crate::base::instructions::{Instructions, Level};
 const CERTAIN: f32 = 1e-3;
 /// Steps of the table of rows.
 const STEPS: usize = 4096;
+/// 2^23: the steps between numbers of this size are 1.
+const LARGE: f32 = 8_388_608.0;
 /// Root of the solid angle of a patch over its height: floors and tables are seen at a slant. Of 1.0 to 1.4 this ranks the
 /// mounts of two sensors in a furnished house best.
 const FLATNESS: f32 = 1.2;
@@ -25,10 +29,15 @@ pub(super) struct Rows {
     distance_rad: Box<[f32; STEPS]>,
     /// Columns per radian.
     columns_per_rad: f32,
+    /// `distance_rad` holds points per steradian and period instead: a sensor without rings.
+    is_pattern: bool,
 }
 
 impl Rows {
     pub fn new(fan: &Fan) -> Self {
+        if let Some(directions) = fan.pattern() {
+            return Self::of_pattern(directions, fan.axis());
+        }
         let rows_rad: Vec<f64> = fan.elevations_rad().collect();
         let (first, last) = (rows_rad[0], rows_rad[rows_rad.len() - 1]);
         let right = std::f64::consts::FRAC_PI_2;
@@ -36,7 +45,7 @@ impl Rows {
         let high = (last + BEYOND_RAD).min(right).sin();
         let mut distance_rad = Box::new([0.0; STEPS]);
         for (step, distance) in distance_rad.iter_mut().enumerate() {
-            let sine = low + (high - low) * (step as f64 + 0.5) / STEPS as f64;
+            let sine = low + (high - low) * step as f64 / (STEPS - 1) as f64;
             let elevation_rad = sine.clamp(-1.0, 1.0).asin();
             let nearest =
                 rows_rad.iter().map(|row| (row - elevation_rad).abs()).fold(f64::INFINITY, f64::min);
@@ -44,9 +53,32 @@ impl Rows {
         }
         Self {
             low: low as f32,
-            per_sine: (STEPS as f64 / (high - low)) as f32,
+            per_sine: ((STEPS - 1) as f64 / (high - low)) as f32,
             distance_rad,
             columns_per_rad: (fan.columns as f64 / std::f64::consts::TAU) as f32,
+            is_pattern: false,
+        }
+    }
+
+    /// How densely a pattern fills the sphere by the angle to its axis: zones of equal solid angle.
+    fn of_pattern(directions: &[DVec3], axis: DVec3) -> Self {
+        const ZONES: usize = 256;
+        let mut points = [0.0_f64; ZONES];
+        for along in directions {
+            let sine = along.dot(axis).clamp(-1.0, 1.0);
+            points[((0.5 * (sine + 1.0) * ZONES as f64) as usize).min(ZONES - 1)] += 1.0;
+        }
+        let zone_sr = 2.0 * std::f64::consts::TAU / ZONES as f64;
+        let mut distance_rad = Box::new([0.0; STEPS]);
+        for (step, density) in distance_rad.iter_mut().enumerate() {
+            *density = (points[step * ZONES / STEPS] / zone_sr) as f32;
+        }
+        Self {
+            low: -1.0,
+            per_sine: 0.5 * (STEPS - 1) as f32,
+            distance_rad,
+            columns_per_rad: 0.0,
+            is_pattern: true,
         }
     }
 }
@@ -169,10 +201,11 @@ fn unseen_in(layer: &Layer, voxel: usize, eye: &Eye<'_>) -> f32 {
 fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
     let rows = eye.rows;
     let mut missed = [1.0_f32; LANES];
-    let mut steps = [0_usize; LANES];
+    let mut steps = [0_u32; LANES];
     let mut ranges_m = [0.0_f32; LANES];
     let mut widths_m = [0.0_f32; LANES];
     let mut columns = [0.0_f32; LANES];
+    let mut ranges_per_width = [0.0_f32; LANES];
     for lane in 0..LANES {
         let x = f32::from(block.x[lane]) * layer.step_m - eye.origin_m[0];
         let y = f32::from(block.y[lane]) * layer.step_m - eye.origin_m[1];
@@ -183,21 +216,38 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
         let range_m = square.sqrt();
         let across = square - along_m * along_m;
         let across_m = (if across > 1e-6 { across } else { 1e-6 }).sqrt();
-        let step = (along_m / range_m - rows.low) * rows.per_sine;
+        // three quotients by one division, which costs more than all the rest
+        let inverse = 1.0 / (range_m * across_m * width_m);
+        let sine = along_m * (across_m * width_m * inverse);
+        let step = (sine - rows.low) * rows.per_sine;
         let step = if step > 0.0 { step } else { 0.0 };
         let step = if step < (STEPS - 1) as f32 { step } else { (STEPS - 1) as f32 };
-        steps[lane] = step as u32 as usize & (STEPS - 1);
+        // the lowest digits of a number so large are the rounded step: a conversion that every instruction set has
+        steps[lane] = (step + LARGE).to_bits() & (STEPS - 1) as u32;
         ranges_m[lane] = range_m;
         widths_m[lane] = width_m;
-        columns[lane] = width_m * rows.columns_per_rad / across_m;
+        columns[lane] = width_m * width_m * rows.columns_per_rad * (range_m * inverse);
+        ranges_per_width[lane] = square * across_m * inverse;
     }
     let mut distances_rad = [0.0_f32; LANES];
     for lane in 0..LANES {
-        distances_rad[lane] = rows.distance_rad[steps[lane]];
+        distances_rad[lane] = rows.distance_rad[steps[lane] as usize & (STEPS - 1)];
+    }
+    if rows.is_pattern {
+        for lane in 0..LANES {
+            let points = distances_rad[lane] / (ranges_per_width[lane] * ranges_per_width[lane]);
+            // exp(-points) in a few operations
+            let none = 1.0 / (1.0 + points * (1.0 + points * (0.5 + points * (1.0 / 6.0))));
+            let is_met = (widths_m[lane] > 0.0)
+                & (ranges_m[lane] >= eye.min_range_m)
+                & (ranges_m[lane] <= eye.max_range_m);
+            missed[lane] = if is_met { none } else { 1.0 };
+        }
+        return product(missed);
     }
     for lane in 0..LANES {
         // a row surely crosses a patch near its middle, and none near its edges
-        let row = 1.5 - FLATNESS * 2.0 * distances_rad[lane] * ranges_m[lane] / widths_m[lane];
+        let row = 1.5 - FLATNESS * 2.0 * distances_rad[lane] * ranges_per_width[lane];
         let row = if row > 0.0 { row } else { 0.0 };
         let row = if row < 1.0 { row } else { 1.0 };
         let column = if columns[lane] < 1.0 { columns[lane] } else { 1.0 };
@@ -206,12 +256,17 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
             & (ranges_m[lane] <= eye.max_range_m);
         missed[lane] = if is_met { 1.0 - row * column } else { 1.0 };
     }
+    product(missed)
+}
+
+#[inline(always)]
+fn product(mut factors: [f32; LANES]) -> f32 {
     let mut width = LANES / 2;
     while width > 0 {
         for lane in 0..width {
-            missed[lane] *= missed[lane + width];
+            factors[lane] *= factors[lane + width];
         }
         width /= 2;
     }
-    missed[0]
+    factors[0]
 }

@@ -43,8 +43,15 @@ pub struct Fineness {
 impl Fineness {
     /// Views of a search between these heights: a layer every 10 cm, one where the height is fixed.
     pub fn between(heights_m: (f64, f64)) -> Self {
-        let layers = ((heights_m.1 - heights_m.0) / 0.1 - 1e-9).ceil().max(0.0) as usize + 1;
-        Self { views: 100, heights_m, layers: layers.min(8), step_share: 0.6, most_bytes: 256 << 20 }
+        let all = Self { views: 100, heights_m, layers: 1, step_share: 0.6, most_bytes: 256 << 20 };
+        all.with_gaps(0.1)
+    }
+
+    /// The same with layers so far apart, m, or nearer.
+    pub(crate) fn with_gaps(self, gap_m: f64) -> Self {
+        let (low_m, high_m) = self.heights_m;
+        let gaps = ((high_m - low_m) / gap_m - 1e-9).ceil().max(0.0) as usize;
+        Self { layers: (gaps + 1).min(8), ..self }
     }
 }
 
@@ -131,6 +138,14 @@ impl CellView {
         self.settled
     }
 
+    /// What each of these rigs sees, by every `stride`-th of the voxels that are not settled: expectations of the same counts,
+    /// in a share of the time.
+    pub(crate) fn see_sparsely(&self, rigs: &[Rig], stride: usize) -> Vec<Seen> {
+        let chosen: Vec<u32> = self.active.iter().step_by(stride).copied().collect();
+        let scale = self.active.len() as f64 / chosen.len().max(1) as f64;
+        rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs, &chosen, scale)).collect()
+    }
+
     /// Takes the voxels that each sensor of these rigs sees for certain out of every later sum. Good for rigs of the same
     /// search space only: give it rigs spread over that.
     pub fn settle(&mut self, rigs: &[Rig]) {
@@ -143,6 +158,12 @@ impl CellView {
         let before = self.active.len();
         self.active.retain(|_| !certain.next().unwrap_or(false));
         self.settled += (before - self.active.len()) as u64;
+    }
+
+    /// Counts every voxel again: for another search space.
+    pub(crate) fn unsettle(&mut self) {
+        self.active = (0..self.voxels as u32).collect();
+        self.settled = 0;
     }
 
     fn eyes(&self, rig: &Rig) -> Vec<Eye<'_>> {
@@ -163,7 +184,7 @@ impl CellView {
         let share = if gap_m > 0.0 { (origin_m.z - self.heights_m[low]) / gap_m } else { 0.0 };
         Eye {
             origin_m: origin_m.as_vec3().to_array(),
-            axis: axes.z_axis.as_vec3().to_array(),
+            axis: (*axes * unit.fan.axis()).as_vec3().to_array(),
             rows: &unit.rows,
             min_range_m: unit.fan.min_range_m as f32,
             max_range_m: unit.fan.max_range_m as f32,
@@ -180,15 +201,16 @@ impl View for CellView {
     }
 
     fn see(&self, rigs: &[Rig]) -> Vec<Seen> {
-        rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs)).collect()
+        rigs.chunks(BATCH).flat_map(|rigs| self.see_batch(rigs, &self.active, 1.0)).collect()
     }
 }
 
 impl CellView {
-    fn see_batch(&self, rigs: &[Rig]) -> Vec<Seen> {
+    /// `scale` is by how much more voxels there are than these.
+    fn see_batch(&self, rigs: &[Rig], voxels: &[u32], scale: f64) -> Vec<Seen> {
         let eyes: Vec<Vec<Eye<'_>>> = rigs.iter().map(|rig| self.eyes(rig)).collect();
         let chunks: Vec<Vec<Sums>> =
-            self.active.par_chunks(CHUNK).map(|voxels| kernel::sum(&self.layers, voxels, &eyes)).collect();
+            voxels.par_chunks(CHUNK).map(|voxels| kernel::sum(&self.layers, voxels, &eyes)).collect();
         let seen = |(rig, eyes): (usize, &Vec<Eye<'_>>)| {
             let mut all = Sums::nothing(eyes.len());
             for chunk in &chunks {
@@ -196,9 +218,9 @@ impl CellView {
             }
             let settled = self.settled as f64;
             Seen {
-                per_sensor: all.per_sensor.iter().map(|count| count + settled).collect(),
-                union: all.union + if eyes.is_empty() { 0.0 } else { settled },
-                overlap: all.overlap + if eyes.len() > 1 { settled } else { 0.0 },
+                per_sensor: all.per_sensor.iter().map(|count| scale * count + settled).collect(),
+                union: scale * all.union + if eyes.is_empty() { 0.0 } else { settled },
+                overlap: scale * all.overlap + if eyes.len() > 1 { settled } else { 0.0 },
                 sd_voxels: None,
                 rays: 0,
             }

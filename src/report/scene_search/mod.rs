@@ -1,5 +1,9 @@
 //! What a search in a scene found: the JSON document and its summary.
 
+mod page;
+
+pub(crate) use page::{Pictured, page};
+
 use serde::Serialize;
 
 use crate::design::optimize::StoppedBy;
@@ -32,7 +36,19 @@ pub(crate) struct Document {
     pub trajectory: TrajectoryDocument,
     /// Evaluations and the best exact score then.
     pub history: Vec<(usize, f64)>,
+    /// What fewer and more sensors see, where that was asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_count: Vec<CountDocument>,
     pub warnings: Vec<String>,
+}
+
+/// The best rig of so many sensors.
+#[derive(Clone, Serialize)]
+pub(crate) struct CountDocument {
+    pub sensors: usize,
+    pub unique_voxels: u64,
+    pub observable_share: f64,
+    pub objective: f64,
 }
 
 /// The winner.
@@ -111,15 +127,76 @@ impl Document {
             Some(present) => ("your present mount", present),
             None => ("the level mount", &self.answer.level),
         };
-        let bound = self.best.error_bound.map_or(String::new(), |bound| {
-            let share = 100.0 * bound / self.best.judged.unique_voxels.max(1) as f64;
-            format!("; of {} mounts none is better by more than {share:.2} %", self.evaluations)
+        let most = self.best.error_bound.map_or(String::new(), |bound| {
+            let most = (self.best.judged.unique_voxels as f64 + bound) / self.reachable_voxels.max(1) as f64;
+            format!(
+                "; of {} mounts tried none sees more than {:.2} %",
+                self.evaluations,
+                100.0 * most.min(1.0)
+            )
         });
         format!(
-            "{name} sees {} of what can be seen, the best found {}{bound}",
+            "{name} sees {} of what can be seen, the best found {}{most}",
             self.percent(present),
             self.percent(&self.best.judged)
         )
+    }
+
+    /// The rigs that were judged, by name.
+    fn compared(&self) -> Vec<(&'static str, &Judged)> {
+        let answer = &self.answer;
+        let mut compared = vec![("best", &self.best.judged), ("the same, level", &answer.level)];
+        compared.extend(answer.present.iter().map(|present| ("present", present)));
+        compared.push(("one sensor, level", &answer.level_single));
+        compared.push(("one sensor, best pitch", &answer.best_single));
+        compared
+    }
+
+    fn tolerance_line(&self) -> String {
+        let loss = &self.answer.tolerance;
+        format!(
+            "{} m and {}° off cost {:.2} % on average, {:.2} % at worst of {} draws",
+            loss.position_m,
+            loss.angle_deg,
+            100.0 * loss.mean_loss_share,
+            100.0 * loss.worst_loss_share,
+            loss.draws
+        )
+    }
+
+    fn certainty_line(&self) -> String {
+        format!(
+            "{:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be distinguished",
+            self.answer.phase_sd_voxels,
+            self.answer.indistinguishable.len()
+        )
+    }
+
+    fn model_line(&self) -> Option<String> {
+        let (error, cost) = (self.model.model_error?, &self.model.cost);
+        Some(format!(
+            "{} views, {} heights, {:.0} MB; off by {:.0} voxels, {:.0} after the correction (standard deviation over {} \
+             exact mounts)",
+            cost.views,
+            cost.layers,
+            cost.bytes as f64 * 1e-6,
+            error.uncorrected_mean,
+            error.sd,
+            error.n
+        ))
+    }
+
+    fn cost_line(&self) -> String {
+        format!(
+            "{} mounts by the model, {} exactly, {} rays in {:.2} s",
+            self.evaluations, self.exact_evaluations, self.rays, self.wall_s
+        )
+    }
+
+    /// The history as lines of a CSV file.
+    pub fn csv(&self) -> String {
+        let lines = self.history.iter().map(|(at, best)| format!("{at},{best}\r\n"));
+        format!("evaluations,best_objective\r\n{}", lines.collect::<String>())
     }
 
     /// The result in words.
@@ -140,13 +217,16 @@ impl Document {
                 number(judged.objective, 1)
             );
         };
-        line("best", &best.judged);
-        line("the same, level", &answer.level);
-        if let Some(present) = &answer.present {
-            line("present", present);
+        self.compared().into_iter().for_each(|(name, judged)| line(name, judged));
+        for found in &self.by_count {
+            text += &format!(
+                "{:22}{:>9}{:10}{:>21}\n",
+                format!("{} sensors", found.sensors),
+                format!("{:.2} %", 100.0 * found.observable_share),
+                found.unique_voxels,
+                number(found.objective, 1)
+            );
         }
-        line("one sensor, level", &answer.level_single);
-        line("one sensor, best pitch", &answer.best_single);
         text += "sensor            model           x_m      y_m      z_m  pitch_deg  roll_deg\n";
         for sensor in &best.judged.sensors {
             text += &format!(
@@ -165,27 +245,9 @@ impl Document {
             format!("{} {} to {}", range.coordinate, number(range.low, 3), number(range.high, 3))
         });
         text += &(flat.collect::<Vec<_>>().join("\n               ") + "\n");
-        text += &format!(
-            "known to       {:.0} voxels (standard deviation over starts of the revolutions); {} other mounts cannot be \
-             distinguished\n",
-            answer.phase_sd_voxels,
-            answer.indistinguishable.len()
-        );
-        if let Some(error) = self.model.model_error {
-            text += &format!(
-                "model          {} views, {} heights, {:.0} MB; off by {:.0} voxels, {:.0} after the correction (standard \
-                 deviation over {} exact mounts)\n",
-                self.model.cost.views,
-                self.model.cost.layers,
-                self.model.cost.bytes as f64 * 1e-6,
-                error.uncorrected_mean,
-                error.sd,
-                error.n
-            );
-        }
-        text + &format!(
-            "{} mounts by the model, {} exactly, {} rays in {:.2} s\n",
-            self.evaluations, self.exact_evaluations, self.rays, self.wall_s
-        )
+        text += &format!("tolerance      {}\n", self.tolerance_line());
+        text += &format!("known to       {}\n", self.certainty_line());
+        text += &self.model_line().map_or(String::new(), |line| format!("model          {line}\n"));
+        format!("{text}{}\n", self.cost_line())
     }
 }

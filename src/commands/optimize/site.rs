@@ -1,0 +1,93 @@
+//! The scene and the trajectory of a search.
+
+use anyhow::bail;
+use glam::DVec3;
+
+use super::args::Args;
+use crate::commands::scene_args::{Numbers, WalkText, read_trajectory};
+use crate::commands::{Context, scene_file, wrong_usage};
+use crate::simulate::occluder::Occluder;
+use crate::simulate::prediction::grid_of;
+use crate::simulate::view::{Shades, ViewSite};
+use crate::simulate::walk::{self, Walk};
+use crate::world::local_origin::LocalOrigin;
+use crate::world::placement::Placement;
+use crate::world::scene::LoadedScene;
+use crate::world::trajectory::{Trajectory, suspicions};
+
+/// Edge of a voxel where none is given, m.
+const DEFAULT_VOXEL_M: f64 = 0.1;
+
+/// Where is searched, what is odd about it, and where the trajectory comes from.
+pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
+    let scene_args = &args.scene;
+    let mut loaded = match (&scene_args.scene, &scene_args.room) {
+        (Some(path), _) => scene_file::read(path, &scene_args.mesh, &scene_args.map, context)?,
+        (None, Some(room)) => {
+            scene_file::ensure_none_typed(context, "the scene is a room")?;
+            LoadedScene::of_room(&room.scene())
+        }
+        (None, None) => refuse!("give --scene or --room"),
+    };
+    let (trajectory, source) = walk_of(args, context, &mut loaded)?;
+    let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
+    let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;
+    let operator = scene_args.operator.map(|Numbers([x0, y0, z0, x1, y1, z1, radius_m])| Occluder::Capsule {
+        from_m: DVec3::new(x0, y0, z0),
+        to_m: DVec3::new(x1, y1, z1),
+        radius_m,
+    });
+    if let Some(Occluder::Capsule { radius_m, .. }) = operator
+        && radius_m <= 0.0
+    {
+        refuse!("--operator: the radius is {radius_m} m, expected above 0");
+    }
+    let shades = Shades { has_housings: !scene_args.ideal, operator };
+    Ok((ViewSite { scene: loaded.scene, trajectory, grid, shades }, loaded.warnings, source))
+}
+
+/// Where the trajectory comes from.
+pub(super) struct WalkSource {
+    pub name: String,
+    /// Of a walk that was planned here.
+    pub corners_m: Vec<DVec3>,
+    /// Where the local frame of scene and trajectory begins.
+    pub origin: LocalOrigin,
+}
+
+fn walk_of(
+    args: &Args,
+    context: Context,
+    loaded: &mut LoadedScene,
+) -> anyhow::Result<(Trajectory, WalkSource)> {
+    if !matches!(args.scene.trajectory, Some(WalkText::File(_))) {
+        context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
+    }
+    let (Walk { trajectory, corners_m, doubts }, name) = match &args.scene.trajectory {
+        None => {
+            let walk = walk::planned(&loaded.scene)?;
+            let name = format!("planned through the free floor, {} legs", walk.corners_m.len() - 1);
+            (walk, name)
+        }
+        Some(WalkText::Waypoints(waypoints)) => {
+            let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(loaded.origin)).collect();
+            (walk::along(&loaded.scene, &local)?, format!("{} waypoints", waypoints.len()))
+        }
+        Some(WalkText::File(path)) => {
+            let name = path.display().to_string();
+            let (trajectory, mut doubts) = read_trajectory(path, args.scene.rate)?;
+            doubts.extend(suspicions(&trajectory, &name));
+            let trajectory = loaded.origin.local_trajectory(trajectory);
+            (Walk { trajectory, corners_m: Vec::new(), doubts }, name)
+        }
+    };
+    loaded.warnings.extend(doubts);
+    let scene = &loaded.scene;
+    let placement = Placement::new(scene, &trajectory, 0.0, loaded.origin);
+    if placement.is_wrong {
+        bail!("{name}: {}", placement.doubts.join("; "));
+    }
+    loaded.warnings.extend(placement.doubts.iter().map(|doubt| format!("{name}: {doubt}")));
+    let corners_m = corners_m.into_iter().map(|corner_m| loaded.origin.world(corner_m)).collect();
+    Ok((trajectory, WalkSource { name, corners_m, origin: loaded.origin }))
+}
