@@ -22,7 +22,7 @@ function alone(svg) {
 // rows of a chart as it holds them; of a map the runs of its cells
 function rows(svg) {
   const data = svg.querySelector("metadata");
-  if (data) return data.textContent;
+  if (data) return data.textContent.replace(/\r?\n/g, "\r\n"); // HTML knows one line end
   const [, , , height] = svg.getAttribute("viewBox").split(" ").map(Number);
   const lines = ["column,row,class"];
   for (const path of svg.querySelectorAll("path")) {
