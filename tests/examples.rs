@@ -1,9 +1,18 @@
 //! Every command line that help, README and docs show: it parses as the program is, and runs on small data; help is short.
 
+use std::net::SocketAddr;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use glam::DVec3;
 use outrigger::commands::help;
+use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::recording::{SensorInfo, SessionWriter};
+use outrigger::rig::{MountFile, SensorEntry};
+use outrigger::world::scene::{BoxScene, Scene};
+use outrigger::world::trajectory::Trajectory;
+use sensors::Packet;
+use sensors::ouster::{Metadata, Profile, Synthetic};
 
 use crate::support::{Case, case};
 
@@ -35,12 +44,14 @@ const PARSED_ONLY: &[(&str, &str)] = &[
     ("daemon", "serves until it is stopped; tests/daemon runs it"),
     ("view", "serves until it is stopped; tests/view.rs runs it"),
     ("mock rig", "serves until it is stopped; tests/rig_verbs.rs runs it"),
-    ("mock sensor --model vlp-16", "sends until it is stopped; tests/closed_loop.rs runs it"),
+    ("mock sensor", "sends until it is stopped; tests/closed_loop.rs runs it"),
     ("replay walk --to 192.168", "sends to another machine"),
     ("doctor", "judges this machine; tests/config.rs runs it"),
     ("study published", "hours"),
     ("study run", "hours"),
     ("demo", "tests/demo.rs runs it"),
+    ("boresight", "minutes; tests/compare runs it"),
+    ("odometry", "a minute; tests/compare runs it"),
 ];
 
 /// What makes a line quick, by how it begins.
@@ -49,7 +60,8 @@ const QUICKER: &[(&str, &str)] = &[
     ("optimize", "--evals 4 --azimuths 32 --voxel 1 --scan-stride 10"),
     ("predict --preset", "--no-baselines"),
     ("predict", "--azimuths 32 --voxel 1 --no-baselines --fidelity given --sample-count 1000"),
-    ("compare", "--nulls 0 --voxel 1"),
+    // without a trajectory: minutes of odometry, of which tests/compare has plenty
+    ("compare", "--nulls 0 --voxel 1 --trajectory walk.tum"),
     ("study plan", "--seeds 1"),
     ("replay", "--rate max"),
 ];
@@ -165,7 +177,9 @@ fn lines_shown() -> Vec<(String, String)> {
                 continue;
             }
             let command = line.split(" #").next().unwrap_or_default().trim();
-            let command = command.split([';', '|', '>']).next().unwrap_or_default().trim_end_matches('&');
+            let command = [" | ", " > ", "; "]
+                .iter()
+                .fold(command, |command, end| command.split(end).next().unwrap_or_default());
             if let Some(command) = command.strip_prefix("outrigger ").filter(|_| is_shell) {
                 lines.push((name.clone(), command.trim().to_owned()));
             }
@@ -200,45 +214,85 @@ fn shell_words(line: &str) -> Vec<String> {
     words
 }
 
-/// What the lines name: a recorded walk through a hall, its capture, metadata, mount, trajectory, and the hall as a mesh.
+const START_NS: u64 = 1_763_722_223_000_000_000;
+/// Low and high corner of the room, m.
+const ROOM_M: [DVec3; 2] = [DVec3::new(-4.0, -3.0, -1.6), DVec3::new(5.0, 3.5, 1.4)];
+
+/// What the lines name: a recorded walk through a room, its capture, metadata, mount, trajectory, and the room as a mesh.
 fn small_data(folder: &Path) {
-    let made = |line: &str| {
-        let output = outrigger(folder, &words(line));
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(matches!(output.status.code(), Some(0 | 3)), "{line}: {text}");
-    };
-    // where other tests leave the rig no processor, its watchdog ends the walk, as it must
-    let demo = words("demo --evals 40 --rate 20 --speed 8 --out demo");
-    let walked = (0..5).any(|_| {
-        let _ = std::fs::remove_dir_all(folder.join("demo"));
-        matches!(outrigger(folder, &demo).status.code(), Some(0 | 3))
-    });
-    assert!(walked, "{demo:?}: five walks ended early");
     let path = |name: &str| folder.join(name);
-    std::fs::rename(path("demo/session"), path("walk")).unwrap();
-    std::fs::copy(path("demo/mount.json"), path("mount.json")).unwrap();
-    std::fs::copy(path("walk/trajectory.tum"), path("walk.tum")).unwrap();
-    let metadata = std::fs::read_dir(path("walk/metadata")).unwrap();
-    let mut metadata: Vec<_> = metadata.map(|entry| entry.unwrap().path()).collect();
-    metadata.sort();
-    for (from, names) in metadata.iter().zip([&["sensor.json", "left.json"][..], &["right.json"]]) {
-        for name in names {
-            std::fs::copy(from, path(name)).unwrap();
-        }
+    let trajectory =
+        Trajectory::straight(DVec3::new(-1.0, 0.0, 0.0), DVec3::new(1.0, 0.0, 0.0), 1.0, START_NS);
+    std::fs::write(path("walk.tum"), trajectory.to_tum()).unwrap();
+    let entry = |name: &str, side: f64| SensorEntry {
+        name: name.into(),
+        model: "os1-64".into(),
+        x_m: 0.1 * side,
+        pitch_deg: 20.0 * side,
+        ..SensorEntry::default()
+    };
+    let mount = MountFile::new(vec![entry("left", -1.0), entry("right", 1.0)]);
+    mount.write(&path("mount.json")).unwrap();
+    record(&path("walk"), &mount, &trajectory);
+    for (from, to) in [("left", "sensor"), ("left", "left"), ("right", "right")] {
+        std::fs::copy(path(&format!("walk/metadata/{from}.json")), path(&format!("{to}.json"))).unwrap();
     }
-    made("cut walk -o capture.pcap");
-    let mut hall = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\nelement face 6\n\
+    let mut mesh = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\nelement face 6\n\
                     property list uchar int vertex_indices\nend_header\n"
         .to_owned();
-    for corner in 0..8_u8 {
-        let side = |axis: u8, low: f64, high: f64| if corner >> axis & 1 == 1 { high } else { low };
-        hall += &format!("{} {} {}\n", side(0, -25.0, 25.0), side(1, -25.0, 25.0), side(2, 0.0, 20.0));
+    for corner in 0..8_usize {
+        let [x, y, z] = [0, 1, 2].map(|axis| ROOM_M[corner >> axis & 1][axis]);
+        mesh += &format!("{x} {y} {z}\n");
     }
     for quad in ["0 1 3 2", "4 5 7 6", "0 1 5 4", "2 3 7 6", "0 2 6 4", "1 3 7 5"] {
-        hall += &format!("4 {quad}\n");
+        mesh += &format!("4 {quad}\n");
     }
-    std::fs::write(path("house.ply"), hall).unwrap();
-    made("init");
+    std::fs::write(path("house.ply"), mesh).unwrap();
+    for line in ["cut walk -o capture.pcap", "init"] {
+        let output = outrigger(folder, &words(line));
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+/// A session of two Ousters along a trajectory.
+fn record(session: &Path, mount: &MountFile, trajectory: &Trajectory) {
+    let scene = Scene::Box(BoxScene::closed(ROOM_M[0], ROOM_M[1]));
+    let metadata = |sensor: usize| {
+        let serial = 122_000_000_001 + sensor as u64;
+        let wanted = Synthetic::new("os1-64", serial, Profile::Rng19Rfl8Sig16Nir16);
+        Metadata::synthetic(&wanted.columns(512, 16)).unwrap()
+    };
+    let destination = |sensor: usize| SocketAddr::from(([10, 0, 0, 100], 7502 + 2 * sensor as u16));
+    let info = |(sensor, name): (usize, &str)| SensorInfo {
+        name: name.into(),
+        address: Some(destination(sensor)),
+        metadata: Some(metadata(sensor).to_json()),
+        ..SensorInfo::default()
+    };
+    let infos: Vec<SensorInfo> = ["left", "right"].into_iter().enumerate().map(info).collect();
+    let writer = SessionWriter::create(session, &infos).unwrap();
+    let rig = mount.rig().unwrap();
+    for (sensor, mounted) in rig.sensors.iter().enumerate() {
+        let pose = mounted.mount.body_from_sensor();
+        let body_from_sensor = |_: u64| pose;
+        let surroundings = Surroundings {
+            scene: &scene,
+            trajectory,
+            body_from_sensor: &body_from_sensor,
+            noise_m: 0.01,
+            seed: 3,
+        };
+        let source = SocketAddr::from(([10, 0, 0, 1 + sensor as u8], 50_000));
+        let (destination, link) = (destination(sensor), Default::default());
+        MockSensor::ouster(metadata(sensor))
+            .run(&surroundings, |host_time_ns, payload| {
+                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, link, payload })
+            })
+            .unwrap();
+    }
+    writer.put_mount(mount, &[]).unwrap();
+    writer.put_trajectory(trajectory).unwrap();
+    writer.close(None).unwrap();
 }
 
 fn every_command_line_runs_on_small_data() {
@@ -282,7 +336,7 @@ fn a_recording_makes_a_rig_file() {
     assert_eq!(document["files"].as_array().unwrap().len(), 3, "two sensors' metadata: {document}");
     let text = std::fs::read_to_string(folder.path().join("rig/rig.toml")).unwrap();
     assert_eq!(text.matches("\n[[sensor]]\n").count(), 2, "{text}");
-    assert_eq!(text.matches("\nmodel = \"os1-64\"").count(), 2, "{text}");
+    assert_eq!(text.matches("\nmodel = \"os1-64\"\nlisten = 750").count(), 2, "{text}");
     // the metadata are the recording's: the capture decodes with them
     let [sensor, made] = ["capture.pcap --config rig/rig.toml", "walk"].map(|what| {
         let output = run(&format!("decode {what} --json"));

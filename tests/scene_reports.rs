@@ -16,6 +16,7 @@ pub const CASES: &[Case] = &[
     case("the_published_divergence_scores_again", the_published_divergence_scores_again),
     case("units_of_a_rig_are_as_calibrated", units_of_a_rig_are_as_calibrated),
     case("every_flaw_has_its_option", every_flaw_has_its_option),
+    case("a_single_sensor_needs_no_mount", a_single_sensor_needs_no_mount),
     case("columns_from_180_to_4096", columns_from_180_to_4096),
     case("a_mesh_is_asked_for_its_unit_and_axis", a_mesh_is_asked_for_its_unit_and_axis),
     case("an_error_tells_its_cause_once", an_error_tells_its_cause_once),
@@ -290,6 +291,24 @@ fn every_flaw_has_its_option() {
     assert!(
         folder.error(&[&place[..], &["--reflectivity", "0"]].concat()).contains("'0' for '--reflectivity")
     );
+}
+
+/// Level at the platform's origin, which is said; and the trajectory may be planned or typed.
+fn a_single_sensor_needs_no_mount() {
+    let folder = Folder::new();
+    let place =
+        ["predict", "--room", "0,0,0,6,4,3", "--azimuths", "60", "--no-baselines", "--sensors", "vlp-16"];
+    let alone = folder.document(&[&place[..], &["--trajectory", "walk.tum"]].concat());
+    let typed =
+        folder.document(&[&place[..], &["--trajectory", "walk.tum", "--mounts", "0,0,0,0,0"]].concat());
+    assert_eq!(alone["coverage_sha256"], typed["coverage_sha256"]);
+    let output = folder.run(&[&place[..], &["--trajectory", "2,2 4,2"]].concat());
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && text.contains("level at the platform's origin"), "{text}");
+    assert!(text.contains("2 waypoints: 1 legs, 2.0 m"), "{text}");
+    let planned = folder.run(&place);
+    let text = String::from_utf8_lossy(&planned.stderr).into_owned();
+    assert!(planned.status.success() && text.contains("planned trajectory: "), "{text}");
 }
 
 fn columns_from_180_to_4096() {

@@ -28,9 +28,7 @@ const LOOK_AHEAD: u64 = 20_000;
                   /NAME/position_packets) and, for an Ouster, /NAME/metadata. Packets from a bag get made-up addresses \
                   (192.0.2.0/24) in a capture.\n\
                   Exit codes: 0 done, 1 failed, 3 done, but some of the recording is missing or could not be assigned to a \
-                  sensor.\n\n\
-                  Examples:\n  outrigger cut walk.bag -o walk.pcap\n  outrigger cut walk.pcap --meta os.json --from 10 --to 20 -o \
-                  part.mcap"
+                  sensor."
 )]
 pub struct Args {
     /// Captures, bags or session folders; several are joined in this order.

@@ -234,7 +234,10 @@ pub const EXAMPLES: [(&str, [&str; 2]); 30] = [
     ),
     ("boresight", ["boresight walk", "boresight walk --trajectory walk.tum --json"]),
     ("odometry", ["odometry walk -o path.tum", "odometry walk --scene house.ply -o path.tum"]),
-    ("decode", ["decode capture.pcap --meta sensor.json -o points.laz", "decode walk -o points.ply"]),
+    (
+        "decode",
+        ["decode capture.pcap --meta sensor.json -o points.laz", "decode walk --format ply -o points"],
+    ),
     ("cut", ["cut capture.pcap -o part.pcap --from 1 --to 2", "cut walk -o left.mcap --sensor left"]),
     ("inspect", ["inspect capture.pcap", "inspect walk --json"]),
     (

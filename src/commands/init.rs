@@ -26,7 +26,7 @@ pub struct Args {
     /// Folder of the new file, made where it is absent, or the file itself (*.toml).
     #[arg(default_value = ".", value_name = "DIR")]
     place: PathBuf,
-    /// Take the sensors from this recording: names, models, ports, and the metadata of Ousters as files beside rig.toml.
+    /// Take the sensors from this recording: names, models, ports, and the metadata of Ousters as files next to rig.toml.
     #[arg(long, value_name = "RECORDING")]
     from: Option<PathBuf>,
     #[command(flatten)]
@@ -88,7 +88,7 @@ impl FoundSensor {
         let imu_port = || Metadata::parse(metadata?, &name).ok()?.imu_port;
         let position_port = (sensor.position_packets > 0).then_some(POSITION_PORT);
         Self {
-            model: catalogue::names().into_iter().find(|known| known.eq_ignore_ascii_case(&product)),
+            model: model_named(&product),
             port: sensor.data_port(),
             auxiliary_port: imu_port().or(position_port),
             source: sensor.source().map(|source| source.ip()),
@@ -126,6 +126,15 @@ impl FoundSensor {
     }
 }
 
+/// The model of the catalogue: `OS-1-64-U02` is an `os1-64`.
+fn model_named(product: &str) -> Option<&'static str> {
+    let plain =
+        |name: &str| name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_lowercase();
+    let product = plain(product);
+    let known = catalogue::names().into_iter().filter(|known| product.starts_with(&plain(known)));
+    known.max_by_key(|known| known.len())
+}
+
 /// The sensors of a recording: reads all of it.
 fn found_in(path: &Path, args: &SensorArgs) -> anyhow::Result<Vec<FoundSensor>> {
     let recording = Recording::open(path, args)?;
@@ -156,4 +165,19 @@ fn with_sensors(found: &[FoundSensor]) -> String {
     let begin = TEMPLATE.find(SENSORS_BEGIN).unwrap_or(0);
     let end = TEMPLATE.find(SENSORS_END).unwrap_or(begin);
     format!("{}{sections}{}", &TEMPLATE[..begin], &TEMPLATE[end..])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_have_their_model() {
+        for (product, model) in
+            [("OS-1-64", "os1-64"), ("OS-1-128-U02", "os1-128"), ("VLP-16", "vlp-16"), ("os0-32", "os0-32")]
+        {
+            assert_eq!(model_named(product), Some(model), "{product}");
+        }
+        assert_eq!(model_named("unknown"), None);
+    }
 }

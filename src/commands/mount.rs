@@ -25,10 +25,6 @@ The drawing has top, front and side in millimetres; as .dxf it is release 12 at 
 platform's origin, and frames are named as drivers name them: NAME_os_sensor, NAME_os_lidar, NAME_os_imu, NAME_velodyne. A \
 joint's position is the pitch of its sensor in radians: positive tips its top to the right.
 
-Examples:
-  outrigger mount mount.json --drawing mount.svg --drawing mount.dxf --urdf rig.urdf --tf rig.yaml
-  outrigger mount rig.urdf --sensor os1-64 --out mount.json
-
 Exit codes: 0 done, 1 failed, 2 usage, 3 the mount cannot be built as it is: housings touch.";
 
 /// Arguments of `mount`.

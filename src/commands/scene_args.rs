@@ -262,7 +262,7 @@ impl<const N: usize> std::str::FromStr for Numbers<N> {
 /// Longest edge of a room, m: its walls are counted in voxels.
 const LONGEST_ROOM_M: f64 = 10_000.0;
 
-/// A closed room by its least and its greatest corner.
+/// A closed room by its min and its max corner.
 #[derive(Clone, Copy, Debug)]
 pub struct Room([DVec3; 2]);
 

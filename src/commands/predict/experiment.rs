@@ -36,7 +36,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let Request { objective, sensors, stated, reason } = match (&args.mount, &args.masters) {
         (Some(path), _) => from_file(args, path)?,
         (None, Some(masters)) => from_masters(args, masters)?,
-        (None, None) => refuse!("--preset scores --mount or --masters: --mounts is about a scene"),
+        (None, None) => refuse!(
+            "which sensors, and where? Give --mount or --masters, and for a scene of your own --scene or --room"
+        ),
     };
     output::check_places([&args.report])?;
     let start = Instant::now();

@@ -18,9 +18,9 @@ use crate::rig::UnitChoice;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place"),
-    group = clap::ArgGroup::new("mounted").required(true),
+    group = clap::ArgGroup::new("mounted"),
     after_help = "In a scene every channel is cast at its own time and azimuth with the model's beam geometry; --ideal casts the \
-                  published ideal sensor. Beside the rig stand one level sensor and the best single one. --preset scores the \
+                  published ideal sensor. The rig is compared with one level sensor and the best single one. --preset scores the \
                   mounts in a published experiment, which the mount file may name itself. docs/design-a-mount.md says how a mount \
                   file is made up."
 )]
@@ -41,8 +41,9 @@ pub struct Args {
         value_name = "LIST"
     )]
     masters: Option<Masters>,
-    /// Models of the sensors of --mounts: one for all, or one for each, with commas between them.
-    #[arg(long, value_delimiter = ',', requires = "mounts", value_name = "MODEL,MODEL")]
+    /// Models of the sensors of --mounts: one for all, or one for each, with commas between them. A model alone is one level
+    /// sensor at the platform's origin.
+    #[arg(long, value_delimiter = ',', conflicts_with_all = ["mount", "masters"], value_name = "MODEL,MODEL")]
     sensors: Vec<String>,
     /// Another model or the calibration of a sensor (of every one without NAME=): a name of the catalogue, Ouster
     /// metadata (.json), Velodyne calibration (.xml, .yaml), or MODEL:FILE. May be given several times.
@@ -104,6 +105,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     context.ensure_none_of::<experiment::ScoringArgs>(IN_A_PLACE)?;
     context.ensure_not_typed(&ExperimentArgs::ONLY_PUBLISHED, IN_A_PLACE)?;
+    context.ensure_not_typed(&["roll", "no_mirror"], IN_A_PLACE)?;
     scene::run(args, context)
 }
 

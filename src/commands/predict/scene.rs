@@ -6,7 +6,6 @@ use anyhow::{Context as _, bail, ensure};
 
 use super::{Args, ideal};
 use crate::commands::experiment_args::FidelityArg;
-use crate::commands::masters::Masters;
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, scene_file, wrong_usage};
 use crate::report::prediction::{Document, page};
@@ -48,7 +47,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     )?;
     ensure_a_revolution(&scanner, &args.trajectory.name())?;
     let start = Instant::now();
-    let stage = Stage::begin("looking which samples of the surface can be seen");
+    let stage = Stage::begin("finding the observable samples of the surface");
     let stations_m = site.trajectory.sight_stations_m(rig.mean_height_m());
     let samples = scene.mesh().map(|mesh| args.samples.samples(mesh, origin, args.seed)).transpose()?;
     let surface = samples.map(|samples| ObservableSurface::new(scene, samples, &stations_m));
@@ -58,10 +57,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let wall_s = start.elapsed().as_secs_f64();
     let mut doubts = doubts(&scanner, &site, surface, &prediction);
     doubts.extend(placement.doubts);
-    stage.next("looking what single sensors would see (--no-baselines leaves them out)");
+    stage.next("casting single sensors to compare with (--no-baselines leaves them out)");
     let baselines = (!args.no_baselines)
         .then(|| baselines(&scanner, &site.grid, surface, &prediction, &stage.progress()));
-    stage.next("looking what could be seen from the way");
+    stage.next("finding what is observable from the trajectory");
     let observable = site.observable_voxels(surface, &prediction.coverage, &stations_m);
     let mut document = Document::new(&scanner, &site, &prediction, surface, &observable);
     (document.baselines, document.wall_s) = (baselines, wall_s);
@@ -92,23 +91,31 @@ fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> 
     let turn_s = scanner.spins.iter().map(|spin| 1.0 / spin.rate_hz).fold(0.0, f64::max);
     ensure!(
         long_s >= 0.999 * turn_s,
-        "{name}: {long_s} s long, expected at least one revolution of {turn_s} s; the way of a rig that stands is the same \
-         pose twice"
+        "{name}: {long_s} s long, expected at least one revolution of {turn_s} s; of a rig that does not move \
+         the trajectory is the same pose twice"
     );
     Ok(())
 }
 
 fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
-    let (units, rig) = match (&args.mount, &args.mounts) {
-        (Some(path), _) => {
+    let (units, rig) = match (&args.mounts, &args.sensors[..], &args.mount) {
+        (Some(mounts), models, _) => mounted(&mounts.without_models()?, models, &args.sensor)?,
+        (None, models @ [model], _) => {
+            output::say_notice(&format!(
+                "one {model}, level at the platform's origin; --mounts or --mount gives another mount"
+            ));
+            mounted(&[Placement::default()], models, &args.sensor)?
+        }
+        (None, [], Some(path)) => {
             let file = MountFile::read(path)?;
             let units = file.units(&args.sensor)?;
             let rig = file.rig_of(&units);
             (units, rig)
         }
-        (None, Some(mounts)) => mounted(mounts, &args.sensors, &args.sensor)?,
-        (None, None) => {
-            refuse!("--masters is about a published experiment (--preset): give --mount or --mounts")
+        (None, ..) => {
+            refuse!(
+                "where do the sensors sit? Give --mount FILE, --mounts LIST, or a single model by --sensors MODEL"
+            )
         }
     };
     if args.out.is_some() && rig.sensors.len() > 32 {
@@ -118,8 +125,11 @@ fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
 }
 
 /// The sensors of `--mounts`, of these models.
-fn mounted(mounts: &Masters, models: &[String], choices: &[UnitChoice]) -> anyhow::Result<(Vec<Unit>, Rig)> {
-    let mounts = mounts.without_models()?;
+fn mounted(
+    mounts: &[Placement],
+    models: &[String],
+    choices: &[UnitChoice],
+) -> anyhow::Result<(Vec<Unit>, Rig)> {
     let units: Vec<Unit> = match (models, choices) {
         ([], [choice]) => vec![unit_of_all(choice)?; mounts.len()],
         (_, [_, ..]) | ([], []) => {
@@ -141,7 +151,7 @@ fn mounted(mounts: &Masters, models: &[String], choices: &[UnitChoice]) -> anyho
         model: unit.model.clone(),
         mount: placement.mount(),
     };
-    let sensors = units.iter().zip(&mounts).enumerate().map(sensor).collect();
+    let sensors = units.iter().zip(mounts).enumerate().map(sensor).collect();
     Ok((units, Rig { sensors }))
 }
 

@@ -12,12 +12,7 @@ use super::scene_file::MapArgs;
 
 /// Arguments of `view`.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "\
-Examples:
-  outrigger view capture.pcap --meta sensor.json
-  outrigger view walk --trajectory walk.tum --no-open
-
-The page is served on loopback until Ctrl-C. `?` on it lists the keys.")]
+#[command(after_help = "The page is served on loopback until Ctrl-C. `?` on it lists the keys.")]
 pub struct Args {
     /// Capture (pcap or pcapng, plain or gzip), session folder, or - for standard input.
     recording: PathBuf,
