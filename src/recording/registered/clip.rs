@@ -62,7 +62,7 @@ mod tests {
         let slightly: ClipBox = "0,0,0,4,2,1@10".parse().unwrap();
         // counterclockwise: the far end rises in y
         assert!(
-            slightly.contains(DVec3::new(3.9, 2.0, 0.5)) && !slightly.contains(DVec3::new(3.9, 0.1, 0.5))
+            slightly.contains(DVec3::new(3.7, 2.0, 0.5)) && !slightly.contains(DVec3::new(3.7, 0.1, 0.5))
         );
         for wrong in
             ["", "1,2,3", "0,0,0,1,1,x", "0,0,0,1,1,0", "0,0,0,1,1,1@", "0,0,0,1,1,inf", "0,0,0,1,1,1,1"]

@@ -226,7 +226,7 @@ impl Odometry {
     }
 
     /// The trajectory. Where the recording begins before the first sweep and ends after the last, as with parts of a
-    /// revolution, the body is taken to have moved on as it did; `recorded_ns`: first and last firing.
+    /// revolution, the body is taken to have moved on as it did; `recorded_ns`: from the first firing to the end of the last.
     ///
     /// # Errors
     /// Fewer than two sweeps with returns, or a second one that does not fit the first.
@@ -236,7 +236,7 @@ impl Odometry {
         };
         let [begun_ns, ended_ns] = recorded_ns.unwrap_or([start_ns, end_ns]);
         let start_ns = begun_ns.clamp(start_ns.saturating_sub(LONGEST_REST_NS), start_ns);
-        let end_ns = (ended_ns + 1).clamp(end_ns, end_ns + LONGEST_REST_NS);
+        let end_ns = ended_ns.clamp(end_ns, end_ns + LONGEST_REST_NS);
         let [(first_ns, first), (second_ns, second), ..] = self.poses[..] else {
             return Err(match self.problems.into_iter().next() {
                 Some(reason) => OdometryError::Lost { reason },

@@ -64,7 +64,8 @@ impl OdometryPass {
                  they were left out"
             ));
         }
-        Ok((self.odometry.finish_over(self.span_ns)?, self.revolutions_ns))
+        let span_ns = self.span_ns.map(|[first_ns, last_ns]| [first_ns, last_ns + 1]);
+        Ok((self.odometry.finish_over(span_ns)?, self.revolutions_ns))
     }
 }
 
