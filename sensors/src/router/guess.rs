@@ -12,7 +12,7 @@ const COLUMNS: [usize; 5] = [16, 8, 4, 2, 1];
 const MOST_COLUMNS: u16 = 4096;
 /// Most samples an ACCEL32_GYRO32_NMEA packet is tried with.
 const MOST_IMU_SAMPLES: usize = 128;
-/// What an accelerometer shows at least, m/s²: zero-filled payloads are not inertial packets.
+/// What an accelerometer shows at least, m/s²: zero-filled payloads are not several inertial packets.
 const LEAST_WEIGHT_M_S2: f64 = 0.1;
 /// Of several formats that a packet can have, so many are named.
 const SHOWN_FORMATS: usize = 2;
@@ -203,14 +203,18 @@ fn columns_make_sense(format: &PacketFormat, payload: &[u8]) -> bool {
     begins_well && follow && (any_valid || format.profile != Profile::Legacy)
 }
 
+/// Whether a LEGACY inertial packet shows any weight.
+pub(super) fn has_weight(payload: &[u8]) -> bool {
+    let sample = payload.first_chunk().map(imu::read_legacy);
+    sample.is_some_and(|sample| sample.acceleration_m_s2.iter().any(|value| value.abs() >= LEAST_WEIGHT_M_S2))
+}
+
 /// 48 bytes are no proof: the numbers must be those of a sensor on Earth.
 fn is_legacy_imu(payload: &[u8]) -> bool {
     let Some(bytes) = payload.first_chunk() else { return false };
     let sample = imu::read_legacy(bytes);
     let within = |values: [f64; 3], most: f64| values.iter().all(|value| value.abs() <= most);
-    let has_weight = sample.acceleration_m_s2.iter().any(|value| value.abs() >= LEAST_WEIGHT_M_S2);
-    let is_possible = within(sample.acceleration_m_s2, 160.0) && within(sample.angular_rate_rad_s, 70.0);
-    is_possible && has_weight && sample.time_ns > 0
+    within(sample.acceleration_m_s2, 160.0) && within(sample.angular_rate_rad_s, 70.0) && sample.time_ns > 0
 }
 
 #[cfg(test)]

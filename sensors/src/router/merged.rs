@@ -2,7 +2,7 @@
 //! payload is that of several of one length.
 
 use super::Router;
-use super::guess::Guess;
+use super::guess::{Guess, has_weight};
 use crate::Packet;
 use crate::ouster::Claim;
 use crate::ouster::imu::LEGACY_BYTES;
@@ -24,7 +24,10 @@ impl Router {
                 return Some(bytes);
             }
         }
-        if each(LEGACY_BYTES, &|part| Guess::of(part.payload) == Guess::OusterImu { header: None }) {
+        let is_inertial = |part: &Packet<'_>| {
+            has_weight(part.payload) && Guess::of(part.payload) == Guess::OusterImu { header: None }
+        };
+        if each(LEGACY_BYTES, &is_inertial) {
             return Some(LEGACY_BYTES);
         }
         let mut ousters = self.sensors.iter().filter_map(|sensor| sensor.lidar_bytes().zip(Some(sensor)));
