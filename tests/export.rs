@@ -305,6 +305,11 @@ fn inertial_samples_have_a_topic() {
 fn a_file_appears_whole_or_not_at_all() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("new/a.ply");
+    assert!(
+        Export::create(&path, Format::Ply, false).is_err(),
+        "a folder that is missing may be a typing error"
+    );
+    std::fs::create_dir(path.parent().unwrap()).unwrap();
     let mut export = Export::create(&path, Format::Ply, false).unwrap();
     export.add(&cloud()).unwrap();
     assert!(!path.exists());

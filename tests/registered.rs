@@ -608,7 +608,7 @@ fn topics_of_poses_are_trajectories() {
         &turtlebot,
     ];
     let output = run(&[&arguments[..], &["--json"]].concat());
-    assert!(stderr(&output).contains("trajectory of /odom (base_footprint in odom)"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("trajectory of /odom (base_link in odom)"), "{}", stderr(&output));
     let output = run(&["decode", &room, "--frame", "world", "--trajectory", &format!("{room}:/none")]);
     assert!(
         stderr(&output).contains("no trajectory on /none; expected nav_msgs/Odometry"),

@@ -155,8 +155,8 @@ fn millimetres() {
         assert_eq!(read["mesh"]["unit"], name);
     }
     let inches = scaled(1.0 / 0.0254);
-    let doubted = document(&validate(&inches, &field("origin-walk.tum"), &["--azimuths", "30"]))["warnings"]
-        .to_string();
+    let coarse = ["--azimuths", "30", "--voxel", "2"];
+    let doubted = document(&validate(&inches, &field("origin-walk.tum"), &coarse))["warnings"].to_string();
     assert!(doubted.contains("in inches it would be 8.00 x 6.00 x 3.00 m"), "{doubted}");
     // a comment of the file states its unit
     let text = std::fs::read_to_string(&inches).unwrap();

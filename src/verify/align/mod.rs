@@ -51,7 +51,8 @@ const LEAST_INLIERS: f64 = 0.65;
 const MOST_SECOND: f64 = 0.35;
 const FITS_WELL: f64 = 0.85;
 const FITS_BADLY: f64 = 0.6;
-/// Placements that look alike have hardly any return that fits one of them alone; those of another building have many.
+/// Placements that look alike have hardly any return that fits one of them alone; those of another building, which fit badly,
+/// have many.
 const MOST_DIFFERENT: f64 = 0.08;
 /// Two placements fit equally well below this difference of their shares, or this multiple of its deviation.
 const EQUAL: f64 = 0.002;
@@ -223,7 +224,7 @@ fn judged(target: &Target<'_>, returns: &[WalkReturn], candidates: Vec<Candidate
         .is_some_and(|other| other.only_second > MOST_SECOND * sureness * other.only_best);
     let answer = match () {
         () if best.share < LEAST_INLIERS => Answer::NotFound,
-        () if differ => Answer::NotFound,
+        () if differ && best.share < FITS_WELL => Answer::NotFound,
         () if placements.len() > 1 && degenerate.is_some() => Answer::Slides,
         () if placements.len() > 1 => Answer::Ambiguous,
         () if is_unclear => Answer::NotFound,

@@ -218,9 +218,14 @@ impl Alignment {
                      Walk until an end, a door or a corner is in view."
                 )
             }
+            Answer::NotFound if best.inlier_share >= super::LEAST_INLIERS => format!(
+                "The walk is not placed: the best placement fits {} of the returns, but others fit many that it does not. Another \
+                 building looks like this, and one in which much has changed; --align-near x,y,yaw says where the walk begins.",
+                percent(best.inlier_share)
+            ),
             Answer::NotFound => format!(
-                "The walk fits nowhere in the scene: the best placement fits {} of the returns, expected {} or more, and fits \
-                 clearly better than any other. Is it the same building, in the same unit, and with the same axis up?",
+                "The walk fits nowhere in the scene: the best placement fits {} of the returns, expected {} or more. \
+                 Is it the same building, in the same unit, and with the same axis up?",
                 percent(best.inlier_share),
                 percent(super::LEAST_INLIERS)
             ),
