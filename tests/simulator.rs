@@ -286,7 +286,7 @@ fn evaluate_refuses_what_it_cannot_score() {
         (&["--masters", ""], 2, "master 1"),
         (&["--masters", "9,0,0,25,0"], 1, "stay inside the box"),
         (&[&good[..], &["--voxel", "0.3"]].concat(), 2, "0.3 m"),
-        (&[&good[..], &["--azimuths", "0"]].concat(), 2, "expected a whole number from 1 to 8192"),
+        (&[&good[..], &["--azimuths", "0"]].concat(), 2, "expected a whole number from 1 to 65536"),
         (&[&good[..], &["--roll", "loose"]].concat(), 2, "fixed:0"),
         (&[&good[..], &["--fidelity", "auto", "--tolerance", "0"]].concat(), 2, "--tolerance <PERCENT>"),
         (&["--mount", "no-such-file.json"], 1, "no-such-file.json"),

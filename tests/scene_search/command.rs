@@ -151,12 +151,12 @@ pub fn searches_with_any_sensor() {
         let found = in_room(&["--sensors", sensors, "--azimuths", "300", "--scan-stride", "3"]);
         found["best"]["observable_share"].as_f64().unwrap()
     };
-    // a dome sees its own half of the room
+    // a dome sees its own half of the room, a Mid-360 a band of 59 degrees from 7 below the level up
     for (sensors, least) in [
         ("hesai-xt32,hesai-xt32", 0.9),
         ("robosense-bpearl,vlp-16", 0.9),
         ("osdome-64", 0.7),
-        ("livox-mid-360", 0.9),
+        ("livox-mid-360", 0.5),
     ] {
         let share = seen(sensors);
         assert!((least..=1.0).contains(&share), "{sensors}: {share}");
