@@ -206,10 +206,10 @@ fn streams_are_those_of_the_metadata() {
     assert_eq!(lidar["sensors"], serde_json::json!([document["sensors"][1]["id"]]));
     assert!(lidar["metadata"][0].as_str().unwrap().ends_with("OS-0-32-U1_v2.2.0_1024x10.json"), "{lidar}");
     // nothing says whose the inertial packets are, but one of the two alone is there
-    assert_eq!((&flow(48)["sensors"], &flow(48)["of_nobody"]), (&lidar["sensors"], &0.into()));
+    assert_eq!((&flow(48)["sensors"], &flow(48)["unassigned"]), (&lidar["sensors"], &0.into()));
     let (_, document) = inspect(&name("pcap"), &[&other]);
     let flow = &document["flows"][0];
-    assert_eq!((&flow["sensors"], &flow["of_nobody"]), (&serde_json::json!([]), &flow["packets"]));
+    assert_eq!((&flow["sensors"], &flow["unassigned"]), (&serde_json::json!([]), &flow["packets"]));
 }
 
 fn metadata_of_another_sensor_is_named() {

@@ -2,7 +2,7 @@
 //!
 //! No sockets and no clock: time enters as an argument, bytes as slices. Every wire format decodes and encodes.
 //!
-//! The way of a packet: [`capture`] (or a socket elsewhere) yields a [`Packet`]; a [`Decoder`] turns packets into
+//! The path of a packet: [`capture`] (or a socket elsewhere) yields a [`Packet`]; a [`Decoder`] turns packets into
 //! [`Frame`]s, which hold ranges and never points; a [`SensorModel`] says where each range points ([`SensorModel::ray`]).
 //!
 //! ```

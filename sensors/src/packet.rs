@@ -18,7 +18,7 @@ pub struct Packet<'a> {
     pub payload: &'a [u8],
 }
 
-/// Network card, VLAN and hardware address that a packet came by; the default where nobody knows.
+/// Network card, VLAN and hardware address that a packet came by; the default where it is unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Link {
     /// Number of the interface in its recording.

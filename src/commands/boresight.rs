@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::ensure;
 use serde::Serialize;
 
-use super::recorded::{Kept, Recorded, RecordedArgs};
+use super::recorded::{RaySample, Recorded, RecordedArgs};
 use super::recorded_odometry::{self as odometry, OdometryArgs};
 use super::scene_args::{PoseErrorArgs, read_trajectory};
 use super::{Context, Outcome, output};
@@ -68,14 +68,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;
-    let Kept { rays, sensors, fed } = recorded.rays(RAYS)?;
-    problems.extend(recorded.contradicted(&fed));
+    let RaySample { rays, sensors, pass } = recorded.rays(RAYS)?;
+    problems.extend(recorded.contradicted(&pass));
     let mut relative = Vec::new();
     for first in 0..sensors.len() {
         for second in first + 1..sensors.len() {
             let of_both: Vec<RecordedRay> =
                 rays.iter().filter(|ray| [first, second].contains(&ray.sensor)).copied().collect();
-            let revolution_ns = if fed.revolution_ns > 0 { fed.revolution_ns } else { 100_000_000 };
+            let revolution_ns = if pass.revolution_ns > 0 { pass.revolution_ns } else { 100_000_000 };
             let pair = Pair {
                 trajectory: &trajectory,
                 sensors: &sensors,
@@ -87,9 +87,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             relative.push(relative_mount(&pair, &error));
         }
     }
-    let whole = fed.losses.is_empty() && fed.faults.is_empty();
-    problems.extend(fed.losses);
-    problems.extend(fed.faults.into_iter().map(|fault| fault.words));
+    let whole = pass.losses.is_empty() && pass.faults.is_empty();
+    problems.extend(pass.losses);
+    problems.extend(pass.faults.into_iter().map(|fault| fault.words));
     let document = Document {
         format: "outrigger-boresight/1",
         verdict: verdict(&relative),

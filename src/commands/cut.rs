@@ -121,7 +121,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 }
                 return Ok(());
             }
-            let (Routed::Taken(at) | Routed::Damaged(at)) = router.push(packet, &mut |_, _, _| {}) else {
+            let (Routed::Assigned(at) | Routed::Damaged(at)) = router.push(packet, &mut |_, _, _| {}) else {
                 document.unassigned += u64::from(is_within);
                 return Ok(());
             };

@@ -12,8 +12,8 @@ use clap::{Arg, ArgAction, Command, FromArgMatches as _};
 use self::inherit::inherited;
 pub(crate) use self::typed::with_origin;
 use self::typed::{choices, is_typed, within};
+use super::assigned_file::AssignedFile;
 use super::scene_args::WalkText;
-use super::tied_file::TiedFile;
 use super::{Cli, Verb, help};
 use crate::drive::is_no_path;
 use crate::live::config::{Config, ConfigError, Section, Setting};
@@ -126,7 +126,7 @@ fn find(
 fn with_default(arg: Arg, setting: &Setting, folder: &Path) -> Arg {
     let of_type = arg.get_value_parser().type_id();
     let value = |text: &String| match () {
-        () if of_type == TypeId::of::<TiedFile>() => TiedFile::text_in(text, folder),
+        () if of_type == TypeId::of::<AssignedFile>() => AssignedFile::text_in(text, folder),
         () if of_type == TypeId::of::<WalkText>() => WalkText::text_in(text, folder),
         // a rig's line may be no file: can:can0
         () if of_type == TypeId::of::<PathBuf>() && !is_no_path(text) => folder.join(text).into_os_string(),

@@ -123,10 +123,10 @@ impl ExperimentArgs {
 
     /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
     pub(crate) fn is_new_scene(&self) -> bool {
-        let is_fineness_said = self.azimuths.is_some()
+        let is_fineness_stated = self.azimuths.is_some()
             || self.sub_poses.is_some_and(|poses| poses != 1)
             || self.phase == Some(Phase::Free);
-        self.voxel.is_some() && !is_fineness_said
+        self.voxel.is_some() && !is_fineness_stated
     }
 
     /// What is not said here as the score in a mount file was made; a mount found in another experiment than that which is

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, GivenModel, Tie, Whose};
+use sensors::router::{AppliesTo, GivenCalibration, GivenModel, SourceFilter};
 use sensors::velodyne::Calibration;
 
 use super::Context;
-use super::tied_file::{TiedFile, tied_model};
+use super::assigned_file::{AssignedFile, assigned_model};
 use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Metadata of an Ouster.
@@ -19,7 +19,7 @@ pub struct Given {
     /// What messages call them.
     pub name: String,
     /// Which unit's they are, where somebody says.
-    pub tie: Option<Tie>,
+    pub source_filter: Option<SourceFilter>,
 }
 
 /// Which sensors a recording is about: the options that `decode` and `inspect` share.
@@ -28,15 +28,15 @@ pub struct SensorArgs {
     /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none. Where packets bear no serial number
     /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, by the port of the lidar
     /// packets, :7502=front.json, or by both, 192.168.1.10:7502=front.json.
-    #[arg(long = "meta", value_name = "[[ADDRESS][:PORT]=]META.json", value_parser = TiedFile::parser())]
-    pub meta: Vec<TiedFile>,
+    #[arg(long = "meta", value_name = "[[ADDRESS][:PORT]=]META.json", value_parser = AssignedFile::parser())]
+    pub meta: Vec<AssignedFile>,
     /// Calibration of a Velodyne (db.xml or YAML); with several, say whose each is: 192.168.1.201=left.xml, behind one address
     /// :2368=left.xml by the port of the data packets; in a session its name does, left=left.xml.
-    #[arg(long, value_name = "[[ADDRESS][:PORT]=|NAME=]FILE", value_parser = TiedFile::parser())]
-    pub calibration: Vec<TiedFile>,
+    #[arg(long, value_name = "[[ADDRESS][:PORT]=|NAME=]FILE", value_parser = AssignedFile::parser())]
+    pub calibration: Vec<AssignedFile>,
     /// Product of a Velodyne whose packets do not say it (blank factory bytes): hdl-32e; with several, 192.168.1.201=hdl-32e
     /// or :2368=hdl-32e.
-    #[arg(long, value_name = "[[ADDRESS][:PORT]=]MODEL", value_parser = tied_model)]
+    #[arg(long, value_name = "[[ADDRESS][:PORT]=]MODEL", value_parser = assigned_model)]
     pub model: Vec<GivenModel>,
 }
 
@@ -57,7 +57,7 @@ impl SensorArgs {
         if sensors.meta.is_empty() && !Session::is_session(capture) {
             let named = config.into_iter().flat_map(|config| &config.sensors);
             let files = named.filter_map(|sensor| sensor.metadata.clone());
-            sensors.meta.extend(files.map(|path| TiedFile { tie: None, path }));
+            sensors.meta.extend(files.map(|path| AssignedFile { source_filter: None, path }));
         }
         sensors
     }
@@ -69,26 +69,26 @@ impl SensorArgs {
 }
 
 /// The port that the sensor of a metadata file of a session was recorded from.
-pub(crate) fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<Tie> {
+pub(crate) fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Option<SourceFilter> {
     let is_of =
         |entry: &&SensorEntry| entry.metadata.as_ref().is_some_and(|relative| dir.join(relative) == file);
-    let mut entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry)).filter(is_of);
+    let mut entries = manifest.sensors.iter().filter(|entry| !manifest.is_auxiliary(entry)).filter(is_of);
     match (entries.next(), entries.next()) {
-        (Some(entry), None) => entry.address.map(|address| Tie::Port(address.port())),
+        (Some(entry), None) => entry.address.map(|address| SourceFilter::Port(address.port())),
         _ => None,
     }
 }
 
 /// The metadata in some files; what describes a unit as another file does counts once. What cannot be read is told of.
 pub(crate) fn metadata_of(
-    files: &[TiedFile],
+    files: &[AssignedFile],
     tell: &mut dyn FnMut(anyhow::Error) -> anyhow::Result<()>,
 ) -> anyhow::Result<Vec<Given>> {
     let mut known: Vec<Given> = Vec::with_capacity(files.len());
-    for TiedFile { tie, path } in files {
+    for AssignedFile { source_filter, path } in files {
         let name = path.display().to_string();
-        if let (Some(tie), "") = (tie, name.as_str()) {
-            refuse!("--meta {tie}=: no file is named behind the equals sign");
+        if let (Some(source_filter), "") = (source_filter, name.as_str()) {
+            refuse!("--meta {source_filter}=: no file is named behind the equals sign");
         }
         let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
         let (text, metadata) = match text.and_then(|text| Ok((Metadata::parse(&text, &name)?, text))) {
@@ -101,7 +101,9 @@ pub(crate) fn metadata_of(
         let same_unit = |other: &&Given| {
             let serial = metadata.serial_number();
             let is_one = serial.is_some_and(|serial| other.metadata.serial_number() == Some(serial));
-            is_one && other.tie == *tie && other.metadata.packet_format() == metadata.packet_format()
+            is_one
+                && other.source_filter == *source_filter
+                && other.metadata.packet_format() == metadata.packet_format()
         };
         match known.iter().find(same_unit) {
             Some(other) if as_decoded(&other.metadata) == as_decoded(&metadata) => {}
@@ -111,7 +113,7 @@ pub(crate) fn metadata_of(
                 other.name,
                 metadata.serial
             ),
-            None => known.push(Given { metadata, text, name, tie: *tie }),
+            None => known.push(Given { metadata, text, name, source_filter: *source_filter }),
         }
     }
     Ok(known)
@@ -124,16 +126,16 @@ pub(crate) fn as_decoded(metadata: &Metadata) -> Metadata {
     Metadata { init_id: 0, firmware, lidar_port, imu_port, zone_port, destination, ..metadata.clone() }
 }
 
-fn calibration(file: &TiedFile) -> anyhow::Result<GivenCalibration> {
-    let (whose, path) = match (file.tie, file.of_name()) {
-        (Some(tie), _) => (Whose::Tied(tie), file.path.clone()),
-        (None, Some((name, path))) => (Whose::Named(name), path),
-        (None, None) => (Whose::Everyone, file.path.clone()),
+fn calibration(file: &AssignedFile) -> anyhow::Result<GivenCalibration> {
+    let (applies_to, path) = match (file.source_filter, file.of_name()) {
+        (Some(source_filter), _) => (AppliesTo::From(source_filter), file.path.clone()),
+        (None, Some((name, path))) => (AppliesTo::Named(name), path),
+        (None, None) => (AppliesTo::Everyone, file.path.clone()),
     };
     let name = path.display().to_string();
     let bytes = crate::base::files::read(&path).with_context(|| name.clone())?;
     let calibration = Calibration::from_bytes(&bytes).with_context(|| name.clone())?;
-    Ok(GivenCalibration { whose, name, calibration })
+    Ok(GivenCalibration { applies_to, name, calibration })
 }
 
 /// Refuses a calibration for a name that no sensor of a recording has; captures know no names.
@@ -143,7 +145,7 @@ pub(crate) fn ensure_named(
     recording: &Path,
 ) -> anyhow::Result<()> {
     for given in calibrations {
-        let Whose::Named(name) = &given.whose else { continue };
+        let AppliesTo::Named(name) = &given.applies_to else { continue };
         let (recording, file) = (recording.display(), &given.name);
         let Some(manifest) = session else {
             refuse!(
@@ -151,7 +153,7 @@ pub(crate) fn ensure_named(
                  :PORT={file} with the port of its data packets"
             );
         };
-        let names = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry));
+        let names = manifest.sensors.iter().filter(|entry| !manifest.is_auxiliary(entry));
         let names: Vec<&str> = names.map(|entry| entry.name.as_str()).collect();
         ensure!(
             names.contains(&name.as_str()),

@@ -57,7 +57,7 @@ mod sensor_metadata;
 mod signals;
 mod stage;
 mod study;
-mod tied_file;
+mod assigned_file;
 mod unread;
 mod view;
 

@@ -99,7 +99,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         scene_file::ensure_none_typed(context, "--scene names none")?;
     }
     let mut notices = Vec::new();
-    let result = match Recorded::open_if_seated(&args.recorded, context)? {
+    let result = match Recorded::open_if_mounted(&args.recorded, context)? {
         Some(recorded) => {
             notices.clone_from(&recorded.notices);
             of_rig(&recorded, &args.settings, args.scene.is_some())?

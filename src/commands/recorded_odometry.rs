@@ -85,29 +85,32 @@ pub(crate) fn of_rig(
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
     let (mut share, mut mounted) = (keeps_rays.then(|| Thinning::new(placing::RAYS)), rig.sensors.clone());
-    let mut fed = recorded.feed(&mut |taken| {
-        taken.tell_model(&mut mounted);
+    let mut summary = recorded.feed(&mut |mounted_frame| {
+        mounted_frame.tell_model(&mut mounted);
         if let Some(share) = &mut share {
-            let pitch = taken.pitch_or(&rig.sensors[taken.sensor].mount);
-            share.add_frame(taken.sensor, taken.model, &pitch, 0, taken.frame);
+            let pitch = mounted_frame.pitch_or(&rig.sensors[mounted_frame.sensor].mount);
+            share.add_frame(mounted_frame.sensor, mounted_frame.model, &pitch, 0, mounted_frame.frame);
         }
-        let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
-        pass.add_frame(taken.sensor, taken.model, &body_from_sensor, taken.frame);
+        let body_from_sensor = mounted_frame.body_from_sensor(&rig.sensors[mounted_frame.sensor].mount);
+        pass.add_frame(mounted_frame.sensor, mounted_frame.model, &body_from_sensor, mounted_frame.frame);
     })?;
-    if let Some(([first, second], apart_s)) = hearing::apart(rig, &fed.heard) {
+    if let Some(([first, second], apart_s)) = hearing::apart(rig, &summary.data_spans) {
         bail!(
             "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: one way needs sensors that were recorded \
              at once, on one clock (PTP, or GPS)"
         );
     }
-    let contradicted = recorded.contradicted(&fed);
-    let (walked, revolutions_ns) = pass.finish(&mut fed.losses)?;
+    let contradicted = recorded.contradicted(&summary);
+    let (walked, revolutions_ns) = pass.finish(&mut summary.losses)?;
     Ok(OdometryResult {
         walked,
         revolutions_ns,
         sensors: rig.sensors.iter().map(|sensor| sensor.name.clone()).collect(),
-        losses: fed.losses,
-        notices: contradicted.into_iter().chain(fed.faults.into_iter().map(|fault| fault.words)).collect(),
+        losses: summary.losses,
+        notices: contradicted
+            .into_iter()
+            .chain(summary.faults.into_iter().map(|fault| fault.words))
+            .collect(),
         rays: Thinning::joined(share),
         mounted,
     })
@@ -146,7 +149,7 @@ pub(crate) fn of_one(
     for (sensor, name) in router.sensors().iter().zip(&names) {
         losses.extend(unread::sensor_losses(name, sensor));
     }
-    let notices = unread::strangers(&router).chain(unread::beam_notices(&router)).collect();
+    let notices = unread::unknown_sources(&router).chain(unread::beam_notices(&router)).collect();
     let (walked, revolutions_ns) = pass.finish(&mut losses)?;
     let only = router.sensors().first().and_then(|sensor| sensor.model().cloned()).zip(names.first());
     let mounted =

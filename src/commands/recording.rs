@@ -8,18 +8,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context as _, bail, ensure};
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, GivenModel, Named, Router, Tie};
+use sensors::router::{GivenCalibration, GivenModel, Named, Router, SourceFilter};
 use tempfile::NamedTempFile;
 
 pub use pass::Ending;
 pub(crate) use pass::capture_losses;
 
+use super::assigned_file::AssignedFile;
 use super::found_metadata::OustersMet;
 use super::given::{
     Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
 };
 use super::output::say_notice;
-use super::tied_file::TiedFile;
 use crate::live::receive::auxiliary_name;
 use crate::recording::bags::{is_bag_at, is_bag_folder, metadata_in, names_in};
 use crate::recording::packet_reader::{PacketReader, is_stream, keep_stream};
@@ -69,7 +69,7 @@ pub(crate) fn look_first(mut look: impl FnMut() -> Option<bool>) {
 }
 
 /// Metadata files looked at when none was given.
-const MOST_FILES_BESIDE: usize = 200;
+const MAX_NEARBY_FILES: usize = 200;
 const MOST_METADATA_BYTES: u64 = 1 << 20;
 
 /// A capture with the metadata that belongs to it.
@@ -85,7 +85,7 @@ pub struct Recording {
     /// The bag that it is: how that calls its sensors, and where their packets seem to come from.
     bag: Option<BagAbout>,
     /// Its metadata are its own: those of a session, each of what came to its sensor's port, or of a bag.
-    is_tied_by_recording: bool,
+    is_assigned_by_recording: bool,
     /// What of these cannot be read, and why.
     unreadable: Vec<String>,
     /// What can be read but once, where it is read more than once.
@@ -115,7 +115,7 @@ impl Recording {
         let mut paths = sensors.meta.clone();
         let mut path = capture.to_owned();
         ensure_recording(capture)?;
-        let (mut session, mut is_tied_by_recording, mut unreadable) = (None, false, Vec::new());
+        let (mut session, mut is_assigned_by_recording, mut unreadable) = (None, false, Vec::new());
         if Session::is_session(capture) {
             let manifest = Manifest::read(capture)?;
             path = packets_of(capture)?;
@@ -132,9 +132,12 @@ impl Recording {
                     Ok(()) => true,
                 });
                 // units whose packets do not say whose they are were recorded from ports of their own
-                let tied = |path: PathBuf| TiedFile { tie: recorded_from(&manifest, capture, &path), path };
-                paths = files.into_iter().map(tied).collect();
-                is_tied_by_recording = true;
+                let assigned = |path: PathBuf| AssignedFile {
+                    source_filter: recorded_from(&manifest, capture, &path),
+                    path,
+                };
+                paths = files.into_iter().map(assigned).collect();
+                is_assigned_by_recording = true;
             }
             session = Some((capture.to_owned(), manifest));
         }
@@ -155,7 +158,7 @@ impl Recording {
         }
         // a session of which one file is damaged has others
         let mut tell = |error: anyhow::Error| {
-            if !is_tied_by_recording {
+            if !is_assigned_by_recording {
                 return Err(error);
             }
             unreadable.push(format!("{error:#}"));
@@ -164,7 +167,7 @@ impl Recording {
         let mut metadata = metadata_of(&paths, &mut tell)?;
         let mut bag = None;
         if let Some(packets) = opened.as_ref().and_then(PacketReader::bag) {
-            is_tied_by_recording = metadata.is_empty();
+            is_assigned_by_recording = metadata.is_empty();
             let serials: Vec<_> = metadata.iter().map(|given| given.metadata.serial_number()).collect();
             let (own, cannot_be_read) = metadata_in(packets, &name, &serials);
             unreadable.extend(cannot_be_read);
@@ -173,7 +176,7 @@ impl Recording {
                 holds_clouds_only: packets.holds_clouds_only(),
             });
             metadata.extend(own.into_iter().map(|of| Given {
-                tie: of.tie(),
+                source_filter: of.source_filter(),
                 metadata: of.metadata,
                 text: of.text,
                 name: of.name,
@@ -189,7 +192,7 @@ impl Recording {
             models: sensors.model.clone(),
             session,
             bag,
-            is_tied_by_recording,
+            is_assigned_by_recording,
             unreadable,
             _spooled: spooled,
             opened: Mutex::new(opened),
@@ -262,7 +265,7 @@ impl Recording {
 
     /// Metadata files in the folder of the capture that describe one of these sensors, or that bear its name; with packets
     /// of one of these lengths, where any is known, and none of whom others are given. What says the same counts once.
-    pub(crate) fn metadata_beside(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
+    pub(crate) fn nearby_metadata(&self, serials: &[u64], packet_bytes: &[usize]) -> Vec<PathBuf> {
         let Some(stem) = self.path.file_stem().and_then(|stem| stem.to_str()) else { return Vec::new() };
         let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let Ok(files) = json_files(folder.unwrap_or(Path::new("."))) else { return Vec::new() };
@@ -299,7 +302,7 @@ impl Recording {
             known.push(metadata);
             true
         };
-        files.into_iter().take(MOST_FILES_BESIDE).filter(|path| describes(path)).collect()
+        files.into_iter().take(MAX_NEARBY_FILES).filter(|path| describes(path)).collect()
     }
 
     /// Metadata that lie beside it and describe its sensors, where none were given.
@@ -317,8 +320,9 @@ impl Recording {
         if met.is_empty() {
             return Vec::new();
         }
-        let beside = self.metadata_beside(&met.serials, &met.lengths);
-        let chosen = met.choose(beside, &self.path).into_iter().map(|path| TiedFile { tie: None, path });
+        let nearby = self.nearby_metadata(&met.serials, &met.lengths);
+        let chosen =
+            met.choose(nearby, &self.path).into_iter().map(|path| AssignedFile { source_filter: None, path });
         metadata_of(&chosen.collect::<Vec<_>>(), &mut |_| Ok(())).unwrap_or_default()
     }
 
@@ -332,8 +336,8 @@ impl Recording {
     pub(crate) fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
         router.set_names(self.names());
-        for Given { metadata, name, tie, .. } in &self.metadata {
-            router.add_tied_ouster(metadata.clone(), name.clone(), *tie);
+        for Given { metadata, name, source_filter, .. } in &self.metadata {
+            router.add_ouster_from(metadata.clone(), name.clone(), *source_filter);
         }
         for Given { metadata, name, .. } in self.metadata_found() {
             if !self.is_reported.swap(true, Ordering::Relaxed) {
@@ -372,21 +376,25 @@ impl Recording {
     pub(crate) fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
         Self::ensure_calibrations_fit(router)?;
         for sensor in router.sensors() {
-            let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name) else { continue };
-            let (is_found, whence) = match tie {
-                Tie::Sender(address) => (sensor.stats().packets > 0, format!("comes from {address}")),
-                Tie::Port(port) => (sensor.data_port().is_some(), format!("goes to port {port}")),
-                Tie::Stream(stream) => {
+            let (Some(source_filter), Some(name)) = (sensor.source_filter(), &sensor.metadata_name) else {
+                continue;
+            };
+            let (is_found, whence) = match source_filter {
+                SourceFilter::Sender(address) => {
+                    (sensor.stats().packets > 0, format!("comes from {address}"))
+                }
+                SourceFilter::Port(port) => (sensor.data_port().is_some(), format!("goes to port {port}")),
+                SourceFilter::Stream(stream) => {
                     let (address, port) = (stream.ip(), stream.port());
                     (sensor.data_port().is_some(), format!("comes from {address} and goes to port {port}"))
                 }
             };
-            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_tied_by_recording) {
-                bail!("--meta {tie}={name}: {reason}");
+            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_assigned_by_recording) {
+                bail!("--meta {source_filter}={name}: {reason}");
             }
             ensure!(
-                is_found || self.is_tied_by_recording, // a session's sensor may have been silent
-                "--meta {tie}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
+                is_found || self.is_assigned_by_recording, // a session's sensor may have been silent
+                "--meta {source_filter}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
                  who sends what where"
             );
         }
@@ -398,14 +406,14 @@ impl Recording {
         let Some((dir, manifest)) = &self.session else {
             return self.bag.as_ref().map_or_else(Vec::new, |bag| bag.names.clone());
         };
-        let entries = manifest.sensors.iter().filter(|entry| !manifest.is_aside(entry));
+        let entries = manifest.sensors.iter().filter(|entry| !manifest.is_auxiliary(entry));
         let port = |entry: &SensorEntry| entry.address.map(|address| address.port());
         let named = |entry: &SensorEntry| Named {
             name: entry.name.clone(),
             metadata: entry.metadata.as_ref().map(|relative| dir.join(relative).display().to_string()),
             source: entry.source,
             port: port(entry),
-            aside_port: manifest
+            auxiliary_port: manifest
                 .sensors
                 .iter()
                 .find(|other| other.name == auxiliary_name(&entry.name))

@@ -100,7 +100,7 @@ impl Sockets {
         if let Some(known) = self.of.get(&sender) {
             return *known;
         }
-        let mut taken = (0, self.first);
+        let mut mounted_frame = (0, self.first);
         if let IpAddr::V4(first) = self.first
             && first.is_loopback()
             && (1..MOST_SENDERS).contains(&self.of.len())
@@ -108,13 +108,13 @@ impl Sockets {
             let next = IpAddr::from(std::net::Ipv4Addr::from_bits(first.to_bits() + self.of.len() as u32));
             // Linux has all of 127.0.0.0/8; where it is not so, all leave from one
             if let Ok(number) = self.transmitter.add_socket(next) {
-                taken = (number, next);
+                mounted_frame = (number, next);
             }
         }
         if self.of.len() < MOST_SENDERS {
-            self.of.insert(sender, taken);
+            self.of.insert(sender, mounted_frame);
         }
-        taken
+        mounted_frame
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail};
 
 use super::recorded::axes::{AxisZeros, tilts};
-use super::recorded::feed::{self, Seated, Taken};
+use super::recorded::feed::{self, MountedFrame, MountedSession};
 use super::recorded::host_clock;
 use super::scene_args::{MeshArgs, read_trajectory};
 use super::stage::Stage;
@@ -118,10 +118,16 @@ impl Making {
         rig: &Rig,
         trajectory: &Trajectory,
         time_offset_ns: i64,
-        taken: &Taken<'_>,
+        mounted_frame: &MountedFrame<'_>,
     ) {
-        let body_from_sensor = taken.body_from_sensor(&rig.sensors[taken.sensor].mount);
-        self.0.add_frame(taken.model, &body_from_sensor, trajectory, time_offset_ns, taken.frame);
+        let body_from_sensor = mounted_frame.body_from_sensor(&rig.sensors[mounted_frame.sensor].mount);
+        self.0.add_frame(
+            mounted_frame.model,
+            &body_from_sensor,
+            trajectory,
+            time_offset_ns,
+            mounted_frame.frame,
+        );
     }
 
     /// Every frame of a session, by its own mount and the trajectory given, or its own; what the session lost.
@@ -140,11 +146,12 @@ impl Making {
         let mut notices = host_clock::settle(&mut session, &rig)?;
         let measured = tilts(&session, &rig, &AxisZeros::default())?;
         notices.extend(measured.notices);
-        let mut take = |taken: Taken<'_>| self.add_frame(&rig, &trajectory, 0, &taken);
-        let seated = Seated { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
+        let mut take = |mounted_frame: MountedFrame<'_>| self.add_frame(&rig, &trajectory, 0, &mounted_frame);
+        let mounted_session =
+            MountedSession { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");
-        let fed = feed::session(&seated, &stage, &mut take)?;
-        Ok(notices.iter().chain(&fed.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
+        let pass = feed::session(&mounted_session, &stage, &mut take)?;
+        Ok(notices.iter().chain(&pass.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 
     /// The map alone, of frames that a caller chose.

@@ -4,16 +4,16 @@ use sensors::router::{Router, Sensor};
 
 /// One name per sensor, in order; no two the same.
 pub(crate) fn ids(router: &Router) -> Vec<String> {
-    let mut taken = Vec::new();
+    let mut mounted_frame = Vec::new();
     for sensor in router.sensors() {
-        next_id(sensor, &mut taken);
+        next_id(sensor, &mut mounted_frame);
     }
-    taken
+    mounted_frame
 }
 
 /// As the recording calls it, or by product and serial number (or sender, where there is none); numbered where that is
 /// taken.
-pub(crate) fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
+pub(crate) fn next_id(sensor: &Sensor, mounted_frame: &mut Vec<String>) -> String {
     let tail = match (sensor.serial(), sensor.source()) {
         ("", Some(source)) => source.ip().to_string(),
         (serial, _) => serial.to_owned(),
@@ -28,7 +28,10 @@ pub(crate) fn next_id(sensor: &Sensor, taken: &mut Vec<String>) -> String {
         .collect();
     let plain = plain.trim_end_matches('-').to_owned();
     let numbered = (2..).map(|number| format!("{plain}-{number}"));
-    let id = std::iter::once(plain.clone()).chain(numbered).find(|id| !taken.contains(id)).unwrap_or(plain);
-    taken.push(id.clone());
+    let id = std::iter::once(plain.clone())
+        .chain(numbered)
+        .find(|id| !mounted_frame.contains(id))
+        .unwrap_or(plain);
+    mounted_frame.push(id.clone());
     id
 }

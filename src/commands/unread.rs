@@ -61,12 +61,12 @@ pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Endin
         let _ = write!(text, "\n  {loss}");
     }
     if needs_metadata(router) {
-        let beside = metadata_beside(recording, router);
-        for path in &beside {
+        let nearby = nearby_metadata(recording, router);
+        for path in &nearby {
             let _ = write!(text, "\n{} lies beside it: try --meta {}", path.display(), path.display());
         }
         let has_some = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));
-        if beside.is_empty() && !has_some {
+        if nearby.is_empty() && !has_some {
             text.push_str(
                 "\nAn Ouster recording needs its sensor's metadata: save http://SENSOR/api/v1/sensor/metadata as a file",
             );
@@ -83,7 +83,7 @@ fn needs_metadata(router: &Router) -> bool {
 
 /// Metadata files that lie beside a recording and would read what those given do not, of sensors with serial numbers that
 /// nobody took or named like the recording.
-pub(crate) fn metadata_beside(recording: &Recording, router: &Router) -> Vec<PathBuf> {
+pub(crate) fn nearby_metadata(recording: &Recording, router: &Router) -> Vec<PathBuf> {
     if !needs_metadata(router) {
         return Vec::new();
     }
@@ -93,7 +93,7 @@ pub(crate) fn metadata_beside(recording: &Recording, router: &Router) -> Vec<Pat
     let serials_misread = serials_misread.filter_map(|sensor| sensor.serial().parse().ok());
     let serials: Vec<u64> =
         router.unclaimed().filter_map(|entry| entry.serial).chain(serials_misread).collect();
-    recording.metadata_beside(&serials, &unclaimed.chain(misread).collect::<Vec<_>>())
+    recording.nearby_metadata(&serials, &unclaimed.chain(misread).collect::<Vec<_>>())
 }
 
 /// Calibrations that serve no sensor, and sensors that are nothing without one.
@@ -106,7 +106,7 @@ pub(crate) fn beam_notices(router: &Router) -> Vec<String> {
 }
 
 /// Sensor data that no sensor took.
-pub(crate) fn strangers(router: &Router) -> impl Iterator<Item = String> {
+pub(crate) fn unknown_sources(router: &Router) -> impl Iterator<Item = String> {
     router.unclaimed().filter(|entry| entry.is_sensor_data).map(|entry| {
         let Unclaimed { port, length, packets, reason, .. } = entry;
         format!("{packets} packets of {length} bytes to port {port}: {reason}")

@@ -224,7 +224,7 @@ impl Live {
                 _ => *frames_not_drawn += 1,
             }
         });
-        self.not_its_own += u64::from(!matches!(routed, Routed::Taken(0) | Routed::Damaged(0)));
+        self.not_its_own += u64::from(!matches!(routed, Routed::Assigned(0) | Routed::Damaged(0)));
     }
 
     fn publish(&mut self) {

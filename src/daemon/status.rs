@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::journal::Event;
 use super::latency::Percentiles;
-use crate::design::reconfigure::Outlook;
+use crate::design::reconfigure::PredictedCoverage;
 use crate::drive::RigStatus;
 use crate::live::clocks::ClockReport;
 use crate::recording::Manifest;
@@ -101,9 +101,9 @@ pub struct Proposal {
     /// Where they should go, degrees.
     pub pitches_deg: Vec<f64>,
     /// What the present pitches see of the map.
-    pub now: Outlook,
+    pub now: PredictedCoverage,
     /// What the proposed ones see.
-    pub proposed: Outlook,
+    pub proposed: PredictedCoverage,
     /// Whether they see enough more to be worth the move.
     pub is_better: bool,
     /// Poses of the trajectory that were looked from.

@@ -44,14 +44,14 @@ pub struct Question<'a> {
 
 /// What a set of pitches sees of a map.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct Outlook {
+pub struct PredictedCoverage {
     /// Cells of known surface.
     pub surface: u64,
     /// Cells beside known surface into which nobody has looked.
     pub frontier: u64,
 }
 
-impl Outlook {
+impl PredictedCoverage {
     /// What is counted.
     pub(crate) fn score(&self) -> u64 {
         self.surface + self.frontier
@@ -64,9 +64,9 @@ pub struct Answer {
     /// The best pitches found, rad; the present ones where none are better.
     pub pitches_rad: Vec<f64>,
     /// What they see.
-    pub best: Outlook,
+    pub best: PredictedCoverage,
     /// What the present ones see.
-    pub now: Outlook,
+    pub now: PredictedCoverage,
     /// Sets of pitches that were looked at.
     pub evaluations: usize,
 }
@@ -94,7 +94,7 @@ pub enum ReconfigureError {
 }
 
 /// What a rig at these pitches, rad, sees of the map along the way.
-pub(crate) fn outlook(question: &Question<'_>, pitches_rad: &[f64]) -> Outlook {
+pub(crate) fn predicted_coverage(question: &Question<'_>, pitches_rad: &[f64]) -> PredictedCoverage {
     let mut seen: [HashSet<[i32; 3]>; 2] = Default::default();
     let poses = evenly(question.poses, POSES);
     for (sensor, pitch_rad) in question.rig.sensors.iter().zip(pitches_rad) {
@@ -114,7 +114,7 @@ pub(crate) fn outlook(question: &Question<'_>, pitches_rad: &[f64]) -> Outlook {
             }
         }
     }
-    Outlook { surface: seen[0].len() as u64, frontier: seen[1].len() as u64 }
+    PredictedCoverage { surface: seen[0].len() as u64, frontier: seen[1].len() as u64 }
 }
 
 /// Both ends of what a sensor looks along, in its own frame, m.
@@ -158,17 +158,17 @@ pub(crate) fn propose(
     let measure = |pitches_deg: &[f64]| {
         let pitches_rad = stepped_rad(pitches_deg, question.limits_rad);
         let violation = violation(question, &pitches_rad);
-        let score = outlook(question, &pitches_rad).score() as f64;
+        let score = predicted_coverage(question, &pitches_rad).score() as f64;
         let poses = question.poses.len().min(POSES);
         let rays = (poses * COLUMNS * BEAMS * sensors) as u64;
         Ok::<_, Infallible>(Measured { score, violation, rays })
     };
     search.run(evaluations, measure, |_| (), &AtomicBool::new(false))?;
     let present_rad: Vec<f64> = question.rig.sensors.iter().map(|sensor| sensor.mount.pitch_rad).collect();
-    let now = outlook(question, &present_rad);
+    let now = predicted_coverage(question, &present_rad);
     let found = search.best().map(|trial| stepped_rad(&trial.candidate.values, question.limits_rad));
     let found = found.filter(|pitches_rad| violation(question, pitches_rad) == 0.0);
-    let found = found.map(|pitches_rad| (outlook(question, &pitches_rad), pitches_rad));
+    let found = found.map(|pitches_rad| (predicted_coverage(question, &pitches_rad), pitches_rad));
     let better = found.filter(|(best, _)| best.score() > now.score());
     let (best, pitches_rad) = better.unwrap_or((now, present_rad));
     Ok(Answer { pitches_rad, best, now, evaluations: search.evaluations() })
@@ -236,9 +236,9 @@ mod tests {
             Question { map: &map, poses: &poses, rig: &rig, limits_rad: &limits_rad, is_excluded: &free };
         let answer = propose(&question, 1, 60).unwrap();
         assert_eq!(answer, propose(&question, 1, 60).unwrap(), "the same again");
-        assert_eq!(answer.now, outlook(&question, &[0.6]));
-        assert_eq!(answer.best, outlook(&question, &answer.pitches_rad));
-        let grid = (-70..=70).map(|at| outlook(&question, &[f64::from(at) * 0.01]).score());
+        assert_eq!(answer.now, predicted_coverage(&question, &[0.6]));
+        assert_eq!(answer.best, predicted_coverage(&question, &answer.pitches_rad));
+        let grid = (-70..=70).map(|at| predicted_coverage(&question, &[f64::from(at) * 0.01]).score());
         let most = grid.max().unwrap();
         assert!(answer.best.score() as f64 >= 0.98 * most as f64, "{answer:?}, a grid has {most}");
         assert!(answer.best.score() >= answer.now.score());

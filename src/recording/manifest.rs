@@ -51,7 +51,7 @@ pub struct Manifest {
 
 impl Manifest {
     /// Whether an entry is what another one sends beside its lidar packets.
-    pub fn is_aside(&self, entry: &SensorEntry) -> bool {
+    pub fn is_auxiliary(&self, entry: &SensorEntry) -> bool {
         crate::live::receive::is_auxiliary(
             &entry.name,
             self.sensors.iter().map(|sensor| sensor.name.as_str()),
@@ -122,10 +122,10 @@ impl Losses {
     /// Each kind that there was; empty without losses.
     fn words(&self) -> String {
         let kinds = [
-            (self.kernel_dropped, "dropped by the kernel, whose buffer was full"),
+            (self.kernel_dropped, "dropped by the kernel: its buffer was full"),
             (self.queue_dropped, "for which the recorder was too slow"),
             (self.not_written, "that the disk did not take"),
-            (self.deleted, "whose file was deleted or cut meanwhile"),
+            (self.deleted, "in a file that was deleted or cut meanwhile"),
         ];
         let words =
             kinds.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
@@ -223,9 +223,9 @@ impl Manifest {
         }
         for (at, sensor) in self.sensors.iter().enumerate() {
             let (name, interface) = (&sensor.name, interfaces.get(at));
-            let mut compare = |what: &str, told: &dyn Display, found: &dyn Display| {
+            let mut compare = |what: &str, noted: &dyn Display, found: &dyn Display| {
                 words.push(format!(
-                    "{name}: {} has {told} {what}, {} {found}",
+                    "{name}: {} has {noted} {what}, {} {found}",
                     file::MANIFEST,
                     file::PACKETS
                 ));
@@ -252,7 +252,9 @@ impl Manifest {
     /// Sensors of which nothing was recorded, though they were listened to.
     pub(crate) fn silent(&self, found: &[u64]) -> Vec<String> {
         let is_silent = |(at, entry): &(usize, &SensorEntry)| {
-            entry.packets == 0 && found.get(*at).is_none_or(|packets| *packets == 0) && !self.is_aside(entry)
+            entry.packets == 0
+                && found.get(*at).is_none_or(|packets| *packets == 0)
+                && !self.is_auxiliary(entry)
         };
         let silent = self.sensors.iter().enumerate().filter(is_silent);
         let words = silent.map(|(_, entry)| {

@@ -73,7 +73,7 @@ impl PacketReader {
             io::copy(&mut { whole }, &mut file)?;
             Ok(file)
         });
-        let doing = "cannot be kept in a temporary file (TMPDIR)";
+        let doing = "cannot be stored in a temporary file (TMPDIR)";
         let spooled = spooled.map_err(|source| BagError::Io { name: name.to_owned(), doing, source })?;
         let mut reader: Self = Source::Bag(Box::new(BagPackets::open(spooled.path(), name)?)).into();
         reader.spooled = Cell::new(Some(spooled));

@@ -55,7 +55,7 @@ impl Spin {
 
 /// What is less than perfect about a return. The default is perfect.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
-pub struct Flaws {
+pub struct SensorErrors {
     /// Replaces the model's least range, m.
     pub min_range_m: Option<f64>,
     /// Replaces the model's greatest range, m.
@@ -118,7 +118,7 @@ pub struct Scanner<'a> {
     /// Solids in the body frame that stop beams, by sensor of the rig. A beam that meets one returns nothing.
     pub occluders: Vec<Vec<Occluder>>,
     /// What is less than perfect.
-    pub flaws: Flaws,
+    pub sensor_errors: SensorErrors,
     /// Of noise and drop-out.
     pub seed: u64,
 }
@@ -133,7 +133,7 @@ impl<'a> Scanner<'a> {
             rig,
             spins: vec![spin; sensors],
             occluders: (0..sensors).map(|sensor| Occluder::other_housings(rig, sensor)).collect(),
-            flaws: Flaws::default(),
+            sensor_errors: SensorErrors::default(),
             seed: 0,
         }
     }
@@ -277,7 +277,8 @@ mod tests {
     fn threads_do_not_change_a_byte_and_seeds_do() {
         let (scene, rig, trajectory) = (room(), pair(), walk());
         let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());
-        scanner.flaws = Flaws { range_noise_m: 0.02, drop_out: 0.1, ..Flaws::default() };
+        scanner.sensor_errors =
+            SensorErrors { range_noise_m: 0.02, drop_out: 0.1, ..SensorErrors::default() };
         let all = |scanner: &Scanner, threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
@@ -305,16 +306,16 @@ mod tests {
         let all = count(&|scanner| scanner.occluders = vec![Vec::new(); 2]);
         assert_eq!(all, 2 * 361 * 16);
         assert!(count(&|_| ()) < all, "the other housing is in the way");
-        assert!(count(&|scanner| scanner.flaws.max_range_m = Some(3.0)) < all / 2);
-        assert!(count(&|scanner| scanner.flaws.max_incidence_rad = Some(1.0)) < all * 9 / 10);
+        assert!(count(&|scanner| scanner.sensor_errors.max_range_m = Some(3.0)) < all / 2);
+        assert!(count(&|scanner| scanner.sensor_errors.max_incidence_rad = Some(1.0)) < all * 9 / 10);
         let dropped = count(&|scanner| {
             scanner.occluders = vec![Vec::new(); 2];
-            scanner.flaws.drop_out = 0.25;
+            scanner.sensor_errors.drop_out = 0.25;
         });
         assert!((dropped as f64 / all as f64 - 0.75).abs() < 0.02, "{dropped} of {all}");
         let spread = count(&|scanner| {
             scanner.occluders = vec![Vec::new(); 2];
-            scanner.flaws.sub_rays = 6;
+            scanner.sensor_errors.sub_rays = 6;
         });
         assert_eq!(spread, all);
     }

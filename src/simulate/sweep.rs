@@ -18,7 +18,7 @@ use crate::world::scene::Hit;
 const TILE: usize = 4;
 
 /// Beams of a revolution that are kept rather than made again: 40 MiB.
-const MOST_KEPT: usize = 1 << 19;
+const MAX_SAVED: usize = 1 << 19;
 
 /// One sensor of a scanner, made ready.
 pub struct Sweep<'a> {
@@ -105,7 +105,7 @@ impl<'a> Sweep<'a> {
         let mut sweep = Self { scanner, sensor, body_from_sensor, order, ranks, turn: Vec::new() };
         let per_turn = u64::from(scanner.spins[sensor].columns);
         let beams = per_turn as usize * mounted.model.channels();
-        if !one && beams <= MOST_KEPT && scanner.columns(sensor) > per_turn {
+        if !one && beams <= MAX_SAVED && scanner.columns(sensor) > per_turn {
             sweep.turn = (0..per_turn).flat_map(|column| sweep.beams_of(column)).collect();
         }
         sweep
@@ -150,14 +150,14 @@ impl<'a> Sweep<'a> {
         let Scratch { origins_m, directions, met } = scratch;
         origins_m.clear();
         directions.clear();
-        let rays = 1 + scanner.flaws.sub_rays as usize;
+        let rays = 1 + scanner.sensor_errors.sub_rays as usize;
         for channels in self.order.chunks(TILE) {
             for (_, _, world_from_body, beams) in &placed {
                 for channel in channels {
                     let beam = &beams[*channel].fired;
                     let direction = world_from_body.rotate(beam.direction);
                     directions.push(direction);
-                    directions.extend(ring(direction, model.divergence_rad, scanner.flaws.sub_rays));
+                    directions.extend(ring(direction, model.divergence_rad, scanner.sensor_errors.sub_rays));
                     let origin_m = world_from_body.transform_point(beam.origin_m);
                     origins_m.extend(std::iter::repeat_n(origin_m, rays));
                 }
@@ -225,21 +225,22 @@ impl Scanner<'_> {
         rng: &mut Rng,
     ) -> Option<f64> {
         let model = &self.rig.sensors[sensor].model;
-        let flaws = &self.flaws;
+        let sensor_errors = &self.sensor_errors;
         // drawn for every beam, so that one beam's fate does not change another's
-        let kept = flaws.drop_out <= 0.0 || rng.uniform() >= flaws.drop_out;
-        let noise_m = if flaws.range_noise_m > 0.0 { flaws.range_noise_m * rng.normal() } else { 0.0 };
-        let luck = if flaws.detection.is_some() { rng.uniform() } else { 0.0 };
+        let kept = sensor_errors.drop_out <= 0.0 || rng.uniform() >= sensor_errors.drop_out;
+        let noise_m =
+            if sensor_errors.range_noise_m > 0.0 { sensor_errors.range_noise_m * rng.normal() } else { 0.0 };
+        let luck = if sensor_errors.detection.is_some() { rng.uniform() } else { 0.0 };
         let hit = hit.filter(|_| kept)?;
-        if flaws.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
+        if sensor_errors.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
             return None;
         }
         if beam.stop_m < hit.distance_m {
             return None;
         }
-        let min_range_m = flaws.min_range_m.unwrap_or(model.min_range_m);
-        let max_range_m = flaws.max_range_m.unwrap_or(model.max_range_m);
-        let is_detected = flaws.detection.is_none_or(|detection| {
+        let min_range_m = sensor_errors.min_range_m.unwrap_or(model.min_range_m);
+        let max_range_m = sensor_errors.max_range_m.unwrap_or(model.max_range_m);
+        let is_detected = sensor_errors.detection.is_none_or(|detection| {
             luck < detection.probability(hit.distance_m, -direction.dot(hit.normal), max_range_m)
         });
         let range_m = hit.distance_m + beam.fired.range_offset_m + noise_m;

@@ -297,7 +297,7 @@ impl Cells {
                     words.iter_mut().zip(more).for_each(|(word, more)| *word |= more);
                 }
             }
-            _ => unreachable!("a grid's size decides how its cells are kept"),
+            _ => unreachable!("a grid's size decides how its cells are stored"),
         }
     }
 

@@ -7,7 +7,7 @@ mod support;
 
 use nalgebra::{DMatrix, DVector};
 use outrigger::base::instructions::Instructions;
-use outrigger::design::optimize::forward_substitution::{LANES, solve_lower};
+use outrigger::design::optimize::forward_substitution::{WIDTH, solve_lower};
 use support::{median, median_cpu_s};
 
 const ROUNDS: usize = 15;
@@ -15,7 +15,7 @@ const ROUNDS: usize = 15;
 fn main() {
     let levels = Instructions::available();
     println!(
-        "{LANES} right sides at once; microseconds per right side, and how many times faster than nalgebra's"
+        "{WIDTH} right sides at once; microseconds per right side, and how many times faster than nalgebra's"
     );
     for n in [56, 80, 150, 300, 600] {
         let lower = DMatrix::from_fn(n, n, |i, j| match i.cmp(&j) {
@@ -25,10 +25,10 @@ fn main() {
         });
         let value = |row: usize, lane: usize| ((row * 7 + lane) % 11) as f64;
         let sides: Vec<DVector<f64>> =
-            (0..LANES).map(|lane| DVector::from_fn(n, |row, _| value(row, lane))).collect();
-        let lanes: Vec<[f64; LANES]> =
+            (0..WIDTH).map(|lane| DVector::from_fn(n, |row, _| value(row, lane))).collect();
+        let lanes: Vec<[f64; WIDTH]> =
             (0..n).map(|row| std::array::from_fn(|lane| value(row, lane))).collect();
-        let repetitions = 20_000_000 / (n * n * LANES);
+        let repetitions = 20_000_000 / (n * n * WIDTH);
         let mut peers = Vec::new();
         let mut ours = vec![Vec::new(); levels.len()];
         for _ in 0..ROUNDS {
@@ -51,7 +51,7 @@ fn main() {
                 }));
             }
         }
-        let per_side = |times: &[f64]| 1e6 * median(times.to_vec()) / (repetitions * LANES) as f64;
+        let per_side = |times: &[f64]| 1e6 * median(times.to_vec()) / (repetitions * WIDTH) as f64;
         print!("{n:4} rows: nalgebra {:7.2}", per_side(&peers));
         for (level, times) in levels.iter().zip(&ours) {
             let ratio = median(peers.iter().zip(times).map(|(peer, own)| peer / own).collect());

@@ -210,7 +210,7 @@ pub fn a_rolled_or_shifted_sensor_is_named() {
         assert_eq!((code, &document["verdict"]), (Some(3), &Value::from("differs")), "{mount}");
         let said = document["words"].to_string();
         assert!(said.contains(words), "{said}");
-        for cause in ["left is", "left sits", "wearer", "people", "glass", "door"] {
+        for cause in ["left is", "left sits", "operator", "people", "glass", "door"] {
             assert!(!said.contains(cause), "{cause}: {said}");
         }
         let (code, document) = recorded.judged("corrected.json", &[]);
@@ -378,7 +378,7 @@ pub fn a_room_of_another_size_is_told_as_such() {
     assert!(!corrected.exists());
     let words = document["words"].to_string();
     assert!(words.contains("another size"), "{words}");
-    for cause in ["wearer", "people", "glass", "--corrected-mount", "is tilted", "dark, wet"] {
+    for cause in ["operator", "people", "glass", "--corrected-mount", "is tilted", "dark, wet"] {
         assert!(!words.contains(cause), "{cause}: {words}");
     }
 }
@@ -392,7 +392,7 @@ pub fn a_match_says_what_it_cannot_tell() {
     let document: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((output.status.code(), &document["verdict"]), (Some(0), &Value::from("matches")));
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    let headline = "covers what was predicted; the tilt of right and left cannot be told";
+    let headline = "covers what was predicted; the pitch of right and left is not observable";
     assert!(page.contains(headline), "{page:.2000}");
 }
 

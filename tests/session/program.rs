@@ -347,7 +347,7 @@ pub fn what_record_keeps_is_enough_to_compare() {
     kill(Pid::from_raw(recorder.child.id() as i32), Signal::SIGINT).unwrap();
     let (code, _, said) = recorder.end();
     assert!(code == Some(0) && !said.contains("warning"), "{code:?} {said}");
-    let asides = manifest.sensors.iter().filter(|entry| manifest.is_aside(entry)).count();
+    let asides = manifest.sensors.iter().filter(|entry| manifest.is_auxiliary(entry)).count();
     assert_eq!((manifest.sensors.len(), asides), (4, 2));
     let compared = outrigger()
         .args(["compare", "--json", "--trajectory", "still", &format!("--room={room}")])

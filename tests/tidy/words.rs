@@ -38,8 +38,7 @@ const REPLACED: [&str; 32] = [
 ];
 
 /// Names of other wings, of flags and of keys in rig.toml.
-const OF_OTHERS: [&str; 8] =
-    ["Flaws", "Outlook", "Taken", "is_kept", "kept", "listen_aside", "aside_port", "aside_to"];
+const OF_OTHERS: [&str; 3] = ["listen_aside", "aside_port", "aside_to"];
 
 /// `FILE: WORD` of each, in a file's code.
 pub fn replaced(file: &Path, text: &str) -> Vec<String> {

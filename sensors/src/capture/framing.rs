@@ -216,7 +216,7 @@ impl Framing {
         let trailer = order.u32(whole, length - 4);
         if trailer as usize != length {
             return Err(self.damaged(
-                format!("a block whose two lengths are {length} and {trailer}"),
+                format!("a block with the two lengths {length} and {trailer}"),
                 "the same number twice".into(),
             ));
         }

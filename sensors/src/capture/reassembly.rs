@@ -69,7 +69,7 @@ pub(super) enum Added {
 #[derive(Default)]
 pub(super) struct Reassembly {
     slots: Vec<Slot>,
-    /// Of each slot's key: most fragments are told apart by these alone.
+    /// Of each slot's key: most fragments are distinguished by these alone.
     marks: Vec<u64>,
     /// Where the fragment before went.
     latest: usize,

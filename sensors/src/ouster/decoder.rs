@@ -69,7 +69,7 @@ impl OusterDecoder {
     }
 
     /// Whether its lidar packets say whose they are.
-    pub(crate) fn says_whose(&self) -> bool {
+    pub(crate) fn names_sensor(&self) -> bool {
         self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some()
     }
 
@@ -84,7 +84,7 @@ impl OusterDecoder {
     }
 
     /// How surely a packet comes from this sensor; does not look at checksums. Packets without a serial number
-    /// (LEGACY, IMU of 48 bytes) are told apart by size, port and where earlier ones came from.
+    /// (LEGACY, IMU of 48 bytes) are distinguished by size, port and where earlier ones came from.
     pub fn claim(&self, packet: &Packet<'_>) -> Claim {
         let bytes = packet.payload;
         if self.metadata.imu_profile == ImuProfile::Legacy && bytes.len() == imu::LEGACY_BYTES {

@@ -55,7 +55,7 @@ pub(super) struct Evidence {
     periods_ns: Vec<f64>,
     /// From a packet to the first of the next revolution: time, ns, and how far its column is behind.
     turns: Vec<[f64; 2]>,
-    greatest_column: usize,
+    max_column: usize,
     frames: usize,
     newest: Option<u32>,
     /// Valid columns of all revolutions.
@@ -78,7 +78,7 @@ impl Default for Evidence {
             last: None,
             periods_ns: Vec::new(),
             turns: Vec::new(),
-            greatest_column: 0,
+            max_column: 0,
             frames: 0,
             newest: None,
             columns: [0; WORDS],
@@ -118,7 +118,7 @@ impl Evidence {
             let column = usize::from(measurement_id);
             if valid && column < COLUMNS[3] {
                 self.columns[column / 64] |= 1 << (column % 64);
-                self.greatest_column = self.greatest_column.max(column);
+                self.max_column = self.max_column.max(column);
             }
         }
     }
@@ -173,7 +173,7 @@ impl Evidence {
         let known = Mode::of(metadata);
         let turned = self.columns_by_turns(period_ns);
         let fits = (period_ns * known.columns as f64 * known.rate_hz * 1e-9 - 1.0).abs() < PERIOD_TOLERANCE
-            && self.greatest_column < known.columns
+            && self.max_column < known.columns
             && turned.is_none_or(|columns| columns == known.columns);
         if fits {
             return None;
@@ -187,8 +187,7 @@ impl Evidence {
             }
             None => {
                 let possible = || {
-                    let long_enough =
-                        MODES.into_iter().filter(|(columns, _)| *columns > self.greatest_column);
+                    let long_enough = MODES.into_iter().filter(|(columns, _)| *columns > self.max_column);
                     let modes = long_enough.filter(|(columns, set)| is_rate(rate_hz(*columns), *set));
                     modes.map(|(columns, rate_hz)| Mode { columns, rate_hz })
                 };

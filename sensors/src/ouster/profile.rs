@@ -328,7 +328,7 @@ mod tests {
     #[test]
     fn fields_fit_their_block_and_a_word_and_do_not_overlap() {
         for layout in &LAYOUTS {
-            let mut taken = vec![false; layout.bytes * 8];
+            let mut used = vec![false; layout.bytes * 8];
             for half in [&layout.first, &layout.second] {
                 let fields = [
                     half.range,
@@ -346,9 +346,9 @@ mod tests {
                     let first = field.at as usize;
                     let word = first % 32 + field.width as usize;
                     assert!(word <= 32, "{}: {field:?} lies in two words", layout.name);
-                    for taken in &mut taken[first..first + field.width as usize] {
-                        assert!(!*taken, "{}: {field:?}", layout.name);
-                        *taken = true;
+                    for used in &mut used[first..first + field.width as usize] {
+                        assert!(!*used, "{}: {field:?}", layout.name);
+                        *used = true;
                     }
                 }
             }

@@ -110,7 +110,7 @@ impl Stream {
     pub(super) fn finish(&mut self, output: &mut Output<'_>) {
         self.forget_strays(output.stats);
         self.close_all(output, End::CutOff);
-        self.begin_anew();
+        self.restart();
     }
 
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
@@ -271,7 +271,7 @@ impl Stream {
         self.close_current(output, end);
     }
 
-    fn begin_anew(&mut self) {
+    fn restart(&mut self) {
         self.newest = None;
         self.last = None;
         self.rejected = 0;
@@ -301,7 +301,7 @@ impl Stream {
             }
             // where packets name no initialization, the counter that started over tells
             output.stats.init_id_changes += u64::from(why == Stray::Restart || !has_init_id);
-            self.begin_anew();
+            self.restart();
         }
         let mut strays = std::mem::take(&mut self.strays);
         for (place, packet) in strays.packets() {

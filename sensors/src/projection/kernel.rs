@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)] // calls the AVX-512 and AVX2 builds of the inner loop once the CPU was asked for them
 
-use super::lanes::{BLOCK, Lanes, Portable, Real};
+use super::elements::{BLOCK, Elements, Portable, Real};
 use super::tables::{Column, Lines, NEAR_LIMIT_MM, Near, Tables};
 
 /// A number that the kernel is built for.
@@ -47,9 +47,9 @@ macro_rules! kernel {
 kernel!(f32, __m512);
 kernel!(f64, __m512d);
 
-/// The kernel in lanes of any kind.
+/// The kernel in elements of any kind.
 #[inline(always)]
-pub(super) fn points_in<V: Lanes>(tables: &Tables<V::Real>, range_mm: &[u32], out: &mut [[V::Real; 3]]) {
+pub(super) fn points_in<V: Elements>(tables: &Tables<V::Real>, range_mm: &[u32], out: &mut [[V::Real; 3]]) {
     match (&tables.near, tables.is_flat()) {
         (Some(_), _) => columns::<V, false, true>(tables, range_mm, out),
         (None, true) => columns::<V, true, false>(tables, range_mm, out),
@@ -60,7 +60,7 @@ pub(super) fn points_in<V: Lanes>(tables: &Tables<V::Real>, range_mm: &[u32], ou
 /// `FLAT`: columns turn about the vertical, as in every housing that stands upright. `NEAR`: with the near-distance
 /// correction.
 #[inline(always)]
-fn columns<V: Lanes, const FLAT: bool, const NEAR: bool>(
+fn columns<V: Elements, const FLAT: bool, const NEAR: bool>(
     tables: &Tables<V::Real>,
     range_mm: &[u32],
     out: &mut [[V::Real; 3]],
@@ -91,7 +91,7 @@ fn columns<V: Lanes, const FLAT: bool, const NEAR: bool>(
 }
 
 #[inline(always)]
-fn one_block<V: Lanes, const FLAT: bool, const NEAR: bool>(
+fn one_block<V: Elements, const FLAT: bool, const NEAR: bool>(
     near: &Option<Near<V::Real>>,
     column: &Column<V::Real>,
     lines: &Lines<V::Real>,
@@ -99,14 +99,14 @@ fn one_block<V: Lanes, const FLAT: bool, const NEAR: bool>(
     range_mm: &[u32; BLOCK],
     out: &mut [[V::Real; 3]; BLOCK],
 ) {
-    for part in 0..BLOCK / V::LANES {
-        let at = part * V::LANES;
+    for part in 0..BLOCK / V::WIDTH {
+        let at = part * V::WIDTH;
         if at >= left {
             break;
         }
         if !V::any(range_mm, at) {
             // columns that never came, second returns that few firings have
-            out[at..at + V::LANES].fill([V::Real::default(); 3]);
+            out[at..at + V::WIDTH].fill([V::Real::default(); 3]);
             continue;
         }
         let range = V::metres(range_mm, at);
@@ -135,7 +135,7 @@ fn one_block<V: Lanes, const FLAT: bool, const NEAR: bool>(
 }
 
 #[inline(always)]
-fn turn<V: Lanes, const FLAT: bool>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
+fn turn<V: Elements, const FLAT: bool>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
     let [rx, ry, rz] = column.rows.map(|row| row.map(V::splat));
     let [tx, ty, tz] = column.translation.map(V::splat);
     if FLAT {
@@ -151,7 +151,7 @@ fn turn<V: Lanes, const FLAT: bool>(column: &Column<V::Real>, [x, y, z]: [V; 3])
 
 /// A direction in a column that turns about the vertical and nothing else.
 #[inline(always)]
-fn turn_about_axis<V: Lanes>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
+fn turn_about_axis<V: Elements>(column: &Column<V::Real>, [x, y, z]: [V; 3]) -> [V; 3] {
     let [rx, ry, _] = column.rows.map(|row| row.map(V::splat));
     [rx[0].mul(x).add(rx[1].mul(y)), ry[0].mul(x).add(ry[1].mul(y)), z]
 }

@@ -6,7 +6,7 @@
 //! nearness, which is no straight line, follows in the lidar frame.
 
 mod kernel;
-mod lanes;
+mod elements;
 mod tables;
 
 use glam::DVec3;
@@ -101,7 +101,7 @@ impl Projector {
 
 #[cfg(test)]
 mod tests {
-    use super::lanes::Portable;
+    use super::elements::Portable;
     use super::*;
     use crate::BeamCorrection;
     use glam::{DAffine3, DQuat};

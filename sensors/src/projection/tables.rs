@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use glam::{DAffine3, DVec3};
 
-use super::lanes::{BLOCK, Real};
+use super::elements::{BLOCK, Real};
 use crate::model::{FAR_TARGET_M, NEAR_TARGETS_M};
 use crate::{Frame, SensorModel};
 
@@ -116,13 +116,13 @@ impl<T: Real> Tables<T> {
             }
             // the part of the range before the origin goes into the origin
             let origin_m = origin_m - beam.range_offset_m * direction;
-            let (lines, lane) = (&mut self.lines[channel / BLOCK], channel % BLOCK);
+            let (lines, element) = (&mut self.lines[channel / BLOCK], channel % BLOCK);
             for axis in 0..3 {
-                lines.direction[axis][lane] = T::from_f64(direction[axis]);
-                lines.origin[axis][lane] = T::from_f64(origin_m[axis]);
+                lines.direction[axis][element] = T::from_f64(direction[axis]);
+                lines.origin[axis][element] = T::from_f64(origin_m[axis]);
             }
             for (lines, near) in lines.near.iter_mut().zip(near) {
-                lines[lane] = T::from_f64(near);
+                lines[element] = T::from_f64(near);
             }
         }
     }

@@ -1,10 +1,10 @@
-//! Why nobody took a packet, and what would help.
+//! Why no sensor took a packet, and what would help.
 
 use std::net::SocketAddr;
 
 use super::guess::Guess;
 use super::senders::Rival;
-use super::sensor::{Beams, Family, GivenCalibration, Sensor, Whose};
+use super::sensor::{AppliesTo, Beams, Family, GivenCalibration, Sensor};
 use super::streams::{Stream, listed};
 use crate::Packet;
 use crate::ouster::Metadata;
@@ -93,13 +93,13 @@ pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
 }
 
 /// Why packets that claim to be a sensor's are not taken: they come from two places at once.
-fn two_sources(sensor: &Sensor, Rival { taken, other, .. }: &Rival) -> String {
-    let whose = match (sensor.serial(), sensor.metadata_name.as_deref()) {
+fn two_sources(sensor: &Sensor, Rival { accepted, other, .. }: &Rival) -> String {
+    let applies_to = match (sensor.serial(), sensor.metadata_name.as_deref()) {
         ("", name) => format!("of packets that fit {}", name.unwrap_or("one sensor")),
         (serial, _) => format!("with serial {serial}"),
     };
     format!(
-        "two sources {whose}: {taken} and {other}; the packets of the second were left out (one of them sends with another's \
+        "two sources {applies_to}: {accepted} and {other}; the packets of the second were left out (one of them sends with another's \
          serial number, or is replayed; record each on a port of its own, or --source NAME=ADDRESS)"
     )
 }
@@ -186,12 +186,12 @@ pub(super) fn unclaimed(
     if ousters.is_empty() {
         return format!("{guess}{of_whom}, but no metadata was given; add --meta FILE.json");
     }
-    if let Some(sensor) = sensors.iter().find(|sensor| sensor.is_tied_elsewhere(packet))
-        && let (Some(tie), Some(name)) = (sensor.tie(), &sensor.metadata_name)
+    if let Some(sensor) = sensors.iter().find(|sensor| sensor.is_filtered_out(packet))
+        && let (Some(source_filter), Some(name)) = (sensor.source_filter(), &sensor.metadata_name)
     {
         let (address, port) = (packet.source.ip(), packet.destination.port());
         return format!(
-            "{guess} from {address} to port {port}; it would fit {name}, which is said to be of {tie}"
+            "{guess} from {address} to port {port}; it would fit {name}, which is configured for {source_filter}"
         );
     }
     if let Some(serial) = serial {
@@ -253,12 +253,12 @@ fn at_home(sensor: &Sensor) -> Option<String> {
 pub(super) fn unused_calibration(sensors: &[Sensor], given: &GivenCalibration) -> String {
     let name = &given.name;
     let velodynes = sensors.iter().filter(|sensor| matches!(sensor.family, Family::Velodyne(_)));
-    let is_nobodys = !velodynes.clone().any(|sensor| sensor.is_meant(&given.whose));
+    let is_nobodys = !velodynes.clone().any(|sensor| sensor.is_meant(&given.applies_to));
     let there: Vec<String> = velodynes.filter_map(at_home).collect();
-    match &given.whose {
+    match &given.applies_to {
         _ if there.is_empty() => format!("calibration {name} is not used: no Velodyne is in the recording"),
-        whose @ (Whose::Tied(_) | Whose::Named(_)) if is_nobodys => format!(
-            "calibration {name} is not used: no Velodyne is that of {whose}; there {} {}",
+        applies_to @ (AppliesTo::From(_) | AppliesTo::Named(_)) if is_nobodys => format!(
+            "calibration {name} is not used: no Velodyne is that of {applies_to}; there {} {}",
             if there.len() == 1 { "is" } else { "are" },
             there.join(", ")
         ),

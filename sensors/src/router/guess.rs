@@ -1,5 +1,5 @@
 //! What a packet looks like to someone who knows the formats but no sensor: for recordings without metadata, and to
-//! say why nobody took a packet.
+//! say why no sensor took a packet.
 
 use crate::ouster::wire::{Header, PacketFormat, PacketKind};
 use crate::ouster::{HeaderKind, Profile, imu, zones};

@@ -2,7 +2,7 @@
 //!
 //! Ouster sensors are known from their metadata and take what carries their serial number, or, where packets carry
 //! none, what fits in size, sender and port. Velodyne sensors are found in the data: one per sender and port. Packets
-//! that nobody takes are counted by port and length, with the reason and what would help.
+//! that no sensor takes are counted by port and length, with the reason and what would help.
 
 mod ahead;
 mod explain;
@@ -14,7 +14,7 @@ mod sensor;
 mod streams;
 #[cfg(test)]
 mod tests;
-mod tie;
+mod source_filter;
 mod velodynes;
 
 use std::collections::BTreeMap;
@@ -26,11 +26,11 @@ use crate::{Decoded, Packet, Rejected};
 
 pub use guess::Guess;
 pub use senders::Rival;
-pub use sensor::{Beams, Family, GivenCalibration, GivenModel, Sensor, Whose};
+pub use sensor::{AppliesTo, Beams, Family, GivenCalibration, GivenModel, Sensor};
+pub use source_filter::{Named, SourceFilter};
 use streams::{Stream, stream_of};
-pub use tie::{Named, Tie};
 
-/// Most Velodyne sensors that are told apart; a recording with more senders is no rig.
+/// Most Velodyne sensors that are distinguished; a recording with more senders is no rig.
 const MOST_SENSORS: usize = 64;
 /// Most kinds of unclaimed packets that are kept apart; the rest is counted together under port 0.
 const MOST_KINDS: usize = 256;
@@ -47,12 +47,12 @@ pub struct Router {
     /// Everything was looked at that is looked at before decoding: who was not met is not there, or late.
     has_learned: bool,
     /// Where lidar packets of Ousters came from in that look whose metadata were not given.
-    strangers: Vec<IpAddr>,
+    unknown_sources: Vec<IpAddr>,
     /// Where data packets of Velodynes came from and went to.
     velodynes: Vec<Stream>,
 }
 
-/// What is counted together where there are more kinds of packets that nobody took.
+/// What is counted together where there are more kinds of packets that no sensor took.
 const OF_MORE_KINDS: (u16, usize, Option<u64>) = (0, 0, None);
 
 /// Packets of one length, of one serial number where they bear it, on one port that no sensor took.
@@ -66,7 +66,7 @@ pub struct Unclaimed {
     pub packets: u64,
     /// Why the first of them was not taken, and what would help.
     pub reason: String,
-    /// Someone's sensor data, as far as can be told: the loss matters.
+    /// Someone's sensor data, as far as is known: the loss matters.
     pub is_sensor_data: bool,
     /// Metadata of its sensor would help.
     pub needs_metadata: bool,
@@ -80,7 +80,7 @@ pub struct Unclaimed {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Routed {
     /// Taken by the sensor of this number.
-    Taken(usize),
+    Assigned(usize),
     /// From the sensor of this number, but damaged; its decoder counted it.
     Damaged(usize),
     /// Taken by none.
@@ -95,14 +95,19 @@ impl Router {
 
     /// Adds the Ouster sensor that metadata describes; `name` is what messages call the metadata.
     pub fn add_ouster(&mut self, metadata: Metadata, name: impl Into<String>) {
-        self.add_tied_ouster(metadata, name, None);
+        self.add_ouster_from(metadata, name, None);
     }
 
     /// The same of one whose packets are said to have something in common.
-    pub fn add_tied_ouster(&mut self, metadata: Metadata, name: impl Into<String>, tie: Option<Tie>) {
+    pub fn add_ouster_from(
+        &mut self,
+        metadata: Metadata,
+        name: impl Into<String>,
+        source_filter: Option<SourceFilter>,
+    ) {
         let decoder = Family::Ouster(Box::new(OusterDecoder::new(metadata)));
         let mut sensor = Sensor::new(decoder, Some(name.into()));
-        sensor.tie = tie;
+        sensor.source_filter = source_filter;
         sensor.take_name(&self.names);
         self.sensors.push(sensor);
     }
@@ -125,7 +130,7 @@ impl Router {
     /// Calibrations that no sensor of the recording has taken, in words.
     pub fn unused_calibrations(&self) -> Vec<String> {
         let takes = |sensor: &Sensor, given: &GivenCalibration| {
-            sensor.is_meant(&given.whose) && sensor.beams() == Beams::Given(&given.name)
+            sensor.is_meant(&given.applies_to) && sensor.beams() == Beams::Given(&given.name)
         };
         let is_unused = |given: &&GivenCalibration| !self.sensors.iter().any(|sensor| takes(sensor, given));
         let unused = self.calibrations.iter().filter(is_unused);
@@ -137,13 +142,13 @@ impl Router {
         &self.sensors
     }
 
-    /// What nobody took.
+    /// What no sensor took.
     pub fn unclaimed(&self) -> impl Iterator<Item = &Unclaimed> {
         self.unclaimed.values()
     }
 
     /// Looks at a packet before decoding begins, to learn where sensors send from (packets without a serial number
-    /// are told apart by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
+    /// are distinguished by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
     /// that are known or were met.
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
         match self.merged_bytes(packet) {
@@ -163,7 +168,7 @@ impl Router {
             }
             (Some((at, Claim::Named)), _) => self.sensors[at].learn(packet),
             (Some((at, _)), 1) => self.sensors[at].streams.note_imu(packet),
-            (None, _) => self.meet_stranger(packet),
+            (None, _) => self.note_unknown_source(packet),
             _ => {}
         }
         self.ahead.read(packet, MOST_SENSORS);
@@ -217,7 +222,7 @@ impl Router {
         match outcome {
             Ok(()) => {
                 self.sensors[at].note_packet(packet, claim);
-                Routed::Taken(at)
+                Routed::Assigned(at)
             }
             Err(Rejected::Foreign { reason }) => {
                 if let Some(twin) = self.twin_of(at, packet) {
@@ -306,7 +311,7 @@ impl Router {
         match best {
             Some((_, claim)) if !is_evidence(claim, packet) => {
                 let met = || self.has_learned.then(|| self.of_who_is_met(packet, claim)).flatten();
-                let by_port = || (count > 1).then(|| self.of_whose_port(packet, claim)).flatten();
+                let by_port = || (count > 1).then(|| self.by_port_of_auxiliary(packet, claim)).flatten();
                 by_port().or_else(met).unwrap_or((best, count))
             }
             _ => (best, count),
@@ -314,7 +319,11 @@ impl Router {
     }
 
     /// Of several sensors that send from one place, an inertial packet is of the one whose port it goes to.
-    fn of_whose_port(&self, packet: &Packet<'_>, claim: Claim) -> Option<(Option<(usize, Claim)>, usize)> {
+    fn by_port_of_auxiliary(
+        &self,
+        packet: &Packet<'_>,
+        claim: Claim,
+    ) -> Option<(Option<(usize, Claim)>, usize)> {
         let port = Some(packet.destination.port());
         let is_meant = |sensor: &Sensor| sensor.imu_port() == port && sensor.claim(packet) == claim;
         let meant = self.sensors.iter().enumerate().filter(|(_, sensor)| is_meant(sensor));
@@ -346,12 +355,12 @@ impl Router {
         let met = self.sensors.iter().enumerate().filter(|(_, sensor)| claims(sensor));
         match met.map(|(at, _)| at).collect::<Vec<_>>()[..] {
             [at] => Some((Some((at, claim)), 1)),
-            [] if self.strangers.contains(&packet.source.ip()) => Some((None, 0)),
+            [] if self.unknown_sources.contains(&packet.source.ip()) => Some((None, 0)),
             _ => None,
         }
     }
 
-    fn meet_stranger(&mut self, packet: &Packet<'_>) {
+    fn note_unknown_source(&mut self, packet: &Packet<'_>) {
         if Guess::of_velodyne(packet.payload) == Some(Guess::VelodyneData) {
             self.note_velodyne(packet);
             return;
@@ -360,9 +369,9 @@ impl Router {
             sensor.note_rival(packet);
         }
         let address = packet.source.ip();
-        let is_new = self.strangers.len() < MOST_SENSORS && !self.strangers.contains(&address);
+        let is_new = self.unknown_sources.len() < MOST_SENSORS && !self.unknown_sources.contains(&address);
         if is_new && matches!(Guess::of(packet.payload), Guess::OusterLidar { .. }) {
-            self.strangers.push(address);
+            self.unknown_sources.push(address);
         }
     }
 
@@ -376,8 +385,8 @@ impl Router {
     /// Where the data packets of the Velodyne go that this position packet is of; none where its sender is but one.
     fn data_port_of(&self, packet: &Packet<'_>) -> Result<Option<u16>, Option<String>> {
         let (address, port) = stream_of(packet);
-        let mut said = self.names.iter().filter(|named| named.sends_beside(address, port));
-        if let (Some(named), None) = (said.next(), said.next()) {
+        let mut matching = self.names.iter().filter(|named| named.sends_auxiliary_from(address, port));
+        if let (Some(named), None) = (matching.next(), matching.next()) {
             return Ok(named.port);
         }
         let units: Vec<Stream> = self.velodynes.iter().filter(|unit| unit.0 == address).copied().collect();

@@ -31,10 +31,10 @@ impl Path {
 pub(super) struct Paths {
     current: Option<Path>,
     copies: Vec<Path>,
-    heard_ns: u64,
+    last_ns: u64,
     recent: VecDeque<[u8; 22]>,
     /// Where its position packets come by.
-    pub aside: Option<Link>,
+    pub auxiliary: Option<Link>,
 }
 
 impl Paths {
@@ -51,7 +51,7 @@ impl Paths {
 
     /// Whether none of its data packets was seen, and its position packets, if any, came by this link.
     pub fn is_open_to(&self, packet: &Packet<'_>) -> bool {
-        self.current.is_none() && self.aside.is_none_or(|link| link == packet.link)
+        self.current.is_none() && self.auxiliary.is_none_or(|link| link == packet.link)
     }
 
     /// Whether this very packet was there just now.
@@ -61,7 +61,7 @@ impl Paths {
 
     /// Whether nothing came any more by the path that its packets took.
     pub fn is_gone(&self, packet: &Packet<'_>) -> bool {
-        packet.host_time_ns > 0 && packet.host_time_ns.abs_diff(self.heard_ns) >= GONE_NS
+        packet.host_time_ns > 0 && packet.host_time_ns.abs_diff(self.last_ns) >= GONE_NS
     }
 
     /// A path that brings its packets again.
@@ -76,7 +76,7 @@ impl Paths {
         let path = Path::of(packet);
         if !self.copies.contains(&path) {
             self.current = Some(path);
-            self.heard_ns = packet.host_time_ns;
+            self.last_ns = packet.host_time_ns;
         }
         if let Some(glance) = glance(packet) {
             if self.recent.len() == REMEMBERED {

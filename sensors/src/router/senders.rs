@@ -7,7 +7,7 @@ use crate::Packet;
 /// A unit that sent nothing for so long may be back from elsewhere, ns; where two were heard, only after much longer: on a busy
 /// host packets come in bursts.
 const GONE_NS: u64 = 1_000_000_000;
-const GONE_BESIDE_ANOTHER_NS: u64 = 10_000_000_000;
+const GONE_WITH_RIVAL_NS: u64 = 10_000_000_000;
 /// The same in packets in a row that came from elsewhere, where a recording has no times.
 const GONE_PACKETS: u32 = 256;
 /// Lengths of packets that are watched: lidar, inertial and zone packets, which need not leave from one port.
@@ -23,7 +23,7 @@ pub(super) struct Senders {
 
 struct Sender {
     source: SocketAddr,
-    heard_ns: u64,
+    last_ns: u64,
     /// Packets from elsewhere since.
     others: u32,
 }
@@ -32,7 +32,7 @@ struct Sender {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rival {
     /// Whose packets were taken.
-    pub taken: SocketAddr,
+    pub accepted: SocketAddr,
     /// The first other.
     pub other: SocketAddr,
     /// Packets of others, which were left out.
@@ -50,17 +50,17 @@ impl Senders {
             return true;
         };
         known.others = if known.source == packet.source { 0 } else { known.others + 1 };
-        let gone_ns = if self.rival.is_some() { GONE_BESIDE_ANOTHER_NS } else { GONE_NS };
+        let gone_ns = if self.rival.is_some() { GONE_WITH_RIVAL_NS } else { GONE_NS };
         let is_gone = match packet.host_time_ns {
             0 => known.others > GONE_PACKETS,
-            time_ns => known.heard_ns.abs_diff(time_ns) >= gone_ns,
+            time_ns => known.last_ns.abs_diff(time_ns) >= gone_ns,
         };
         if known.others == 0 || is_gone {
             *known = Sender::of(packet);
             return true;
         }
-        let (taken, other) = (known.source, packet.source);
-        self.rival.get_or_insert(Rival { taken, other, packets: 0 }).packets += 1;
+        let (accepted, other) = (known.source, packet.source);
+        self.rival.get_or_insert(Rival { accepted, other, packets: 0 }).packets += 1;
         false
     }
 
@@ -71,6 +71,6 @@ impl Senders {
 
 impl Sender {
     fn of(packet: &Packet<'_>) -> Self {
-        Self { source: packet.source, heard_ns: packet.host_time_ns, others: 0 }
+        Self { source: packet.source, last_ns: packet.host_time_ns, others: 0 }
     }
 }

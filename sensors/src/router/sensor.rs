@@ -6,8 +6,8 @@ use std::net::{IpAddr, SocketAddr};
 use super::is_evidence;
 use super::paths::Paths;
 use super::senders::{Rival, Senders};
+use super::source_filter::{Named, SourceFilter};
 use super::streams::{Stream, Streams};
-use super::tie::{Named, Tie};
 use crate::ouster::{Claim, Correction, OusterDecoder, TimestampMode};
 use crate::velodyne::{Calibration, CalibrationError, Product, VelodyneDecoder};
 use crate::{DecodeStats, Decoder, Link, Packet, SensorModel};
@@ -18,7 +18,7 @@ pub struct Sensor {
     pub metadata_name: Option<String>,
     /// How it is called, where somebody says.
     pub name: Option<String>,
-    pub(super) tie: Option<Tie>,
+    pub(super) source_filter: Option<SourceFilter>,
     pub(super) family: Family,
     pub(super) sources: Vec<IpAddr>,
     pub(super) source_is_known: bool,
@@ -33,7 +33,7 @@ pub struct Sensor {
     /// Position packets that came.
     pub position_packets: u64,
     /// Where what it sends beside its lidar packets goes, where somebody says.
-    aside_port: Option<u16>,
+    auxiliary_port: Option<u16>,
     pub(super) first_damage: Option<String>,
     pub(super) misread_bytes: Option<usize>,
     calibrated: Option<(String, Result<SensorModel, CalibrationError>)>,
@@ -43,7 +43,7 @@ pub struct Sensor {
 #[derive(Clone, Debug)]
 pub struct GivenCalibration {
     /// The Velodynes that it is meant for.
-    pub whose: Whose,
+    pub applies_to: AppliesTo,
     /// What messages call it.
     pub name: String,
     /// What it says.
@@ -54,27 +54,27 @@ pub struct GivenCalibration {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GivenModel {
     /// The Velodynes that it holds for; every one where nothing is said.
-    pub tie: Option<Tie>,
+    pub source_filter: Option<SourceFilter>,
     /// What they are.
     pub product: Product,
 }
 
 /// Which sensors something is meant for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Whose {
+pub enum AppliesTo {
     /// Every one.
     Everyone,
     /// Those whose packets have this in common.
-    Tied(Tie),
+    From(SourceFilter),
     /// The one that is called so.
     Named(String),
 }
 
-impl fmt::Display for Whose {
+impl fmt::Display for AppliesTo {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Everyone => Ok(()),
-            Self::Tied(tie) => write!(out, "{tie}"),
+            Self::From(source_filter) => write!(out, "{source_filter}"),
             Self::Named(name) => out.write_str(name),
         }
     }
@@ -139,7 +139,7 @@ impl Sensor {
         Self {
             metadata_name,
             name: None,
-            tie: None,
+            source_filter: None,
             family,
             sources: Vec::new(),
             source_is_known: false,
@@ -151,7 +151,7 @@ impl Sensor {
             twin: None,
             is_twin: false,
             position_packets: 0,
-            aside_port: None,
+            auxiliary_port: None,
             first_damage: None,
             misread_bytes: None,
             calibrated: None,
@@ -207,7 +207,7 @@ impl Sensor {
 
     /// How its data packets come to the host, where the recording says so (Velodyne).
     pub fn link(&self) -> Option<Link> {
-        self.paths.current().map(|path| path.link).or(self.paths.aside)
+        self.paths.current().map(|path| path.link).or(self.paths.auxiliary)
     }
 
     /// Length of the lidar packets of an Ouster.
@@ -274,8 +274,8 @@ impl Sensor {
     }
 
     /// What its packets are said to have in common.
-    pub fn tie(&self) -> Option<Tie> {
-        self.tie
+    pub fn source_filter(&self) -> Option<SourceFilter> {
+        self.source_filter
     }
 
     /// How surely a packet is of this Ouster.
@@ -286,7 +286,8 @@ impl Sensor {
             return Claim::No;
         }
         let address = packet.source.ip();
-        match self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes())) {
+        match self.source_filter.and_then(|source_filter| source_filter.holds(packet, decoder.lidar_bytes()))
+        {
             Some(false) => Claim::No,
             Some(true) => claim.max(Claim::Familiar),
             None if claim >= Claim::Familiar || address.is_loopback() => claim,
@@ -297,9 +298,10 @@ impl Sensor {
     }
 
     /// Whether a packet could be of this Ouster, were it not said to send from or to elsewhere.
-    pub(super) fn is_tied_elsewhere(&self, packet: &Packet<'_>) -> bool {
+    pub(super) fn is_filtered_out(&self, packet: &Packet<'_>) -> bool {
         let Family::Ouster(decoder) = &self.family else { return false };
-        let holds = self.tie.and_then(|tie| tie.holds(packet, decoder.lidar_bytes()));
+        let holds =
+            self.source_filter.and_then(|source_filter| source_filter.holds(packet, decoder.lidar_bytes()));
         // a decoder that has a sender claims nothing of another
         holds == Some(false) && (self.has_anonymous(packet) || decoder.claim(packet) != Claim::No)
     }
@@ -307,7 +309,7 @@ impl Sensor {
     /// Whether this is a lidar packet of its length, and such do not say whose they are.
     fn has_anonymous(&self, packet: &Packet<'_>) -> bool {
         let Family::Ouster(decoder) = &self.family else { return false };
-        !decoder.says_whose() && packet.payload.len() == decoder.lidar_bytes()
+        !decoder.names_sensor() && packet.payload.len() == decoder.lidar_bytes()
     }
 
     /// Whether a packet has the format of this Ouster's, wherever it comes from or goes to.
@@ -315,12 +317,12 @@ impl Sensor {
         matches!(&self.family, Family::Ouster(decoder) if decoder.claim(packet) != Claim::No)
     }
 
-    /// Notes lidar packets that fit and that nobody takes.
+    /// Notes lidar packets that fit and that no sensor takes.
     pub(super) fn note_rival(&mut self, packet: &Packet<'_>) {
         if self.has_anonymous(packet)
             && self.streams.is_other_lidar(packet)
             && self.fits(packet)
-            && !self.is_tied_elsewhere(packet)
+            && !self.is_filtered_out(packet)
         {
             self.streams.note_rival(packet);
         }
@@ -329,7 +331,7 @@ impl Sensor {
     /// The port that inertial packets go to, by who recorded them or by its metadata.
     pub(super) fn imu_port(&self) -> Option<u16> {
         let Family::Ouster(decoder) = &self.family else { return None };
-        self.aside_port.or(decoder.metadata().imu_port)
+        self.auxiliary_port.or(decoder.metadata().imu_port)
     }
 
     /// The inertial packets that could be its own.
@@ -346,7 +348,7 @@ impl Sensor {
         let mut meant = names.iter().filter(|named| named.means(self.metadata_name.as_deref(), seen));
         if let (Some(named), None) = (meant.next(), meant.next()) {
             self.name = Some(named.name.clone());
-            self.aside_port = named.aside_port;
+            self.auxiliary_port = named.auxiliary_port;
         }
     }
 
@@ -364,16 +366,16 @@ impl Sensor {
     }
 
     /// Whether something is meant for it.
-    pub(super) fn is_meant(&self, whose: &Whose) -> bool {
+    pub(super) fn is_meant(&self, applies_to: &AppliesTo) -> bool {
         let address = self.first_source.map(|source| source.ip());
-        match whose {
-            Whose::Everyone => true,
-            Whose::Tied(Tie::Sender(sender)) => address == Some(*sender),
-            Whose::Tied(Tie::Port(port)) => self.data_port == Some(*port),
-            Whose::Tied(Tie::Stream(stream)) => {
+        match applies_to {
+            AppliesTo::Everyone => true,
+            AppliesTo::From(SourceFilter::Sender(sender)) => address == Some(*sender),
+            AppliesTo::From(SourceFilter::Port(port)) => self.data_port == Some(*port),
+            AppliesTo::From(SourceFilter::Stream(stream)) => {
                 address == Some(stream.ip()) && self.data_port == Some(stream.port())
             }
-            Whose::Named(name) => self.name.as_ref() == Some(name),
+            AppliesTo::Named(name) => self.name.as_ref() == Some(name),
         }
     }
 
@@ -384,7 +386,7 @@ impl Sensor {
         }
         let Family::Velodyne(decoder) = &self.family else { return };
         let Some(identity) = decoder.identity() else { return };
-        let meant = calibrations.iter().find(|given| self.is_meant(&given.whose));
+        let meant = calibrations.iter().find(|given| self.is_meant(&given.applies_to));
         self.calibrated = meant.map(|given| (given.name.clone(), given.calibration.model(identity.product)));
     }
 

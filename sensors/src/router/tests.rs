@@ -50,15 +50,15 @@ fn sensors_of_one_format_are_told_apart_by_serial_number() {
     for (at, metadata) in ours.iter().enumerate() {
         router.add_ouster(metadata.clone(), format!("{at}.json"));
     }
-    let stranger = metadata("os1-64", 33, Profile::Rng15Rfl8Nir8);
+    let unknown_source = metadata("os1-64", 33, Profile::Rng15Rfl8Nir8);
     let reconfigured = metadata("os1-64", 22, Profile::Rng15Rfl8Nir8Dual);
     // all from one address, as a recording sent again
-    for (at, sender) in ours.iter().chain([&stranger, &reconfigured]).enumerate() {
+    for (at, sender) in ours.iter().chain([&unknown_source, &reconfigured]).enumerate() {
         for payload in ouster_packets(sender) {
             let routed = router.push(&packet(1, 7502, &payload), &mut ignore);
             match at {
-                0 | 1 => assert_eq!(routed, Routed::Taken(at)),
-                _ => assert_ne!(routed, Routed::Taken(at), "{at}"),
+                0 | 1 => assert_eq!(routed, Routed::Assigned(at)),
+                _ => assert_ne!(routed, Routed::Assigned(at), "{at}"),
             }
         }
     }
@@ -82,8 +82,8 @@ fn packets_without_a_serial_number_go_by_their_sender() {
     assert!(!router.learn(&packet(1, 7503, &imu)));
     assert!(!router.learn(&packet(1, 7502, &lidar[0][0])));
     assert!(router.learn(&packet(2, 7502, &lidar[1][0])));
-    assert_eq!(router.push(&packet(2, 7503, &imu), &mut ignore), Routed::Taken(1));
-    assert_eq!(router.push(&packet(1, 7503, &imu), &mut ignore), Routed::Taken(0));
+    assert_eq!(router.push(&packet(2, 7503, &imu), &mut ignore), Routed::Assigned(1));
+    assert_eq!(router.push(&packet(1, 7503, &imu), &mut ignore), Routed::Assigned(0));
     assert_eq!(router.push(&packet(3, 7503, &imu), &mut ignore), Routed::Unclaimed);
 }
 
@@ -92,10 +92,10 @@ fn packets_without_a_serial_number_go_by_their_sender() {
 fn units_without_a_serial_number_are_tied_to_their_packets() {
     let ours = [11, 22].map(|serial| metadata("os1-64", serial, Profile::Legacy));
     let payloads = ouster_packets(&ours[0]);
-    let routed = |ties: [Option<Tie>; 2], sender: [u8; 4], port: u16| {
+    let routed = |ties: [Option<SourceFilter>; 2], sender: [u8; 4], port: u16| {
         let mut router = Router::new();
-        for (metadata, tie) in ours.iter().zip(ties) {
-            router.add_tied_ouster(metadata.clone(), "one", tie);
+        for (metadata, source_filter) in ours.iter().zip(ties) {
+            router.add_ouster_from(metadata.clone(), "one", source_filter);
         }
         let of = |sender: [u8; 4], port, payload| Packet {
             source: (sender, 50_000).into(),
@@ -105,15 +105,15 @@ fn units_without_a_serial_number_are_tied_to_their_packets() {
         router.push(&of([127, 0, 0, 1], 7502, &payloads[0]), &mut ignore);
         router.push(&of(sender, port, &payloads[1]), &mut ignore)
     };
-    let ports = [Some(Tie::Port(7502)), Some(Tie::Port(7504))];
-    assert_eq!(routed(ports, [127, 0, 0, 1], 7502), Routed::Taken(0));
-    assert_eq!(routed(ports, [127, 0, 0, 1], 7504), Routed::Taken(1));
+    let ports = [Some(SourceFilter::Port(7502)), Some(SourceFilter::Port(7504))];
+    assert_eq!(routed(ports, [127, 0, 0, 1], 7502), Routed::Assigned(0));
+    assert_eq!(routed(ports, [127, 0, 0, 1], 7504), Routed::Assigned(1));
     assert_eq!(routed(ports, [127, 0, 0, 1], 7506), Routed::Unclaimed);
-    let senders = ["127.0.0.1", "127.0.0.2"].map(|text| Tie::from_text(text).unwrap().ok());
-    assert_eq!(routed(senders, [127, 0, 0, 2], 7502), Routed::Taken(1));
+    let senders = ["127.0.0.1", "127.0.0.2"].map(|text| SourceFilter::from_text(text).unwrap().ok());
+    assert_eq!(routed(senders, [127, 0, 0, 2], 7502), Routed::Assigned(1));
     assert_eq!(routed(senders, [127, 0, 0, 3], 7502), Routed::Unclaimed);
-    let both = ["127.0.0.1:7502", "127.0.0.1:7504"].map(|text| Tie::from_text(text).unwrap().ok());
-    assert_eq!(routed(both, [127, 0, 0, 1], 7504), Routed::Taken(1));
+    let both = ["127.0.0.1:7502", "127.0.0.1:7504"].map(|text| SourceFilter::from_text(text).unwrap().ok());
+    assert_eq!(routed(both, [127, 0, 0, 1], 7504), Routed::Assigned(1));
     assert_eq!(routed(both, [127, 0, 0, 2], 7504), Routed::Unclaimed);
     assert_eq!(routed([None, None], [127, 0, 0, 1], 7502), Routed::Unclaimed);
 }
@@ -137,7 +137,7 @@ fn inertial_packets_of_one_sender_go_by_their_port() {
     }
     router.end_learning();
     let mut routed = |port| router.push(&packet(1, port, &IMU), &mut ignore);
-    assert_eq!([7503, 7505].map(&mut routed), [Routed::Taken(0), Routed::Taken(1)]);
+    assert_eq!([7503, 7505].map(&mut routed), [Routed::Assigned(0), Routed::Assigned(1)]);
     assert_eq!(routed(7507), Routed::Unclaimed);
 }
 
@@ -158,9 +158,9 @@ fn inertial_packets_of_two_senders_are_not_merged() {
         let routed = streams.iter().map(|packet| router.push(packet, &mut ignore)).collect();
         (routed, router.unclaimed().map(|entry| entry.reason.clone()).collect())
     };
-    let (nobody, ours) = (Routed::Unclaimed, Routed::Taken(0));
-    let (taken, reason) = routed(&[(1, 7503), (2, 7503)], true);
-    assert_eq!(taken, [nobody; 2]);
+    let (nobody, ours) = (Routed::Unclaimed, Routed::Assigned(0));
+    let (accepted, reason) = routed(&[(1, 7503), (2, 7503)], true);
+    assert_eq!(accepted, [nobody; 2]);
     assert!(reason.contains("of 2 sensors") && reason.contains("--meta ADDRESS=one.json"), "{reason}");
     assert_eq!(routed(&[(1, 7505), (2, 7503)], true).0, [nobody, ours], "the metadata know the port");
     assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, nobody], "the first is taken");
@@ -172,24 +172,30 @@ fn of_two_units_without_a_serial_number_none_is_picked() {
     let metadata = metadata("os1-64", 11, Profile::Legacy);
     let lidar = ouster_packets(&metadata);
     for streams in [[(1, 7502), (2, 7502)], [(1, 7502), (1, 7504)]] {
-        let routed = |tie: Option<Tie>| {
+        let routed = |source_filter: Option<SourceFilter>| {
             let mut router = Router::new();
-            router.add_tied_ouster(metadata.clone(), "one.json", tie);
+            router.add_ouster_from(metadata.clone(), "one.json", source_filter);
             let streams = streams.map(|(sender, port)| packet(sender, port, &lidar[0]));
             for packet in &streams {
                 router.learn(packet);
             }
             router.end_learning();
             let routed = streams.each_ref().map(|packet| router.push(packet, &mut ignore));
-            assert_eq!(router.push(&packet(1, 7503, &IMU), &mut ignore) == Routed::Unclaimed, tie.is_none());
+            assert_eq!(
+                router.push(&packet(1, 7503, &IMU), &mut ignore) == Routed::Unclaimed,
+                source_filter.is_none()
+            );
             (routed, router.unclaimed().map(|entry| entry.reason.clone()).collect::<String>())
         };
-        let (taken, reason) = routed(None);
-        assert_eq!(taken, [Routed::Unclaimed; 2], "{streams:?}");
+        let (accepted, reason) = routed(None);
+        assert_eq!(accepted, [Routed::Unclaimed; 2], "{streams:?}");
         assert!(reason.contains("several sensors") && reason.contains("--meta :PORT=one.json"), "{reason}");
-        let tie =
-            if streams[0].0 == streams[1].0 { Tie::Port(7502) } else { Tie::Sender([10, 0, 0, 1].into()) };
-        assert_eq!(routed(Some(tie)).0, [Routed::Taken(0), Routed::Unclaimed], "{streams:?}");
+        let source_filter = if streams[0].0 == streams[1].0 {
+            SourceFilter::Port(7502)
+        } else {
+            SourceFilter::Sender([10, 0, 0, 1].into())
+        };
+        assert_eq!(routed(Some(source_filter)).0, [Routed::Assigned(0), Routed::Unclaimed], "{streams:?}");
     }
 }
 
@@ -214,20 +220,20 @@ fn position_packets_of_several_units_behind_one_address_go_by_who_recorded_them(
         let reason = router.unclaimed().map(|entry| entry.reason.clone()).collect::<String>();
         (routed, router.sensors()[0].data_port(), reason)
     };
-    let named = |name: &str, port, aside_port| Named {
+    let named = |name: &str, port, auxiliary_port| Named {
         name: name.into(),
         metadata: None,
         source: None,
         port: Some(port),
-        aside_port,
+        auxiliary_port,
     };
     let names = vec![named("left", 2368, None), named("right", 2369, Some(8310))];
-    let (taken, port, ..) = routed(names, 1);
-    assert_eq!((taken, port), (Routed::Taken(0), Some(2369)));
-    let (taken, _, reason) = routed(Vec::new(), 1);
-    assert_eq!(taken, Routed::Unclaimed);
+    let (accepted, port, ..) = routed(names, 1);
+    assert_eq!((accepted, port), (Routed::Assigned(0), Some(2369)));
+    let (accepted, _, reason) = routed(Vec::new(), 1);
+    assert_eq!(accepted, Routed::Unclaimed);
     assert!(reason.contains("10.0.0.1 to port 2368, 10.0.0.1 to port 2369"), "{reason}");
-    assert_eq!(routed(Vec::new(), 2).0, Routed::Taken(0), "the only one of its address");
+    assert_eq!(routed(Vec::new(), 2).0, Routed::Assigned(0), "the only one of its address");
 }
 
 /// Where metadata of a unit are given that is not there, inertial packets go to the one that is.
@@ -243,7 +249,7 @@ fn inertial_packets_go_to_who_is_met() {
     router.learn(&local(7502, &lidar[0]));
     assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Unclaimed, "the other may come yet");
     router.end_learning();
-    assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Taken(1));
+    assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Assigned(1));
 
     let mut router = Router::new();
     router.add_ouster(metadata("os0-128", 22, Profile::Legacy), "of another unit");
@@ -251,7 +257,7 @@ fn inertial_packets_go_to_who_is_met() {
     router.end_learning();
     assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Unclaimed);
     let elsewhere = packet(1, 7503, &imu);
-    assert_eq!(router.push(&elsewhere, &mut ignore), Routed::Taken(0), "no stranger sends from there");
+    assert_eq!(router.push(&elsewhere, &mut ignore), Routed::Assigned(0), "no stranger sends from there");
 }
 
 #[test]
@@ -262,7 +268,7 @@ fn sensors_are_called_as_somebody_says() {
         metadata: metadata.map(str::to_owned),
         source: None,
         port: Some(port),
-        aside_port: None,
+        auxiliary_port: None,
     };
     router.set_names(vec![
         named("front", Some("a.json"), 7502),

@@ -3,8 +3,8 @@
 
 use super::paths::Paths;
 use super::sensor::{Family, GivenModel, Sensor};
+use super::source_filter::SourceFilter;
 use super::streams::stream_of;
-use super::tie::Tie;
 use super::{MOST_SENSORS, Router, explain};
 use crate::Packet;
 use crate::velodyne::{Options, VelodyneDecoder};
@@ -24,8 +24,8 @@ impl Router {
                 && (data_port.is_none() || sensor.data_port.is_none() || sensor.data_port == data_port)
         };
         let found = match data {
-            true => self.velodyne_by_way(packet, &is_candidate),
-            false => self.velodyne_beside(packet, &is_candidate)?,
+            true => self.velodyne_by_path(packet, &is_candidate),
+            false => self.velodyne_of_position(packet, &is_candidate)?,
         };
         let at = match found {
             Some(at) => at,
@@ -38,7 +38,7 @@ impl Router {
         match data {
             true => sensor.paths.note(packet),
             false => {
-                sensor.paths.aside.get_or_insert(packet.link);
+                sensor.paths.auxiliary.get_or_insert(packet.link);
                 sensor.position_packets += 1;
             }
         }
@@ -46,7 +46,7 @@ impl Router {
     }
 
     /// The one whose data packets come by this path.
-    fn velodyne_by_way(
+    fn velodyne_by_path(
         &mut self,
         packet: &Packet<'_>,
         is_candidate: &dyn Fn(&Sensor) -> bool,
@@ -66,7 +66,7 @@ impl Router {
     }
 
     /// The one that a position packet is of.
-    fn velodyne_beside(
+    fn velodyne_of_position(
         &self,
         packet: &Packet<'_>,
         is_candidate: &dyn Fn(&Sensor) -> bool,
@@ -74,7 +74,7 @@ impl Router {
         let all: Vec<usize> = (0..self.sensors.len()).filter(|at| is_candidate(&self.sensors[*at])).collect();
         let comes_by = |at: &&usize| {
             let paths = &self.sensors[**at].paths;
-            paths.current().map(|path| path.link).or(paths.aside) == Some(packet.link)
+            paths.current().map(|path| path.link).or(paths.auxiliary) == Some(packet.link)
         };
         match (&all[..], all.iter().find(comes_by)) {
             (_, Some(at)) => Ok(Some(*at)),
@@ -93,11 +93,11 @@ impl Router {
     fn add_velodyne(&mut self, packet: &Packet<'_>, data_port: u16) -> usize {
         let address = packet.source.ip();
         let status = self.ahead.status(address, data_port);
-        let is_meant = |given: &&GivenModel| match given.tie {
+        let is_meant = |given: &&GivenModel| match given.source_filter {
             None => true,
-            Some(Tie::Sender(sender)) => sender == address,
-            Some(Tie::Port(port)) => port == data_port,
-            Some(Tie::Stream(stream)) => stream.ip() == address && stream.port() == data_port,
+            Some(SourceFilter::Sender(sender)) => sender == address,
+            Some(SourceFilter::Port(port)) => port == data_port,
+            Some(SourceFilter::Stream(stream)) => stream.ip() == address && stream.port() == data_port,
         };
         let product = self.models.iter().find(is_meant).map(|given| given.product);
         let options = Options { source: Some(address), status, product, ..Options::default() };

@@ -52,7 +52,7 @@ pub(crate) enum Follows {
     On,
     /// After a pause that the host's clock saw too: nothing is known to have been sent meanwhile.
     Pause,
-    /// The device's clock was set or started anew: times before and after do not compare.
+    /// The device's clock was set or started again: times before and after do not compare.
     Restart,
 }
 

@@ -10,7 +10,7 @@ pub struct Identity {
     pub product: Product,
     /// Firing cycle, ns: the product's, or measured where it differs between firmwares (VLS-128).
     pub cycle_ns: f64,
-    /// What is not as the packets claim, or cannot be told from them; for the log.
+    /// What is not as the packets claim, or cannot be seen from them; for the log.
     pub remark: Option<String>,
 }
 

@@ -241,11 +241,11 @@ impl Stream {
 
     /// Takes a packet that came late, into the frame that is still open; `next` is the one after it in time.
     pub fn take_late(&mut self, held: &Held, next: Option<Start>) {
-        let kept = self.heads.clone();
+        let heads = self.heads.clone();
         self.read_heads(held, next);
         self.building.lost = self.building.lost.saturating_sub(1);
         self.append(held, 0..self.heads.heads.len());
-        self.heads = kept;
+        self.heads = heads;
     }
 
     /// Ends the open frame where it is.
@@ -271,7 +271,7 @@ impl Stream {
         self.building.restart(self.frames, self.identity.product.lasers(), self.is_dual);
     }
 
-    /// Forgets the packet before: time or sensor started anew.
+    /// Forgets the packet before: time or sensor started again.
     pub fn forget_previous(&mut self) {
         self.previous = None;
         self.pace = Pace { is_too_fast: self.pace.is_too_fast, ..Pace::default() };

@@ -27,10 +27,9 @@ impl ViewWindows {
             None if self.dark.len() < MOST_WINDOWS => self.dark.push(gap),
             None => {}
         }
-        let taken_back =
-            self.suspects.iter().filter(|(jump, _)| same(*jump, gap)).map(|(_, lost)| lost).sum();
+        let undone = self.suspects.iter().filter(|(jump, _)| same(*jump, gap)).map(|(_, lost)| lost).sum();
         self.suspects.retain(|(jump, _)| !same(*jump, gap));
-        taken_back
+        undone
     }
 
     /// Keeps a jump between packets that was counted as a loss.

@@ -24,7 +24,7 @@ use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
 use super::recorded::axes::AxisSummary;
-use super::recorded::feed::{Fed, SensorSummary};
+use super::recorded::feed::{PassSummary, SensorSummary};
 use super::recorded::judge::{self, Given};
 use super::recorded::{Recorded, RecordedArgs, hearing};
 use crate::verify::judgement::comparison::{Comparison, Reason, Verdict};
@@ -180,10 +180,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if let Some(patches) = &patches {
         replay = replay.with_surface(patches);
     }
-    let (replayed, mut fed) = replayed(&recorded, replay, &place.mapped)?;
+    let (replayed, mut pass) = replayed(&recorded, replay, &place.mapped)?;
     let way_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
-    fed.faults.extend(hearing::silences(rig, &fed.heard, way_ns));
+    pass.faults.extend(hearing::silences(rig, &pass.data_spans, way_ns));
     let planned = planned(args, scene, rig, &grid, place.origin)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge::judge(
@@ -195,22 +195,22 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             patches: patches.as_ref(),
             planned: planned.as_ref(),
             healthy: Healthy { pose: error, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() },
-            revolution_ns: fed.revolution_ns,
+            revolution_ns: pass.revolution_ns,
             agree_within_m: args.gate,
-            faults: std::mem::take(&mut fed.faults),
+            faults: std::mem::take(&mut pass.faults),
             stage: &stage,
         },
         &replayed,
     );
     drop(stage);
-    let axes = recorded.axes(&fed);
+    let axes = recorded.axes(&pass);
     let mut problems = recorded.notices.clone();
-    problems.extend(recorded.contradicted(&fed));
+    problems.extend(recorded.contradicted(&pass));
     problems.extend(place.notices);
-    problems.extend(fed.losses.iter().cloned());
+    problems.extend(pass.losses.iter().cloned());
     let document = Document {
         format: "outrigger-compare/1",
-        recording: fed.sensors,
+        recording: pass.sensors,
         servo_zero: ZeroOffer::of(&axes, &comparison.mount),
         rig: axes,
         problems,
@@ -222,7 +222,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     let written = write(args, &document, &replayed, (scene, place.origin), trajectory, recorded.mount);
     // a disk that is full by now takes the files, not what was found
-    let outcome = conclude(args, context, &document, fed.losses.is_empty() && !place.is_misplaced)?;
+    let outcome = conclude(args, context, &document, pass.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
 }
 
@@ -292,15 +292,15 @@ fn replayed(
     recorded: &Recorded,
     mut replay: Replay<'_>,
     mapped: &std::ops::Range<u64>,
-) -> anyhow::Result<(Replayed, Fed)> {
+) -> anyhow::Result<(Replayed, PassSummary)> {
     let mut frames = 0_u64;
-    let fed = recorded.feed(&mut |taken| {
-        if mapped.contains(&taken.number) {
+    let pass = recorded.feed(&mut |mounted_frame| {
+        if mapped.contains(&mounted_frame.number) {
             return;
         }
-        replay.set_model(taken.sensor, taken.model);
-        let pitch = taken.pitch_or(&recorded.rig.sensors[taken.sensor].mount);
-        replay.add_pitched_frame(taken.sensor, &pitch, taken.frame);
+        replay.set_model(mounted_frame.sensor, mounted_frame.model);
+        let pitch = mounted_frame.pitch_or(&recorded.rig.sensors[mounted_frame.sensor].mount);
+        replay.add_pitched_frame(mounted_frame.sensor, &pitch, mounted_frame.frame);
         frames += 1;
         // often at first, when most is found
         if frames.is_power_of_two() || frames.is_multiple_of(SETTLE_EVERY * 8) {
@@ -308,14 +308,14 @@ fn replayed(
         }
     })?;
     // silent because nothing of it was left, not because it is dead
-    let used_up = fed.sensors.iter().find(|s| s.frames > 0 && mapped.start == 0 && s.frames <= mapped.end);
+    let used_up = pass.sensors.iter().find(|s| s.frames > 0 && mapped.start == 0 && s.frames <= mapped.end);
     if let Some(SensorSummary { sensor, frames, .. }) = used_up {
         bail!(
             "--map-frames 0..{} leaves nothing to compare: {sensor} recorded {frames} revolutions",
             mapped.end
         );
     }
-    Ok((replay.finish(), fed))
+    Ok((replay.finish(), pass))
 }
 
 /// What the mounts as said cover on the way as planned.
@@ -357,8 +357,8 @@ fn write(
         page.write(&html).with_context(|| cannot(&html))?;
     }
     if let Some(path) = &args.corrected_mount {
-        let told = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
-        if !told {
+        let found_offset = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
+        if !found_offset {
             output::say_notice(
                 "no corrected mount is written: the recording does not tell the tilt of any sensor",
             );

@@ -229,10 +229,13 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
     }
     let mut found = None;
     if matches!(args.time_offset, Offset::Search) {
-        let told = search(recorded, &scene, &trajectory, time_offset_ns)?;
-        notices.push(format!("time offset found: {:.4} s +- {:.4} s (95 %)", told.seconds, told.u95_s));
-        time_offset_ns = (told.seconds * 1e9).round() as i64;
-        found = Some(told);
+        let found_offset = search(recorded, &scene, &trajectory, time_offset_ns)?;
+        notices.push(format!(
+            "time offset found: {:.4} s +- {:.4} s (95 %)",
+            found_offset.seconds, found_offset.u95_s
+        ));
+        time_offset_ns = (found_offset.seconds * 1e9).round() as i64;
+        found = Some(found_offset);
     }
     let mut placement = Placement::default();
     if mapped.is_empty() {
@@ -292,8 +295,13 @@ fn placed(
             args.align_near,
         ),
         Found::Elsewhere(_) => {
-            let kept = recorded.rays(placing::RAYS)?;
-            placing::in_scene(&walk(&kept.rays[..], &kept.sensors[..], false), scene, origin, args.align_near)
+            let sample = recorded.rays(placing::RAYS)?;
+            placing::in_scene(
+                &walk(&sample.rays[..], &sample.sensors[..], false),
+                scene,
+                origin,
+                args.align_near,
+            )
         }
     }
 }
@@ -305,8 +313,9 @@ fn search(
     trajectory: &Trajectory,
     around_ns: i64,
 ) -> anyhow::Result<TimeOffset> {
-    let kept = recorded.rays(SEARCH_RAYS)?;
-    let field = Field { scene, trajectory, sensors: &kept.sensors, rays: &kept.rays, agree_within_m: 0.1 };
+    let sample = recorded.rays(SEARCH_RAYS)?;
+    let field =
+        Field { scene, trajectory, sensors: &sample.sensors, rays: &sample.rays, agree_within_m: 0.1 };
     time_offset(&field, around_ns, SEARCH_NS).with_context(|| {
         format!(
             "--time-offset search looked {} s to each side of {:.2} s; for clocks farther apart it takes seconds, or start",
@@ -365,9 +374,9 @@ fn map(
     frames: &std::ops::Range<u64>,
 ) -> anyhow::Result<VoxelMap> {
     let mut making = Making::new(&args.map)?;
-    recorded.feed(&mut |taken| {
-        if frames.contains(&taken.number) {
-            making.add_frame(&recorded.rig, trajectory, time_offset_ns, &taken);
+    recorded.feed(&mut |mounted_frame| {
+        if frames.contains(&mounted_frame.number) {
+            making.add_frame(&recorded.rig, trajectory, time_offset_ns, &mounted_frame);
         }
     })?;
     let map = making.into_map();

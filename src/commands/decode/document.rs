@@ -281,7 +281,7 @@ impl Document {
                 zone_reports: found.zone_reports,
             });
         }
-        self.notices.extend(crate::commands::unread::strangers(router));
+        self.notices.extend(crate::commands::unread::unknown_sources(router));
         self.notices.extend(crate::commands::unread::beam_notices(router));
         self.notices.extend(self.losses.iter().cloned());
         self.data_lost = !self.losses.is_empty();

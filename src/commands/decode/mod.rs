@@ -71,8 +71,9 @@ pub struct Args {
 impl Args {
     /// The format that was asked for: one of the rig.toml gives way to one that the typed name of a file says.
     fn format(&self, context: Context) -> Option<Format> {
-        let is_said = self.out.as_deref().is_some_and(|out| !out.is_dir() && Format::of_path(out).is_some());
-        let gives_way = is_said && context.is_typed("out") && !context.is_typed("format");
+        let is_stated =
+            self.out.as_deref().is_some_and(|out| !out.is_dir() && Format::of_path(out).is_some());
+        let gives_way = is_stated && context.is_typed("out") && !context.is_typed("format");
         self.format.filter(|_| !gives_way)
     }
 }

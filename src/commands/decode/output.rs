@@ -74,8 +74,8 @@ impl Output {
         }
         let by_extension = args.out.as_deref().and_then(Format::of_path);
         let format = match (format, by_extension) {
-            (Some(asked), Some(said))
-                if asked.extension() != said.extension()
+            (Some(asked), Some(stated))
+                if asked.extension() != stated.extension()
                     && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
             {
                 refuse!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))

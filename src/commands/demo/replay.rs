@@ -4,7 +4,7 @@
 use anyhow::{Context as _, ensure};
 
 use crate::commands::recorded::axes::{AxisSummary, AxisZeros, summaries, tilts};
-use crate::commands::recorded::feed::{self, Seated, SensorSummary};
+use crate::commands::recorded::feed::{self, MountedSession, SensorSummary};
 use crate::commands::recorded::hearing::silences;
 use crate::commands::recorded::judge::{self, Given};
 use crate::commands::stage::Stage;
@@ -51,13 +51,13 @@ pub(crate) fn compare(
     if let Some(patches) = &patches {
         replay = replay.with_surface(patches);
     }
-    let seated = Seated { session, rig, tilts: &tilts, calibrations: &[] };
-    let mut summary = feed::session(&seated, stage, &mut |mounted| {
+    let mounted_session = MountedSession { session, rig, tilts: &tilts, calibrations: &[] };
+    let mut summary = feed::session(&mounted_session, stage, &mut |mounted| {
         replay.set_model(mounted.sensor, mounted.model);
         let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
         replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
     })?;
-    summary.faults.extend(silences(rig, &summary.heard, trajectory.time_span_ns()));
+    summary.faults.extend(silences(rig, &summary.data_spans, trajectory.time_span_ns()));
     let replayed = replay.finish();
     let compare = judge::judge(
         Given {

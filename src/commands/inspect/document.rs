@@ -138,7 +138,7 @@ impl Document {
             let rate = flow.rate_hz.map_or(String::new(), |rate_hz| format!(", {rate_hz:.1}/s"));
             let serial = flow.serial.map_or(String::new(), |serial| format!(", sensor {serial}"));
             let mode = flow.columns_per_frame.map_or(String::new(), |columns| format!(", {columns} columns"));
-            let whose = flow.whose();
+            let assignment = flow.assignment();
             let FlowReport { source, length, packets, looks_like, .. } = flow;
             let destination = match flow.destination.as_str() {
                 "" => String::new(),
@@ -146,7 +146,7 @@ impl Document {
             };
             let _ = writeln!(
                 text,
-                "  {source}{destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{whose}"
+                "  {source}{destination}: {packets} x {length} bytes{rate}: {looks_like}{serial}{mode}{assignment}"
             );
         }
         for (title, lines) in
@@ -301,7 +301,7 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
             format!("{packets} packets of {length} bytes to port {port}: {reason}")
         })
         .collect();
-    for path in unread::metadata_beside(recording, router) {
+    for path in unread::nearby_metadata(recording, router) {
         advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
     }
     advice.extend(recording.ensure_given_fits(router).err().map(|error| error.to_string()));
@@ -312,7 +312,10 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
             advice.push(words);
         } else if let Some(damage) = sensor.first_damage() {
             advice.push(format!("{}: the first malformed packet: {damage}", sensor.product()));
-        } else if sensor.stats().packets == 0 && sensor.tie().is_none() && sensor.one_of_several().is_none() {
+        } else if sensor.stats().packets == 0
+            && sensor.source_filter().is_none()
+            && sensor.one_of_several().is_none()
+        {
             advice.push(format!("{name}: it fits no packet of the recording"));
         }
     }

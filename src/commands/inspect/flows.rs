@@ -28,7 +28,7 @@ struct Flow {
     columns: Option<ColumnWatch>,
     /// Sensors that took some.
     takers: BTreeSet<usize>,
-    of_nobody: u64,
+    unassigned: u64,
 }
 
 /// What the columns of an Ouster tell without metadata.
@@ -37,7 +37,7 @@ struct ColumnWatch {
     has_header: bool,
     frame_id: Option<u32>,
     frames: u64,
-    greatest_id: u16,
+    max_id: u16,
 }
 
 /// A stream as it is reported.
@@ -60,7 +60,7 @@ pub struct FlowReport {
     /// Metadata of these sensors, where they have some.
     pub metadata: Vec<String>,
     /// Packets that no sensor took.
-    pub of_nobody: u64,
+    pub unassigned: u64,
     #[serde(skip)]
     lacks_metadata: bool,
     /// Serial number in them.
@@ -87,10 +87,10 @@ impl Flows {
         let flow = self.flows.entry(key).or_insert_with(|| Flow::new(packet));
         flow.packets += 1;
         match routed {
-            Routed::Taken(at) | Routed::Damaged(at) => {
+            Routed::Assigned(at) | Routed::Damaged(at) => {
                 flow.takers.insert(at);
             }
-            Routed::Unclaimed => flow.of_nobody += 1,
+            Routed::Unclaimed => flow.unassigned += 1,
         }
         flow.span_ns = [flow.span_ns[0].min(time_ns), flow.span_ns[1].max(time_ns)];
         if let Some(columns) = &mut flow.columns {
@@ -123,7 +123,7 @@ impl Flows {
                 looks_like: known.as_ref().map_or_else(|| flow.guess.to_string(), |(what, _)| what.clone()),
                 sensors: flow.takers.iter().map(|at| ids[*at].clone()).collect(),
                 metadata: takers.iter().filter_map(|sensor| sensor.metadata_name.clone()).collect(),
-                of_nobody: flow.of_nobody,
+                unassigned: flow.unassigned,
                 lacks_metadata: takers.is_empty() && has_metadata && flow.guess.is_ouster(),
                 serial: flow.guess.serial(),
                 init_id: flow.header().map(|header| header.init_id),
@@ -139,7 +139,7 @@ impl Flows {
 
 impl FlowReport {
     /// Whose packets they are, in words; nothing where nobody knows.
-    pub(crate) fn whose(&self) -> String {
+    pub(crate) fn assignment(&self) -> String {
         if self.sensors.is_empty() {
             let of_none = ", of no sensor whose metadata were given";
             return if self.lacks_metadata { of_none.into() } else { String::new() };
@@ -148,7 +148,7 @@ impl FlowReport {
             true => String::new(),
             false => format!(" ({})", self.metadata.join(", ")),
         };
-        let rest = match self.of_nobody {
+        let rest = match self.unassigned {
             0 => String::new(),
             packets => format!(", {packets} of nobody"),
         };
@@ -166,7 +166,7 @@ impl Flow {
             _ => None,
         };
         let span_ns = [packet.host_time_ns; 2];
-        Self { packets: 0, span_ns, guess, columns, takers: BTreeSet::new(), of_nobody: 0 }
+        Self { packets: 0, span_ns, guess, columns, takers: BTreeSet::new(), unassigned: 0 }
     }
 
     /// What the lidar packets of an Ouster are by its metadata, and its columns per revolution.
@@ -193,7 +193,7 @@ impl Flow {
 
 impl ColumnWatch {
     fn new(format: PacketFormat, has_header: bool) -> Self {
-        Self { format, has_header, frame_id: None, frames: 0, greatest_id: 0 }
+        Self { format, has_header, frame_id: None, frames: 0, max_id: 0 }
     }
 
     fn add(&mut self, payload: &[u8]) {
@@ -207,12 +207,12 @@ impl ColumnWatch {
             self.frames += 1;
             self.frame_id = frame_id;
         }
-        self.greatest_id = self.greatest_id.max(head.measurement_id);
+        self.max_id = self.max_id.max(head.measurement_id);
     }
 
     /// The lidar mode that the column numbers need; a part of one revolution does not show it.
     fn columns_per_frame(&self) -> Option<u16> {
-        let mode = [512, 1024, 2048].into_iter().find(|columns| self.greatest_id < *columns).unwrap_or(4096);
+        let mode = [512, 1024, 2048].into_iter().find(|columns| self.max_id < *columns).unwrap_or(4096);
         (self.frames > 1).then_some(mode)
     }
 }

@@ -6,7 +6,7 @@ use crate::commands::scene_args::Numbers;
 use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
-use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::simulate::view::Sampling;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
@@ -95,7 +95,7 @@ impl SensingArgs {
             let operator = Occluder::Capsule { from_m, to_m, radius_m };
             scanner.occluders.iter_mut().for_each(|solids| solids.push(operator));
         }
-        scanner.flaws = Flaws {
+        scanner.sensor_errors = SensorErrors {
             min_range_m: self.min_range,
             max_range_m: self.max_range,
             range_noise_m: self.range_noise,

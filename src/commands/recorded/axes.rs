@@ -71,12 +71,12 @@ pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<Ser
     let mut reports: Vec<ServoReport> = session.servo()?;
     // a session whose copy is gone can still be held against a file that is named
     let own = session.mount().ok().flatten();
-    let seats: Option<Vec<usize>> =
+    let slots: Option<Vec<usize>> =
         own.and_then(|own| own.sensors.iter().map(|sensor| rig.slot(&sensor.name).ok()).collect());
     // with other names the order is all that is known
     for report in &mut reports {
-        let seat = seats.as_ref().and_then(|seats| seats.get(report.axis));
-        report.axis = seat.copied().unwrap_or(report.axis);
+        let slot = slots.as_ref().and_then(|slots| slots.get(report.axis));
+        report.axis = slot.copied().unwrap_or(report.axis);
     }
     homing::doubt_old(&mut reports, rig);
     Ok(reports)
@@ -143,9 +143,9 @@ impl Pitches {
         };
         self.frames += 1;
         self.sum_rad += pitch.mean_rad();
-        let [least_rad, greatest_rad] = pitch.span_rad();
-        let span_rad = self.span_rad.get_or_insert([least_rad, greatest_rad]);
-        *span_rad = [span_rad[0].min(least_rad), span_rad[1].max(greatest_rad)];
+        let [least_rad, max_rad] = pitch.span_rad();
+        let span_rad = self.span_rad.get_or_insert([least_rad, max_rad]);
+        *span_rad = [span_rad[0].min(least_rad), span_rad[1].max(max_rad)];
         let [first_ns, last_ns] = frame.host_time_ns;
         // a reading within two frames' times counts once
         let from_ns = self.host_ns.map_or(first_ns, |host_ns| host_ns[1] + 1);
@@ -172,14 +172,14 @@ impl Pitches {
 /// What the axes measured while their sensors recorded.
 pub(crate) fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<AxisSummary> {
     let summary = |(sensor, pitches): (&MountedSensor, &Pitches)| {
-        let [least_rad, greatest_rad] = pitches.span_rad?;
+        let [least_rad, max_rad] = pitches.span_rad?;
         let zero_rad = zeros.rad(&sensor.name);
         Some(AxisSummary {
             sensor: sensor.name.clone(),
             target_pitch_deg: sensor.mount.pitch_rad.to_degrees(),
             measured_pitch_deg: (pitches.sum_rad / pitches.frames as f64 - zero_rad).to_degrees(),
             zero_deg: zero_rad.to_degrees(),
-            measured_span_deg: (greatest_rad - least_rad).to_degrees(),
+            measured_span_deg: (max_rad - least_rad).to_degrees(),
             reports: pitches.readings,
         })
     };
@@ -190,17 +190,17 @@ pub(crate) fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Ve
 /// knows.
 pub(crate) fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
     let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {
-        let (said_rad, [least_rad, greatest_rad]) = (sensor.mount.pitch_rad, pitches.span_rad?);
+        let (nominal_rad, [least_rad, max_rad]) = (sensor.mount.pitch_rad, pitches.span_rad?);
         let is_typed = zeros.rad(&sensor.name) != 0.0;
-        let differs = said_rad < least_rad - CONTRADICTS_RAD || said_rad > greatest_rad + CONTRADICTS_RAD;
+        let differs = nominal_rad < least_rad - CONTRADICTS_RAD || nominal_rad > max_rad + CONTRADICTS_RAD;
         let degrees = |rad: f64| signed(rad.to_degrees(), 2);
         (differs && !is_typed).then(|| {
             format!(
                 "{}: the mount file says {} degrees, its axis {} to {}: the axis counts (--axis-zero adds to it)",
                 sensor.name,
-                degrees(said_rad),
+                degrees(nominal_rad),
                 degrees(least_rad),
-                degrees(greatest_rad)
+                degrees(max_rad)
             )
         })
     };

@@ -10,12 +10,12 @@ use crate::verify::compare::Fault;
 
 /// What a mount file says of the sensor in one place.
 #[derive(Clone, Copy)]
-pub struct Seat<'a> {
+pub struct Slot<'a> {
     mounted: &'a MountedSensor,
     is_calibrated: bool,
 }
 
-impl<'a> Seat<'a> {
+impl<'a> Slot<'a> {
     /// Of a sensor of the rig; one that differs from the nominal sensor of its name has a calibration.
     pub(crate) fn of(mounted: &'a MountedSensor) -> Self {
         let nominal = catalogue::nominal(&mounted.model.name);
@@ -33,26 +33,26 @@ impl<'a> Seat<'a> {
     /// The beams of a Velodyne whose packets are those of `found`: as calibrated, where the mount file names a
     /// calibration; of the product that it names, where packets do not tell that from `found`; otherwise `found`.
     fn velodyne_beams(&self, found: &'a SensorModel) -> &'a SensorModel {
-        let said = &self.mounted.model;
+        let nominal = &self.mounted.model;
         // of its own product the packets know more than the nominal model: their cycle, or the unit's calibration
-        let knows_more = self.is_calibrated || said.name != found.name;
-        let products = Product::from_name(&said.name).zip(Product::from_name(&found.name));
-        let could_be = products.is_some_and(|(said, found)| said.sends_as(found));
-        if knows_more && could_be { said } else { found }
+        let knows_more = self.is_calibrated || nominal.name != found.name;
+        let products = Product::from_name(&nominal.name).zip(Product::from_name(&found.name));
+        let could_be = products.is_some_and(|(nominal, found)| nominal.sends_as(found));
+        if knows_more && could_be { nominal } else { found }
     }
 
     /// The mount file and the packets name different sensors. `product` is that of metadata or packets.
     pub(crate) fn wrong_model(&self, product: &str, found: &SensorModel) -> Option<Fault> {
-        let said = &self.mounted.model;
-        if is_model(&said.name, product, &found.name) {
+        let nominal = &self.mounted.model;
+        if is_model(&nominal.name, product, &found.name) {
             return None;
         }
         let name = &self.mounted.name;
         let words = format!(
             "{name} is a {product} of {} channels, the mount file says {} of {}: the prediction was made for another sensor",
             found.channels(),
-            said.name,
-            said.channels()
+            nominal.name,
+            nominal.channels()
         );
         Some(Fault::new("wrong_model", vec![name.clone()], words))
     }
@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn packets_know_best_but_where_they_cannot_tell() {
-        for (said, found, is_said, is_wrong) in [
+        for (nominal, found, is_nominal, is_wrong) in [
             (nominal("vlp-16"), raised("vlp-16"), false, false), // as the unit said of itself
             (raised("vlp-16"), nominal("vlp-16"), true, false),  // a calibration was named
             (nominal("puck-lite"), nominal("vlp-16"), true, false),
@@ -89,12 +89,12 @@ mod tests {
             (raised("hdl-64e-s2"), nominal("hdl-64e-s2"), true, false),
             (nominal("hdl-64e-s2"), nominal("hdl-64e-s3"), false, true),
         ] {
-            let mounted = MountedSensor { name: "front".into(), model: said, mount: Default::default() };
-            let seat = Seat::of(&mounted);
-            let expected = if is_said { &mounted.model } else { &found };
+            let mounted = MountedSensor { name: "front".into(), model: nominal, mount: Default::default() };
+            let slot = Slot::of(&mounted);
+            let expected = if is_nominal { &mounted.model } else { &found };
             let names = format!("{} {}", mounted.model.name, found.name);
-            assert_eq!(seat.velodyne_beams(&found), expected, "{names}");
-            assert_eq!(seat.wrong_model(&found.name, &found).is_some(), is_wrong, "{names}");
+            assert_eq!(slot.velodyne_beams(&found), expected, "{names}");
+            assert_eq!(slot.wrong_model(&found.name, &found).is_some(), is_wrong, "{names}");
         }
     }
 }

@@ -1,13 +1,13 @@
 //! From a session or a capture to frames of the rig's sensors, each with the angle that its axis measured.
 
 use sensors::ouster::Metadata;
-use sensors::router::{GivenCalibration, Router, Sensor, Unclaimed, Whose};
+use sensors::router::{AppliesTo, GivenCalibration, Router, Sensor, Unclaimed};
 use sensors::{Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::axes::Pitches;
-use super::beams::Seat;
-use super::hearing::Heard;
+use super::beams::Slot;
+use super::hearing::DataSpan;
 use crate::base::geometry::Pose;
 use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
@@ -37,7 +37,7 @@ fn is_zero(value: &u64) -> bool {
 }
 
 /// A frame on its way to be compared.
-pub struct Taken<'a> {
+pub struct MountedFrame<'a> {
     /// Sensor of the rig.
     pub sensor: usize,
     /// Number of the frame among those of its sensor.
@@ -48,7 +48,7 @@ pub struct Taken<'a> {
     pub frame: &'a Frame,
 }
 
-impl Taken<'_> {
+impl MountedFrame<'_> {
     /// Its pitch: as measured, otherwise as the mount file says.
     pub(crate) fn pitch_or(&self, nominal: &Mount) -> FramePitch {
         self.pitch.unwrap_or(FramePitch::constant(nominal.pitch_rad))
@@ -80,7 +80,7 @@ pub(crate) fn body_from_sensor_over(nominal: Mount, pitch: FramePitch) -> impl F
 
 /// How a pass over a recording ended.
 #[derive(Default)]
-pub struct Fed {
+pub struct PassSummary {
     pub sensors: Vec<SensorSummary>,
     /// Data that is missing, in words.
     pub losses: Vec<String>,
@@ -88,26 +88,26 @@ pub struct Fed {
     /// Longest revolution, ns.
     pub revolution_ns: u64,
     /// When each of the rig's sensors was.
-    pub heard: Vec<Heard>,
+    pub data_spans: Vec<DataSpan>,
     /// Angles of each of the rig's axes at the times of its sensor's frames.
     pub pitches: Vec<Pitches>,
 }
 
-impl Fed {
+impl PassSummary {
     fn of(rig: &Rig) -> Self {
         let named = |sensor: &MountedSensor| SensorSummary {
             sensor: sensor.name.clone(),
             ..SensorSummary::default()
         };
-        let heard = vec![Heard::default(); rig.sensors.len()];
+        let data_spans = vec![DataSpan::default(); rig.sensors.len()];
         let pitches = vec![Pitches::default(); rig.sensors.len()];
-        Self { sensors: rig.sensors.iter().map(named).collect(), heard, pitches, ..Self::default() }
+        Self { sensors: rig.sensors.iter().map(named).collect(), data_spans, pitches, ..Self::default() }
     }
 
     fn count(&mut self, sensor: usize, frame: &Frame) -> u64 {
         let summary = &mut self.sensors[sensor];
         summary.frames += 1;
-        frame.time_span_ns().into_iter().for_each(|span_ns| self.heard[sensor].add(span_ns));
+        frame.time_span_ns().into_iter().for_each(|span_ns| self.data_spans[sensor].add(span_ns));
         summary.points += frame.first.points() as u64;
         if frame.azimuth_rate_rad_per_ns > 0.0 {
             let turn_ns = std::f64::consts::TAU / frame.azimuth_rate_rad_per_ns;
@@ -117,7 +117,7 @@ impl Fed {
     }
 
     /// Takes over what the decoder of a sensor counted, and looks whether it is the sensor that the mount file names.
-    fn close(&mut self, place: usize, sensor: &Sensor, seat: &Seat<'_>) -> anyhow::Result<()> {
+    fn close(&mut self, place: usize, sensor: &Sensor, slot: &Slot<'_>) -> anyhow::Result<()> {
         let stats = sensor.stats();
         let summary = &mut self.sensors[place];
         if let Some((name, error)) = sensor.calibration_error() {
@@ -127,13 +127,13 @@ impl Fed {
         summary.complete_frames = stats.complete_frames;
         self.losses.extend(unread::sensor_losses(&summary.sensor, sensor));
         let model = sensor.model().filter(|_| stats.packets > 0);
-        self.faults.extend(model.and_then(|model| seat.wrong_model(&sensor.product(), model)));
+        self.faults.extend(model.and_then(|model| slot.wrong_model(&sensor.product(), model)));
         Ok(())
     }
 
     /// What came to a sensor's port and is not its own: packets of a second sensor, and those that no sensor claims. Where
     /// all are such, the metadata belong to another unit.
-    fn tell_strangers(&mut self, mounted: &MountedSensor, router: &Router) {
+    fn report_unknown_sources(&mut self, mounted: &MountedSensor, router: &Router) {
         let sensors = router.sensors();
         for other in sensors.iter().skip(1) {
             let (packets, source) = (other.stats().packets, other.source());
@@ -157,7 +157,7 @@ impl Fed {
 }
 
 /// A session, and what is known of its sensors beside their packets.
-pub struct Seated<'a> {
+pub struct MountedSession<'a> {
     pub session: &'a Session,
     pub rig: &'a Rig,
     /// What its axes measured; of a sensor that has none, nothing.
@@ -168,66 +168,67 @@ pub struct Seated<'a> {
 
 /// Every frame of a session, in the order of its packets.
 pub(crate) fn session(
-    seated: &Seated<'_>,
+    mounted_session: &MountedSession<'_>,
     stage: &Stage,
-    take: &mut dyn FnMut(Taken<'_>),
-) -> anyhow::Result<Fed> {
-    let Seated { session, rig, tilts, .. } = seated;
-    let mut fed = Fed::of(rig);
+    take: &mut dyn FnMut(MountedFrame<'_>),
+) -> anyhow::Result<PassSummary> {
+    let MountedSession { session, rig, tilts, .. } = mounted_session;
+    let mut pass = PassSummary::of(rig);
     let places = places(session, rig)?;
-    let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
-    let mut routers = routers(seated, &mut fed.losses);
+    let slots: Vec<Slot<'_>> = rig.sensors.iter().map(Slot::of).collect();
+    let mut routers = routers(mounted_session, &mut pass.losses);
     learn(session, &places, &mut routers)?;
     for (entry, place) in session.manifest().sensors.iter().zip(&places) {
         if let Some(place) = place {
-            fed.sensors[*place].lost = entry.losses.total();
+            pass.sensors[*place].lost = entry.losses.total();
         }
     }
-    let mut hand = |place: usize, at: usize, sensor: &Sensor, decoded: Decoded<'_>, fed: &mut Fed| {
-        let Decoded::Frame(frame) = decoded else { return };
-        if at != 0 {
-            return; // a second Velodyne under this name: its packets are told of below
-        }
-        let number = fed.count(place, frame);
-        let tilt = tilts.get(place).filter(|tilt| tilt.is_measured());
-        let pitch = tilt.and_then(|tilt| fed.pitches[place].add(tilt, frame));
-        take(Taken { sensor: place, number, model: seats[place].beams(sensor), pitch, frame });
-    };
+    let mut hand =
+        |place: usize, at: usize, sensor: &Sensor, decoded: Decoded<'_>, pass: &mut PassSummary| {
+            let Decoded::Frame(frame) = decoded else { return };
+            if at != 0 {
+                return; // a second Velodyne under this name: its packets are told of below
+            }
+            let number = pass.count(place, frame);
+            let tilt = tilts.get(place).filter(|tilt| tilt.is_measured());
+            let pitch = tilt.and_then(|tilt| pass.pitches[place].add(tilt, frame));
+            take(MountedFrame { sensor: place, number, model: slots[place].beams(sensor), pitch, frame });
+        };
     let mut packets = session.packets()?;
     // what a packet has about it in the file is little
     stage.counts(std::fs::metadata(session.packets_path()).map_or(0, |file| file.len()), 0);
     while let Some((interface, packet)) = packets.next()? {
         let Some(place) = places[interface] else { continue };
-        fed.sensors[place].packets_recorded += 1;
-        routers[place].push(&packet, &mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
+        pass.sensors[place].packets_recorded += 1;
+        routers[place].push(&packet, &mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut pass));
         stage.more(packet.payload.len() as u64);
     }
-    for (place, (router, seat)) in routers.iter_mut().zip(&seats).enumerate() {
-        router.finish(&mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut fed));
+    for (place, (router, slot)) in routers.iter_mut().zip(&slots).enumerate() {
+        router.finish(&mut |at, sensor, decoded| hand(place, at, sensor, decoded, &mut pass));
         if let Some(sensor) = router.sensors().first() {
-            fed.close(place, sensor, seat)?;
+            pass.close(place, sensor, slot)?;
         }
-        fed.tell_strangers(&rig.sensors[place], router);
-        fed.losses.extend(fed.pitches[place].unknown(&rig.sensors[place].name));
+        pass.report_unknown_sources(&rig.sensors[place], router);
+        pass.losses.extend(pass.pitches[place].unknown(&rig.sensors[place].name));
     }
-    fed.losses.extend(session.problems().iter().cloned());
-    fed.losses.extend(packets.contradictions(session.manifest()));
-    let is_undecoded = fed.sensors.iter().all(|sensor| sensor.frames == 0)
-        && fed.sensors.iter().any(|sensor| sensor.packets_recorded > 0);
+    pass.losses.extend(session.problems().iter().cloned());
+    pass.losses.extend(packets.contradictions(session.manifest()));
+    let is_undecoded = pass.sensors.iter().all(|sensor| sensor.frames == 0)
+        && pass.sensors.iter().any(|sensor| sensor.packets_recorded > 0);
     anyhow::ensure!(
-        !is_undecoded || !fed.faults.is_empty(),
+        !is_undecoded || !pass.faults.is_empty(),
         "{}: no LiDAR data was decoded: {}",
         session.dir().display(),
-        fed.losses.join("; ")
+        pass.losses.join("; ")
     );
-    Ok(fed)
+    Ok(pass)
 }
 
 /// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
 fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
     let manifest = session.manifest();
     let place = |entry: &SensorEntry| {
-        if manifest.is_aside(entry) {
+        if manifest.is_auxiliary(entry) {
             return Ok(None);
         }
         rig.slot(&entry.name).map(Some)
@@ -237,23 +238,23 @@ fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
 
 /// A router per sensor of the rig, which knows what the session says of it: packets of one do not get to another.
 /// Metadata that cannot be read are lost, and not the session with them.
-fn routers(seated: &Seated<'_>, losses: &mut Vec<String>) -> Vec<Router> {
+fn routers(mounted_session: &MountedSession<'_>, losses: &mut Vec<String>) -> Vec<Router> {
     let router = |mounted: &MountedSensor| {
         let mut router = Router::new();
-        match metadata_of(seated.session, &mounted.name) {
+        match metadata_of(mounted_session.session, &mounted.name) {
             Ok(Some(metadata)) => router.add_ouster(metadata, mounted.name.clone()),
             Ok(None) => {}
             Err(error) => losses.push(format!("{}: its metadata: {error:#}", mounted.name)),
         }
-        for given in seated.calibrations {
+        for given in mounted_session.calibrations {
             // what bears a name goes to the sensor of that name, and it alone is here
-            let is_its_own = given.whose == Whose::Named(mounted.name.clone());
-            let whose = if is_its_own { Whose::Everyone } else { given.whose.clone() };
-            router.add_calibration(GivenCalibration { whose, ..given.clone() });
+            let is_its_own = given.applies_to == AppliesTo::Named(mounted.name.clone());
+            let applies_to = if is_its_own { AppliesTo::Everyone } else { given.applies_to.clone() };
+            router.add_calibration(GivenCalibration { applies_to, ..given.clone() });
         }
         router
     };
-    seated.rig.sensors.iter().map(router).collect()
+    mounted_session.rig.sensors.iter().map(router).collect()
 }
 
 fn metadata_of(session: &Session, sensor: &str) -> anyhow::Result<Option<Metadata>> {
@@ -280,11 +281,11 @@ fn learn(session: &Session, places: &[Option<usize>], routers: &mut [Router]) ->
 pub(crate) fn capture(
     recording: &Recording,
     rig: &Rig,
-    take: &mut dyn FnMut(Taken<'_>),
-) -> anyhow::Result<Fed> {
+    take: &mut dyn FnMut(MountedFrame<'_>),
+) -> anyhow::Result<PassSummary> {
     let mut router = recording.router()?;
-    let mut fed = Fed::of(rig);
-    let seats: Vec<Seat<'_>> = rig.sensors.iter().map(Seat::of).collect();
+    let mut pass = PassSummary::of(rig);
+    let slots: Vec<Slot<'_>> = rig.sensors.iter().map(Slot::of).collect();
     let mut crowd = 0;
     let mut hand = |at: usize, sensor: &Sensor, decoded: Decoded<'_>| {
         let Decoded::Frame(frame) = decoded else { return };
@@ -293,8 +294,8 @@ pub(crate) fn capture(
             crowd = crowd.max(at + 1);
             return;
         }
-        let number = fed.count(at, frame);
-        take(Taken { sensor: at, number, model: seats[at].beams(sensor), pitch: None, frame });
+        let number = pass.count(at, frame);
+        take(MountedFrame { sensor: at, number, model: slots[at].beams(sensor), pitch: None, frame });
     };
     let ending = recording.each_packet(&mut |packet| {
         router.push(packet, &mut hand);
@@ -309,30 +310,30 @@ pub(crate) fn capture(
     );
     for (at, sensor) in router.sensors().iter().enumerate().take(rig.sensors.len()) {
         let at = recording.slot_of(sensor, rig).unwrap_or(at);
-        fed.sensors[at].packets_recorded = sensor.stats().packets;
-        fed.close(at, sensor, &seats[at])?; // a calibration that does not fit is told of by the sensor's seat
+        pass.sensors[at].packets_recorded = sensor.stats().packets;
+        pass.close(at, sensor, &slots[at])?; // a calibration that does not fit is told of by the sensor's seat
     }
     recording.ensure_given_fits(&router)?;
-    fed.losses.extend(ending.losses());
-    if fed.sensors.iter().all(|sensor| sensor.frames == 0) {
+    pass.losses.extend(ending.losses());
+    if pass.sensors.iter().all(|sensor| sensor.frames == 0) {
         let other_unit = router.unclaimed().find(|entry| entry.needs_metadata && entry.serial.is_some());
         match other_unit {
             Some(entry) if !router.sensors().is_empty() => {
-                fed.faults.push(foreign(&rig.sensors[0], &entry.reason));
+                pass.faults.push(foreign(&rig.sensors[0], &entry.reason));
             }
             _ => anyhow::bail!("{}", unread::why_nothing(recording, &router, &ending)),
         }
     } else {
         for entry in router.unclaimed().filter(|entry| entry.needs_metadata && entry.serial.is_some()) {
-            let silent = fed.sensors.iter().position(|summary| summary.frames == 0);
+            let silent = pass.sensors.iter().position(|summary| summary.frames == 0);
             let tell = |at: usize| match at < router.sensors().len() {
                 true => foreign(&rig.sensors[at], &entry.reason),
                 false => without_metadata(&rig.sensors[at], entry),
             };
-            fed.faults.extend(silent.map(tell));
+            pass.faults.extend(silent.map(tell));
         }
     }
-    Ok(fed)
+    Ok(pass)
 }
 
 fn without_metadata(sensor: &MountedSensor, entry: &Unclaimed) -> Fault {

@@ -9,13 +9,13 @@ const LEAST_SILENCE_NS: u64 = 500_000_000;
 
 /// When the frames of one sensor were recorded, by its own clock.
 #[derive(Clone, Debug, Default)]
-pub struct Heard {
+pub struct DataSpan {
     span_ns: Option<[u64; 2]>,
     /// Between two frames.
     silences_ns: Vec<[u64; 2]>,
 }
 
-impl Heard {
+impl DataSpan {
     /// Adds a frame by the times of its first and last column.
     pub(crate) fn add(&mut self, [first_ns, last_ns]: [u64; 2]) {
         let span_ns = self.span_ns.get_or_insert([first_ns, last_ns]);
@@ -37,12 +37,12 @@ impl Heard {
 }
 
 /// Two sensors that were never heard at once, and how long after the end of the first the second begins, s.
-pub(crate) fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], f64)> {
+pub(crate) fn apart<'a>(rig: &'a Rig, data_spans: &[DataSpan]) -> Option<([&'a str; 2], f64)> {
     let mut spans: Vec<([u64; 2], &str)> = rig
         .sensors
         .iter()
-        .zip(heard)
-        .filter_map(|(sensor, heard)| Some((heard.span_ns?, sensor.name.as_str())))
+        .zip(data_spans)
+        .filter_map(|(sensor, data_span)| Some((data_span.span_ns?, sensor.name.as_str())))
         .collect();
     spans.sort_unstable();
     spans.windows(2).find_map(|pair| {
@@ -53,14 +53,14 @@ pub(crate) fn apart<'a>(rig: &'a Rig, heard: &[Heard]) -> Option<([&'a str; 2], 
 
 /// Sensors that were silent for a while between the first and the last frame of any and within `way_ns`, the trajectory's
 /// time on the recording's clock. Of those that were never heard nothing.
-pub(crate) fn silences(rig: &Rig, heard: &[Heard], way_ns: [u64; 2]) -> Vec<Fault> {
-    let spans = || heard.iter().filter_map(|heard| heard.span_ns);
+pub(crate) fn silences(rig: &Rig, data_spans: &[DataSpan], way_ns: [u64; 2]) -> Vec<Fault> {
+    let spans = || data_spans.iter().filter_map(|data_span| data_span.span_ns);
     let Some((first_ns, last_ns)) = spans().map(|s| s[0]).min().zip(spans().map(|s| s[1]).max()) else {
         return Vec::new();
     };
     let recorded_ns = [first_ns.max(way_ns[0]), last_ns.min(way_ns[1])];
-    let silent = rig.sensors.iter().zip(heard).filter_map(|(sensor, heard)| {
-        let [begin_ns, end_ns] = heard.longest_silence_ns(recorded_ns)?;
+    let silent = rig.sensors.iter().zip(data_spans).filter_map(|(sensor, data_span)| {
+        let [begin_ns, end_ns] = data_span.longest_silence_ns(recorded_ns)?;
         let at_s = |time_ns: u64| (time_ns - recorded_ns[0]) as f64 * 1e-9;
         let when = match (begin_ns == recorded_ns[0], end_ns == recorded_ns[1]) {
             (false, true) => format!("from {:.1} s on", at_s(begin_ns)),
@@ -79,23 +79,23 @@ mod tests {
 
     const TENTH_NS: u64 = 100_000_000;
 
-    fn heard(revolutions: impl Iterator<Item = u64>) -> Heard {
-        let mut heard = Heard::default();
-        revolutions.for_each(|at| heard.add([at * TENTH_NS, (at + 1) * TENTH_NS - 1]));
-        heard
+    fn data_span(revolutions: impl Iterator<Item = u64>) -> DataSpan {
+        let mut data_span = DataSpan::default();
+        revolutions.for_each(|at| data_span.add([at * TENTH_NS, (at + 1) * TENTH_NS - 1]));
+        data_span
     }
 
     #[test]
     fn only_what_lasts_is_a_silence() {
         let within = |from: u64, to: u64| [from * TENTH_NS, to * TENTH_NS];
-        let dies = heard(10..50);
+        let dies = data_span(10..50);
         assert_eq!(dies.longest_silence_ns(within(10, 110)), Some([50 * TENTH_NS - 1, 110 * TENTH_NS]));
         assert_eq!(dies.longest_silence_ns(within(0, 50)), Some([0, 10 * TENTH_NS]));
-        let pauses = heard((10..30).chain(40..50));
+        let pauses = data_span((10..30).chain(40..50));
         assert_eq!(pauses.longest_silence_ns(within(10, 50)), Some([30 * TENTH_NS - 1, 40 * TENTH_NS]));
         assert_eq!(pauses.longest_silence_ns(within(10, 30)), None);
-        let lossy = heard((10..50).filter(|at| at % 4 != 0));
+        let lossy = data_span((10..50).filter(|at| at % 4 != 0));
         assert_eq!(lossy.longest_silence_ns(within(10, 52)), None);
-        assert_eq!(Heard::default().longest_silence_ns(within(0, 50)), None);
+        assert_eq!(DataSpan::default().longest_silence_ns(within(0, 50)), None);
     }
 }

@@ -108,7 +108,7 @@ pub(crate) fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<Str
     let times_ns = own.iter().map(|report| report.time_ns);
     let (from_ns, to_ns) = (times_ns.clone().min()?, times_ns.max()?);
     let angles = || counted.iter().map(|report| rad(report.position_urad));
-    let (least_rad, greatest_rad) = (angles().reduce(f64::min)?, angles().reduce(f64::max)?);
+    let (least_rad, max_rad) = (angles().reduce(f64::min)?, angles().reduce(f64::max)?);
     let spans_ns = without_zero_ns(own);
     let lasted_ns: u64 =
         spans_ns.iter().map(|[a, b]| (*b).min(to_ns).saturating_sub((*a).max(from_ns))).sum();
@@ -130,7 +130,7 @@ pub(crate) fn notice(sensor: &MountedSensor, own: &[&ServoReport]) -> Option<Str
          pitch at which the sensor stood",
         sensor.name,
         degrees(least_rad),
-        degrees(greatest_rad),
+        degrees(max_rad),
         degrees(sensor.mount.pitch_rad),
     ))
 }

@@ -6,7 +6,7 @@ use crate::live::clocks::{ClockWatch, Jump, Moved};
 use crate::recording::Session;
 use crate::rig::Rig;
 
-use super::feed::{self, Seated};
+use super::feed::{self, MountedSession};
 
 /// A pause of a stream that is looked into, and a step back, ns: steps of clocks show as one of them.
 const PAUSE_NS: i128 = 20_000_000;
@@ -74,10 +74,10 @@ pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
     let Some(begin_ns) = odd_stamps(session)? else { return Ok(Vec::new()) };
     let mut clocks: Vec<ClockWatch> = rig.sensors.iter().map(|_| ClockWatch::default()).collect();
     let stage = Stage::begin("looking whether the host's clock was set while recording");
-    let seated = Seated { session, rig, tilts: &[], calibrations: &[] };
-    feed::session(&seated, &stage, &mut |taken| {
-        if let Some([first_ns, _]) = taken.frame.time_span_ns() {
-            clocks[taken.sensor].add(taken.frame.host_time_ns[0], first_ns);
+    let mounted_session = MountedSession { session, rig, tilts: &[], calibrations: &[] };
+    feed::session(&mounted_session, &stage, &mut |mounted_frame| {
+        if let Some([first_ns, _]) = mounted_frame.frame.time_span_ns() {
+            clocks[mounted_frame.sensor].add(mounted_frame.frame.host_time_ns[0], first_ns);
         }
     })?;
     drop(stage);
@@ -88,7 +88,7 @@ pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
         || reports.iter().flat_map(|(name, report)| report.jumps.iter().map(move |jump| (*name, jump)));
     let steps = inferred(jumps());
     session.undo_clock_steps(steps.iter().map(|step| (step.step_s * 1e9).round() as i64).collect());
-    let taken_out = |step: &Inferred| {
+    let removed = |step: &Inferred| {
         format!(
             "{}; it was taken out of them, as the rig's readings are on a clock that was not set",
             step.words(begin_ns)
@@ -101,7 +101,7 @@ pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
             jump.change_s
         )
     });
-    Ok(steps.iter().map(taken_out).chain(doubtful).collect())
+    Ok(steps.iter().map(removed).chain(doubtful).collect())
 }
 
 /// Whether the stamps of any stream pause or run back; the first of all.

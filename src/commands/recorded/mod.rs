@@ -12,7 +12,7 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, ensure};
-use sensors::router::{GivenCalibration, Tie, Whose};
+use sensors::router::{AppliesTo, GivenCalibration, SourceFilter};
 
 use crate::base::files::is_same;
 use crate::base::geometry::Pose;
@@ -30,7 +30,7 @@ use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
 use axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
-use feed::{Fed, Seated, Taken};
+use feed::{MountedFrame, MountedSession, PassSummary};
 
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
@@ -82,19 +82,19 @@ pub struct Recorded {
 }
 
 /// Some of the rays of a recording.
-pub struct Kept {
+pub struct RaySample {
     /// In order of time.
     pub rays: Vec<RecordedRay>,
     /// The rig's, each with the beams of its packets.
     pub sensors: Vec<MountedSensor>,
-    pub fed: Fed,
+    pub pass: PassSummary,
 }
 
 impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
     /// says, or as the session does.
     pub(crate) fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
-        Self::open_if_seated(args, context)?.with_context(|| {
+        Self::open_if_mounted(args, context)?.with_context(|| {
             format!(
                 "{}: give --mount: the recording does not say where its sensors sit",
                 args.recording.display()
@@ -103,7 +103,7 @@ impl Recorded {
     }
 
     /// The same; none where nobody says where the sensors sit.
-    pub(crate) fn open_if_seated(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
+    pub(crate) fn open_if_mounted(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         let sensors = &sensors.of(context, path);
         // a name that was mistyped is no recording without a mount
@@ -113,7 +113,7 @@ impl Recorded {
         }
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let mount = match mount {
-            Some(said) => Some(MountFile::read(said)?),
+            Some(file) => Some(MountFile::read(file)?),
             None => session.as_ref().map(Session::mount).transpose()?.flatten(),
         };
         let (mut in_bag, mut notices) = (None, Vec::new());
@@ -163,13 +163,13 @@ impl Recorded {
     }
 
     /// What its axes measured while its sensors recorded, which a pass over it has found.
-    pub(crate) fn axes(&self, fed: &Fed) -> Vec<AxisSummary> {
-        summaries(&self.rig, &self.zeros, &fed.pitches)
+    pub(crate) fn axes(&self, pass: &PassSummary) -> Vec<AxisSummary> {
+        summaries(&self.rig, &self.zeros, &pass.pitches)
     }
 
     /// Mounts that are not as their axes measured, in words.
-    pub(crate) fn contradicted(&self, fed: &Fed) -> Vec<String> {
-        contradicted(&self.rig, &self.zeros, &fed.pitches)
+    pub(crate) fn contradicted(&self, pass: &PassSummary) -> Vec<String> {
+        contradicted(&self.rig, &self.zeros, &pass.pitches)
     }
 
     /// What it is, in words.
@@ -189,26 +189,26 @@ impl Recorded {
     }
 
     /// Every frame.
-    pub(crate) fn feed(&self, take: &mut dyn FnMut(Taken<'_>)) -> anyhow::Result<Fed> {
+    pub(crate) fn feed(&self, take: &mut dyn FnMut(MountedFrame<'_>)) -> anyhow::Result<PassSummary> {
         match &self.source {
             Source::Session { session, tilts, calibrations } => {
                 let stage = Stage::begin("going through the session");
-                feed::session(&Seated { session, rig: &self.rig, tilts, calibrations }, &stage, take)
+                feed::session(&MountedSession { session, rig: &self.rig, tilts, calibrations }, &stage, take)
             }
             Source::Capture(recording) => feed::capture(recording, &self.rig, take),
         }
     }
 
     /// An even share of its returns, `most` at most, on its own clock.
-    pub(crate) fn rays(&self, most: usize) -> anyhow::Result<Kept> {
+    pub(crate) fn rays(&self, most: usize) -> anyhow::Result<RaySample> {
         let mut sensors = self.rig.sensors.clone();
-        let mut kept = Thinning::new(most);
-        let fed = self.feed(&mut |taken| {
-            let Taken { sensor, model, frame, .. } = taken;
-            taken.tell_model(&mut sensors);
-            kept.add_frame(sensor, model, &taken.pitch_or(&sensors[sensor].mount), 0, frame);
+        let mut sample = Thinning::new(most);
+        let pass = self.feed(&mut |mounted_frame| {
+            let MountedFrame { sensor, model, frame, .. } = mounted_frame;
+            mounted_frame.tell_model(&mut sensors);
+            sample.add_frame(sensor, model, &mounted_frame.pitch_or(&sensors[sensor].mount), 0, frame);
         })?;
-        Ok(Kept { rays: Thinning::joined([kept]), sensors, fed })
+        Ok(RaySample { rays: Thinning::joined([sample]), sensors, pass })
     }
 
     /// Times of the first and the last column of any sensor, ns; none where no frame was recorded. Decodes all of it once.
@@ -217,8 +217,8 @@ impl Recorded {
             return Ok(*known);
         }
         let mut span: Option<[u64; 2]> = None;
-        self.feed(&mut |taken| {
-            if let Some([first, last]) = taken.frame.time_span_ns() {
+        self.feed(&mut |mounted_frame| {
+            if let Some([first, last]) = mounted_frame.frame.time_span_ns() {
                 let known = span.unwrap_or([first, last]);
                 span = Some([known[0].min(first), known[1].max(last)]);
             }
@@ -238,7 +238,7 @@ fn ensure_meant(calibrations: &[GivenCalibration], session: &Session) -> anyhow:
     let entries = &session.manifest().sensors;
     ensure_named(calibrations, Some(session.manifest()), session.dir())?;
     for given in calibrations {
-        let Whose::Tied(Tie::Sender(address)) = given.whose else { continue };
+        let AppliesTo::From(SourceFilter::Sender(address)) = given.applies_to else { continue };
         ensure!(
             entries.iter().any(|entry| entry.source == Some(address)),
             "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \

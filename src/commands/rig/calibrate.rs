@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use crate::commands::recorded::feed::Taken;
+use crate::commands::recorded::feed::MountedFrame;
 use crate::commands::recorded::{Recorded, RecordedArgs};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output};
@@ -51,7 +51,7 @@ pub(super) fn run(session: &Path, mount: Option<&Path>, context: Context) -> any
     let mut sensors = recorded.rig.sensors.clone();
     let mut holds: Vec<Vec<Hold>> = (0..sensors.len()).map(|axis| holds(&reports, axis)).collect();
     let summary = recorded.feed(&mut |mounted| {
-        let Taken { sensor, model, frame, .. } = mounted;
+        let MountedFrame { sensor, model, frame, .. } = mounted;
         mounted.tell_model(&mut sensors);
         let [first_ns, last_ns] = frame.host_time_ns;
         let hold = holds[sensor].iter_mut().find(|hold| hold.from_ns <= first_ns && last_ns <= hold.to_ns);

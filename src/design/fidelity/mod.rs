@@ -23,7 +23,7 @@ pub trait Ladder: Sync {
     /// What is looked at.
     type Candidate: Sync;
     /// What a level leaves for the next one, so that no ray is cast twice.
-    type Kept: Default + Send;
+    type Memo: Default + Send;
     /// Why it cannot be.
     type Error: Send;
 
@@ -44,7 +44,7 @@ pub trait Ladder: Sync {
         &self,
         level: usize,
         candidate: &Self::Candidate,
-        kept: &mut Self::Kept,
+        memo: &mut Self::Memo,
     ) -> Result<f64, Self::Error>;
 }
 
@@ -65,7 +65,7 @@ const FIRST_RATIO: f64 = 0.5;
 /// No series is trusted to end faster than this, whatever two levels say.
 const LEAST_RATIO: f64 = 0.2;
 /// Nor to fade more slowly than this: rooms full of small things come near it.
-const GREATEST_RATIO: f64 = 0.8;
+const MAX_RATIO: f64 = 0.8;
 /// Share of a value below which no error is stated: single cells on the edge of being seen.
 const LEAST_BOUND: f64 = 2e-4;
 
@@ -86,7 +86,7 @@ pub(crate) mod tests {
 
     impl Ladder for Invented {
         type Candidate = [f64; 2];
-        type Kept = ();
+        type Memo = ();
         type Error = String;
 
         fn levels(&self) -> usize {

@@ -63,7 +63,7 @@ impl MountFidelity {
             number(judged.value, 0),
             number(judged.bound, 0),
             number(100.0 * self.tolerance, 2),
-            if *within_tolerance { "kept" } else { "not kept: the finest level is reached" },
+            if *within_tolerance { "met" } else { "not met: the finest level is reached" },
             self.level_name,
             number(*rays as f64, 0),
         );
@@ -135,7 +135,7 @@ fn housings(objective: &Objective, sensors: &[Placement]) -> Omission {
 
 fn others(objective: &Objective) -> Omission {
     Omission {
-        what: "wearer, motion within a revolution, range limits".into(),
+        what: "operator, motion within a revolution, range limits".into(),
         worth: None,
         rays_touched: None,
         why: format!(

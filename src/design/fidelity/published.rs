@@ -43,7 +43,7 @@ impl Ladder for BoxLadder {
     /// Physical sensors.
     type Candidate = Vec<Placement>;
     /// The kernel counts too fast for it to pay to keep what was seen.
-    type Kept = ();
+    type Memo = ();
     type Error = ExperimentError;
 
     fn levels(&self) -> usize {

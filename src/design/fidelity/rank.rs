@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{FIRST_RATIO, GREATEST_RATIO, Judged, LEAST_BOUND, LEAST_RATIO, Ladder, tail};
+use super::{FIRST_RATIO, Judged, LEAST_BOUND, LEAST_RATIO, Ladder, MAX_RATIO, tail};
 use crate::base::statistics::{mean_and_deviation, quantile, sorted};
 
 /// How sure a ranking must be, and what it may cost.
@@ -109,7 +109,7 @@ struct State<'a, L: Ladder> {
     ladder: &'a L,
     candidates: &'a [L::Candidate],
     /// What was left of each candidate that is looked at further.
-    kept: Vec<L::Kept>,
+    memo: Vec<L::Memo>,
     /// Scores of each candidate, by level.
     scores: Vec<Vec<f64>>,
     judged: Vec<Judged>,
@@ -133,7 +133,7 @@ impl<'a, L: Ladder> State<'a, L> {
         Self {
             ladder,
             candidates,
-            kept: candidates.iter().map(|_| L::Kept::default()).collect(),
+            memo: candidates.iter().map(|_| L::Memo::default()).collect(),
             scores: vec![Vec::new(); candidates.len()],
             judged: vec![Judged { value: f64::NAN, bound: f64::INFINITY, level: 0 }; candidates.len()],
             left: (0..candidates.len()).collect(),
@@ -149,16 +149,16 @@ impl<'a, L: Ladder> State<'a, L> {
 
     fn look(&mut self, level: usize) -> Result<(), L::Error> {
         let (ladder, candidates) = (self.ladder, self.candidates);
-        let taken: Vec<(usize, L::Kept)> =
-            self.left.iter().map(|index| (*index, std::mem::take(&mut self.kept[*index]))).collect();
+        let removed: Vec<(usize, L::Memo)> =
+            self.left.iter().map(|index| (*index, std::mem::take(&mut self.memo[*index]))).collect();
         // what is kept of others is of no more use
-        self.kept.iter_mut().for_each(|kept| *kept = L::Kept::default());
-        let looked = taken.into_par_iter().map(|(index, mut kept)| {
-            ladder.score(level, &candidates[index], &mut kept).map(|score| (index, score, kept))
+        self.memo.iter_mut().for_each(|memo| *memo = L::Memo::default());
+        let looked = removed.into_par_iter().map(|(index, mut memo)| {
+            ladder.score(level, &candidates[index], &mut memo).map(|score| (index, score, memo))
         });
-        for (index, score, kept) in looked.collect::<Result<Vec<_>, L::Error>>()? {
+        for (index, score, memo) in looked.collect::<Result<Vec<_>, L::Error>>()? {
             self.scores[index].push(score);
-            self.kept[index] = kept;
+            self.memo[index] = memo;
             self.rays += ladder.rays(level, &candidates[index]);
         }
         self.seen = level + 1;
@@ -326,11 +326,8 @@ impl<'a, L: Ladder> State<'a, L> {
 /// more added than the others may be expected to have it again (the slope of a regression: none where it was luck).
 fn ratios(before: &[f64], now: &[f64]) -> [f64; 2] {
     let [before_mean, now_mean] = [before, now].map(|added| mean_and_deviation(added).0);
-    let ratio = if before_mean > 0.0 {
-        (now_mean / before_mean).clamp(LEAST_RATIO, GREATEST_RATIO)
-    } else {
-        LEAST_RATIO
-    };
+    let ratio =
+        if before_mean > 0.0 { (now_mean / before_mean).clamp(LEAST_RATIO, MAX_RATIO) } else { LEAST_RATIO };
     let (mut both, mut square) = (0.0, 0.0);
     for (before, now) in before.iter().zip(now) {
         both += (before - before_mean) * (now - now_mean);

@@ -9,7 +9,7 @@ use super::Ladder;
 use crate::rig::{Mount, MountedSensor, Rig};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::published::Phase;
-use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
@@ -77,7 +77,7 @@ impl SceneLadder {
         &self,
         fan: &BeamFan,
         mounts: &[Mount],
-        flaws: Flaws,
+        sensor_errors: SensorErrors,
         with_housings: bool,
     ) -> u64 {
         let sensor = |(index, mount): (usize, &Mount)| MountedSensor {
@@ -87,7 +87,8 @@ impl SceneLadder {
         };
         let rig = Rig { sensors: mounts.iter().enumerate().map(sensor).collect() };
         let spin = Spin { rate_hz: fan.rate_hz, columns: fan.columns() as u32, ..Spin::default() };
-        let mut scanner = Scanner { flaws, ..Scanner::new(&self.scene, &self.trajectory, &rig, spin) };
+        let mut scanner =
+            Scanner { sensor_errors, ..Scanner::new(&self.scene, &self.trajectory, &rig, spin) };
         if !with_housings {
             scanner.occluders.iter_mut().for_each(Vec::clear);
         }
@@ -163,7 +164,7 @@ fn added_parts(level: usize, scan: u64) -> [bool; PARTS] {
 
 impl Ladder for SceneLadder {
     type Candidate = Vec<Mount>;
-    type Kept = Seen;
+    type Memo = Seen;
     type Error = Infallible;
 
     fn levels(&self) -> usize {

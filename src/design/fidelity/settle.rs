@@ -27,12 +27,12 @@ const MARGIN: f64 = 5e-4;
 /// Why the candidate cannot be looked at.
 pub fn settle<L: Ladder>(ladder: &L, candidate: &L::Candidate, tolerance: f64) -> Result<Settled, L::Error> {
     let mut scores: Vec<f64> = Vec::new();
-    let mut kept = L::Kept::default();
+    let mut memo = L::Memo::default();
     let mut rays = 0;
     let (mut value, mut error): (f64, f64) = (f64::NAN, 0.0);
     let mut bound = f64::INFINITY;
     for level in 0..ladder.levels() {
-        scores.push(ladder.score(level, candidate, &mut kept)?);
+        scores.push(ladder.score(level, candidate, &mut memo)?);
         rays += ladder.rays(level, candidate);
         let Some(before) = level.checked_sub(1) else {
             value = scores[0];

@@ -145,12 +145,12 @@ impl Bayesian {
         }
         let points: Vec<Vec<f64>> = known.iter().map(|trial| view.unit(&trial.candidate.values)).collect();
         let merits = merits(&known);
-        let greatest = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let max = merits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut order: Vec<usize> = (0..known.len()).collect();
         order.sort_by(|&a, &b| known[a].order(known[b]));
         let centres =
             order.iter().take(LOCAL_CENTRES).map(|&index| known[index].candidate.values.clone()).collect();
-        let mut known = Known { space: &space, view: &view, points, merits, greatest, centres };
+        let mut known = Known { space: &space, view: &view, points, merits, max, centres };
         let fitted = if is_apart { &mut self.fitted_apart } else { &mut self.fitted };
         let hyper = Fitted::renewed(fitted, &known.data(), view.role_count, &mut rng);
         let mut merits = known.merits.clone();

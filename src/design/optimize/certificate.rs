@@ -114,7 +114,7 @@ pub fn certify(
             }
         }
     }
-    let bound = open.peek().map_or(best, |greatest| greatest.bound);
+    let bound = open.peek().map_or(best, |max| max.bound);
     Ok(Some(Certificate { bound, gap: bound - best, regions, closed_share: 1.0 - open_share }))
 }
 

@@ -106,8 +106,8 @@ impl Run {
     /// Eigenvectors and square roots of the eigenvalues; `None` when the matrix has lost its shape.
     fn factors(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let eigen = SymmetricEigen::try_new(self.covariance.clone(), 1e-14, 10_000)?;
-        let (least, greatest) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
-        let sound = least > 0.0 && greatest.is_finite() && greatest / least < CONDITION_MAX;
+        let (least, max) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
+        let sound = least > 0.0 && max.is_finite() && max / least < CONDITION_MAX;
         sound.then(|| (eigen.eigenvectors, eigen.eigenvalues.map(f64::sqrt)))
     }
 
@@ -159,8 +159,8 @@ impl Run {
             self.path_covariance[i] = (1.0 - rates.c_path) * self.path_covariance[i] + gain * mean_step[i];
         }
         let path = DVector::from_column_slice(&self.path_covariance);
-        let kept = (1.0 - slow) * rates.c_one * rates.c_path * (2.0 - rates.c_path);
-        self.covariance *= 1.0 - rates.c_one - rates.c_mu + kept;
+        let memo = (1.0 - slow) * rates.c_one * rates.c_path * (2.0 - rates.c_path);
+        self.covariance *= 1.0 - rates.c_one - rates.c_mu + memo;
         self.covariance += rates.c_one * &path * path.transpose();
         for (weight, step) in rates.weights.iter().zip(&steps) {
             self.covariance += rates.c_mu * *weight * step * step.transpose();

@@ -103,10 +103,10 @@ impl DifferentialEvolution {
             .get(second)
             .map_or_else(|| &self.archive[second - self.members.len()], |member| &member.unit);
         let here = &self.members[index].unit;
-        let kept = rng.below(here.len() as u64) as usize;
+        let memo = rng.below(here.len() as u64) as usize;
         let mut unit = here.clone();
         for axis in 0..here.len() {
-            if axis == kept || rng.uniform() < crossover {
+            if axis == memo || rng.uniform() < crossover {
                 let mutant = here[axis]
                     + factor * (best[axis] - here[axis])
                     + factor * (self.members[first].unit[axis] - second[axis]);

@@ -8,18 +8,18 @@ use nalgebra::DMatrix;
 use crate::base::instructions::{Instructions, Level};
 
 /// Right sides at once.
-pub const LANES: usize = 8;
+pub const WIDTH: usize = 8;
 /// Columns whose products leave a row before it is written back.
 const COLUMNS: usize = 4;
 
-/// Replaces the right sides `b` (rows by lanes) by the solutions of `lower x = b`. `lower` is square, as many rows as
+/// Replaces the right sides `b` (rows by elements) by the solutions of `lower x = b`. `lower` is square, as many rows as
 /// `right`; what lies above its diagonal is not looked at. The bits are those of a substitution column by column, with
 /// all instructions.
 ///
 /// # Panics
 ///
 /// If the sizes differ.
-pub fn solve_lower(lower: &DMatrix<f64>, right: &mut [[f64; LANES]], instructions: Instructions) {
+pub fn solve_lower(lower: &DMatrix<f64>, right: &mut [[f64; WIDTH]], instructions: Instructions) {
     assert_eq!((lower.nrows(), lower.ncols()), (right.len(), right.len()), "rows and columns of the factor");
     match instructions.level() {
         #[cfg(target_arch = "x86_64")]
@@ -34,19 +34,19 @@ pub fn solve_lower(lower: &DMatrix<f64>, right: &mut [[f64; LANES]], instruction
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw")]
-fn solve_avx512(lower: &[f64], right: &mut [[f64; LANES]]) {
+fn solve_avx512(lower: &[f64], right: &mut [[f64; WIDTH]]) {
     solve_anywhere(lower, right);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn solve_avx2(lower: &[f64], right: &mut [[f64; LANES]]) {
+fn solve_avx2(lower: &[f64], right: &mut [[f64; WIDTH]]) {
     solve_anywhere(lower, right);
 }
 
 /// `lower` column after column.
 #[inline(always)]
-fn solve_anywhere(lower: &[f64], right: &mut [[f64; LANES]]) {
+fn solve_anywhere(lower: &[f64], right: &mut [[f64; WIDTH]]) {
     let n = right.len();
     let blocked = n - n % COLUMNS;
     for first in (0..blocked).step_by(COLUMNS) {
@@ -55,7 +55,7 @@ fn solve_anywhere(lower: &[f64], right: &mut [[f64; LANES]]) {
             take_column(&lower[j * n..(j + 1) * n], j, next, right);
         }
         let (solved, below) = right.split_at_mut(next);
-        let solved: [[f64; LANES]; COLUMNS] = from_fn(|k| solved[first + k]);
+        let solved: [[f64; WIDTH]; COLUMNS] = from_fn(|k| solved[first + k]);
         let columns: [&[f64]; COLUMNS] = from_fn(|k| &lower[(first + k) * n + next..(first + k + 1) * n]);
         for (row, values) in below.iter_mut().enumerate() {
             for (column, solved) in columns.iter().zip(&solved) {
@@ -70,7 +70,7 @@ fn solve_anywhere(lower: &[f64], right: &mut [[f64; LANES]]) {
 
 /// Solves row `j`, and takes its share out of the rows after it, as far as `end`.
 #[inline(always)]
-fn take_column(column: &[f64], j: usize, end: usize, right: &mut [[f64; LANES]]) {
+fn take_column(column: &[f64], j: usize, end: usize, right: &mut [[f64; WIDTH]]) {
     let solved = right[j].map(|value| value / column[j]);
     right[j] = solved;
     for (values, l) in right[j + 1..end].iter_mut().zip(&column[j + 1..end]) {
@@ -79,7 +79,7 @@ fn take_column(column: &[f64], j: usize, end: usize, right: &mut [[f64; LANES]])
 }
 
 #[inline(always)]
-fn take(values: &mut [f64; LANES], solved: &[f64; LANES], l: f64) {
+fn take(values: &mut [f64; WIDTH], solved: &[f64; WIDTH], l: f64) {
     for (value, solved) in values.iter_mut().zip(solved) {
         *value -= solved * l;
     }
@@ -90,13 +90,13 @@ mod tests {
     use super::*;
     use crate::base::rng::Rng;
 
-    /// Column by column, one lane at a time.
-    fn reference(lower: &DMatrix<f64>, right: &mut [[f64; LANES]]) {
-        for lane in 0..LANES {
+    /// Column by column, one element at a time.
+    fn reference(lower: &DMatrix<f64>, right: &mut [[f64; WIDTH]]) {
+        for element in 0..WIDTH {
             for j in 0..right.len() {
-                right[j][lane] /= lower[(j, j)];
+                right[j][element] /= lower[(j, j)];
                 for i in j + 1..right.len() {
-                    right[i][lane] -= right[j][lane] * lower[(i, j)];
+                    right[i][element] -= right[j][element] * lower[(i, j)];
                 }
             }
         }
@@ -112,13 +112,13 @@ mod tests {
                 std::cmp::Ordering::Equal => 1.0 + rng.uniform(),
                 std::cmp::Ordering::Greater => rng.normal(),
             });
-            let right: Vec<[f64; LANES]> = (0..n).map(|_| from_fn(|_| rng.normal())).collect();
+            let right: Vec<[f64; WIDTH]> = (0..n).map(|_| from_fn(|_| rng.normal())).collect();
             let mut expected = right.clone();
             reference(&lower, &mut expected);
             for instructions in Instructions::available() {
                 let mut found = right.clone();
                 solve_lower(&lower, &mut found, instructions);
-                let bits = |rows: &[[f64; LANES]]| {
+                let bits = |rows: &[[f64; WIDTH]]| {
                     rows.as_flattened().iter().map(|x| x.to_bits()).collect::<Vec<_>>()
                 };
                 assert_eq!(bits(&found), bits(&expected), "{n} rows, {instructions:?}");
@@ -129,6 +129,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "rows and columns of the factor")]
     fn sizes_that_differ_are_refused() {
-        solve_lower(&DMatrix::zeros(3, 3), &mut [[0.0; LANES]; 2], Instructions::best());
+        solve_lower(&DMatrix::zeros(3, 3), &mut [[0.0; WIDTH]; 2], Instructions::best());
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use serde::{Deserialize, Serialize};
 
 use super::ascent::minimise;
-use super::forward_substitution::{LANES, solve_lower};
+use super::forward_substitution::{WIDTH, solve_lower};
 use crate::base::instructions::Instructions;
 
 /// Length scales are shares of a variable's range.
@@ -228,9 +228,9 @@ impl GaussianProcess {
         let (cholesky, _) = factor(kernel)?;
         let (mean, weights, variance) = trend(&cholesky, &data.values);
         let lower = cholesky.l();
-        let mut ones = vec![[1.0; LANES]; n];
+        let mut ones = vec![[1.0; WIDTH]; n];
         solve_lower(&lower, &mut ones, Instructions::best());
-        let ones = ones.into_iter().map(|lanes| lanes[0]).collect();
+        let ones = ones.into_iter().map(|elements| elements[0]).collect();
         (mean.is_finite() && variance.is_finite()).then_some(Self {
             data,
             inverse_lengths,
@@ -249,34 +249,34 @@ impl GaussianProcess {
         self.predict_many(&[point.to_vec()])[0]
     }
 
-    /// Beliefs at points of the unit cube, `LANES` at a time: each entry of the factor is then read once for all of them.
+    /// Beliefs at points of the unit cube, `WIDTH` at a time: each entry of the factor is then read once for all of them.
     /// What is believed of a point does not depend on its neighbours in the list.
     pub(crate) fn predict_many(&self, points: &[Vec<f64>]) -> Vec<Prediction> {
         let ones_ones: f64 = self.ones.iter().map(|o| o * o).sum();
         let mut beliefs = Vec::with_capacity(points.len());
-        let mut right = vec![[0.0; LANES]; self.data.points.len()];
+        let mut right = vec![[0.0; WIDTH]; self.data.points.len()];
         let instructions = Instructions::best();
-        for group in points.chunks(LANES) {
-            let mut means = [self.mean; LANES];
+        for group in points.chunks(WIDTH) {
+            let mut means = [self.mean; WIDTH];
             for (row, known) in self.data.points.iter().enumerate() {
-                for (lane, point) in group.iter().enumerate() {
+                for (element, point) in group.iter().enumerate() {
                     let value = matern(distance(known, point, &self.inverse_lengths)).0;
-                    means[lane] += value * self.weights[row];
-                    right[row][lane] = value;
+                    means[element] += value * self.weights[row];
+                    right[row][element] = value;
                 }
             }
             solve_lower(&self.lower, &mut right, instructions);
-            let (mut explained, mut ones_solved) = ([0.0; LANES], [0.0; LANES]);
+            let (mut explained, mut ones_solved) = ([0.0; WIDTH], [0.0; WIDTH]);
             for (solved, one) in right.iter().zip(&self.ones) {
-                for lane in 0..LANES {
-                    explained[lane] += solved[lane] * solved[lane];
-                    ones_solved[lane] += one * solved[lane];
+                for element in 0..WIDTH {
+                    explained[element] += solved[element] * solved[element];
+                    ones_solved[element] += one * solved[element];
                 }
             }
-            beliefs.extend((0..group.len()).map(|lane| {
-                let unknown_mean = (1.0 - ones_solved[lane]).powi(2) / ones_ones;
-                let variance = self.variance * (1.0 - explained[lane] + unknown_mean).max(0.0);
-                Prediction { mean: means[lane], deviation: variance.sqrt() }
+            beliefs.extend((0..group.len()).map(|element| {
+                let unknown_mean = (1.0 - ones_solved[element]).powi(2) / ones_ones;
+                let variance = self.variance * (1.0 - explained[element] + unknown_mean).max(0.0);
+                Prediction { mean: means[element], deviation: variance.sqrt() }
             }));
         }
         beliefs

@@ -130,9 +130,9 @@ impl Lines {
             return vary(space, from, STEPS, rng);
         }
         let into = mine[rng.below(mine.len() as u64) as usize];
-        let taken = theirs[rng.below(theirs.len() as u64) as usize];
+        let removed = theirs[rng.below(theirs.len() as u64) as usize];
         let mut values = from.to_vec();
-        for (&index, &source) in into.iter().zip(taken) {
+        for (&index, &source) in into.iter().zip(removed) {
             values[index] = other[source];
         }
         values

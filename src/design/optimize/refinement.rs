@@ -147,9 +147,9 @@ impl Refinement {
             number(self.regret_bound, 0),
             number(100.0 * self.regret_asked, 2),
             if self.regret_bound <= self.regret_asked * self.judged.value.abs() {
-                "kept"
+                "met"
             } else {
-                "not kept: rays or levels were used up"
+                "not met: rays or levels were used up"
             },
             number(self.favourite.value, 0),
         );

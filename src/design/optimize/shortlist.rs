@@ -7,7 +7,7 @@ use super::lines::TYPICAL_LENGTH;
 use super::{Space, Trial};
 
 /// Trials kept.
-const KEPT: usize = 32;
+const CAPACITY: usize = 32;
 /// Least distance of two of them, each variable in lengths over which an objective typically changes.
 const APART: f64 = 0.5;
 
@@ -25,7 +25,7 @@ impl Shortlist {
 
     /// Takes a trial in where it is better than its neighbours, who then leave.
     pub(crate) fn note(&mut self, space: &Space, trial: &Trial) {
-        if self.trials.len() == KEPT && self.trials.last().is_some_and(|worst| !trial.beats(worst)) {
+        if self.trials.len() == CAPACITY && self.trials.last().is_some_and(|worst| !trial.beats(worst)) {
             return;
         }
         let place = |trial: &Trial| space.to_unit(&space.canonical(&trial.candidate.values));
@@ -43,7 +43,7 @@ impl Shortlist {
         self.trials.retain(|_| !near.next().unwrap_or(false));
         let at = self.trials.partition_point(|other| !trial.beats(other));
         self.trials.insert(at, trial.clone());
-        self.trials.truncate(KEPT);
+        self.trials.truncate(CAPACITY);
     }
 }
 
@@ -70,7 +70,7 @@ mod tests {
         for step in 0..1000 {
             list.note(&space, &trial(f64::from(step) / 1000.0, 3.0 + f64::from(step % 7)));
         }
-        assert!(list.trials().len() <= KEPT && list.trials()[0].score == 9.0);
+        assert!(list.trials().len() <= CAPACITY && list.trials()[0].score == 9.0);
         assert!(list.trials().windows(2).all(|pair| pair[0].score >= pair[1].score));
     }
 }

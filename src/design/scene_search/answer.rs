@@ -16,7 +16,7 @@ pub(crate) const FLAT_LOSS: f64 = 0.001;
 const PHASES: [f64; 2] = [1.0 / 3.0, 2.0 / 3.0];
 /// Of equals the least tilted wins: equal is what differs by this share of the deviation over starts of the revolutions. More would
 /// cost as much as the search may lose.
-const TIE_SHARE: f64 = 0.5;
+const EQUAL_SHARE: f64 = 0.5;
 /// How far from the winner a coordinate is tried, in sixtieths of its range.
 const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
 
@@ -165,7 +165,7 @@ impl SceneSearch<'_> {
         if tilt_rad(&first.rig) > 0.0 {
             exact.push(level_exact);
         }
-        prefer_least_tilted(exact, TIE_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
+        prefer_least_tilted(exact, EQUAL_SHARE * phase_sd_voxels, |rig| self.rigs.violation_m(rig));
         let winner = &exact[0];
         let single = self.single(&winner.rig);
         let tilted = self.best_single(&single);

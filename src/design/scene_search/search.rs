@@ -427,8 +427,8 @@ impl<'a> SceneSearch<'a> {
             let values = self.tried[at].values.clone();
             self.exact.push(Exact { values, rig, seen, terms, predicted: f64::NAN });
         }
-        let kept = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
-        if let Some(best) = kept.map(Exact::objective).reduce(f64::max) {
+        let memo = self.exact.iter().filter(|exact| self.rigs.violation_m(&exact.rig) == 0.0);
+        if let Some(best) = memo.map(Exact::objective).reduce(f64::max) {
             self.history.push((self.tried.len(), best));
         }
     }

@@ -48,7 +48,7 @@ impl FirstLook {
             self.pixels = Some(first.pixels_per_column);
         }
         let routed = self.router.push(packet, &mut |_, _, _| {});
-        self.decoded += u32::from(matches!(routed, Routed::Taken(_)));
+        self.decoded += u32::from(matches!(routed, Routed::Assigned(_)));
         self.packets += 1;
         if self.packets < ENOUGH_PACKETS { Vec::new() } else { self.conclude() }
     }

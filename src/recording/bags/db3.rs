@@ -187,12 +187,12 @@ const COPY: &str = "bag.db3";
 
 /// A copy of a file beside which lies what is not yet in it: a write-ahead log, or the journal of a killed recorder.
 fn with_log(path: &Path) -> std::io::Result<Option<TempDir>> {
-    let beside = |suffix: &str| {
+    let neighbour = |suffix: &str| {
         let mut name = path.as_os_str().to_owned();
         name.push(suffix);
         std::path::PathBuf::from(name)
     };
-    let is_there = |suffix: &&str| std::fs::metadata(beside(suffix)).is_ok_and(|file| file.len() > 0);
+    let is_there = |suffix: &&str| std::fs::metadata(neighbour(suffix)).is_ok_and(|file| file.len() > 0);
     let logs: Vec<&str> = ["-wal", "-journal"].into_iter().filter(is_there).collect();
     if logs.is_empty() {
         return Ok(None);
@@ -200,7 +200,7 @@ fn with_log(path: &Path) -> std::io::Result<Option<TempDir>> {
     let folder = TempDir::new()?;
     std::fs::copy(path, folder.path().join(COPY))?;
     for suffix in logs {
-        std::fs::copy(beside(suffix), folder.path().join(format!("{COPY}{suffix}")))?;
+        std::fs::copy(neighbour(suffix), folder.path().join(format!("{COPY}{suffix}")))?;
     }
     Ok(Some(folder))
 }

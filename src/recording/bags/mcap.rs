@@ -272,7 +272,7 @@ impl Mcap {
             Ok(()) if crc != 0 && crc32fast::hash(&self.chunk.records) != crc => {
                 // a message may be wrong anywhere in it
                 self.chunk.records.clear();
-                return self.lose(at, "a chunk whose checksum is wrong: all of it is left out");
+                return self.lose(at, "a chunk with a wrong checksum: all of it is left out");
             }
             Ok(()) => None,
         };

@@ -53,7 +53,7 @@ impl VoxelThinning {
     pub(crate) fn notice(&self) -> Option<String> {
         (self.forgotten > 0).then(|| {
             format!(
-                "--voxel: the cloud has more voxels than are kept in memory: where the rig came back to a place after long, a voxel \
+                "--voxel: the cloud has more voxels than fit in memory: where the rig came back to a place after long, a voxel \
                  may hold two points ({} blocks of 512 voxels were forgotten); a longer edge needs fewer",
                 self.forgotten
             )

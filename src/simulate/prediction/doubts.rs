@@ -20,9 +20,9 @@ pub(crate) fn doubts(
             few_samples(surface.samples.len(), mesh.area_m2(), site.grid.voxel_m)
         }),
     );
-    if scanner.flaws.range_noise_m > 0.0 {
+    if scanner.sensor_errors.range_noise_m > 0.0 {
         doubts.push(
-            "--range-noise throws returns into voxels beside the surface, and these count as seen, and as voxels that can \
+            "--range-noise throws returns into voxels next to the surface, and these count as seen, and as voxels that can \
              be seen: both numbers are greater than without noise"
                 .into(),
         );
@@ -36,7 +36,7 @@ fn without_returns(scanner: &Scanner<'_>, returns: &[u64]) -> Vec<String> {
     silent
         .map(|(sensor, _)| {
             format!(
-                "{}: not one ray came back: is its mount in metres, is it inside the wearer or another housing, and does the \
+                "{}: not one ray came back: is its mount in metres, is it inside the operator or another housing, and does the \
                  scene lie within its range?",
                 sensor.name
             )

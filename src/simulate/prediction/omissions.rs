@@ -6,7 +6,7 @@ use crate::base::numbers::number;
 use crate::simulate::baselines::search_step;
 use crate::simulate::detection::Detection;
 use crate::simulate::occluder::Occluder;
-use crate::simulate::scan::{Flaws, Scanner};
+use crate::simulate::scan::{Scanner, SensorErrors};
 use crate::world::coverage::{Coverage, VoxelGrid};
 
 /// Columns that are cast together, and from how many.
@@ -38,14 +38,14 @@ impl Omission {
 /// Effects that were not asked for, each measured by itself on some of the columns.
 pub(crate) fn omissions(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<Omission> {
     let plain = voxels_of_some(scanner, grid);
-    let flaws = scanner.flaws;
+    let sensor_errors = scanner.sensor_errors;
     let mut all = Vec::new();
     let mut effect = |what: String, why: String, scanner: &Scanner<'_>| {
         let worth = (plain > 0).then(|| voxels_of_some(scanner, grid) as f64 / plain as f64 - 1.0);
         all.push(Omission { what, worth, why });
     };
-    let with = |flaws: Flaws| Scanner { flaws, ..scanner.clone() };
-    if flaws.sub_rays == 0 {
+    let with = |sensor_errors: SensorErrors| Scanner { sensor_errors, ..scanner.clone() };
+    if sensor_errors.sub_rays == 0 {
         let wide = scanner.rig.sensors.iter().map(|sensor| sensor.model.divergence_rad).fold(0.0, f64::max);
         effect(
             "width of the beams".into(),
@@ -54,21 +54,21 @@ pub(crate) fn omissions(scanner: &Scanner<'_>, grid: &VoxelGrid) -> Vec<Omission
                 number(10_000.0 * wide, 0),
                 number(1000.0 * grid.voxel_m, 0)
             ),
-            &with(Flaws { sub_rays: SUB_RAYS, ..flaws }),
+            &with(SensorErrors { sub_rays: SUB_RAYS, ..sensor_errors }),
         );
     }
-    if flaws.detection.is_none() {
+    if sensor_errors.detection.is_none() {
         effect(
             format!("surfaces of {} % reflectivity", 100.0 * DARK),
             format!("lost far off and at grazing angles; --reflectivity {DARK} models them"),
-            &with(Flaws { detection: Some(Detection { reflectivity: DARK }), ..flaws }),
+            &with(SensorErrors { detection: Some(Detection { reflectivity: DARK }), ..sensor_errors }),
         );
     }
-    if flaws.range_noise_m == 0.0 {
+    if sensor_errors.range_noise_m == 0.0 {
         effect(
             format!("range noise of {} mm", 1000.0 * NOISE_M),
-            format!("it fills cells beside the surface; --range-noise {NOISE_M} models it"),
-            &with(Flaws { range_noise_m: NOISE_M, ..flaws }),
+            format!("it fills voxels next to the surface; --range-noise {NOISE_M} models it"),
+            &with(SensorErrors { range_noise_m: NOISE_M, ..sensor_errors }),
         );
     }
     if scanner.rig.sensors.len() > 1 && scanner.occluders.iter().all(|solids| !has_housing(solids)) {

@@ -11,7 +11,7 @@ mod anywhere;
 mod brute;
 mod experiment;
 mod fast;
-mod lanes;
+mod elements;
 mod mixed;
 mod placement;
 mod region;

@@ -259,22 +259,22 @@ impl CastView {
                         count += 1;
                     }
                 }
-                for lane in count..PACKET {
+                for element in count..PACKET {
                     for axis in 0..3 {
-                        rays.origin_m[axis][lane] = rays.origin_m[axis][0];
-                        rays.direction[axis][lane] = rays.direction[axis][0];
+                        rays.origin_m[axis][element] = rays.origin_m[axis][0];
+                        rays.direction[axis][element] = rays.direction[axis][0];
                     }
-                    offset_m[lane] = offset_m[0];
-                    free_m[lane] = free_m[0];
+                    offset_m[element] = offset_m[0];
+                    free_m[element] = free_m[0];
                 }
                 let distances_m = mesh.cast_tile(&rays, max_m, self.instructions);
                 let indices = cells.indices(&rays, &distances_m);
-                for lane in 0..PACKET {
-                    let range_m = distances_m[lane] + offset_m[lane];
+                for element in 0..PACKET {
+                    let range_m = distances_m[element] + offset_m[element];
                     let is_in_range =
-                        range_m >= min_m && range_m <= max_m && distances_m[lane] < free_m[lane];
-                    if is_in_range && indices[lane] != OUTSIDE {
-                        bitmap[indices[lane] as usize / 64] |= 1 << (indices[lane] % 64);
+                        range_m >= min_m && range_m <= max_m && distances_m[element] < free_m[element];
+                    if is_in_range && indices[element] != OUTSIDE {
+                        bitmap[indices[element] as usize / 64] |= 1 << (indices[element] % 64);
                     }
                 }
             }
@@ -406,14 +406,14 @@ impl RoundedBeam {
         own: [f32; 3],
         columns: &[RoundedColumn],
         column: usize,
-        lane: usize,
+        element: usize,
         rays: &mut RayTile,
     ) {
         let RoundedColumn { axes, origin_m } = &columns[shifted(column, self.shift, columns.len())];
         for axis in 0..3 {
             let along = |v: [f32; 3]| axes[0][axis] * v[0] + axes[1][axis] * v[1] + axes[2][axis] * v[2];
-            rays.direction[axis][lane] = along(own);
-            rays.origin_m[axis][lane] = origin_m[axis] + along(self.origin_m);
+            rays.direction[axis][element] = along(own);
+            rays.origin_m[axis][element] = origin_m[axis] + along(self.origin_m);
         }
     }
 }
@@ -447,16 +447,18 @@ impl RoundedGrid {
         let mut indices = [0_u32; PACKET];
         let mut inside = [true; PACKET];
         for axis in 0..3 {
-            for lane in 0..PACKET {
-                let at_m = rays.origin_m[axis][lane] + distances_m[lane] * rays.direction[axis][lane];
+            for element in 0..PACKET {
+                let at_m =
+                    rays.origin_m[axis][element] + distances_m[element] * rays.direction[axis][element];
                 let cell = (at_m - self.origin_m[axis]) * self.per_m;
-                inside[lane] &= (cell >= 0.0) & (cell < self.cells[axis]);
+                inside[element] &= (cell >= 0.0) & (cell < self.cells[axis]);
                 // of what is not negative the whole part is the floor
-                indices[lane] = indices[lane].wrapping_add((cell as u32).wrapping_mul(self.stride[axis]));
+                indices[element] =
+                    indices[element].wrapping_add((cell as u32).wrapping_mul(self.stride[axis]));
             }
         }
-        for lane in 0..PACKET {
-            indices[lane] = if inside[lane] { indices[lane] } else { OUTSIDE };
+        for element in 0..PACKET {
+            indices[element] = if inside[element] { indices[element] } else { OUTSIDE };
         }
         indices
     }

@@ -81,8 +81,8 @@ impl SphereMap {
             let origins_m = [origin_m; PACKET];
             for (tile, directions) in self.directions.chunks(PACKET).enumerate() {
                 let world: Vec<DVec3> = directions.iter().map(|direction| *axes * *direction).collect();
-                scene.cast_many(&origins_m[..world.len()], &world, |lane, hit| {
-                    hit.into_iter().for_each(|hit| met(tile * PACKET + lane, hit.distance_m));
+                scene.cast_many(&origins_m[..world.len()], &world, |element, hit| {
+                    hit.into_iter().for_each(|hit| met(tile * PACKET + element, hit.distance_m));
                 });
             }
             return;
@@ -91,15 +91,15 @@ impl SphereMap {
         let mut rays = RayTile::EMPTY;
         rays.origin_m = from_centre_m.to_array().map(|value| [value; PACKET]);
         for (tile, directions) in self.directions.chunks_exact(PACKET).enumerate() {
-            for (lane, direction) in directions.iter().enumerate() {
+            for (element, direction) in directions.iter().enumerate() {
                 let world = *axes * *direction;
                 for axis in 0..3 {
-                    rays.direction[axis][lane] = world[axis] as f32;
+                    rays.direction[axis][element] = world[axis] as f32;
                 }
             }
             let distances_m = mesh.cast_tile(&rays, max_range_m as f32, Instructions::best());
-            for (lane, distance_m) in distances_m.into_iter().enumerate() {
-                met(tile * PACKET + lane, f64::from(distance_m));
+            for (element, distance_m) in distances_m.into_iter().enumerate() {
+                met(tile * PACKET + element, f64::from(distance_m));
             }
         }
     }

@@ -10,7 +10,7 @@ use crate::simulate::detection::Detection;
 use crate::simulate::published::{
     Experiment, ExperimentError, PUBLISHED_SPREAD_DEG, Phase, Placement, Simulator,
 };
-use crate::simulate::scan::Flaws;
+use crate::simulate::scan::SensorErrors;
 use crate::study::StudyError;
 
 /// A method to compute coverage.
@@ -68,13 +68,17 @@ impl Effect {
         }
     }
 
-    fn sensor_errors(self) -> Flaws {
-        let nothing = Flaws::default();
+    fn sensor_errors(self) -> SensorErrors {
+        let nothing = SensorErrors::default();
         match self {
             Self::Beams | Self::Housings => nothing,
-            Self::Divergence => Flaws { sub_rays: SUB_RAYS, ..nothing },
-            Self::Incidence => Flaws { max_incidence_rad: Some(MAX_INCIDENCE_DEG.to_radians()), ..nothing },
-            Self::Dark => Flaws { detection: Some(Detection { reflectivity: REFLECTIVITY }), ..nothing },
+            Self::Divergence => SensorErrors { sub_rays: SUB_RAYS, ..nothing },
+            Self::Incidence => {
+                SensorErrors { max_incidence_rad: Some(MAX_INCIDENCE_DEG.to_radians()), ..nothing }
+            }
+            Self::Dark => {
+                SensorErrors { detection: Some(Detection { reflectivity: REFLECTIVITY }), ..nothing }
+            }
         }
     }
 }

@@ -195,7 +195,7 @@ const MOST_RANGE_ERROR_M: f64 = 0.3;
 pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
     let sensors = field.sensors.len();
     if matches!(field.scene, Scene::Voxels(_)) {
-        return nothing(field, "the scene is a map of cells, whose surfaces have no exact direction");
+        return nothing(field, "the scene is a map of voxels: its surfaces have no exact direction");
     }
     let scans = gather::scans(field, settings.revolution_ns / settings.parts.max(1));
     let mut offsets = vec![gather::Offset::default(); sensors];

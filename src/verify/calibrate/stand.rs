@@ -96,20 +96,20 @@ pub struct StandTest {
 }
 
 /// Lays every setting against the one in the middle. `said` is the sensor as mounted, its pitch of no account.
-pub fn stand_test(said: &MountedSensor, settings: &[Setting], revolution_ns: u64) -> StandTest {
+pub fn stand_test(nominal: &MountedSensor, settings: &[Setting], revolution_ns: u64) -> StandTest {
     let reference = middle(settings);
     let found: Vec<FoundSetting> = settings
         .iter()
         .enumerate()
         .map(|(place, setting)| match reference {
             Some(reference) if place != reference => {
-                against(said, setting, &settings[reference], revolution_ns)
+                against(nominal, setting, &settings[reference], revolution_ns)
             }
             _ => FoundSetting { is_reference: true, ..FoundSetting::unknown(setting) },
         })
         .collect();
     let mut test = StandTest {
-        sensor: said.name.clone(),
+        sensor: nominal.name.clone(),
         scale_error: None,
         play_deg: None,
         left_over_deg: None,
@@ -130,10 +130,15 @@ fn middle(settings: &[Setting]) -> Option<usize> {
     (0..settings.len()).min_by(|a, b| off(a).total_cmp(&off(b)))
 }
 
-fn against(said: &MountedSensor, setting: &Setting, reference: &Setting, revolution_ns: u64) -> FoundSetting {
+fn against(
+    nominal: &MountedSensor,
+    setting: &Setting,
+    reference: &Setting,
+    revolution_ns: u64,
+) -> FoundSetting {
     let at = |measured_rad: f64| MountedSensor {
-        mount: Mount { pitch_rad: measured_rad, ..said.mount },
-        ..said.clone()
+        mount: Mount { pitch_rad: measured_rad, ..nominal.mount },
+        ..nominal.clone()
     };
     let sensors = [at(setting.measured_rad), at(reference.measured_rad)];
     let mut rays: Vec<RecordedRay> = from_zero(&setting.rays, 0, setting.measured_rad)
@@ -280,7 +285,7 @@ mod tests {
     fn settings(model: &str, scale: f64, askew_rad: f64, play_rad: f64) -> (MountedSensor, Vec<Setting>) {
         let scene = Scene::Box(BoxScene::closed(DVec3::new(-4.0, -3.0, -1.4), DVec3::new(5.0, 3.5, 1.6)));
         let model = sensors::catalogue::nominal(model).unwrap();
-        let said =
+        let nominal =
             MountedSensor { name: "left".into(), model, mount: Mount { z_m: 0.1, ..Mount::default() } };
         let still = Trajectory::new(vec![(0, Pose::IDENTITY), (60_000_000_000, Pose::IDENTITY)]).unwrap();
         let spin = Spin::Angles { columns: 512, rate_hz: 10.0 };
@@ -293,7 +298,7 @@ mod tests {
                 Some(Reached::FromBelow) | None => -0.5 * play_rad,
                 Some(Reached::FromAbove) => 0.5 * play_rad,
             };
-            let level = Mount { pitch_rad: 0.0, ..said.mount }.body_from_sensor();
+            let level = Mount { pitch_rad: 0.0, ..nominal.mount }.body_from_sensor();
             let axis = DVec3::new(0.0, askew_rad.cos(), askew_rad.sin());
             let turn = glam::DQuat::from_axis_angle(axis, scale * measured_rad + late_rad);
             // about the mount's axes, like any tilt
@@ -303,7 +308,7 @@ mod tests {
             let scan = Scan {
                 scene: &scene,
                 trajectory: &still,
-                model: &said.model,
+                model: &nominal.model,
                 body_from_sensor: &|_| body_from_sensor,
                 noise_m: 0.01,
                 seed: 7,
@@ -313,18 +318,18 @@ mod tests {
             for turn in 0..10 {
                 let columns = spin.columns(start_ns, turn);
                 let frame = scan.frame(turn, &columns, spin.azimuth_rate_rad_per_ns());
-                rays.add_frame(0, &said.model, &FramePitch::constant(measured_rad), 0, &frame);
+                rays.add_frame(0, &nominal.model, &FramePitch::constant(measured_rad), 0, &frame);
             }
             settings.push(Setting { measured_rad, reached, rays: Thinning::joined([rays]) });
             start_ns += 30 * TURN_NS;
         }
-        (said, settings)
+        (nominal, settings)
     }
 
     #[test]
     fn scale_play_and_axis_come_out() {
-        let (said, settings) = settings("vlp-16", 1.02, 0.5_f64.to_radians(), 0.3_f64.to_radians());
-        let found = stand_test(&said, &settings, TURN_NS);
+        let (nominal, settings) = settings("vlp-16", 1.02, 0.5_f64.to_radians(), 0.3_f64.to_radians());
+        let found = stand_test(&nominal, &settings, TURN_NS);
         println!("{found:#?}");
         let near =
             |value: f64, truth: f64, within: f64| assert!((value - truth).abs() < within, "{value} {truth}");
@@ -338,8 +343,8 @@ mod tests {
 
     #[test]
     fn an_honest_servo_has_neither() {
-        let (said, settings) = settings("vlp-16", 1.0, 0.0, 0.0);
-        let found = stand_test(&said, &settings, TURN_NS);
+        let (nominal, settings) = settings("vlp-16", 1.0, 0.0, 0.0);
+        let found = stand_test(&nominal, &settings, TURN_NS);
         println!("{found:#?}");
         let [scale, play] = [found.scale_error, found.play_deg].map(Option::unwrap);
         assert!(scale.value.abs() < 0.002 && scale.p_value > 0.001, "{scale:?}");
@@ -349,11 +354,11 @@ mod tests {
 
     #[test]
     fn one_setting_tells_nothing() {
-        let (said, mut settings) = settings("vlp-16", 1.0, 0.0, 0.0);
+        let (nominal, mut settings) = settings("vlp-16", 1.0, 0.0, 0.0);
         settings.truncate(1);
-        let found = stand_test(&said, &settings, TURN_NS);
+        let found = stand_test(&nominal, &settings, TURN_NS);
         assert!(found.scale_error.is_none() && found.play_deg.is_none() && found.axis.is_none());
         settings.clear();
-        assert!(stand_test(&said, &settings, TURN_NS).settings.is_empty());
+        assert!(stand_test(&nominal, &settings, TURN_NS).settings.is_empty());
     }
 }

@@ -106,7 +106,7 @@ impl Comparison {
         let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();
         match names[..] {
             [_, ..] if self.verdict == Verdict::Matches => {
-                format!("; the tilt of {} cannot be told", names.join(" and "))
+                format!("; the pitch of {} is not observable", names.join(" and "))
             }
             _ => String::new(),
         }

@@ -84,7 +84,7 @@ fn contradictions(conflicts: &Conflicts) -> Vec<String> {
     for (found, what) in [
         (
             conflicts.gone,
-            "which the scene fills, the recording looks through: something was taken away, a door stood open, or the scene is wrong",
+            "which the scene fills, the recording looks through: something was removed, a door stood open, or the scene is wrong",
         ),
         (
             conflicts.unforeseen,
@@ -118,7 +118,7 @@ fn missing_returns(name: &str, total: &RayClasses, cell_m: Option<f64>) -> Optio
 
 /// Likeliest causes of all that ends elsewhere, where they are known.
 const ANOTHER_SLOT: &str = "it sits elsewhere than its nominal mount; compare again with the mount that --corrected-mount writes (of a \
-                            sensor whose axis measures: with --axis-zero)";
+                            sensor with a measuring axis: with --axis-zero)";
 const ANOTHER_SCENE: &str = "the scene is of another size, or another place";
 
 /// What one sensor's rays hint at; where the likeliest cause of all that ends elsewhere is known, no other is named.
@@ -167,7 +167,7 @@ fn ends_elsewhere(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<S
     }
     if percent(blocked) > 0.5 {
         words.push(format!(
-            "{name}: {:.1} % of the rays always end early in {}: the wearer, a housing or something else that travels along",
+            "{name}: {:.1} % of the rays always end early in {}: the operator, a housing or something else that travels along",
             percent(blocked),
             sector_words(&sectors)
         ));

@@ -1,6 +1,6 @@
 use super::*;
 use crate::rig::{Mount, MountedSensor, Rig};
-use crate::simulate::scan::{Flaws, Scanner, Spin};
+use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::world::scene::{BoxScene, Scene};
 
 /// A rig of sensors at these pitches walks; what its odometry makes of it.
@@ -15,7 +15,7 @@ fn walked(model: &str, pitches_deg: &[f64], scene: BoxScene, walk: &Trajectory, 
     let scene = Scene::Box(scene);
     let mut scanner = Scanner::new(&scene, walk, &rig, Spin { columns: 512, ..Spin::default() });
     scanner.occluders.iter_mut().for_each(Vec::clear);
-    scanner.flaws = Flaws { range_noise_m: noise_m, ..Flaws::default() };
+    scanner.sensor_errors = SensorErrors { range_noise_m: noise_m, ..SensorErrors::default() };
     let [start_ns, end_ns] = walk.time_span_ns();
     let turns = (end_ns - start_ns) / 100_000_000;
     let mut sweeps: Vec<Sweep> = (0..turns)

@@ -116,9 +116,9 @@ impl Mesh {
     ) {
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
-            self.tree.cast_packet(origins, directions, instructions, |lane, met| {
-                let hit = met.map(|met| turned(met.distance_m, met.normal, directions[lane]));
-                report(block * PACKET + lane, hit);
+            self.tree.cast_packet(origins, directions, instructions, |element, met| {
+                let hit = met.map(|met| turned(met.distance_m, met.normal, directions[element]));
+                report(block * PACKET + element, hit);
             });
         }
     }
@@ -150,8 +150,8 @@ impl Mesh {
             |triangle: u32| self.triangles[triangle as usize].map(|index| self.vertices_m[index as usize]);
         let blocks = origins_m.chunks(PACKET).zip(directions.chunks(PACKET));
         for (block, (origins, directions)) in blocks.enumerate() {
-            self.tree.cast_precise(corners_m, origins, directions, |lane, distance_m| {
-                report(block * PACKET + lane, distance_m);
+            self.tree.cast_precise(corners_m, origins, directions, |element, distance_m| {
+                report(block * PACKET + element, distance_m);
             });
         }
     }
@@ -167,8 +167,8 @@ impl Mesh {
     ) {
         let mut memory = OccluderMemory::default();
         for (block, points) in points_m.chunks(PACKET).enumerate() {
-            self.tree.occluded_packet(origin_m, points, tolerance_m, &mut memory, |lane, hidden| {
-                report(block * PACKET + lane, hidden);
+            self.tree.occluded_packet(origin_m, points, tolerance_m, &mut memory, |element, hidden| {
+                report(block * PACKET + element, hidden);
             });
         }
     }

@@ -132,7 +132,7 @@ pub(super) fn without_comments(text: &str) -> Cow<'_, str> {
     let mut clean = String::with_capacity(text.len());
     let mut rest = text;
     while let Some(next) = rest.chars().next() {
-        let (kept, comment) = match next {
+        let (text_bytes, comment) = match next {
             '"' => (string_bytes(rest), 0),
             '/' if rest.starts_with("//") => (0, rest.find('\n').unwrap_or(rest.len())),
             '/' if rest.starts_with("/*") => {
@@ -140,9 +140,11 @@ pub(super) fn without_comments(text: &str) -> Cow<'_, str> {
             }
             _ => (next.len_utf8(), 0),
         };
-        clean.push_str(&rest[..kept]);
-        clean.extend(rest[kept..kept + comment].chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
-        rest = &rest[kept + comment..];
+        clean.push_str(&rest[..text_bytes]);
+        clean.extend(
+            rest[text_bytes..text_bytes + comment].chars().map(|c| if c == '\n' { '\n' } else { ' ' }),
+        );
+        rest = &rest[text_bytes + comment..];
     }
     Cow::Owned(clean)
 }

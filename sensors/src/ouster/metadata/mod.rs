@@ -19,9 +19,9 @@ use crate::SensorModel;
 pub struct Metadata {
     /// Product line (`OS-1-64`); empty in reduced metadata of gen-1 sensors.
     pub product_line: String,
-    /// Serial number as printed; empty when not said.
+    /// Serial number as printed; empty when not stated.
     pub serial: String,
-    /// Firmware image (`ousteros-image-prod-...-v2.3.0+...`); empty when not said.
+    /// Firmware image (`ousteros-image-prod-...-v2.3.0+...`); empty when not stated.
     pub firmware: String,
     /// Initialization id; 0 before firmware 2.2.
     pub init_id: u32,
@@ -43,15 +43,15 @@ pub struct Metadata {
     pub pixel_shift_by_row: Vec<i32>,
     /// Revolutions per second.
     pub frame_rate_hz: f64,
-    /// UDP port of lidar packets, where said.
+    /// UDP port of lidar packets, where stated.
     pub lidar_port: Option<u16>,
-    /// UDP port of IMU packets, where said.
+    /// UDP port of IMU packets, where stated.
     pub imu_port: Option<u16>,
-    /// UDP port of zone packets, where said.
+    /// UDP port of zone packets, where stated.
     pub zone_port: Option<u16>,
-    /// Where lidar packets are sent, where said.
+    /// Where lidar packets are sent, where stated.
     pub destination: Option<String>,
-    /// The clock behind the time stamps, where said.
+    /// The clock behind the time stamps, where stated.
     pub timestamp_mode: Option<TimestampMode>,
     /// IMU packets in one revolution (ACCEL32 profile), 0 when they are not tied to it.
     pub imu_packets_per_frame: usize,
@@ -109,7 +109,7 @@ impl Metadata {
         }
     }
 
-    /// Serial number as the packets carry it; `None` when not said or not a number.
+    /// Serial number as the packets carry it; `None` when not stated or not a number.
     pub fn serial_number(&self) -> Option<u64> {
         self.serial.parse().ok().filter(|serial| *serial != 0)
     }

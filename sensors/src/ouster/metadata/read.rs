@@ -243,15 +243,15 @@ impl<'a> Document<'a> {
         if let Some(kind) = HeaderKind::of(profile) {
             return Ok(kind);
         }
-        let said = match self.format {
+        let stated = match self.format {
             Some(format) => named(&format, "header_type", HeaderKind::from_name)?,
             None => None,
         };
-        let said = said.map_or_else(
+        let stated = stated.map_or_else(
             || named(&self.config, "header_type", HeaderKind::from_name),
             |kind| Ok(Some(kind)),
         )?;
-        Ok(said.unwrap_or(HeaderKind::Standard))
+        Ok(stated.unwrap_or(HeaderKind::Standard))
     }
 
     fn column_window(&self, last_column: usize) -> Result<[usize; 2], MetadataError> {
@@ -273,8 +273,8 @@ impl<'a> Document<'a> {
     /// Gen-1 sensors with 64 beams do not say their shifts; they are those of the beam pattern.
     fn pixel_shifts(&self, azimuths_deg: &[f64], columns: usize) -> Result<Vec<i32>, MetadataError> {
         let rows = azimuths_deg.len();
-        let said = self.format.map_or(Ok(None), |format| format.integers("pixel_shift_by_row"))?;
-        if let (Some(shifts), Some(format)) = (said, self.format) {
+        let stated = self.format.map_or(Ok(None), |format| format.integers("pixel_shift_by_row"))?;
+        if let (Some(shifts), Some(format)) = (stated, self.format) {
             let key = "pixel_shift_by_row";
             if shifts.len() != rows {
                 return Err(format.error(key, format!("{rows} shifts"), format!("{} shifts", shifts.len())));
@@ -324,8 +324,8 @@ impl<'a> Document<'a> {
         let (radial_mm, z_mm) = match self.matrix(&self.beams, "beam_to_lidar_transform")? {
             Some(matrix) => (matrix[3], matrix[11]),
             None => {
-                let said = self.beams.number("lidar_origin_to_beam_origin_mm")?;
-                (said.unwrap_or_else(|| default_beam_origin_mm(product_line)), 0.0)
+                let stated = self.beams.number("lidar_origin_to_beam_origin_mm")?;
+                (stated.unwrap_or_else(|| default_beam_origin_mm(product_line)), 0.0)
             }
         };
         let beams = altitudes.iter().zip(azimuths).map(|(altitude, azimuth)| Beam {

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::base::rng::Rng;
-use crate::design::optimize::forward_substitution::LANES;
+use crate::design::optimize::forward_substitution::WIDTH;
 use crate::design::optimize::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
 use crate::design::optimize::{Acquisition, Space, normal};
 
@@ -12,8 +12,8 @@ const EXPLORATION_RATIO: f64 = 0.4;
 const EXPLORATION_TRIES: usize = 5;
 const GLOBAL_CANDIDATES: usize = 500;
 const LOCAL_CANDIDATES: usize = 60;
-/// Candidates that one thread takes at a time: as many as a solution of the model has lanes.
-const JUDGED_AT_ONCE: usize = LANES;
+/// Candidates that one thread takes at a time: as many as a solution of the model has elements.
+const JUDGED_AT_ONCE: usize = WIDTH;
 const REFINED: usize = 3;
 const REFINE_ROUNDS: usize = 8;
 
@@ -60,7 +60,7 @@ pub(super) struct Known<'a> {
     pub points: Vec<Vec<f64>>,
     pub merits: Vec<f64>,
     /// Greatest merit that was observed.
-    pub greatest: f64,
+    pub max: f64,
     /// The best points, as values.
     pub centres: Vec<Vec<f64>>,
 }
@@ -165,7 +165,7 @@ impl Hunt<'_> {
             let acquisition = if self.known.points.contains(unit) {
                 f64::NEG_INFINITY
             } else {
-                worth(self.acquisition, belief, self.process.noise_deviation(), self.known.greatest)
+                worth(self.acquisition, belief, self.process.noise_deviation(), self.known.max)
             };
             Prey { values, acquisition, belief }
         };
@@ -175,8 +175,8 @@ impl Hunt<'_> {
 
 /// What `acquisition` makes of a belief. With the noise it is about the next observation, and what counts in the end is
 /// an observed score; without, about what lies under the noise.
-fn worth(acquisition: Acquisition, belief: Prediction, noise_deviation: f64, greatest: f64) -> f64 {
-    let excess = |deviation: f64| (belief.mean - greatest) / deviation;
+fn worth(acquisition: Acquisition, belief: Prediction, noise_deviation: f64, max: f64) -> f64 {
+    let excess = |deviation: f64| (belief.mean - max) / deviation;
     match acquisition {
         Acquisition::LogEiPlus | Acquisition::LogEi => {
             let deviation = belief.deviation.hypot(noise_deviation).max(1e-12);
@@ -202,8 +202,7 @@ mod tests {
         let view = View::new(&space);
         let points: Vec<Vec<f64>> = (0..21).map(|i| vec![0.05 * f64::from(i)]).collect();
         let merits: Vec<f64> = points.iter().map(|x| 1.0 - 8.0 * (x[0] - 0.52).powi(2)).collect();
-        let known =
-            Known { space: &space, view: &view, points, merits, greatest: 1.0, centres: vec![vec![0.5]] };
+        let known = Known { space: &space, view: &view, points, merits, max: 1.0, centres: vec![vec![0.5]] };
         let hyper = Hyper { ln_lengths: vec![0.0], ln_noise: 0.0 };
         let process = GaussianProcess::new(known.data(), &hyper).unwrap();
         let least = EXPLORATION_RATIO * process.noise_deviation();

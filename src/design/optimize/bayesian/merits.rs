@@ -7,7 +7,7 @@ use crate::design::optimize::Trial;
 /// violation.
 pub(super) fn merits(trials: &[&Trial]) -> Vec<f64> {
     let feasible: Vec<f64> = trials.iter().filter(|t| t.violation == 0.0).map(|t| t.score).collect();
-    let greatest_violation = trials.iter().map(|t| t.violation).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let max_violation = trials.iter().map(|t| t.violation).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
     let mut sorted = feasible.clone();
     sorted.sort_by(f64::total_cmp);
     let at = |share: f64| sorted.get(((sorted.len() as f64 - 1.0) * share) as usize).copied().unwrap_or(0.0);
@@ -22,7 +22,7 @@ pub(super) fn merits(trials: &[&Trial]) -> Vec<f64> {
         .iter()
         .map(|t| match t.violation {
             0.0 => draw_in(t.score),
-            violation => worst - 0.2 - violation / greatest_violation,
+            violation => worst - 0.2 - violation / max_violation,
         })
         .collect()
 }

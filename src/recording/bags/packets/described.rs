@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 
 use sensors::ouster::Metadata;
-use sensors::router::{Named, Tie};
+use sensors::router::{Named, SourceFilter};
 
 use super::{BagPackets, BagSensor, TopicCount};
 
@@ -20,8 +20,8 @@ pub(crate) struct BagMetadata {
 
 impl BagMetadata {
     /// Which packets they are of.
-    pub fn tie(&self) -> Option<Tie> {
-        self.address.map(Tie::Sender)
+    pub fn source_filter(&self) -> Option<SourceFilter> {
+        self.address.map(SourceFilter::Sender)
     }
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn names_in(bag: &BagPackets, own: &[BagMetadata]) -> Vec<Named> {
         metadata: own.iter().find(|of| of.address == Some(sensor.address)).map(|of| of.name.clone()),
         source: Some(sensor.address),
         port: Some(sensor.port),
-        aside_port: Some(sensor.aside_port()),
+        auxiliary_port: Some(sensor.auxiliary_port()),
     };
     bag.sensors().iter().map(named).collect()
 }

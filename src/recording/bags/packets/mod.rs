@@ -49,7 +49,7 @@ impl BagSensor {
     }
 
     /// Where what it sends beside its lidar packets seems to go to.
-    pub fn aside_port(&self) -> u16 {
+    pub fn auxiliary_port(&self) -> u16 {
         if self.is_ouster() { OUSTER_IMU_PORT } else { VELODYNE_POSITION_PORT }
     }
 }

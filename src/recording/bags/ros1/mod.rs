@@ -208,7 +208,7 @@ impl Ros1 {
             Some("bz2") => Packing::Bz2,
             Some("lz4") => Packing::Lz4,
             other => {
-                let found = format!("a chunk packed with {:?}", other.unwrap_or("nothing said"));
+                let found = format!("a chunk packed with {:?}", other.unwrap_or("nothing stated"));
                 return Err(self.damaged(at, found, "none, bz2 or lz4"));
             }
         };

@@ -2,12 +2,12 @@
 //! convex: what both ends hit, every beam between them hits.
 
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
-#![allow(clippy::needless_range_loop)] // lanes of several arrays side by side become vector instructions
+#![allow(clippy::needless_range_loop)] // elements of several arrays side by side become vector instructions
 
 use super::Faces;
 use super::view::View;
 use crate::base::instructions::{Instructions, Level};
-use crate::simulate::published::lanes::{LANES, fused_f32};
+use crate::simulate::published::elements::{WIDTH, fused_f32};
 
 /// The columns of one pose.
 pub(super) struct Ends {
@@ -92,28 +92,28 @@ fn look<const FUSED: bool>(faces: &Faces, view: &View<'_>, ends: &mut Ends) {
     let [tiny_x, tiny_y, tiny_z] = view.tiny;
     let columns = ends.levels[0].len();
     let azimuths =
-        faces.azimuths[0].as_chunks::<LANES>().0.iter().zip(faces.azimuths[1].as_chunks::<LANES>().0);
+        faces.azimuths[0].as_chunks::<WIDTH>().0.iter().zip(faces.azimuths[1].as_chunks::<WIDTH>().0);
     for (block, (sines, cosines)) in azimuths.enumerate() {
-        let mut levels = [[0.0; LANES]; 3];
-        for lane in 0..LANES {
+        let mut levels = [[0.0; WIDTH]; 3];
+        for element in 0..WIDTH {
             let (sin, cos) = (
-                sines[lane] * cos_turn + cosines[lane] * sin_turn,
-                cosines[lane] * cos_turn - sines[lane] * sin_turn,
+                sines[element] * cos_turn + cosines[element] * sin_turn,
+                cosines[element] * cos_turn - sines[element] * sin_turn,
             );
             for axis in 0..3 {
-                levels[axis][lane] = (rows[axis][0] * cos + rows[axis][1] * sin) as f32;
+                levels[axis][element] = (rows[axis][0] * cos + rows[axis][1] * sin) as f32;
             }
         }
         for axis in 0..3 {
-            ends.levels[axis].as_chunks_mut::<LANES>().0[block] = levels[axis];
+            ends.levels[axis].as_chunks_mut::<WIDTH>().0[block] = levels[axis];
         }
         let [levels_x, levels_y, levels_z] = &levels;
         for (codes, tangent) in ends.codes.chunks_exact_mut(columns).zip(&faces.ends) {
-            let codes = &mut codes.as_chunks_mut::<LANES>().0[block];
-            for lane in 0..LANES {
-                let dx = fused_f32::<FUSED>(*tangent, slope_x, levels_x[lane]);
-                let dy = fused_f32::<FUSED>(*tangent, slope_y, levels_y[lane]);
-                let dz = fused_f32::<FUSED>(*tangent, slope_z, levels_z[lane]);
+            let codes = &mut codes.as_chunks_mut::<WIDTH>().0[block];
+            for element in 0..WIDTH {
+                let dx = fused_f32::<FUSED>(*tangent, slope_x, levels_x[element]);
+                let dy = fused_f32::<FUSED>(*tangent, slope_y, levels_y[element]);
+                let dz = fused_f32::<FUSED>(*tangent, slope_z, levels_z[element]);
                 // share of the way to the face ahead, by axis: the greatest is the face that is hit
                 let sx = greater(dx * x_low, dx * x_high);
                 let sy = greater(dy * y_low, dy * y_high);
@@ -133,7 +133,7 @@ fn look<const FUSED: bool>(faces: &Faces, view: &View<'_>, ends: &mut Ends) {
                     signs |= if size > tiny { 1 << axis } else { 0 };
                     signs |= if size < -tiny { 8 << axis } else { 0 };
                 }
-                codes[lane] = (face | signs << SIGNS) as u16;
+                codes[element] = (face | signs << SIGNS) as u16;
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Any poses, no structure of a path: every ray of every pose on its own, in blocks of lanes.
+//! Any poses, no structure of a path: every ray of every pose on its own, in blocks of elements.
 //!
 //! Two steps. First f32: the beams of a column are one fan, and a fan crosses the six faces of the box in runs, so that
 //! the ends of a block of beams say which faces the block can hit; where it crosses a face takes three fused
@@ -10,7 +10,7 @@ mod ends;
 mod sweep;
 mod view;
 
-use super::lanes::LANES;
+use super::elements::WIDTH;
 use super::{BoxPose, Simulator, brute};
 use crate::base::instructions::Instructions;
 use view::View;
@@ -55,11 +55,11 @@ impl Faces {
         let columns = simulator.experiment.azimuths;
         let beam = |part: fn(&[f64; 2]) -> f64| {
             let column =
-                (0..beams.next_multiple_of(LANES)).map(|at| &simulator.elevations[at.min(beams - 1)]);
+                (0..beams.next_multiple_of(WIDTH)).map(|at| &simulator.elevations[at.min(beams - 1)]);
             column.map(part).collect::<Vec<f64>>()
         };
         let azimuth = |part: fn((f64, f64)) -> f64| {
-            let row = (0..columns.next_multiple_of(LANES)).map(|at| at.min(columns - 1));
+            let row = (0..columns.next_multiple_of(WIDTH)).map(|at| at.min(columns - 1));
             row.map(|at| part(brute::azimuth_rad(simulator, 0.0, at).sin_cos())).collect::<Vec<f64>>()
         };
         let tangents = beam(|[sin, cos]| sin / cos);
@@ -81,7 +81,7 @@ impl Faces {
             azimuths: [azimuth(|(sin, _)| sin), azimuth(|(_, cos)| cos)],
             columns,
             elevations: [beam(|[sin, _]| *sin), beam(|[_, cos]| *cos)],
-            ends: tangents.iter().step_by(LANES).chain(tangents.last()).copied().collect(),
+            ends: tangents.iter().step_by(WIDTH).chain(tangents.last()).copied().collect(),
             tangents,
             steepest,
             beams,

@@ -1,7 +1,7 @@
-//! The inner loops: plain arithmetic over blocks of lanes, compiled once for each instruction set.
+//! The inner loops: plain arithmetic over blocks of elements, compiled once for each instruction set.
 
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
-#![allow(clippy::needless_range_loop)] // lanes of several arrays side by side become vector instructions
+#![allow(clippy::needless_range_loop)] // elements of several arrays side by side become vector instructions
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use super::ends::{Ends, Kind};
 use super::view::{FaceView, View};
 use super::{Faces, Left};
 use crate::base::instructions::{Instructions, Level};
-use crate::simulate::published::lanes::{LANES, exact_directions, fused_f32};
+use crate::simulate::published::elements::{WIDTH, exact_directions, fused_f32};
 
 /// Bytes that a sweep marks: every voxel of the faces, and one for what hits none of them.
 pub(super) fn marks(faces: &Faces) -> usize {
@@ -85,7 +85,7 @@ struct Block<'a> {
 /// Bytes to mark for a block of beams of one column.
 #[repr(align(64))] // so that no vector of it lies across two lines of the cache
 #[derive(Clone, Copy)]
-struct Places([u32; LANES]);
+struct Places([u32; WIDTH]);
 
 /// Places that wait for their marks: what was stored as one vector is slow to read in parts right afterwards.
 struct Waiting {
@@ -100,7 +100,7 @@ impl Block<'_> {
     #[inline(always)]
     fn sweep<const FUSED: bool>(&mut self) {
         let nowhere = self.marks.len() as u32 - 1;
-        let mut waiting = Waiting { places: [Places([nowhere; LANES]); WAITING], next: 0 };
+        let mut waiting = Waiting { places: [Places([nowhere; WIDTH]); WAITING], next: 0 };
         let mut start = 0;
         for run in self.kinds.chunk_by(|a, b| a == b) {
             let columns = start..start + run.len();
@@ -151,7 +151,7 @@ impl Block<'_> {
         waiting: &mut Waiting,
     ) {
         let nowhere = self.marks.len() as u32 - 1;
-        let tangents = &self.faces.tangents.as_chunks::<LANES>().0[self.block];
+        let tangents = &self.faces.tangents.as_chunks::<WIDTH>().0[self.block];
         let mut next = waiting.next;
         let again = &mut self.again[columns.clone()];
         let begin_levels = levels_of(self.levels, &begin, &columns);
@@ -163,12 +163,12 @@ impl Block<'_> {
                 [begin_levels[0][at] * begin.per_distance, begin_levels[1][at], begin_levels[2][at]];
             let end_levels = [end_levels[0][at] * end.per_distance, end_levels[1][at], end_levels[2][at]];
             let mut any = false;
-            for lane in 0..LANES {
-                let mut found = place::<FUSED, TWO>(&begin, begin_levels, tangents[lane], nowhere);
+            for element in 0..WIDTH {
+                let mut found = place::<FUSED, TWO>(&begin, begin_levels, tangents[element], nowhere);
                 if TWO {
-                    found = least(found, place::<FUSED, TWO>(&end, end_levels, tangents[lane], nowhere));
+                    found = least(found, place::<FUSED, TWO>(&end, end_levels, tangents[element], nowhere));
                 }
-                places.0[lane] = found;
+                places.0[element] = found;
                 any |= found == nowhere;
             }
             again[at] = any;
@@ -181,20 +181,20 @@ impl Block<'_> {
     #[inline(always)]
     fn look_again<const FUSED: bool>(&mut self, column: usize) {
         let nowhere = self.marks.len() as u32 - 1;
-        let tangents = &self.faces.tangents.as_chunks::<LANES>().0[self.block];
-        let mut decided = [false; LANES];
+        let tangents = &self.faces.tangents.as_chunks::<WIDTH>().0[self.block];
+        let mut decided = [false; WIDTH];
         for face in self.view.faces {
             let [ahead, first, second] = levels_of(self.levels, &face, &(column..column + 1));
             let levels = [ahead[0] * face.per_distance, first[0], second[0]];
-            let mut places = Places([0; LANES]);
-            for lane in 0..LANES {
-                places.0[lane] = place::<FUSED, true>(&face, levels, tangents[lane], nowhere);
-                decided[lane] |= places.0[lane] != nowhere;
+            let mut places = Places([0; WIDTH]);
+            for element in 0..WIDTH {
+                places.0[element] = place::<FUSED, true>(&face, levels, tangents[element], nowhere);
+                decided[element] |= places.0[element] != nowhere;
             }
             mark(&places, self.marks);
         }
         // the last block repeats the last beam
-        for (decided, beam) in decided.iter().zip(self.block * LANES..self.faces.beams) {
+        for (decided, beam) in decided.iter().zip(self.block * WIDTH..self.faces.beams) {
             if !decided {
                 self.left.rays.push((column, beam));
             }
@@ -204,18 +204,18 @@ impl Block<'_> {
     /// Whether a component of a direction is so small in some columns that it may be zero.
     #[inline(always)]
     fn may_lose<const FUSED: bool>(&self, axis: usize, columns: Range<usize>) -> bool {
-        let tangents = &self.faces.tangents.as_chunks::<LANES>().0[self.block];
+        let tangents = &self.faces.tangents.as_chunks::<WIDTH>().0[self.block];
         let (slope, tiny) = (self.view.slopes[axis], self.view.tiny[axis]);
-        let mut least = [f32::INFINITY; LANES];
+        let mut least = [f32::INFINITY; WIDTH];
         for level in &self.levels[axis][columns] {
-            for lane in 0..LANES {
-                let size = fused_f32::<FUSED>(tangents[lane], slope, *level).abs();
-                least[lane] = if size < least[lane] { size } else { least[lane] };
+            for element in 0..WIDTH {
+                let size = fused_f32::<FUSED>(tangents[element], slope, *level).abs();
+                least[element] = if size < least[element] { size } else { least[element] };
             }
         }
         let mut any = false;
-        for lane in 0..LANES {
-            any |= least[lane] <= tiny;
+        for element in 0..WIDTH {
+            any |= least[element] <= tiny;
         }
         any
     }
@@ -228,17 +228,19 @@ impl Block<'_> {
         let directions = exact_directions(
             &self.view.pose.rows,
             azimuth.into(),
-            &sines.as_chunks::<LANES>().0[self.block],
-            &cosines.as_chunks::<LANES>().0[self.block],
+            &sines.as_chunks::<WIDTH>().0[self.block],
+            &cosines.as_chunks::<WIDTH>().0[self.block],
         );
-        let is_lost = |lane: &usize| (0..3).any(|axis| directions[axis][*lane] == 0.0);
+        let is_lost = |element: &usize| (0..3).any(|axis| directions[axis][*element] == 0.0);
         // the last block repeats the last beam
-        let first = self.block * LANES;
-        let lanes = 0..LANES.min(self.faces.beams - first);
-        let lost = lanes.clone().filter(is_lost).count();
+        let first = self.block * WIDTH;
+        let elements = 0..WIDTH.min(self.faces.beams - first);
+        let lost = elements.clone().filter(is_lost).count();
         if lost > 0 {
             self.left.lost += lost as u64;
-            self.left.rays.extend(lanes.filter(|lane| !is_lost(lane)).map(|lane| (column, first + lane)));
+            self.left.rays.extend(
+                elements.filter(|element| !is_lost(element)).map(|element| (column, first + element)),
+            );
         }
         lost > 0
     }
@@ -246,9 +248,9 @@ impl Block<'_> {
 
 #[inline(always)]
 fn mark(places: &Places, marks: &mut [u8]) {
-    for lane in 0..LANES {
+    for element in 0..WIDTH {
         // SAFETY: every place is one of a mark or `nowhere`, the last of the marks
-        unsafe { *marks.get_unchecked_mut(places.0[lane] as usize) = 1 };
+        unsafe { *marks.get_unchecked_mut(places.0[element] as usize) = 1 };
     }
 }
 

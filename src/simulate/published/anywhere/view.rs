@@ -1,4 +1,4 @@
-//! One pose as the lanes need it, and how far their f32 may be off.
+//! One pose as the elements need it, and how far their f32 may be off.
 //!
 //! With the tangent t of a beam's elevation, the directions of a column are `level + t * slope` in each axis: a
 //! direction divided by the cosine of its elevation. Lengths are in voxels. A face lies across axis a at the signed
@@ -20,7 +20,7 @@
 //! than its bound is inside.
 
 use super::{BoxPose, Faces, Simulator, brute};
-use crate::simulate::published::lanes::fused_f32;
+use crate::simulate::published::elements::fused_f32;
 
 /// One pose seen from the voxel grid.
 pub(super) struct View<'a> {

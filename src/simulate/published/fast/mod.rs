@@ -10,7 +10,7 @@ mod sweep;
 
 use std::ops::Range;
 
-use super::lanes::LANES;
+use super::elements::WIDTH;
 use super::shell::{Shell, ShellSize};
 use super::{Path, Phase, Placement, Simulator, brute};
 use crate::base::instructions::Instructions;
@@ -56,7 +56,7 @@ impl Plan {
             cells_w: simulator.cells[w],
             cells_z: simulator.cells[2],
         };
-        // one more row than the end walls have, for lanes with nothing to mark; one more bit for which end it is
+        // one more row than the end walls have, for elements with nothing to mark; one more bit for which end it is
         let bits = |count: usize| usize::BITS - count.leading_zeros();
         let whole_bits = bits(size.cells_w - 1).max(bits(size.cells_z) + 1);
         if whole_bits > 11 {
@@ -67,7 +67,7 @@ impl Plan {
             .map(|azimuth| sin_cos(brute::azimuth_rad(simulator, 0.0, azimuth)))
             .collect();
         let beams = simulator.elevations.len();
-        let padded = beams.next_multiple_of(LANES);
+        let padded = beams.next_multiple_of(WIDTH);
         let column =
             |part: usize| (0..padded).map(|at| simulator.elevations[at.min(beams - 1)][part]).collect();
         Some(Self {
@@ -81,9 +81,9 @@ impl Plan {
         })
     }
 
-    /// Beam of a lane; the last block repeats the last beam where beams do not fill it.
-    fn beam(&self, block: usize, lane: usize) -> usize {
-        (block * LANES + lane).min(self.beams - 1)
+    /// Beam of a element; the last block repeats the last beam where beams do not fill it.
+    fn beam(&self, block: usize, element: usize) -> usize {
+        (block * WIDTH + element).min(self.beams - 1)
     }
 }
 

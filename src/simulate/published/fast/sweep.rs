@@ -1,15 +1,15 @@
-//! The inner loops: plain arithmetic over blocks of lanes, compiled once for each instruction set.
+//! The inner loops: plain arithmetic over blocks of elements, compiled once for each instruction set.
 
 #![allow(unsafe_code)] // functions compiled for wider instructions are called after the processor was asked for them
-#![allow(clippy::needless_range_loop)] // lanes of several arrays side by side become vector instructions
+#![allow(clippy::needless_range_loop)] // elements of several arrays side by side become vector instructions
 
 use std::ops::Range;
 
 use super::hits::{Hits, Undecided};
 use super::{Plan, axes};
 use crate::base::instructions::{Instructions, Level};
-use crate::simulate::published::lanes::{
-    Directions, LANES, TINY, TO_WHOLE, exact_directions, fused, greater, smaller,
+use crate::simulate::published::elements::{
+    Directions, TINY, TO_WHOLE, WIDTH, exact_directions, fused, greater, smaller,
 };
 use crate::simulate::published::shell::Shell;
 use crate::simulate::published::{Placement, Simulator};
@@ -120,7 +120,7 @@ fn sweep_column<const FUSED: bool>(plan: &Plan, view: &View, azimuth: usize, hit
     // at 0 and 180 degrees whole columns have a component that is zero or nearly so
     let is_exact = view.loses && !view.is_mirrored && (azimuth == 0 || 2 * azimuth == plan.azimuths.len());
     let (sines, cosines) = (&plan.elevations[0], &plan.elevations[1]);
-    let blocks = sines.as_chunks::<LANES>().0.iter().zip(cosines.as_chunks::<LANES>().0);
+    let blocks = sines.as_chunks::<WIDTH>().0.iter().zip(cosines.as_chunks::<WIDTH>().0);
     for (block, (sines, cosines)) in blocks.enumerate() {
         let directions = if is_exact {
             exact_directions(&view.rows, plan.azimuths[azimuth], sines, cosines)
@@ -132,9 +132,9 @@ fn sweep_column<const FUSED: bool>(plan: &Plan, view: &View, azimuth: usize, hit
         if rays.left.iter().fold(0, |any, left| any | left) != 0 {
             leave(plan, view, &rays, azimuth, block, hits);
         }
-        for lane in 0..LANES {
-            let bit = rays.bit[lane] as usize;
-            hits.combs[rays.row[lane] as usize + bit / 64 * stride] |= 1 << (bit % 64);
+        for element in 0..WIDTH {
+            let bit = rays.bit[element] as usize;
+            hits.combs[rays.row[element] as usize + bit / 64 * stride] |= 1 << (bit % 64);
         }
         walk_ends(plan, view, &rays, azimuth, block, hits);
     }
@@ -144,15 +144,15 @@ fn sweep_column<const FUSED: bool>(plan: &Plan, view: &View, azimuth: usize, hit
 fn directions<const FUSED: bool>(
     view: &View,
     azimuth: [f64; 2],
-    sines: &[f64; LANES],
-    cosines: &[f64; LANES],
+    sines: &[f64; WIDTH],
+    cosines: &[f64; WIDTH],
 ) -> Directions {
     let [sin_azimuth, cos_azimuth] = azimuth;
-    let mut directions = [[0.0; LANES]; 3];
+    let mut directions = [[0.0; WIDTH]; 3];
     for (row, values) in view.rows.iter().zip(&mut directions) {
         let level = row[0] * cos_azimuth + row[1] * sin_azimuth;
-        for lane in 0..LANES {
-            values[lane] = fused::<FUSED>(cosines[lane], level, row[2] * sines[lane]);
+        for element in 0..WIDTH {
+            values[element] = fused::<FUSED>(cosines[element], level, row[2] * sines[element]);
         }
     }
     directions
@@ -161,16 +161,16 @@ fn directions<const FUSED: bool>(
 /// A block of rays of one column.
 struct Rays {
     /// Row along the walk that a ray hits, and where on it from the first pose.
-    row: [u32; LANES],
-    bit: [u32; LANES],
+    row: [u32; WIDTH],
+    bit: [u32; WIDTH],
     /// Poses from which it hits an end wall, and its way over that wall in fixed point.
-    ends: [u32; LANES],
-    w: [u32; LANES],
-    w_step: [u32; LANES],
-    z: [u32; LANES],
-    z_step: [u32; LANES],
+    ends: [u32; WIDTH],
+    w: [u32; WIDTH],
+    w_step: [u32; WIDTH],
+    z: [u32; WIDTH],
+    z_step: [u32; WIDTH],
     /// 1: lost; 2: left to the definition.
-    left: [u32; LANES],
+    left: [u32; WIDTH],
 }
 
 const LOST: u32 = 1;
@@ -178,7 +178,7 @@ const UNDECIDED: u32 = 2;
 
 #[inline(always)]
 fn aim<const FUSED: bool>(plan: &Plan, view: &View, directions: &Directions, tiny: f64) -> Rays {
-    let zeros = [0; LANES];
+    let zeros = [0; WIDTH];
     let mut rays = Rays {
         row: zeros,
         bit: zeros,
@@ -205,8 +205,8 @@ fn aim<const FUSED: bool>(plan: &Plan, view: &View, directions: &Directions, tin
     let w_start = fused::<FUSED>(w0 + guard, one, TO_WHOLE);
     let z_starts = [z0 + guard, z0 + guard + other_end].map(|z| fused::<FUSED>(z, one, TO_WHOLE));
     let to_end = view.to_end.map(|distance| distance * one);
-    for lane in 0..LANES {
-        let [du, dw, dz] = [directions[0][lane], directions[1][lane], directions[2][lane]];
+    for element in 0..WIDTH {
+        let [du, dw, dz] = [directions[0][element], directions[1][element], directions[2][element]];
         // one division for three; no product of components above the least non-zero one comes near underflow
         let (size_u, size_w, size_z) = (du.abs(), dw.abs(), dz.abs());
         let (size_uw, size_wz) = (size_u * size_w, size_w * size_z);
@@ -228,7 +228,7 @@ fn aim<const FUSED: bool>(plan: &Plan, view: &View, directions: &Directions, tin
         );
         let is_left = !((smaller(above, below) >= GUARD) & (least > tiny));
         let is_lost = view.loses & (least == 0.0) & (tiny == 0.0);
-        rays.left[lane] = if is_lost {
+        rays.left[element] = if is_lost {
             LOST
         } else if is_left {
             UNDECIDED
@@ -242,21 +242,21 @@ fn aim<const FUSED: bool>(plan: &Plan, view: &View, directions: &Directions, tin
             (false, false) => 0.0,
         };
         let on_row = (cell_along >= -walk) & (cell_along < cells[0]) & !is_left;
-        rays.row[lane] = low_bits(if on_row { face + cell_across } else { dump_row });
-        rays.bit[lane] = low_bits(if on_row { cell_along + walk } else { 0.0 });
+        rays.row[element] = low_bits(if on_row { face + cell_across } else { dump_row });
+        rays.bit[element] = low_bits(if on_row { cell_along + walk } else { 0.0 });
         // poses before the row begins, or after it ends: half a voxel keeps the quotient off whole numbers
         let forward = du > 0.0;
         let beyond = if forward { cell_along + walk + 0.5 - cells[0] } else { -cell_along - 0.5 };
         let ends = smaller(greater((beyond * per_step).ceil(), 0.0), poses);
-        rays.ends[lane] = low_bits(if is_left { 0.0 } else { ends });
+        rays.ends[element] = low_bits(if is_left { 0.0 } else { ends });
         let per_u = size_wz * per_all;
         let (w_slope, z_slope) = (dw * per_u, dz * per_u);
         let start = if forward { to_end[1] } else { to_end[0] };
         let z_start = if forward { z_starts[1] } else { z_starts[0] };
-        rays.w[lane] = fused::<FUSED>(w_slope, start, w_start).to_bits() as u32;
-        rays.z[lane] = fused::<FUSED>(z_slope, start, z_start).to_bits() as u32;
-        rays.w_step[lane] = fused::<FUSED>(w_slope, step_one, TO_WHOLE).to_bits() as u32;
-        rays.z_step[lane] = fused::<FUSED>(z_slope, step_one, TO_WHOLE).to_bits() as u32;
+        rays.w[element] = fused::<FUSED>(w_slope, start, w_start).to_bits() as u32;
+        rays.z[element] = fused::<FUSED>(z_slope, start, z_start).to_bits() as u32;
+        rays.w_step[element] = fused::<FUSED>(w_slope, step_one, TO_WHOLE).to_bits() as u32;
+        rays.z_step[element] = fused::<FUSED>(z_slope, step_one, TO_WHOLE).to_bits() as u32;
     }
     rays
 }
@@ -276,11 +276,11 @@ fn fixed_guard(poses: usize) -> u32 {
 
 #[cold]
 fn leave(plan: &Plan, view: &View, rays: &Rays, azimuth: usize, block: usize, hits: &mut Hits) {
-    for lane in (0..LANES).filter(|lane| rays.left[*lane] == UNDECIDED) {
+    for element in (0..WIDTH).filter(|element| rays.left[*element] == UNDECIDED) {
         hits.undecided.push(Undecided {
             class: view.class,
             azimuth,
-            beam: plan.beam(block, lane),
+            beam: plan.beam(block, element),
             pose: None,
         });
     }
@@ -298,35 +298,35 @@ fn walk_ends(plan: &Plan, view: &View, rays: &Rays, azimuth: usize, block: usize
     let marks = hits.ends.as_mut_slice();
     assert!(marks.len() == 1 << (2 * whole_bits), "a byte for every number of that many bits");
     for step in 0..longest {
-        let mut place = [0u32; LANES];
+        let mut place = [0u32; WIDTH];
         let mut any_near = 0;
-        for lane in 0..LANES {
-            let live = step < ends[lane];
-            let fraction = (w[lane] << whole_bits).min(z[lane] << whole_bits);
+        for element in 0..WIDTH {
+            let live = step < ends[element];
+            let fraction = (w[element] << whole_bits).min(z[element] << whole_bits);
             any_near |= u32::from(live & (fraction < near));
-            let at = (z[lane] >> fraction_bits) << whole_bits | w[lane] >> fraction_bits;
-            place[lane] = if live { at } else { nowhere };
+            let at = (z[element] >> fraction_bits) << whole_bits | w[element] >> fraction_bits;
+            place[element] = if live { at } else { nowhere };
         }
         if any_near != 0 {
-            for lane in 0..LANES {
-                let fraction = (w[lane] << whole_bits).min(z[lane] << whole_bits);
-                if step < ends[lane] && fraction < near {
-                    let is_other_end = place[lane] >> (2 * whole_bits - 1) != 0;
+            for element in 0..WIDTH {
+                let fraction = (w[element] << whole_bits).min(z[element] << whole_bits);
+                if step < ends[element] && fraction < near {
+                    let is_other_end = place[element] >> (2 * whole_bits - 1) != 0;
                     let pose = if is_other_end { view.poses - 1 - step as usize } else { step as usize };
-                    place[lane] = nowhere;
-                    let beam = plan.beam(block, lane);
+                    place[element] = nowhere;
+                    let beam = plan.beam(block, element);
                     hits.undecided.push(Undecided { class: view.class, azimuth, beam, pose: Some(pose) });
                 }
             }
         }
         for at in place {
-            // SAFETY: both halves of a place are what is left of 32 bits after a shift by 32 - whole_bits (the lanes
+            // SAFETY: both halves of a place are what is left of 32 bits after a shift by 32 - whole_bits (the elements
             // that mark nothing use a z that has as many bits), and there is a byte for every such number
             unsafe { *marks.get_unchecked_mut(at as usize) = 1 };
         }
-        for lane in 0..LANES {
-            w[lane] = w[lane].wrapping_add(w_step[lane]);
-            z[lane] = z[lane].wrapping_add(z_step[lane]);
+        for element in 0..WIDTH {
+            w[element] = w[element].wrapping_add(w_step[element]);
+            z[element] = z[element].wrapping_add(z_step[element]);
         }
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::records::{Block, LANES, Layer, Record};
+use super::records::{Block, Layer, Record, WIDTH};
 use super::{BuildCost, Fineness};
 use crate::simulate::view::sphere::SphereMap;
 use crate::simulate::view::{Fan, Scans, ViewError, ViewSite};
@@ -116,7 +116,7 @@ impl Plan {
         let wanted_rad = fineness.step_share * site.grid.voxel_m / far_m.max(1e-3);
         let step_rad = wanted_rad.clamp(STEPS_RAD.0, STEPS_RAD.1);
         let records = SphereMap::new(step_rad.max(STEPS_RAD.0)).rays() as f64 * RECORDS_PER_RAY;
-        let bytes_of_view = records / LANES as f64 * size_of::<Block>() as f64 * heights_m.len() as f64;
+        let bytes_of_view = records / WIDTH as f64 * size_of::<Block>() as f64 * heights_m.len() as f64;
         let affordable = (fineness.most_bytes as f64 / bytes_of_view).floor().max(4.0) as u64;
         let views = fineness.views.min(scans.count).min(affordable).max(1);
         let rays_at = |step_rad: f64| 24.0 / (step_rad * step_rad) * views as f64 * heights_m.len() as f64;

@@ -5,7 +5,7 @@
 use glam::DVec3;
 
 use super::Fan;
-use super::records::{Block, LANES, Layer};
+use super::records::{Block, Layer, WIDTH};
 use crate::base::instructions::{Instructions, Level};
 
 /// A voxel that remains unseen with this chance is seen for certain.
@@ -200,17 +200,17 @@ fn unseen_in(layer: &Layer, voxel: usize, eye: &Eye<'_>) -> f32 {
 #[inline(always)]
 fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
     let rows = eye.rows;
-    let mut missed = [1.0_f32; LANES];
-    let mut steps = [0_u32; LANES];
-    let mut ranges_m = [0.0_f32; LANES];
-    let mut widths_m = [0.0_f32; LANES];
-    let mut columns = [0.0_f32; LANES];
-    let mut ranges_per_width = [0.0_f32; LANES];
-    for lane in 0..LANES {
-        let x = f32::from(block.x[lane]) * layer.step_m - eye.origin_m[0];
-        let y = f32::from(block.y[lane]) * layer.step_m - eye.origin_m[1];
-        let z = f32::from(block.z[lane]) * layer.step_m - eye.origin_m[2];
-        let width_m = f32::from(block.width[lane]) * layer.width_step_m;
+    let mut missed = [1.0_f32; WIDTH];
+    let mut steps = [0_u32; WIDTH];
+    let mut ranges_m = [0.0_f32; WIDTH];
+    let mut widths_m = [0.0_f32; WIDTH];
+    let mut columns = [0.0_f32; WIDTH];
+    let mut ranges_per_width = [0.0_f32; WIDTH];
+    for element in 0..WIDTH {
+        let x = f32::from(block.x[element]) * layer.step_m - eye.origin_m[0];
+        let y = f32::from(block.y[element]) * layer.step_m - eye.origin_m[1];
+        let z = f32::from(block.z[element]) * layer.step_m - eye.origin_m[2];
+        let width_m = f32::from(block.width[element]) * layer.width_step_m;
         let square = x * x + y * y + z * z;
         let along_m = x * eye.axis[0] + y * eye.axis[1] + z * eye.axis[2];
         let range_m = square.sqrt();
@@ -223,48 +223,48 @@ fn unseen_by(layer: &Layer, block: &Block, eye: &Eye<'_>) -> f32 {
         let step = if step > 0.0 { step } else { 0.0 };
         let step = if step < (STEPS - 1) as f32 { step } else { (STEPS - 1) as f32 };
         // the lowest digits of a number so large are the rounded step: a conversion that every instruction set has
-        steps[lane] = (step + LARGE).to_bits() & (STEPS - 1) as u32;
-        ranges_m[lane] = range_m;
-        widths_m[lane] = width_m;
-        columns[lane] = width_m * width_m * rows.columns_per_rad * (range_m * inverse);
-        ranges_per_width[lane] = square * across_m * inverse;
+        steps[element] = (step + LARGE).to_bits() & (STEPS - 1) as u32;
+        ranges_m[element] = range_m;
+        widths_m[element] = width_m;
+        columns[element] = width_m * width_m * rows.columns_per_rad * (range_m * inverse);
+        ranges_per_width[element] = square * across_m * inverse;
     }
-    let mut distances_rad = [0.0_f32; LANES];
-    for lane in 0..LANES {
-        distances_rad[lane] = rows.distance_rad[steps[lane] as usize & (STEPS - 1)];
+    let mut distances_rad = [0.0_f32; WIDTH];
+    for element in 0..WIDTH {
+        distances_rad[element] = rows.distance_rad[steps[element] as usize & (STEPS - 1)];
     }
     if rows.is_pattern {
-        for lane in 0..LANES {
-            let points = distances_rad[lane] / (ranges_per_width[lane] * ranges_per_width[lane]);
+        for element in 0..WIDTH {
+            let points = distances_rad[element] / (ranges_per_width[element] * ranges_per_width[element]);
             // exp(-points) in a few operations
             let none = 1.0 / (1.0 + points * (1.0 + points * (0.5 + points * (1.0 / 6.0))));
-            let is_met = (widths_m[lane] > 0.0)
-                & (ranges_m[lane] >= eye.min_range_m)
-                & (ranges_m[lane] <= eye.max_range_m);
-            missed[lane] = if is_met { none } else { 1.0 };
+            let is_met = (widths_m[element] > 0.0)
+                & (ranges_m[element] >= eye.min_range_m)
+                & (ranges_m[element] <= eye.max_range_m);
+            missed[element] = if is_met { none } else { 1.0 };
         }
         return product(missed);
     }
-    for lane in 0..LANES {
+    for element in 0..WIDTH {
         // a row surely crosses a patch near its middle, and none near its edges
-        let row = 1.5 - FLATNESS * 2.0 * distances_rad[lane] * ranges_per_width[lane];
+        let row = 1.5 - FLATNESS * 2.0 * distances_rad[element] * ranges_per_width[element];
         let row = if row > 0.0 { row } else { 0.0 };
         let row = if row < 1.0 { row } else { 1.0 };
-        let column = if columns[lane] < 1.0 { columns[lane] } else { 1.0 };
-        let is_met = (widths_m[lane] > 0.0)
-            & (ranges_m[lane] >= eye.min_range_m)
-            & (ranges_m[lane] <= eye.max_range_m);
-        missed[lane] = if is_met { 1.0 - row * column } else { 1.0 };
+        let column = if columns[element] < 1.0 { columns[element] } else { 1.0 };
+        let is_met = (widths_m[element] > 0.0)
+            & (ranges_m[element] >= eye.min_range_m)
+            & (ranges_m[element] <= eye.max_range_m);
+        missed[element] = if is_met { 1.0 - row * column } else { 1.0 };
     }
     product(missed)
 }
 
 #[inline(always)]
-fn product(mut factors: [f32; LANES]) -> f32 {
-    let mut width = LANES / 2;
+fn product(mut factors: [f32; WIDTH]) -> f32 {
+    let mut width = WIDTH / 2;
     while width > 0 {
-        for lane in 0..width {
-            factors[lane] *= factors[lane + width];
+        for element in 0..width {
+            factors[element] *= factors[element + width];
         }
         width /= 2;
     }

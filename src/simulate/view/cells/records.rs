@@ -1,21 +1,21 @@
 //! What is kept of each view of a voxel, 16 to a block, and where a voxel's blocks lie.
 
 /// Records of a block.
-pub(super) const LANES: usize = 16;
+pub(super) const WIDTH: usize = 16;
 
 /// Views of one voxel side by side: where its visible part lies in the frame of the body, in steps of the layer, and how wide
 /// it looks there times its distance, in steps of its own. A width of 0 is no record.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Block {
-    pub x: [i16; LANES],
-    pub y: [i16; LANES],
-    pub z: [i16; LANES],
-    pub width: [u16; LANES],
+    pub x: [i16; WIDTH],
+    pub y: [i16; WIDTH],
+    pub z: [i16; WIDTH],
+    pub width: [u16; WIDTH],
 }
 
 impl Block {
-    const EMPTY: Self = Self { x: [0; LANES], y: [0; LANES], z: [0; LANES], width: [0; LANES] };
+    const EMPTY: Self = Self { x: [0; WIDTH], y: [0; WIDTH], z: [0; WIDTH], width: [0; WIDTH] };
 }
 
 /// One record before it is packed.
@@ -43,10 +43,10 @@ pub(super) struct Layer {
 impl Layer {
     /// Packs records whose voxels are numbers of a list of `voxels`; the widest first, so that most searches end with them.
     pub fn pack(mut records: Vec<Record>, voxels: usize) -> Self {
-        let greatest = |value: fn(&Record) -> f32| records.iter().map(value).fold(1e-3_f32, f32::max);
-        let reach_m = greatest(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
+        let max = |value: fn(&Record) -> f32| records.iter().map(value).fold(1e-3_f32, f32::max);
+        let reach_m = max(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));
         let step_m = reach_m / f32::from(i16::MAX);
-        let width_step_m = greatest(|record| record.width_m) / f32::from(u16::MAX);
+        let width_step_m = max(|record| record.width_m) / f32::from(u16::MAX);
         records.sort_by(|a, b| a.cell.cmp(&b.cell).then(b.width_m.total_cmp(&a.width_m)));
         let mut layer =
             Self { starts: Vec::with_capacity(voxels + 1), blocks: Vec::new(), step_m, width_step_m };
@@ -56,12 +56,12 @@ impl Layer {
             let count = rest.partition_point(|record| record.cell <= voxel);
             let (own, others) = rest.split_at(count);
             rest = others;
-            for records in own.chunks(LANES) {
+            for records in own.chunks(WIDTH) {
                 let mut block = Block::EMPTY;
-                for (lane, record) in records.iter().enumerate() {
+                for (element, record) in records.iter().enumerate() {
                     let [x, y, z] = record.at_m.map(|value| (value / step_m).round() as i16);
-                    (block.x[lane], block.y[lane], block.z[lane]) = (x, y, z);
-                    block.width[lane] = (record.width_m / width_step_m).round().max(1.0) as u16;
+                    (block.x[element], block.y[element], block.z[element]) = (x, y, z);
+                    block.width[element] = (record.width_m / width_step_m).round().max(1.0) as u16;
                 }
                 layer.blocks.push(block);
             }

@@ -14,7 +14,7 @@ const TURN_NS: u64 = 100_000_000;
 struct Walk {
     scene: Scene,
     model: &'static str,
-    said_pitch_deg: f64,
+    nominal_pitch_deg: f64,
     path: Trajectory,
     error: Option<PoseError>,
     tilt_deg: f64,
@@ -28,7 +28,7 @@ impl Walk {
         Self {
             scene,
             model: "os1-64",
-            said_pitch_deg: 32.7,
+            nominal_pitch_deg: 32.7,
             path: Trajectory::straight(from, to, 1.0, 1_000_000_000),
             error: Some(PoseError::default()),
             tilt_deg: 0.0,
@@ -45,7 +45,7 @@ impl Walk {
             mount: Mount {
                 x_m: 0.06 * side,
                 z_m: 0.1,
-                pitch_rad: (self.said_pitch_deg * side).to_radians(),
+                pitch_rad: (self.nominal_pitch_deg * side).to_radians(),
                 ..Mount::default()
             },
         };

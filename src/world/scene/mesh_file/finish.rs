@@ -80,12 +80,12 @@ pub(super) fn finish(path: &Path, mut soup: Soup, stated: Stated) -> Result<Load
     let plausible = (SMALLEST_EXTENT_M..=LARGEST_EXTENT_M).contains(&largest_m);
     if stated.unit.is_none() && !plausible {
         let extent_units = (extent / scale).to_array();
-        let said = match (soup.unit, stated.native_up) {
+        let stated = match (soup.unit, stated.native_up) {
             (Some(unit), _) => format!("the file states {} as its unit", unit.name()),
             (None, UpAxis::Y) => "glTF is in metres by its standard".to_owned(),
             (None, UpAxis::Z) => "the file states no unit".to_owned(),
         };
-        return Err(MeshFileError::UnitUnclear { path: path.to_owned(), extent_units, said });
+        return Err(MeshFileError::UnitUnclear { path: path.to_owned(), extent_units, stated });
     }
     if let (None, Some(unit)) = (stated.unit, soup.unit)
         && unit != MeshUnit::Metre

@@ -167,7 +167,7 @@ pub enum MeshFileError {
     },
     /// Its size fits no scene in metres.
     #[error(
-        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene; {said}",
+        "{}: the mesh is {:.6} x {:.6} x {:.6} units large, which looks like no scene; {stated}",
         path.display(), extent_units[0], extent_units[1], extent_units[2]
     )]
     UnitUnclear {
@@ -176,7 +176,7 @@ pub enum MeshFileError {
         /// Extent in the file's own units.
         extent_units: [f64; 3],
         /// What the file or its format says of the unit.
-        said: String,
+        stated: String,
     },
 }
 

@@ -155,11 +155,11 @@ pub(in crate::world::scene) fn element_fault(
         }
         _ => {
             let byte = (reader.get_ref().position() as usize).min(bytes.len());
-            let said = first_line(&error);
+            let stated = first_line(&error);
             // what the parser counts as lines are elements: a binary file has none
             let line = error.line().map_or(String::new(), |line| format!("Line {line}: "));
-            let said = said.strip_prefix(&line).unwrap_or(&said);
-            Fault::byte(byte, format!("element {name} of {count}: {said}"))
+            let stated = stated.strip_prefix(&line).unwrap_or(&stated);
+            Fault::byte(byte, format!("element {name} of {count}: {stated}"))
         }
     }
 }

@@ -135,9 +135,9 @@ fn as_glb() -> Vec<u8> {
 fn a_cut_binary_ply_is_named_by_its_byte() {
     let whole = as_ply("binary_little_endian", false);
     let cut = &whole[..whole.len() - 5];
-    let said = ply::read(cut).unwrap_err().to_string();
-    assert!(said.starts_with(&format!("byte {}: element face of 12: ", cut.len())), "{said}");
-    assert!(said.contains("got 11") && !said.to_lowercase().contains("line"), "{said}");
+    let stated = ply::read(cut).unwrap_err().to_string();
+    assert!(stated.starts_with(&format!("byte {}: element face of 12: ", cut.len())), "{stated}");
+    assert!(stated.contains("got 11") && !stated.to_lowercase().contains("line"), "{stated}");
 }
 
 fn finish(

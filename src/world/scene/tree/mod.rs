@@ -56,7 +56,7 @@ pub(super) struct TriangleTree {
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct RayTile {
-    /// x, y, z of every lane, m.
+    /// x, y, z of every element, m.
     pub origin_m: [[f32; PACKET]; 3],
     /// Unit vectors.
     pub direction: [[f32; PACKET]; 3],
@@ -101,13 +101,13 @@ impl TriangleTree {
     ) {
         let count = origins_m.len().min(directions.len()).min(PACKET);
         let mut packet = Packet::<PACKET>::new();
-        for lane in 0..count {
-            packet.set(lane, origins_m[lane] - self.centre_m, directions[lane], f64::INFINITY);
+        for element in 0..count {
+            packet.set(element, origins_m[element] - self.centre_m, directions[element], f64::INFINITY);
         }
         packet.repeat_first(count);
         self.walk::<PACKET, false>(&mut packet, instructions);
-        for lane in 0..count {
-            report(lane, self.exact(packet.won[lane], origins_m[lane], directions[lane]));
+        for element in 0..count {
+            report(element, self.exact(packet.won[element], origins_m[element], directions[element]));
         }
     }
 
@@ -123,11 +123,11 @@ impl TriangleTree {
     ) {
         let count = points_m.len().min(PACKET);
         let mut packet = Packet::<PACKET>::new();
-        for (lane, point) in points_m[..count].iter().enumerate() {
+        for (element, point) in points_m[..count].iter().enumerate() {
             let step_m = *point - origin_m;
             let length_m = step_m.length();
             let direction = if length_m > 0.0 { step_m / length_m } else { DVec3::X };
-            packet.set(lane, origin_m - self.centre_m, direction, length_m - tolerance_m);
+            packet.set(element, origin_m - self.centre_m, direction, length_m - tolerance_m);
         }
         packet.repeat_first(count);
         for &place in &memory.places {
@@ -136,13 +136,13 @@ impl TriangleTree {
         if !packet.all_won() {
             self.walk::<PACKET, true>(&mut packet, Instructions::best());
         }
-        for lane in 0..count {
-            let won = packet.won[lane];
+        for element in 0..count {
+            let won = packet.won[element];
             if won != NONE && !memory.places.contains(&won) {
                 memory.places[memory.next] = won;
                 memory.next = (memory.next + 1) % memory.places.len();
             }
-            report(lane, won != NONE);
+            report(element, won != NONE);
         }
     }
 
@@ -171,16 +171,16 @@ impl TriangleTree {
         let count = origins_m.len().min(directions.len()).min(PACKET);
         let mut packet = Packet::<PACKET>::new();
         let mut precise = Precise::<_, PACKET>::new(|place| corners_m(self.sources[place as usize]));
-        for lane in 0..count {
-            packet.set(lane, origins_m[lane] - self.centre_m, directions[lane], f64::INFINITY);
-            precise.set(lane, origins_m[lane], directions[lane]);
+        for element in 0..count {
+            packet.set(element, origins_m[element] - self.centre_m, directions[element], f64::INFINITY);
+            precise.set(element, origins_m[element], directions[element]);
         }
         packet.repeat_first(count);
         let (nodes, corners) = (&self.nodes, &self.corners);
         let best = Instructions::best();
         walk::walk::<PACKET, false, _>(nodes, corners, self.reach_m, &mut packet, &mut precise, best);
-        for lane in 0..count {
-            report(lane, (packet.won[lane] != NONE).then(|| precise.nearest_m[lane]));
+        for element in 0..count {
+            report(element, (packet.won[element] != NONE).then(|| precise.nearest_m[element]));
         }
     }
 

@@ -71,28 +71,28 @@ impl<const N: usize> Packet<N> {
         }
     }
 
-    pub(crate) fn set(&mut self, lane: usize, origin: DVec3, direction: DVec3, limit_m: f64) {
+    pub(crate) fn set(&mut self, element: usize, origin: DVec3, direction: DVec3, limit_m: f64) {
         for axis in 0..3 {
-            self.origin[axis][lane] = origin[axis] as f32;
-            self.direction[axis][lane] = direction[axis] as f32;
+            self.origin[axis][element] = origin[axis] as f32;
+            self.direction[axis][element] = direction[axis] as f32;
         }
-        self.nearest[lane] = limit_m as f32;
+        self.nearest[element] = limit_m as f32;
     }
 
-    /// A lane met something at most so far away: a bound in single precision.
+    /// A element met something at most so far away: a bound in single precision.
     #[inline(always)]
-    pub fn limit(&mut self, lane: usize, limit_m: f32) {
-        self.nearest[lane] = limit_m;
+    pub fn limit(&mut self, element: usize, limit_m: f32) {
+        self.nearest[element] = limit_m;
     }
 
-    /// Fills the lanes from `count` on with the first ray, limited to nothing.
+    /// Fills the elements from `count` on with the first ray, limited to nothing.
     pub(crate) fn repeat_first(&mut self, count: usize) {
-        for lane in count..N {
+        for element in count..N {
             for axis in 0..3 {
-                self.origin[axis][lane] = self.origin[axis][0];
-                self.direction[axis][lane] = self.direction[axis][0];
+                self.origin[axis][element] = self.origin[axis][0];
+                self.direction[axis][element] = self.direction[axis][0];
             }
-            self.nearest[lane] = -1.0;
+            self.nearest[element] = -1.0;
         }
     }
 
@@ -101,17 +101,17 @@ impl<const N: usize> Packet<N> {
     pub(crate) fn prepare(&mut self, reach_m: f32) {
         for axis in 0..3 {
             let mut negative = 0;
-            for lane in 0..N {
-                let slope = self.direction[axis][lane];
+            for element in 0..N {
+                let slope = self.direction[axis][element];
                 // a zero slope would make 0 * infinity on a slab's own plane
                 let slope = if slope.abs() < 1e-18 { 1e-18_f32.copysign(slope) } else { slope };
                 let inverse = 1.0 / slope;
-                let offset = self.origin[axis][lane] * inverse;
-                let slack = SLACK * (self.origin[axis][lane].abs() + reach_m) * inverse.abs();
+                let offset = self.origin[axis][element] * inverse;
+                let slack = SLACK * (self.origin[axis][element].abs() + reach_m) * inverse.abs();
                 negative += u32::from(slope < 0.0);
-                self.inverse[axis][lane] = inverse;
-                self.near_offset[axis][lane] = offset + slack;
-                self.far_offset[axis][lane] = offset - slack;
+                self.inverse[axis][element] = inverse;
+                self.near_offset[axis][element] = offset + slack;
+                self.far_offset[axis][element] = offset - slack;
             }
             self.prepare_hull(axis, negative);
         }
@@ -136,9 +136,9 @@ impl<const N: usize> Packet<N> {
         let inverse = &self.inverse[axis];
         let mut near_adds = [0.0; N];
         let mut far_adds = [0.0; N];
-        for lane in 0..N {
-            near_adds[lane] = start * inverse[lane] - self.near_offset[axis][lane];
-            far_adds[lane] = start * inverse[lane] - self.far_offset[axis][lane];
+        for element in 0..N {
+            near_adds[element] = start * inverse[element] - self.near_offset[axis][element];
+            far_adds[element] = start * inverse[element] - self.far_offset[axis][element];
         }
         hull.inverse[axis] = [reduced(*inverse, min), reduced(*inverse, max)];
         // ray 0 stands at the hull's origin, so that its slack is in both; the hull's own products round once more
@@ -189,19 +189,19 @@ impl<const N: usize> Packet<N> {
         let nears = self.hull.near_plane.map(|plane| node.planes[plane][side]);
         let fars = self.hull.far_plane.map(|plane| node.planes[plane][side]);
         let mut met = 0;
-        for lane in 0..N {
+        for element in 0..N {
             let mut near = 0.0_f32;
-            let mut far = self.nearest[lane];
+            let mut far = self.nearest[element];
             for axis in 0..3 {
-                let inverse = self.inverse[axis][lane];
+                let inverse = self.inverse[axis][element];
                 let (mut enter, mut leave) = (nears[axis] * inverse, fars[axis] * inverse);
                 if MIXED {
                     (enter, leave) = (min(enter, leave), max(enter, leave));
                 }
-                near = max(near, enter - self.near_offset[axis][lane]);
-                far = min(far, leave - self.far_offset[axis][lane]);
+                near = max(near, enter - self.near_offset[axis][element]);
+                far = min(far, leave - self.far_offset[axis][element]);
             }
-            met |= u32::from(near <= far) << lane;
+            met |= u32::from(near <= far) << element;
         }
         met
     }
@@ -213,12 +213,12 @@ impl<const N: usize> Packet<N> {
     pub(crate) fn meet_triangle(&mut self, corner: &Corner, place: u32, rays: u32) {
         let (e1, e2) = (corner.edge1, corner.edge2);
         let normal = cross(e1, e2);
-        for lane in 0..N {
-            let d = [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]];
+        for element in 0..N {
+            let d = [self.direction[0][element], self.direction[1][element], self.direction[2][element]];
             let c = [
-                corner.at[0] - self.origin[0][lane],
-                corner.at[1] - self.origin[1][lane],
-                corner.at[2] - self.origin[2][lane],
+                corner.at[0] - self.origin[0][element],
+                corner.at[1] - self.origin[1][element],
+                corner.at[2] - self.origin[2][element],
             ];
             let r = cross(c, d);
             let slope = dot(normal, d);
@@ -229,10 +229,10 @@ impl<const N: usize> Packet<N> {
             let slack = -EDGE_SLACK * corner.reach_m * (c[0].abs() + c[1].abs() + c[2].abs());
             let t = dot(normal, c) / slope;
             let inside = (u >= slack) & (v >= slack) & (size - u - v >= slack) & (size > 0.0);
-            let came = rays >> lane & 1 != 0;
-            let better = came & inside & (t >= 0.0) & (t < self.nearest[lane]);
-            self.nearest[lane] = if better { t } else { self.nearest[lane] };
-            self.won[lane] = if better { place } else { self.won[lane] };
+            let came = rays >> element & 1 != 0;
+            let better = came & inside & (t >= 0.0) & (t < self.nearest[element]);
+            self.nearest[element] = if better { t } else { self.nearest[element] };
+            self.won[element] = if better { place } else { self.won[element] };
         }
     }
 
@@ -242,14 +242,14 @@ impl<const N: usize> Packet<N> {
         self.farthest = reduced(self.nearest, max);
     }
 
-    /// Every lane found a triangle or looks for none; found lanes are limited to nothing.
+    /// Every element found a triangle or looks for none; found elements are limited to nothing.
     #[inline(always)]
     pub(crate) fn all_won(&mut self) -> bool {
         let mut open = 0_u32;
-        for lane in 0..N {
-            let found = self.won[lane] != NONE;
-            self.nearest[lane] = if found { -1.0 } else { self.nearest[lane] };
-            open |= u32::from(self.nearest[lane] >= 0.0);
+        for element in 0..N {
+            let found = self.won[element] != NONE;
+            self.nearest[element] = if found { -1.0 } else { self.nearest[element] };
+            open |= u32::from(self.nearest[element] >= 0.0);
         }
         open == 0
     }
@@ -262,19 +262,21 @@ impl Packet<PACKET> {
         Self { origin, direction, nearest: [limit_m; PACKET], ..Self::new() }
     }
 
-    /// Distance of every lane's triangle, m; infinite where it met none.
+    /// Distance of every element's triangle, m; infinite where it met none.
     pub fn distances(&self) -> [f32; PACKET] {
-        std::array::from_fn(|lane| if self.won[lane] == NONE { f32::INFINITY } else { self.nearest[lane] })
+        std::array::from_fn(
+            |element| if self.won[element] == NONE { f32::INFINITY } else { self.nearest[element] },
+        )
     }
 }
 
-/// One value for all lanes, by halves: few steps that wait for one another.
+/// One value for all elements, by halves: few steps that wait for one another.
 #[inline(always)]
 fn reduced<const N: usize>(mut values: [f32; N], choose: impl Fn(f32, f32) -> f32) -> f32 {
     let mut width = N / 2;
     while width > 0 {
-        for lane in 0..width {
-            values[lane] = choose(values[lane], values[lane + width]);
+        for element in 0..width {
+            values[element] = choose(values[element], values[element + width]);
         }
         width /= 2;
     }

@@ -23,10 +23,10 @@ impl<F, const N: usize> Precise<F, N> {
         Self { corners_m, origin_m: [[0.0; N]; 3], direction: [[0.0; N]; 3], nearest_m: [f64::INFINITY; N] }
     }
 
-    pub fn set(&mut self, lane: usize, origin_m: DVec3, direction: DVec3) {
+    pub fn set(&mut self, element: usize, origin_m: DVec3, direction: DVec3) {
         for axis in 0..3 {
-            self.origin_m[axis][lane] = origin_m[axis];
-            self.direction[axis][lane] = direction[axis];
+            self.origin_m[axis][element] = origin_m[axis];
+            self.direction[axis][element] = direction[axis];
         }
     }
 }
@@ -38,12 +38,12 @@ impl<F: Fn(u32) -> [DVec3; 3], const N: usize> Meet<N> for Precise<F, N> {
         let (e1, e2) = (second - at, third - at);
         let normal = cross(e1.to_array(), e2.to_array());
         let (at, e1, e2) = (at.to_array(), e1.to_array(), e2.to_array());
-        for lane in 0..N {
-            let d = [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]];
+        for element in 0..N {
+            let d = [self.direction[0][element], self.direction[1][element], self.direction[2][element]];
             let c = [
-                at[0] - self.origin_m[0][lane],
-                at[1] - self.origin_m[1][lane],
-                at[2] - self.origin_m[2][lane],
+                at[0] - self.origin_m[0][element],
+                at[1] - self.origin_m[1][element],
+                at[2] - self.origin_m[2][element],
             ];
             let r = cross(c, d);
             let slope = dot(normal, d);
@@ -53,11 +53,11 @@ impl<F: Fn(u32) -> [DVec3; 3], const N: usize> Meet<N> for Precise<F, N> {
             let size = slope * sign;
             let t = dot(normal, c) / slope;
             let inside = (u >= 0.0) & (v >= 0.0) & (u + v <= size) & (size > 0.0);
-            let came = rays >> lane & 1 != 0;
-            if came & inside & (t >= 0.0) & (t < self.nearest_m[lane]) {
-                self.nearest_m[lane] = t;
-                packet.won[lane] = place;
-                packet.limit(lane, (t * (1.0 + BOUND_SLACK) + BOUND_SLACK) as f32);
+            let came = rays >> element & 1 != 0;
+            if came & inside & (t >= 0.0) & (t < self.nearest_m[element]) {
+                self.nearest_m[element] = t;
+                packet.won[element] = place;
+                packet.limit(element, (t * (1.0 + BOUND_SLACK) + BOUND_SLACK) as f32);
             }
         }
     }

@@ -36,7 +36,7 @@ impl<const N: usize> Meet<N> for Rounded {
 /// Each node of a path leaves all its children but one behind.
 const STACK: usize = DEEPEST * (WIDTH - 1) + 1;
 
-/// Finds the nearest triangle of every lane, or with `ANY` some triangle nearer than the lane's limit.
+/// Finds the nearest triangle of every element, or with `ANY` some triangle nearer than the element's limit.
 pub(super) fn walk<const N: usize, const ANY: bool, M: Meet<N>>(
     nodes: &[Node],
     corners: &[Corner],

@@ -202,7 +202,7 @@ fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, String> {
         };
     }
     if uri.contains(':') {
-        return Err(format!("{uri:?} is no file beside this one"));
+        return Err(format!("{uri:?} is no file in the folder of this one"));
     }
     // RFC 3986: a name may be written with %20; some writers leave it as it is, and some write the separator of Windows
     let decoded = String::from_utf8_lossy(&percent_decoded(uri)).replace('\\', "/");

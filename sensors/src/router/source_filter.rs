@@ -7,7 +7,7 @@ use crate::Packet;
 
 /// What a sensor's packets have in common, as somebody says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tie {
+pub enum SourceFilter {
     /// They come from this address.
     Sender(IpAddr),
     /// Its lidar packets go to this port; what else it sends goes where it likes.
@@ -16,7 +16,7 @@ pub enum Tie {
     Stream(SocketAddr),
 }
 
-impl Tie {
+impl SourceFilter {
     /// An address, a port behind a colon, or both: `192.168.1.10`, `:7502`, `192.168.1.10:7502`, `[fd00::10]:7502`. None where
     /// the text is none of them; an error where it is one with a port that there is not.
     pub fn from_text(text: &str) -> Option<Result<Self, String>> {
@@ -60,7 +60,7 @@ fn address(text: &str) -> Option<IpAddr> {
     bare.map_or_else(|| text.parse().ok(), |bare| bare.parse().ok().map(IpAddr::V6))
 }
 
-impl fmt::Display for Tie {
+impl fmt::Display for SourceFilter {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sender(address) => write!(out, "{address}"),
@@ -82,15 +82,15 @@ pub struct Named {
     /// Port that its lidar packets go to.
     pub port: Option<u16>,
     /// Port that what it sends beside them goes to, where that is another.
-    pub aside_port: Option<u16>,
+    pub auxiliary_port: Option<u16>,
 }
 
 impl Named {
     /// Whether a Velodyne is meant by where its position packets come from and go to.
-    pub(super) fn sends_beside(&self, address: IpAddr, port: u16) -> bool {
+    pub(super) fn sends_auxiliary_from(&self, address: IpAddr, port: u16) -> bool {
         self.metadata.is_none()
             && self.port.is_some()
-            && [self.port, self.aside_port].contains(&Some(port))
+            && [self.port, self.auxiliary_port].contains(&Some(port))
             && self.source.is_none_or(|known| known == address)
     }
 

@@ -5,19 +5,19 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::builder::{OsStringValueParser, TypedValueParser};
-use sensors::router::{GivenModel, Tie};
+use sensors::router::{GivenModel, SourceFilter};
 use sensors::velodyne::Product;
 
 /// A file of a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct TiedFile {
+pub struct AssignedFile {
     /// Which sensor's.
-    pub tie: Option<Tie>,
+    pub source_filter: Option<SourceFilter>,
     /// Where it is.
     pub path: PathBuf,
 }
 
-impl TiedFile {
+impl AssignedFile {
     /// For a flag.
     pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         OsStringValueParser::new().try_map(Self::read)
@@ -26,10 +26,12 @@ impl TiedFile {
     /// Reads what was typed.
     fn read(text: OsString) -> Result<Self, String> {
         let split = text.to_str().and_then(|text| text.split_once('='));
-        match split.and_then(|(tie, path)| Some((Tie::from_text(tie)?, path))) {
-            Some((tie, path)) => Ok(Self { tie: Some(tie?), path: path.into() }),
+        match split.and_then(|(source_filter, path)| Some((SourceFilter::from_text(source_filter)?, path))) {
+            Some((source_filter, path)) => {
+                Ok(Self { source_filter: Some(source_filter?), path: path.into() })
+            }
             // a name may hold an equals sign, too
-            None => Ok(Self { tie: None, path: text.into() }),
+            None => Ok(Self { source_filter: None, path: text.into() }),
         }
     }
 
@@ -43,27 +45,29 @@ impl TiedFile {
 
     /// The same text with the file as seen from a folder; what is wrong stays as it is, to be told of.
     pub(crate) fn text_in(text: &str, folder: &Path) -> OsString {
-        let Ok(Self { tie, path }) = Self::read(text.into()) else { return text.into() };
-        let mut seen = tie.map_or_else(OsString::new, |tie| format!("{tie}=").into());
+        let Ok(Self { source_filter, path }) = Self::read(text.into()) else { return text.into() };
+        let mut seen =
+            source_filter.map_or_else(OsString::new, |source_filter| format!("{source_filter}=").into());
         seen.push(folder.join(path));
         seen
     }
 }
 
 /// The product of a Velodyne with or without what tells which one is meant: `MODEL`, `192.168.1.201=MODEL`, `:2368=MODEL`.
-pub fn tied_model(text: &str) -> Result<GivenModel, String> {
-    let (tie, name) = match text.split_once('=') {
+pub fn assigned_model(text: &str) -> Result<GivenModel, String> {
+    let (source_filter, name) = match text.split_once('=') {
         None => (None, text),
-        Some((tie, name)) => {
-            let unknown = || format!("{tie}: no address and no port, expected ADDRESS=MODEL or :PORT=MODEL");
-            (Some(Tie::from_text(tie).ok_or_else(unknown)??), name)
+        Some((source_filter, name)) => {
+            let unknown =
+                || format!("{source_filter}: no address and no port, expected ADDRESS=MODEL or :PORT=MODEL");
+            (Some(SourceFilter::from_text(source_filter).ok_or_else(unknown)??), name)
         }
     };
     let product = Product::from_name(name).ok_or_else(|| {
         let known: Vec<&str> = Product::ALL.into_iter().map(Product::name).collect();
         format!("{name}: no Velodyne model, expected one of {}", known.join(", "))
     })?;
-    Ok(GivenModel { tie, product })
+    Ok(GivenModel { source_filter, product })
 }
 
 #[cfg(test)]
@@ -73,22 +77,25 @@ mod tests {
     #[test]
     fn models_with_and_without_their_sensor() {
         let product = Product::Hdl32e;
-        assert_eq!(tied_model("HDL-32E"), Ok(GivenModel { tie: None, product }));
-        assert_eq!(tied_model(":2368=hdl-32e"), Ok(GivenModel { tie: Some(Tie::Port(2368)), product }));
+        assert_eq!(assigned_model("HDL-32E"), Ok(GivenModel { source_filter: None, product }));
+        assert_eq!(
+            assigned_model(":2368=hdl-32e"),
+            Ok(GivenModel { source_filter: Some(SourceFilter::Port(2368)), product })
+        );
         for (wrong, words) in [("os1-64", "no Velodyne"), ("x=hdl-32e", "no address"), (":0=hdl-32e", "1 to")]
         {
-            let said = tied_model(wrong).unwrap_err();
-            assert!(said.contains(words), "{said}");
+            let error = assigned_model(wrong).unwrap_err();
+            assert!(error.contains(words), "{error}");
         }
     }
 
     #[test]
     fn files_with_and_without_their_sensor() {
         let read = |text: &str| {
-            let TiedFile { tie, path } = TiedFile::read(text.into()).unwrap();
-            (tie.map(|tie| tie.to_string()), path.display().to_string())
+            let AssignedFile { source_filter, path } = AssignedFile::read(text.into()).unwrap();
+            (source_filter.map(|source_filter| source_filter.to_string()), path.display().to_string())
         };
-        let sender = |tie: &str, path: &str| (Some(tie.to_owned()), path.to_owned());
+        let sender = |source_filter: &str, path: &str| (Some(source_filter.to_owned()), path.to_owned());
         assert_eq!(read("front.json"), (None, "front.json".into()));
         assert_eq!(read("192.168.1.10=front.json"), sender("192.168.1.10", "front.json"));
         assert_eq!(read("fe80::1=a=b.json"), sender("fe80::1", "a=b.json"));
@@ -97,14 +104,14 @@ mod tests {
         assert_eq!(read("::1=a.json"), sender("::1", "a.json"));
         assert_eq!(read("192.168.1.10:7502=a.json"), sender("192.168.1.10:7502", "a.json"));
         assert_eq!(read("[fe80::1]:7502=a.json"), sender("[fe80::1]:7502", "a.json"));
-        for no_tie in ["a=b.json", ":a=b.json", "a:1=b.json", "fe80::1]=b.json", ":=b.json"] {
-            assert_eq!(read(no_tie), (None, no_tie.into()));
+        for no_source_filter in ["a=b.json", ":a=b.json", "a:1=b.json", "fe80::1]=b.json", ":=b.json"] {
+            assert_eq!(read(no_source_filter), (None, no_source_filter.into()));
         }
         for wrong in [":0=a.json", ":99999=a.json", "192.168.1.10:0=a.json", "[::1]:65536=a.json"] {
-            let said = TiedFile::read(wrong.into()).unwrap_err();
-            assert!(said.contains("expected 1 to 65535"), "{said}");
+            let error = AssignedFile::read(wrong.into()).unwrap_err();
+            assert!(error.contains("expected 1 to 65535"), "{error}");
         }
-        assert_eq!(TiedFile::text_in(":7502=a.json", Path::new("rig")), ":7502=rig/a.json");
-        assert_eq!(TiedFile::text_in("a.json", Path::new("rig")), "rig/a.json");
+        assert_eq!(AssignedFile::text_in(":7502=a.json", Path::new("rig")), ":7502=rig/a.json");
+        assert_eq!(AssignedFile::text_in("a.json", Path::new("rig")), "rig/a.json");
     }
 }

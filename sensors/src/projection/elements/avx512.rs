@@ -5,40 +5,40 @@
 
 use std::arch::x86_64::*;
 
-use super::{BLOCK, Lanes};
+use super::{BLOCK, Elements};
 
-/// Which lane of two registers each lane of the `third`th register of three takes, when points are put behind one
+/// Which element of two registers each element of the `third`th register of three takes, when points are put behind one
 /// another: of x and y, then of that and z.
-const fn order<const LANES: usize>(third: usize, of_xy: bool) -> [i64; LANES] {
-    let mut order = [0; LANES];
-    let mut lane = 0;
-    while lane < LANES {
-        let (point, axis) = ((third * LANES + lane) / 3, (third * LANES + lane) % 3);
-        order[lane] = match (of_xy, axis) {
+const fn order<const WIDTH: usize>(third: usize, of_xy: bool) -> [i64; WIDTH] {
+    let mut order = [0; WIDTH];
+    let mut element = 0;
+    while element < WIDTH {
+        let (point, axis) = ((third * WIDTH + element) / 3, (third * WIDTH + element) % 3);
+        order[element] = match (of_xy, axis) {
             (true, 0) => point,
-            (true, _) => LANES + point,
-            (false, 2) => LANES + point,
-            (false, _) => lane,
+            (true, _) => WIDTH + point,
+            (false, 2) => WIDTH + point,
+            (false, _) => element,
         } as i64;
-        lane += 1;
+        element += 1;
     }
-    // a z among x and y is replaced in the second step; it must name a lane all the same
-    let mut lane = 0;
-    while lane < LANES {
-        if order[lane] >= 2 * LANES as i64 {
-            order[lane] = 0;
+    // a z among x and y is replaced in the second step; it must name a element all the same
+    let mut element = 0;
+    while element < WIDTH {
+        if order[element] >= 2 * WIDTH as i64 {
+            order[element] = 0;
         }
-        lane += 1;
+        element += 1;
     }
     order
 }
 
 const fn narrow(order: [i64; 16]) -> [i32; 16] {
     let mut narrow = [0; 16];
-    let mut lane = 0;
-    while lane < 16 {
-        narrow[lane] = order[lane] as i32;
-        lane += 1;
+    let mut element = 0;
+    while element < 16 {
+        narrow[element] = order[element] as i32;
+        element += 1;
     }
     narrow
 }
@@ -51,9 +51,9 @@ const SINGLE: [[[i32; 16]; 2]; 3] = [
 const DOUBLE: [[[i64; 8]; 2]; 3] =
     [[order(0, true), order(0, false)], [order(1, true), order(1, false)], [order(2, true), order(2, false)]];
 
-impl Lanes for __m512 {
+impl Elements for __m512 {
     type Real = f32;
-    const LANES: usize = 16;
+    const WIDTH: usize = 16;
 
     #[inline(always)]
     fn load(block: &[f32; BLOCK], _: usize) -> Self {
@@ -136,9 +136,9 @@ impl Lanes for __m512 {
     }
 }
 
-impl Lanes for __m512d {
+impl Elements for __m512d {
     type Real = f64;
-    const LANES: usize = 8;
+    const WIDTH: usize = 8;
 
     #[inline(always)]
     fn load(block: &[f64; BLOCK], at: usize) -> Self {

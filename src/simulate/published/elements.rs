@@ -1,7 +1,7 @@
-//! Blocks of lanes: plain arithmetic over arrays, which the compiler turns into vector instructions.
+//! Blocks of elements: plain arithmetic over arrays, which the compiler turns into vector instructions.
 
 /// Beams that are worked on side by side.
-pub(super) const LANES: usize = 16;
+pub(super) const WIDTH: usize = 16;
 
 /// How small a component of a direction the definition decides on, where rounding may turn it into zero or back.
 pub(super) const TINY: f64 = 1e-12;
@@ -10,20 +10,20 @@ pub(super) const TINY: f64 = 1e-12;
 pub(super) const TO_WHOLE: f64 = 6_755_399_441_055_744.0;
 
 /// World directions of a block of beams, axis by axis.
-pub(super) type Directions = [[f64; LANES]; 3];
+pub(super) type Directions = [[f64; WIDTH]; 3];
 
 /// In the order of operations of the definition, so that what is zero there is zero here.
 #[inline(never)]
 pub(super) fn exact_directions(
     rows: &[[f64; 3]; 3],
     azimuth: [f64; 2],
-    sines: &[f64; LANES],
-    cosines: &[f64; LANES],
+    sines: &[f64; WIDTH],
+    cosines: &[f64; WIDTH],
 ) -> Directions {
     let [sin_azimuth, cos_azimuth] = azimuth;
     rows.map(|row| {
-        std::array::from_fn(|lane| {
-            let local = [cosines[lane] * cos_azimuth, cosines[lane] * sin_azimuth, sines[lane]];
+        std::array::from_fn(|element| {
+            let local = [cosines[element] * cos_azimuth, cosines[element] * sin_azimuth, sines[element]];
             row[0] * local[0] + row[1] * local[1] + row[2] * local[2]
         })
     })

@@ -6,7 +6,7 @@ mod avx512;
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// Samples that are worked on together; lanes come in parts of it.
+/// Samples that are worked on together; elements come in parts of it.
 pub(super) const BLOCK: usize = 16;
 
 /// What is needed of a number.
@@ -49,10 +49,10 @@ impl Real for f32 {
     }
 }
 
-/// `LANES` numbers.
-pub(super) trait Lanes: Copy {
+/// `WIDTH` numbers.
+pub(super) trait Elements: Copy {
     type Real: Real;
-    const LANES: usize;
+    const WIDTH: usize;
 
     /// The part of a block from `at` on.
     fn load(block: &[Self::Real; BLOCK], at: usize) -> Self;
@@ -82,13 +82,13 @@ impl<T: Real> Portable<T> {
     }
 }
 
-impl<T: Real> Lanes for Portable<T> {
+impl<T: Real> Elements for Portable<T> {
     type Real = T;
-    const LANES: usize = 8;
+    const WIDTH: usize = 8;
 
     #[inline(always)]
     fn load(block: &[T; BLOCK], at: usize) -> Self {
-        Self::of(|lane| block[at + lane])
+        Self::of(|element| block[at + element])
     }
 
     #[inline(always)]
@@ -98,32 +98,32 @@ impl<T: Real> Lanes for Portable<T> {
 
     #[inline(always)]
     fn metres(range_mm: &[u32; BLOCK], at: usize) -> Self {
-        Self::of(|lane| T::from_mm(range_mm[at + lane] as i32))
+        Self::of(|element| T::from_mm(range_mm[at + element] as i32))
     }
 
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        Self::of(|lane| self.0[lane] + other.0[lane])
+        Self::of(|element| self.0[element] + other.0[element])
     }
 
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        Self::of(|lane| self.0[lane] - other.0[lane])
+        Self::of(|element| self.0[element] - other.0[element])
     }
 
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        Self::of(|lane| self.0[lane] * other.0[lane])
+        Self::of(|element| self.0[element] * other.0[element])
     }
 
     #[inline(always)]
     fn abs(self) -> Self {
-        Self::of(|lane| if self.0[lane] < T::default() { -self.0[lane] } else { self.0[lane] })
+        Self::of(|element| if self.0[element] < T::default() { -self.0[element] } else { self.0[element] })
     }
 
     #[inline(always)]
     fn where_below(self, range_mm: &[u32; BLOCK], at: usize, limit_mm: u32) -> Self {
-        Self::of(|lane| if range_mm[at + lane] < limit_mm { self.0[lane] } else { T::default() })
+        Self::of(|element| if range_mm[at + element] < limit_mm { self.0[element] } else { T::default() })
     }
 
     #[inline(always)]
@@ -133,9 +133,9 @@ impl<T: Real> Lanes for Portable<T> {
 
     #[inline(always)]
     fn store([x, y, z]: [Self; 3], range_mm: &[u32; BLOCK], at: usize, out: &mut [[T; 3]; BLOCK]) {
-        for lane in 0..8 {
-            let there = range_mm[at + lane] != 0;
-            out[at + lane] = [x, y, z].map(|axis| if there { axis.0[lane] } else { T::default() });
+        for element in 0..8 {
+            let there = range_mm[at + element] != 0;
+            out[at + element] = [x, y, z].map(|axis| if there { axis.0[element] } else { T::default() });
         }
     }
 }
