@@ -216,7 +216,8 @@ fn names_and_messages_use_the_glossary() {
     ];
     let mut offences = Vec::new();
     for folder in DONE {
-        let of_folder = rust_files(&root().join(folder));
+        let path = root().join(folder);
+        let of_folder = if path.is_dir() { rust_files(&path) } else { Vec::new() };
         let beneath = root().join(format!("{folder}.rs"));
         for file in of_folder.into_iter().chain(Some(beneath).filter(|file| file.exists())) {
             offences.extend(words::replaced(&file, &std::fs::read_to_string(&file).unwrap()));

@@ -140,7 +140,7 @@ fn units_without_serial_numbers_are_tied() {
     assert!(code == 1 && said.contains("comes from 192.168.0.209"), "{said}");
     let meta = format!("192.168.0.201={}", name("left.json"));
     let (code, document, said) = decode(capture, &[&meta], &[]);
-    assert!(code == 0 && said.contains("which is said to be of 192.168.0.201"), "{said}");
+    assert!(code == 0 && said.contains("which is configured for 192.168.0.201"), "{said}");
     assert_eq!(document["sensors"][0]["totals"], alone["sensors"][0]["totals"]);
 }
 

@@ -314,7 +314,7 @@ pub fn buffers_of_a_gltf_lie_beside_it() {
         ("link.bin", "it is a link out of its folder"),
         ("pipe.bin", "it is a pipe, expected a file"),
         ("folder.bin", "it is a folder, expected a file"),
-        ("http://example.org/a.bin", "is no file beside this one"),
+        ("http://example.org/a.bin", "is no file in the folder of this one"),
     ] {
         let gltf = json!({"asset": {"version": "2.0"}, "buffers": [{"uri": uri, "byteLength": 64}]});
         fs::write(scene.join("room.gltf"), gltf.to_string()).unwrap();

@@ -100,7 +100,7 @@ pub fn a_folder_deleted_while_recording_is_counted_and_recording_goes_on() {
     assert!(packets_in(&dir).unwrap() == sent[100..]);
     let (code, text) = inspect(&dir);
     assert!(
-        code == Some(3) && text.contains("100 whose file was deleted") && text.contains(&words),
+        code == Some(3) && text.contains("100 in a file that was deleted") && text.contains(&words),
         "{text}"
     );
 }

@@ -82,7 +82,7 @@ impl Walked {
             .map_or(String::new(), |(_, [x, y, z])| format!(" along ({x:.2}, {y:.2}, {z:.2})"));
         Some(format!(
             "cannot tell the way{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
-             last velocity was kept",
+             last velocity was held",
             open.len(),
             self.steps.len(),
             seconds(first),
