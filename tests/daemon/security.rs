@@ -77,7 +77,15 @@ pub fn a_token_opens_the_daemon_to_others() {
     std::fs::write(&token, format!("{SECRET}\n")).unwrap();
     let mut daemon = bench.start(&["--listen", "0.0.0.0:0", "--token-file", &token]);
     daemon.address.set_ip(std::net::Ipv4Addr::LOCALHOST.into());
-    assert_eq!(daemon.get("/").0, 200, "the page, which asks for the token");
+    let (code, page) = daemon.get("/");
+    assert_eq!(code, 200, "the page, which asks for the token");
+    let page = page.to_string();
+    let files: Vec<&str> =
+        page.split(['"', '\\']).filter(|part| part.ends_with(".js") || part.ends_with(".css")).collect();
+    assert!(files.len() >= 3, "{files:?}");
+    for file in files {
+        assert_eq!(daemon.get(file).0, 200, "{file}");
+    }
     assert_eq!(daemon.get("/healthz").0, 200);
     for path in ["/api/v1/status", "/metrics", "/api/v1/openapi.json"] {
         assert_eq!(daemon.get(path).0, 401, "{path}");

@@ -14,6 +14,7 @@ use sha2::{Digest as _, Sha256};
 use subtle::ConstantTimeEq as _;
 
 use super::doors::Origin;
+use super::page_files::FILES;
 use super::refusal::Refusal;
 
 /// Requests that an address may make at once, and per second from then on.
@@ -31,8 +32,12 @@ pub(super) const COOKIE: &str = "outrigger_token";
 pub(super) const STOPS: [&str; 2] = ["/api/v1/rig/hold", "/api/v1/rig/e-stop"];
 /// Where pages of other sites may listen, if they were named.
 const FOXGLOVE: &str = "/api/v1/foxglove";
-/// What needs no token: it tells nothing.
-const OPEN: [&str; 6] = ["/", "/page.css", "/page.js", "/scene.js", "/healthz", "/api/v1/login"];
+/// What needs no token beside the page itself, where one is typed: it tells nothing.
+const OPEN: [&str; 2] = ["/healthz", "/api/v1/login"];
+
+fn is_open(path: &str) -> bool {
+    OPEN.contains(&path) || FILES.iter().any(|(file, ..)| *file == path)
+}
 
 /// The other end of a connection.
 #[derive(Clone, Copy, Debug)]
@@ -116,7 +121,7 @@ impl Guard {
         if !STOPS.contains(&path) && !self.take(peer, 1.0, Instant::now()) {
             return Err(Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many requests from this address"));
         }
-        let Some(token) = self.token.as_ref().filter(|_| !OPEN.contains(&path)) else { return Ok(()) };
+        let Some(token) = self.token.as_ref().filter(|_| !is_open(path)) else { return Ok(()) };
         let known = presented(headers).is_some_and(|text| token.is(text));
         if !known {
             if presented(headers).is_some() {

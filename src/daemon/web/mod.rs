@@ -10,6 +10,7 @@ mod foxglove;
 mod guard;
 mod metrics;
 mod page;
+mod page_files;
 mod refusal;
 mod server;
 mod stream;

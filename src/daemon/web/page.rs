@@ -1,4 +1,4 @@
-//! The page, embedded as it stands in `src/web`.
+//! Answers with the files of the page.
 
 use axum::Router;
 use axum::http::header;
@@ -6,14 +6,7 @@ use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 
 use super::App;
-
-const FILES: [(&str, &str, &str); 5] = [
-    ("/", "text/html; charset=utf-8", include_str!("../../report/web/page.html")),
-    ("/page.css", "text/css; charset=utf-8", include_str!("../../report/web/page.css")),
-    ("/page.js", "text/javascript; charset=utf-8", include_str!("../../report/web/page.js")),
-    ("/cloud.js", "text/javascript; charset=utf-8", crate::report::viewer::CLOUD),
-    ("/scene.js", "text/javascript; charset=utf-8", include_str!("../../report/web/scene.js")),
-];
+use super::page_files::FILES;
 
 pub(super) fn routes() -> Router<App> {
     FILES.iter().fold(Router::new(), |router, (path, kind, content)| {

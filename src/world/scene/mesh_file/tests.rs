@@ -312,7 +312,9 @@ fn gltf_buffers_lie_beside_the_file_or_inside_it() {
         |uri: &str| json.replace(r#""byteLength":168}]"#, &format!(r#""byteLength":168,"uri":"{uri}"}}]"#));
     let read = |uri: &str| gltf::read(with(uri).as_bytes(), folder.path());
     assert_eq!(read("box.bin").unwrap().triangles.len(), 12);
-    for (uri, reason) in [("../box.bin", "leads out"), ("gone.bin", "gone.bin"), ("http://a/b", "in the folder")] {
+    for (uri, reason) in
+        [("../box.bin", "leads out"), ("gone.bin", "gone.bin"), ("http://a/b", "in the folder")]
+    {
         assert!(read(uri).unwrap_err().to_string().contains(reason), "{uri}");
     }
     let letters = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
