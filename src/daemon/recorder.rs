@@ -347,9 +347,9 @@ impl Worker {
             Ok(manifest) => last.take(&manifest),
             Err(error) => {
                 last.failure = Some(error.to_string());
-                if let SessionError::Displaced { manifest, is_kept, .. } = error {
+                if let SessionError::Displaced { manifest, is_retained, .. } = error {
                     last.take(&manifest);
-                    lost_here = is_kept || self.open.is_none(); // else the session that goes on has them
+                    lost_here = is_retained || self.open.is_none(); // else the session that goes on has them
                 } else if let Ok(manifest) = Manifest::read(open.session.dir()) {
                     last.take(&manifest);
                 }

@@ -274,7 +274,7 @@ mod tests {
     /// Figures from an independent program (numpy, a pseudo-inverse instead of the eigenvalues): 5th percentile and
     /// median of translation, then of rotation.
     #[test]
-    fn the_published_walk_is_tied_down_as_computed_elsewhere() {
+    fn the_published_walk_is_observable_as_computed_elsewhere() {
         use crate::simulate::published::{Experiment, Preset};
         let level = vec![[0.0; 5].into()];
         let pair = vec![[0.06, 0.1, -0.05, 25.0, 0.0].into(), [-0.06, 0.1, -0.05, -25.0, 0.0].into()];

@@ -181,7 +181,7 @@ pub enum SessionError {
         /// The manifest, as the session ended.
         manifest: Box<Manifest>,
         /// Whether that lies in the folder.
-        is_kept: bool,
+        is_retained: bool,
     },
     /// The session was closed before.
     #[error("the session {dir} is closed", dir = dir.display())]

@@ -193,7 +193,7 @@ impl Open {
         self.count_losses(received);
         let Some(home) = displaced.map_or(Some(dir), |displaced| displaced.home.as_deref()) else {
             let manifest = Box::new(self.manifest);
-            return Err(SessionError::Displaced { words, manifest, is_kept: false });
+            return Err(SessionError::Displaced { words, manifest, is_retained: false });
         };
         let reserve = home.join(file::RESERVE);
         match fs::remove_file(&reserve) {
@@ -236,7 +236,7 @@ impl Open {
         manifest.write(home)?;
         match failure {
             _ if is_missing => {
-                Err(SessionError::Displaced { words, manifest: Box::new(manifest), is_kept: true })
+                Err(SessionError::Displaced { words, manifest: Box::new(manifest), is_retained: true })
             }
             Some(error) => Err(error),
             None => Ok(manifest),

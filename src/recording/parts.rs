@@ -62,8 +62,10 @@ impl Parts {
         self.displaced.push(words.to_owned());
         match recording.go_on_in(next) {
             Ok(manifest) => self.losses.add(&manifest.losses),
-            Err(SessionError::Displaced { manifest, is_kept: true, .. }) => self.losses.add(&manifest.losses),
-            Err(SessionError::Displaced { is_kept: false, .. }) => {} // the session that goes on has them
+            Err(SessionError::Displaced { manifest, is_retained: true, .. }) => {
+                self.losses.add(&manifest.losses)
+            }
+            Err(SessionError::Displaced { is_retained: false, .. }) => {} // the session that goes on has them
             Err(error) => self.displaced.push(error.to_string()),
         }
         Ok(())

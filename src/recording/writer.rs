@@ -230,7 +230,7 @@ impl SessionWriter {
         let Some(displaced) = before.displaced() else { return closed };
         self.with(|open, dir| {
             open.manifest.follows = Some(displaced.words.clone());
-            if let Err(SessionError::Displaced { manifest, is_kept: false, .. }) = &closed {
+            if let Err(SessionError::Displaced { manifest, is_retained: false, .. }) = &closed {
                 for (carried, sensor) in open.carried.iter_mut().zip(&manifest.sensors) {
                     carried.add(&sensor.losses);
                 }

@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn flaws_take_returns_away() {
+    fn sensor_errors_remove_returns() {
         let (scene, rig, trajectory) = (room(), pair(), walk());
         let count = |change: &dyn Fn(&mut Scanner)| {
             let mut scanner = Scanner::new(&scene, &trajectory, &rig, spin());

@@ -227,11 +227,11 @@ impl Scanner<'_> {
         let model = &self.rig.sensors[sensor].model;
         let sensor_errors = &self.sensor_errors;
         // drawn for every beam, so that one beam's fate does not change another's
-        let kept = sensor_errors.drop_out <= 0.0 || rng.uniform() >= sensor_errors.drop_out;
+        let is_returned = sensor_errors.drop_out <= 0.0 || rng.uniform() >= sensor_errors.drop_out;
         let noise_m =
             if sensor_errors.range_noise_m > 0.0 { sensor_errors.range_noise_m * rng.normal() } else { 0.0 };
         let luck = if sensor_errors.detection.is_some() { rng.uniform() } else { 0.0 };
-        let hit = hit.filter(|_| kept)?;
+        let hit = hit.filter(|_| is_returned)?;
         if sensor_errors.max_incidence_rad.is_some_and(|limit| -direction.dot(hit.normal) < limit.cos()) {
             return None;
         }

@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn above_ground_is_right_and_below_or_beside_it_wrong() {
+    fn above_ground_is_right_and_below_or_outside_wrong() {
         assert!(!placed([-5., 0., 1.5], [5., 0., 1.5]).is_wrong);
         for (from_m, to_m, words) in [
             ([-5., 0., -1.5], [5., 0., -1.5], "outside the mesh: the path at x -5.0 to 5.0"),

@@ -195,10 +195,10 @@ pub fn unlike_housings_keep_their_own_distance() {
         (1, 0, ouster_m + velodyne_m),
         (1, 1, 2.0 * velodyne_m),
     ] {
-        for (off_m, is_kept) in [(1e-6, true), (-1e-6, false)] {
+        for (off_m, is_retained) in [(1e-6, true), (-1e-6, false)] {
             let pair = [at(0.0, first), at(needed_m + off_m, second)];
             let evaluation = objective.evaluate_sensors(&pair).unwrap();
-            assert_eq!(evaluation.feasible, is_kept, "{first} {second}: {:?}", evaluation.violations);
+            assert_eq!(evaluation.feasible, is_retained, "{first} {second}: {:?}", evaluation.violations);
             assert!((objective.needed_distance_m(&pair[0], &pair[1]) - needed_m).abs() < 1e-12);
         }
     }

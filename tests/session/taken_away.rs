@@ -215,7 +215,7 @@ pub fn a_file_removed_from_a_session_is_named_and_its_packets_counted() {
         let infos = ["left", "right"].map(|name| SensorInfo { name: name.into(), ..SensorInfo::default() });
         let after = SessionWriter::create(&next, &infos).unwrap();
         let error = after.succeed(&writer, None).unwrap_err();
-        let SessionError::Displaced { manifest, is_kept: true, .. } = &error else { panic!("{error}") };
+        let SessionError::Displaced { manifest, is_retained: true, .. } = &error else { panic!("{error}") };
         assert!(
             error.to_string().contains(&format!("{} packets are lost", deleted[0] + deleted[1])),
             "{error}"

@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn where_noise_hides_the_best_no_more_is_lost_than_is_said() {
+    fn where_noise_hides_the_best_the_stated_loss_holds() {
         let ladder = Invented { levels: 8, noise: 30.0 };
         let ranking = rank(&ladder, &candidates(), &RULES).unwrap().unwrap();
         let finest = |candidate: &[f64; 2]| ladder.score(7, candidate, &mut ()).unwrap();
@@ -408,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn little_money_and_few_levels_are_said() {
+    fn a_small_budget_and_few_levels_are_reported() {
         let ladder = Invented { levels: 8, noise: 30.0 };
         let poor = rank(&ladder, &candidates(), &Rules { rays_per_candidate: 3500.0, ..RULES });
         assert_eq!(poor.unwrap().unwrap().stopped, Stopped::Budget);

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_reached_is_said() {
+    fn what_cannot_be_reached_is_reported() {
         let ladder = Invented { levels: 4, noise: 40.0 };
         let settled = settle(&ladder, &[1000.0, 300.0], 1e-4).unwrap();
         assert!(!settled.within_tolerance);

@@ -150,16 +150,16 @@ fn conditioning_falls_short_by_a_share_of_what_is_needed() {
 }
 
 #[test]
-fn what_is_not_kept_is_named_with_its_numbers() {
+fn violations_are_named_with_their_numbers() {
     let near = [sensor(-0.02, 0), sensor(0.02, 0)];
     let evaluation = objective(Weights::default(), 0.0).evaluate_sensors(&near).unwrap();
     assert!(!evaluation.feasible);
-    let said: Vec<_> = evaluation.violations.iter().map(Violation::to_string).collect();
-    assert_eq!(said, ["sensor 1 and sensor 2 are 0.0400 m apart, needed are 0.0870 m"]);
+    let reported: Vec<_> = evaluation.violations.iter().map(Violation::to_string).collect();
+    assert_eq!(reported, ["sensor 1 and sensor 2 are 0.0400 m apart, needed are 0.0870 m"]);
     let apart = [sensor(-0.1, 0), sensor(0.1, 0)];
     let evaluation = objective(Weights::default(), 0.3).evaluate_sensors(&apart).unwrap();
-    let said: Vec<_> = evaluation.violations.iter().map(Violation::to_string).collect();
-    assert_eq!(said, ["sensor 1 and sensor 2 are 0.2000 m apart, needed are 0.3000 m"]);
+    let reported: Vec<_> = evaluation.violations.iter().map(Violation::to_string).collect();
+    assert_eq!(reported, ["sensor 1 and sensor 2 are 0.2000 m apart, needed are 0.3000 m"]);
     let out_of_reach = Weights { least_conditioning: 0.5, ..Weights::default() };
     let evaluation = objective(out_of_reach, 0.0).evaluate_sensors(&apart).unwrap();
     let conditioning = evaluation.registration.unwrap().translation_p5;

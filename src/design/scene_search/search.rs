@@ -387,9 +387,9 @@ impl<'a> SceneSearch<'a> {
     /// Good trials as far from each other as they come, the best first.
     fn far_apart(&self, count: usize) -> Vec<usize> {
         let ranked = self.ranked();
-        let is_kept = |at: &&usize| self.tried[**at].violation_m == 0.0;
+        let is_retained = |at: &&usize| self.tried[**at].violation_m == 0.0;
         let good = ((ranked.len() as f64 * GOOD_SHARE) as usize).max(4 * count);
-        let good: Vec<usize> = ranked.iter().filter(is_kept).take(good).copied().collect();
+        let good: Vec<usize> = ranked.iter().filter(is_retained).take(good).copied().collect();
         let mut chosen: Vec<usize> = good.first().copied().into_iter().collect();
         while chosen.len() < count.min(good.len()) {
             let nearest = |at: &usize| {

@@ -183,14 +183,14 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("grid.wkt");
-        for (content, is_taken) in [
+        for (content, is_used) in [
             ("PROJCS[\"a\",GEOGCS[\"b\"]]\n", true),
             ("GEOGCS[\"b\"]", false),
             ("PROJCS[\"a\"", false),
             ("", false),
         ] {
             std::fs::write(&path, content).unwrap();
-            assert_eq!(path.to_str().unwrap().parse::<ReferenceSystem>().is_ok(), is_taken, "{content}");
+            assert_eq!(path.to_str().unwrap().parse::<ReferenceSystem>().is_ok(), is_used, "{content}");
         }
     }
 }

@@ -139,7 +139,7 @@ fn another_building_is_refused() {
 }
 
 #[test]
-fn a_jump_of_the_trajectory_is_noticed_and_drift_is_taken_out() {
+fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
     let scene = boxes(&[ROOM, CUPBOARD]);
     let truth = bow([0.3, -0.2], 1.2);
     let (returns, start, scene_from_walk) = walked(&scene, &truth, 7);

@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_rays_are_kept_by_one_thread_and_by_three() {
+    fn one_thread_and_three_sample_the_same_rays() {
         let ray = |n: u64| RecordedRay {
             sensor: (n % 2) as usize,
             channel: (n % 16) as usize,

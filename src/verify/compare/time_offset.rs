@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn an_offset_is_found_as_well_as_is_said() {
+    fn an_offset_is_found_as_well_as_is_stated() {
         for late_s in [0.0, 0.037, -0.412] {
             let found_offset = found(0.8, 0.6, late_s).unwrap();
             let off_s = (found_offset.seconds - late_s).abs();

@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn along_a_corridor_the_prediction_is_kept() {
+    fn along_a_corridor_the_prediction_holds() {
         let points: Vec<DVec3> = room().into_iter().filter(|p| p.x.abs() < 2.99).collect();
         let mut map = PointMap::new(0.25);
         map.add(&points, &Pose::IDENTITY);

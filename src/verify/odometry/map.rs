@@ -351,7 +351,7 @@ mod tests {
     #[test]
     fn what_is_remembered_as_nearest_is_what_a_search_finds() {
         let (map, mut any) = scattered(5, 150);
-        let (mut kept, mut kept_none) = (0, 0);
+        let (mut with_point, mut without) = (0, 0);
         for round in 0..20_000 {
             let within_m = [0.2, 0.5, 1.5][round % 3];
             let at = any(2.5);
@@ -359,24 +359,24 @@ mod tests {
             let moved = at + any([0.002, 0.02, 0.2][round / 3 % 3]);
             if map.is_nearest(&nearest, moved) {
                 assert_eq!(map.nearest(moved, 1, within_m).point_m, nearest.point_m, "{at} to {moved}");
-                kept += usize::from(nearest.point_m.is_some());
-                kept_none += usize::from(nearest.point_m.is_none());
+                with_point += usize::from(nearest.point_m.is_some());
+                without += usize::from(nearest.point_m.is_none());
             }
         }
-        assert!(kept > 3000 && kept_none > 3000, "{kept} and {kept_none}");
+        assert!(with_point > 3000 && without > 3000, "{with_point} and {without}");
     }
 
     #[test]
     fn planes_are_found_and_lines_and_clouds_are_not() {
         let normal = DVec3::new(0.3, -0.2, 1.0).normalize();
-        let (along, beside) = normal.any_orthonormal_pair();
+        let (along, across) = normal.any_orthonormal_pair();
         let mut rng = Rng::new(4, 0);
         let mut fill = |sizes: [f64; 3]| {
             let mut map = PointMap::new(0.4);
             let points: Vec<DVec3> = (0..300)
                 .map(|_| {
                     let [a, b, c] = sizes.map(|size| rng.between(-size, size));
-                    a * along + b * beside + c * normal
+                    a * along + b * across + c * normal
                 })
                 .collect();
             map.add(&points, &Pose::IDENTITY);

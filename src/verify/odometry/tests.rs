@@ -89,7 +89,7 @@ fn a_rig_that_stands_still_stays() {
 }
 
 #[test]
-fn in_a_corridor_the_way_along_is_said_to_be_loose() {
+fn in_a_corridor_the_direction_along_it_is_degenerate() {
     let mut corridor = BoxScene::closed(DVec3::new(-500.0, -1.5, 0.0), DVec3::new(500.0, 1.5, 3.0));
     corridor.faces[0] = [false; 2];
     let truth = Trajectory::straight(DVec3::new(0.0, 0.2, 1.4), DVec3::new(1.2, 0.2, 1.4), 1.2, 0);
@@ -114,20 +114,20 @@ fn the_same_way_on_any_number_of_threads() {
 }
 
 #[test]
-fn too_little_is_an_error_and_a_hole_is_told() {
+fn too_little_is_an_error_and_a_gap_is_reported() {
     let sweep = |turn: u64, points: usize| Sweep {
         start_ns: turn * 100_000_000,
         end_ns: (turn + 1) * 100_000_000,
         points: vec![SweepPoint { time_ns: turn * 100_000_000, body_m: DVec3::splat(1.0) }; points],
     };
-    let said = Odometry::new(Settings::default()).finish_over(None).unwrap_err().to_string();
-    assert!(said.starts_with("0 revolutions"), "{said}");
+    let error = Odometry::new(Settings::default()).finish_over(None).unwrap_err().to_string();
+    assert!(error.starts_with("0 revolutions"), "{error}");
     let mut one = Odometry::new(Settings::default());
     one.add(sweep(0, 1000));
     assert!(one.finish_over(None).unwrap_err().to_string().starts_with("1 revolutions"));
     let mut empty = Odometry::new(Settings::default());
     empty.add(sweep(0, 1000));
     empty.add(sweep(1, 3));
-    let said = empty.finish_over(None).unwrap_err().to_string();
-    assert!(said.contains("holds 3 returns"), "{said}");
+    let error = empty.finish_over(None).unwrap_err().to_string();
+    assert!(error.contains("holds 3 returns"), "{error}");
 }

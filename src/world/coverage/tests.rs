@@ -81,7 +81,7 @@ fn a_large_grid_costs_what_was_hit() {
     assert_eq!(words.len(), 1000);
     assert!(
         matches!(Coverage::new(self::grid(), 1).sensors[0], Cells::Whole(_)),
-        "a small one is kept whole"
+        "a small one is stored whole"
     );
 }
 

@@ -37,11 +37,11 @@ impl Mesh {
         let mut degenerate_area_m2 = 0.0;
         triangles.retain(|corners| {
             let corners = corners.map(|index| vertices_m[index as usize]);
-            let is_kept = has_area(corners);
-            if !is_kept {
+            let is_retained = has_area(corners);
+            if !is_retained {
                 degenerate_area_m2 += area_m2(corners);
             }
-            is_kept
+            is_retained
         });
         let degenerate = given - triangles.len();
         if triangles.is_empty() {

@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_nanosecond_is_kept() {
+    fn no_nanosecond_is_lost() {
         let seconds = |text| TimeUnit::Second.nanoseconds(text);
         assert_eq!(seconds("1700000000.123456789"), Some(1_700_000_000_123_456_789));
         assert_eq!(seconds("0.0000000005"), Some(1));

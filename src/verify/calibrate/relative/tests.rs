@@ -149,7 +149,7 @@ fn a_relative_tilt_is_recovered_without_a_scene() {
 }
 
 #[test]
-fn what_both_do_not_see_is_not_told() {
+fn what_both_do_not_see_is_not_observable() {
     let [low, high] = [DVec3::new(-300.0, -300.0, 0.0), DVec3::new(300.0, 300.0, 60.0)];
     let mut nothing = BoxScene::closed(low, high);
     nothing.faces = [[false; 2]; 3];

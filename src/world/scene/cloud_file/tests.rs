@@ -73,7 +73,7 @@ fn pcd_in_its_three_encodings_says_the_same() {
 }
 
 #[test]
-fn what_is_wrong_with_a_pcd_header_is_said() {
+fn faults_of_a_pcd_header_are_reported() {
     let header = String::from_utf8(pcd_header("ascii")).unwrap();
     for (from, to, words) in [
         ("FIELDS intensity x", "FIELDS intensity u", "FIELDS without x"),

@@ -228,7 +228,7 @@ fn faults_name_the_line() {
     assert!(fault("v 1 2 3\nv 1 x 3\n").contains("line 2: \"x\""));
     assert!(fault("v 1 2\n").contains("line 1: a vertex of 2"));
     assert!(fault("v 1 2,5 3\n").contains("follow a point"));
-    assert_eq!(obj::read(b"v 0 0 0\nf 1 2\n").unwrap().short_faces, 1, "counted, and said in the end");
+    assert_eq!(obj::read(b"v 0 0 0\nf 1 2\n").unwrap().short_faces, 1, "counted, and reported in the end");
     assert!(fault("v 0 0 0\nf 0 1 1\n").contains("counts from 1"));
     assert!(fault("v 0 0 0\nf -2 1 1\n").contains("vertex number -2"));
     let fault = |text: &str| stl::read(text.as_bytes()).unwrap_err().to_string();
@@ -301,7 +301,7 @@ fn files_that_are_not_there_or_unknown_are_named() {
 }
 
 #[test]
-fn gltf_buffers_lie_beside_the_file_or_inside_it() {
+fn gltf_buffers_lie_in_the_folder_or_inside_the_file() {
     let glb = as_glb();
     let json_length = u32::from_le_bytes([glb[12], glb[13], glb[14], glb[15]]) as usize;
     let json = std::str::from_utf8(&glb[20..20 + json_length]).unwrap();

@@ -80,14 +80,14 @@ fn a_ray_sees_surface_the_edge_of_what_is_known_or_nothing() {
     assert_eq!(map.look(from_m, DVec3::X, 50.0), Some(Sight::Surface([5, 0, 0])));
     assert_eq!(map.look(from_m, DVec3::X, 4.0), None, "too far");
     assert_eq!(map.look(from_m, -DVec3::X, 50.0), None);
-    let beside_m = DVec3::new(0.5, 1.5, 0.5);
-    assert_eq!(map.look(beside_m, DVec3::X, 50.0), Some(Sight::Frontier([5, 1, 0])));
+    let offset_m = DVec3::new(0.5, 1.5, 0.5);
+    assert_eq!(map.look(offset_m, DVec3::X, 50.0), Some(Sight::Frontier([5, 1, 0])));
     let two_off_m = DVec3::new(0.5, 2.5, 0.5);
     assert_eq!(map.look(two_off_m, DVec3::X, 50.0), None, "away from all surface");
 }
 
 #[test]
-fn rays_that_nobody_can_believe_are_counted() {
+fn rays_beyond_belief_are_counted() {
     let mut map = VoxelMap::new(0.1, 1, 200.0).unwrap();
     for end in [DVec3::NAN, DVec3::INFINITY, DVec3::new(201.0, 0.0, 0.0), DVec3::splat(1e300)] {
         map.add_return(DVec3::ZERO, end);

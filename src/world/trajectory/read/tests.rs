@@ -87,7 +87,7 @@ fn every_format_gives_the_same_walk() {
 }
 
 #[test]
-fn how_a_file_was_read_is_said() {
+fn how_a_file_was_read_is_reported() {
     assert_eq!(read(&tum()).notes, Vec::<String>::new());
     let repeated = tum().replacen("1700000000.200000000", "1700000000.100000000", 1);
     let found = read(&repeated);
