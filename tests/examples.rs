@@ -6,14 +6,13 @@ use std::process::{Command, Output};
 
 use glam::DVec3;
 use outrigger::commands::help;
-use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{MountFile, SensorEntry};
 use outrigger::world::scene::{BoxScene, Scene};
 use outrigger::world::trajectory::Trajectory;
-use sensors::Packet;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 
+use crate::support::walk::Walk;
 use crate::support::{Case, case};
 
 pub const CASES: &[Case] = &[
@@ -278,24 +277,9 @@ fn record(session: &Path, mount: &MountFile, trajectory: &Trajectory) {
     let infos: Vec<SensorInfo> = ["left", "right"].into_iter().enumerate().map(info).collect();
     let writer = SessionWriter::create(session, &infos).unwrap();
     let rig = mount.rig().unwrap();
-    for (sensor, mounted) in rig.sensors.iter().enumerate() {
-        let pose = mounted.mount.body_from_sensor();
-        let body_from_sensor = |_: u64| pose;
-        let surroundings = Surroundings {
-            scene: &scene,
-            trajectory,
-            body_from_sensor: &body_from_sensor,
-            noise_m: 0.01,
-            seed: 3,
-        };
-        let source = SocketAddr::from(([10, 0, 0, 1 + sensor as u8], 50_000));
-        let (destination, link) = (destination(sensor), Default::default());
-        MockSensor::ouster(metadata(sensor))
-            .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(sensor, &Packet { host_time_ns, source, destination, link, payload })
-            })
-            .unwrap();
-    }
+    let mounts = rig.sensors.iter().enumerate();
+    let sent = mounts.map(|(sensor, mounted)| (metadata(sensor), mounted.mount, destination(sensor)));
+    Walk { scene: &scene, trajectory, noise_m: 0.01, seed: 3 }.write(&writer, sent);
     writer.put_mount(mount, &[]).unwrap();
     writer.put_trajectory(trajectory).unwrap();
     writer.close(None).unwrap();

@@ -8,16 +8,16 @@ use std::process::{Command, Output};
 
 use glam::{DQuat, DVec3};
 use outrigger::base::geometry::Pose;
-use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, MountedSensor, Rig, SensorEntry};
 use outrigger::simulate::scan::{Scanner, Spin};
 use outrigger::world::scene::{BoxScene, Scene};
 use outrigger::world::trajectory::Trajectory;
+use sensors::catalogue;
 use sensors::ouster::{Metadata, Profile, Synthetic};
-use sensors::{Packet, catalogue};
 use serde_json::Value;
 
+use crate::support::walk::Walk;
 use crate::support::{Case, case};
 
 pub const CASES: &[Case] = &[
@@ -360,25 +360,9 @@ fn a_session_is_a_scene() {
     let session = folder.path("session");
     let writer = SessionWriter::create(&session, &infos).unwrap();
     let destination: SocketAddr = "10.0.0.100:7502".parse().unwrap();
-    for (sensor, side) in [1.0, -1.0].into_iter().enumerate() {
-        let pose = mount(side).body_from_sensor();
-        let surroundings = Surroundings {
-            scene: &scene,
-            trajectory: &walk,
-            body_from_sensor: &|_| pose,
-            noise_m: 0.0,
-            seed: 1,
-        };
-        let source: SocketAddr = format!("10.0.0.{}:50000", sensor + 1).parse().unwrap();
-        MockSensor::ouster(metadata(sensor as u64))
-            .run(&surroundings, |host_time_ns, payload| {
-                writer.write_packet(
-                    sensor,
-                    &Packet { host_time_ns, source, destination, link: Default::default(), payload },
-                )
-            })
-            .unwrap();
-    }
+    let sides = [1.0, -1.0].into_iter().zip(0..);
+    let sent = sides.map(|(side, sensor)| (metadata(sensor), mount(side), destination));
+    Walk { scene: &scene, trajectory: &walk, noise_m: 0.0, seed: 1 }.write(&writer, sent);
     let file = folder.put_mount("recorder.json", "os1-64");
     writer.put_mount(&file, &[]).unwrap();
     let closed = |name: &str| folder.document(&["--scene", &folder.text(name)]);

@@ -7,15 +7,14 @@ use std::process::{Command, Output};
 use glam::{DQuat, DVec3};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use outrigger::base::geometry::Pose;
-use outrigger::mock::sensor::{MockSensor, Surroundings};
 use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, MountedSensor, SensorEntry};
 use outrigger::world::scene::{BoxScene, Scene};
 use outrigger::world::trajectory::Trajectory;
-use sensors::Packet;
 use sensors::ouster::{Metadata, Profile, Synthetic};
 use serde_json::Value;
 
+use crate::support::walk::Walk;
 use crate::support::{Case, case, shared, with_shared};
 
 pub const CASES: &[Case] = &[
@@ -93,27 +92,14 @@ impl Room {
         let session = folder.path().join("walk");
         let writer = SessionWriter::create(&session, &[info(0), info(1)]).unwrap();
         let destination: SocketAddr = "10.0.0.100:7502".parse().unwrap();
-        let mut mounted = Vec::new();
-        for (sensor, side) in [1.0, -1.0].into_iter().enumerate() {
-            let pose = mount(side).body_from_sensor();
-            let surroundings = Surroundings {
-                scene: &scene,
-                trajectory: &walk,
-                body_from_sensor: &|_| pose,
-                noise_m: 0.0,
-                seed: 1,
-            };
-            let source: SocketAddr = format!("10.0.0.{}:50000", sensor + 1).parse().unwrap();
-            let link = sensors::Link::default();
-            MockSensor::ouster(metadata(sensor as u64))
-                .run(&surroundings, |host_time_ns, payload| {
-                    writer.write_packet(sensor, &Packet { host_time_ns, source, destination, link, payload })
-                })
-                .unwrap();
-            let model = sensors::catalogue::nominal("os1-16").unwrap();
-            let name = ["right", "left"][sensor].to_owned();
-            mounted.push(MountedSensor { name, model, mount: mount(side) });
-        }
+        let sides = [1.0, -1.0].into_iter().zip(0..);
+        let sent = sides.map(|(side, sensor)| (metadata(sensor), mount(side), destination));
+        Walk { scene: &scene, trajectory: &walk, noise_m: 0.0, seed: 1 }.write(&writer, sent);
+        let mounted = [("right", 1.0), ("left", -1.0)].map(|(name, side)| MountedSensor {
+            name: name.to_owned(),
+            model: sensors::catalogue::nominal("os1-16").unwrap(),
+            mount: mount(side),
+        });
         let entries = mounted.iter().map(|sensor| SensorEntry {
             name: sensor.name.clone(),
             model: "os1-16".into(),

@@ -346,21 +346,14 @@ fn write_room(folder: &Path, scale: f64) {
         .unwrap();
 }
 
+/// What an ideal VLP-16 sees of that room.
+const IDEAL: [&str; 9] =
+    ["predict", "--ideal", "--scene", "room.obj", "--trajectory", "walk.tum", "--sensor", "vlp-16", "--json"];
+
 fn validate(folder: &Path, more: &[&str]) -> std::process::Output {
-    let base = [
-        "predict",
-        "--ideal",
-        "--scene",
-        "room.obj",
-        "--trajectory",
-        "walk.tum",
-        "--sensor",
-        "vlp-16",
-        "--json",
-    ];
     let sized = ["--azimuths", "90", "--sample-count", "20000"];
     let exe = env!("CARGO_BIN_EXE_outrigger");
-    Command::new(exe).current_dir(folder).args(base).args(sized).args(more).output().unwrap()
+    Command::new(exe).current_dir(folder).args(IDEAL).args(sized).args(more).output().unwrap()
 }
 
 fn ideal_sensors_report_and_repeat_themselves() {
@@ -372,17 +365,7 @@ fn ideal_sensors_report_and_repeat_themselves() {
         let output = Command::new(exe)
             .current_dir(folder.path())
             .env("RAYON_NUM_THREADS", threads)
-            .args([
-                "predict",
-                "--ideal",
-                "--scene",
-                "room.obj",
-                "--trajectory",
-                "walk.tum",
-                "--sensor",
-                "vlp-16",
-                "--json",
-            ])
+            .args(IDEAL)
             .args(["--azimuths", "90", "--sample-count", "20000", "--seed", "4", "--mounts", mounts])
             .output()
             .unwrap();

@@ -118,9 +118,9 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
             }
         }
     }
-    let way = odometry::of_rig(recorded, &args.odometry, false)?;
-    problems.extend(odometry::remarks(&way));
-    Ok(way.walked.trajectory)
+    let found = odometry::of_rig(recorded, &args.odometry, false)?;
+    problems.extend(odometry::remarks(&found));
+    Ok(found.walked.trajectory)
 }
 
 fn is_off(found: &RelativeMount) -> bool {

@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::given::SensorArgs;
 use super::recording::Recording;
 use super::{Context, Outcome, output, sensor_ids};
+use crate::commands::part::PartArgs;
 use crate::recording::bags::Surroundings;
 use crate::recording::moment::Moment;
 use crate::recording::packet_writer::{PacketFormat, PacketWriter};
@@ -39,15 +40,8 @@ pub struct Args {
     /// File to write: .pcap, .pcapng, .bag (ROS 1) or .mcap (ROS 2).
     #[arg(short, long, value_name = "FILE")]
     out: PathBuf,
-    /// First time: seconds since the start, seconds since 1970, a time such as 2023-11-14T22:13:20Z, or a revolution (12f).
-    #[arg(long, value_name = "T")]
-    from: Option<Moment>,
-    /// End, which is not included.
-    #[arg(long, value_name = "T")]
-    to: Option<Moment>,
-    /// Only packets of this sensor: its name as `inspect` gives it, or its serial number. May be repeated.
-    #[arg(long = "sensor", value_name = "NAME")]
-    only: Vec<String>,
+    #[command(flatten)]
+    part: PartArgs,
     /// Where the sensors sit: written to a bag as static transforms. Without it a session's own, or those of the bag that is read.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
@@ -81,9 +75,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut document =
         Document { format: "outrigger-cut/1", out: args.out.display().to_string(), ..Document::default() };
     let mut met: BTreeSet<String> = BTreeSet::new();
-    let mut wanted: BTreeSet<&str> = args.only.iter().map(String::as_str).collect();
-    let has_frames = [args.from, args.to].into_iter().flatten().any(|moment| moment.frame().is_some());
-    let assigns = format.needs_sensors() || !args.only.is_empty() || has_frames;
+    let mut wanted: BTreeSet<&str> = args.part.only.iter().map(String::as_str).collect();
+    let has_frames = args.part.revolutions().iter().any(Option::is_some);
+    let assigns = format.needs_sensors() || !args.part.only.is_empty() || has_frames;
     let mut start_ns = None;
     for path in &args.recordings {
         let sensors = args.sensors.or_of(context, path);
@@ -111,8 +105,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         let ending = recording.each_packet(&mut |packet| {
             let start_ns = *start_ns.get_or_insert(packet.host_time_ns);
             let at_ns = |moment: Option<Moment>| moment.and_then(|moment| moment.time_ns(start_ns));
-            let is_within = at_ns(args.from).is_none_or(|from_ns| packet.host_time_ns >= from_ns)
-                && at_ns(args.to).is_none_or(|to_ns| packet.host_time_ns < to_ns);
+            let is_within = at_ns(args.part.from).is_none_or(|from_ns| packet.host_time_ns >= from_ns)
+                && at_ns(args.part.to).is_none_or(|to_ns| packet.host_time_ns < to_ns);
             if !assigns {
                 if is_within {
                     writer.write("", packet)?;
@@ -130,8 +124,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
                 let name = first_names.get(at).cloned().unwrap_or_else(found);
                 let serial = router.sensors()[at].serial();
                 met.insert(name.clone());
-                let is_wanted =
-                    args.only.is_empty() || args.only.iter().any(|only| only == &name || only == serial);
+                let is_wanted = args.part.wants(&name, serial);
                 wanted.retain(|only| *only != name && *only != serial);
                 (name, is_wanted)
             });
@@ -205,7 +198,7 @@ fn static_frames(
 
 /// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.
 fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
-    let [from, to] = [args.from, args.to].map(|moment| moment.and_then(Moment::frame));
+    let [from, to] = args.part.revolutions();
     let (from, to) = (from.unwrap_or(0), to.unwrap_or(u64::MAX));
     let mut router = recording.router()?;
     let mut counts: BTreeMap<usize, u64> = BTreeMap::new();

@@ -38,6 +38,7 @@ mod mount;
 mod odometry;
 mod optimize;
 mod output;
+mod part;
 mod placing;
 mod predict;
 mod ranges;

@@ -34,7 +34,7 @@ use crate::world::trajectory::Trajectory;
                   it piece by piece, so that what the odometry drifted is taken out. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
-                  open, as a straight corridor does, the last velocity is kept along it and that is said: such a trajectory is \
+                  open, as a straight corridor does, the last velocity holds along it, with a note: such a trajectory is \
                   no measurement there.\n\
                   Exit codes: 0 done, 1 failed, 3 done, but data was lost."
 )]

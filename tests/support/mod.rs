@@ -1,6 +1,7 @@
 //! Cases of the integration binary and the data they need.
 
 pub mod datagram;
+pub mod walk;
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -158,12 +158,12 @@ fn inertial_packets_of_two_senders_are_not_merged() {
         let routed = streams.iter().map(|packet| router.push(packet, &mut ignore)).collect();
         (routed, router.unclaimed().map(|entry| entry.reason.clone()).collect())
     };
-    let (nobody, ours) = (Routed::Unclaimed, Routed::Assigned(0));
+    let (unclaimed, ours) = (Routed::Unclaimed, Routed::Assigned(0));
     let (accepted, reason) = routed(&[(1, 7503), (2, 7503)], true);
-    assert_eq!(accepted, [nobody; 2]);
+    assert_eq!(accepted, [unclaimed; 2]);
     assert!(reason.contains("of 2 sensors") && reason.contains("--meta ADDRESS=one.json"), "{reason}");
-    assert_eq!(routed(&[(1, 7505), (2, 7503)], true).0, [nobody, ours], "the metadata know the port");
-    assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, nobody], "the first is taken");
+    assert_eq!(routed(&[(1, 7505), (2, 7503)], true).0, [unclaimed, ours], "the metadata know the port");
+    assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, unclaimed], "the first is taken");
 }
 
 /// Packets of two units fit the metadata of one of them: neither is taken for it.

@@ -40,7 +40,7 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
         let source = sources.entry(topic).or_insert_with(|| Arc::new(source(&clouds.topics()[topic], at)));
         let at = usize::from(source.number);
         let number = document.count_frame(at);
-        let is_wanted = args.points.wants(&source.id, &clouds.topics()[topic].name)
+        let is_wanted = args.points.part.wants(&source.id, &clouds.topics()[topic].name)
             && registration.is_wanted([cloud.record_time_ns; 2]);
         if !frames.contains(number) || !is_wanted {
             continue;

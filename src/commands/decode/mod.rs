@@ -104,9 +104,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (mut ids, mut wanted) = (Vec::new(), BTreeMap::new());
     let mut take = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         first_host_ns.get().into_iter().for_each(|host_ns| placing.registration.begin(host_ns));
-        let is_wanted = *wanted
-            .entry(at)
-            .or_insert_with(|| args.points.wants(&sensor_ids::next_id(sensor, &mut ids), sensor.serial()));
+        let is_wanted = *wanted.entry(at).or_insert_with(|| {
+            args.points.part.wants(&sensor_ids::next_id(sensor, &mut ids), sensor.serial())
+        });
         if is_wanted
             && let Decoded::Frame(frame) = decoded
             && let Some(model) = sensor.model()
@@ -147,7 +147,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     go_on()?;
     recording.ensure_given_fits(&router)?;
     ensure_met(args, &router)?;
-    document.conclude(&recording, &router, &ending, &|id, serial| args.points.wants(id, serial));
+    document.conclude(&recording, &router, &ending, &|id, serial| args.points.part.wants(id, serial));
     document.add_registration(&placing, notices);
     if document.is_empty() {
         if let Some(damage) = ending.damage {
@@ -175,7 +175,7 @@ fn ensure_points(args: &Args, output: Option<&Output>, registration: &Registrati
 /// Refuses the name of a sensor that the recording does not hold.
 fn ensure_met(args: &Args, router: &Router) -> anyhow::Result<()> {
     let ids = sensor_ids::ids(router);
-    for name in args.points.only() {
+    for name in &args.points.part.only {
         let is_met = ids.contains(name) || router.sensors().iter().any(|sensor| sensor.serial() == name);
         ensure!(is_met || ids.is_empty(), "--sensor {name}: no packet of it; there are {}", ids.join(", "));
     }

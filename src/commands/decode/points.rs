@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::frames::{FrameRange, OutputFrame};
 use crate::commands::Context;
+use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
 use crate::commands::recorded::axes::AxisZeros;
 use crate::commands::recording::Recording;
 use crate::commands::registered::mounts::Mounts;
 use crate::commands::registered::trajectory;
 use crate::recording::export::{FileFrame, Format, ReferenceSystem};
-use crate::recording::moment::Moment;
 use crate::recording::registered::{
     ClipBox, Mask, PointFilter, RangeLimits, Registration, Returns, Target, TimeOffset, TimeWindow,
     VoxelThinning,
@@ -49,15 +49,8 @@ pub struct PointArgs {
     /// below it; any other one by both ends of its axis and its radius, in the rig's frame, m.
     #[arg(long, value_name = "operator|X,Y,Z,X,Y,Z,R", allow_hyphen_values = true)]
     mask: Option<Mask>,
-    /// First time: seconds since the start, seconds since 1970, a time such as 2023-11-14T22:13:20Z, or a revolution (12f).
-    #[arg(long, value_name = "T")]
-    from: Option<Moment>,
-    /// End, which is not included.
-    #[arg(long, value_name = "T")]
-    to: Option<Moment>,
-    /// Only this sensor: its name as `inspect` gives it, or its serial number. May be repeated.
-    #[arg(long = "sensor", value_name = "NAME")]
-    only: Vec<String>,
+    #[command(flatten)]
+    pub(super) part: PartArgs,
     /// Coordinate reference system of the trajectory, written to LAS and LAZ: EPSG:N, or a file with well-known text.
     #[arg(long, value_name = "EPSG:N|FILE")]
     crs: Option<ReferenceSystem>,
@@ -71,9 +64,9 @@ impl PointArgs {
 
     /// Whether some points may be left out.
     pub(super) fn is_selective(&self) -> bool {
-        let has_times = self.from.is_some() || self.to.is_some();
+        let has_times = self.part.from.is_some() || self.part.to.is_some();
         let has_places = self.clip.is_some() || self.mask.is_some() || self.range.is_some();
-        self.frame == OutputFrame::World || has_times || has_places || !self.only.is_empty()
+        self.frame == OutputFrame::World || has_times || has_places || !self.part.only.is_empty()
     }
 
     /// Whether the recording is read before it is decoded.
@@ -104,22 +97,12 @@ impl PointArgs {
 
     /// The frames that are meant, by `--frames`, `--from` and `--to`.
     pub(super) fn frames(&self, frames: Option<FrameRange>) -> Option<FrameRange> {
-        let [from, to] = [self.from, self.to].map(|moment| moment.and_then(Moment::frame));
+        let [from, to] = self.part.revolutions();
         if from.is_none() && to.is_none() {
             frames
         } else {
             Some(frames.unwrap_or_default().within(from, to))
         }
-    }
-
-    /// Whether a sensor is wanted.
-    pub(super) fn wants(&self, id: &str, serial: &str) -> bool {
-        self.only.is_empty() || self.only.iter().any(|only| only == id || only == serial)
-    }
-
-    /// The names that were asked for.
-    pub(super) fn only(&self) -> &[String] {
-        &self.only
     }
 
     pub(super) fn trajectory(&self) -> Option<&Path> {
@@ -134,7 +117,7 @@ impl PointArgs {
         PointFilter {
             range: self.range,
             returns: self.returns,
-            window: TimeWindow::new(self.from, self.to),
+            window: TimeWindow::new(self.part.from, self.part.to),
             mask: self.mask,
             clip: self.clip,
             voxels: self.voxel.map(VoxelThinning::new),

@@ -140,7 +140,7 @@ impl PassSummary {
             let from = source.map_or(String::new(), |source| format!(", from {source}"));
             self.losses.push(format!("{}: {packets} packets of a second sensor{from}", mounted.name));
         }
-        // two units of one serial number were told of by its decoder's losses
+        // two units of one serial number are among its decoder's losses
         let two_sources = sensors.first().and_then(Sensor::two_sources);
         let is_left =
             |entry: &&Unclaimed| entry.is_sensor_data && Some(&entry.reason) != two_sources.as_ref();
@@ -187,7 +187,7 @@ pub(crate) fn session(
         |place: usize, at: usize, sensor: &Sensor, decoded: Decoded<'_>, pass: &mut PassSummary| {
             let Decoded::Frame(frame) = decoded else { return };
             if at != 0 {
-                return; // a second Velodyne under this name: its packets are told of below
+                return; // a second Velodyne under this name: its packets are reported below
             }
             let number = pass.count(place, frame);
             let tilt = tilts.get(place).filter(|tilt| tilt.is_measured());
@@ -311,7 +311,7 @@ pub(crate) fn capture(
     for (at, sensor) in router.sensors().iter().enumerate().take(rig.sensors.len()) {
         let at = recording.slot_of(sensor, rig).unwrap_or(at);
         pass.sensors[at].packets_recorded = sensor.stats().packets;
-        pass.close(at, sensor, &slots[at])?; // a calibration that does not fit is told of by the sensor's seat
+        pass.close(at, sensor, &slots[at])?; // a calibration that does not fit is reported by the sensor's slot
     }
     recording.ensure_given_fits(&router)?;
     pass.losses.extend(ending.losses());

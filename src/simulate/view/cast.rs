@@ -198,7 +198,7 @@ impl CastView {
         }
     }
 
-    /// How far each beam of a sensor gets before the rig or its operator stands in its way, column by column.
+    /// How far each beam of a sensor gets before the rig or its operator blocks it, column by column.
     fn shade(&self, rig: &Rig, sensor: usize) -> Option<Shade> {
         let Shades { has_housings, operator } = &self.site.shades;
         let mut occluders: Vec<Occluder> = operator.iter().copied().collect();

@@ -33,7 +33,7 @@ pub struct ViewSite {
     pub shades: Shades,
 }
 
-/// What of the rig and its operator stands in the way of beams.
+/// What of the rig and its operator blocks beams.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shades {
     /// Housings of the other sensors.

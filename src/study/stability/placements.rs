@@ -48,17 +48,7 @@ const PIECES: usize = 12;
 const MOST_OFF_MM: f64 = 5.0;
 
 fn boxes(boxes_m: &[[DVec3; 2]]) -> Result<Scene, StudyError> {
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for [low_m, high_m] in boxes_m {
-        let first = vertices.len() as u32;
-        let side =
-            |corner: u32, axis: usize| if corner >> axis & 1 == 1 { high_m[axis] } else { low_m[axis] };
-        vertices.extend((0..8).map(|corner| DVec3::from([0, 1, 2].map(|axis| side(corner, axis)))));
-        let faces = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-        let halves = faces.into_iter().flat_map(|[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]]);
-        triangles.extend(halves.map(|corners| corners.map(|corner| first + corner)));
-    }
-    Ok(Scene::Mesh(Arc::new(Mesh::new(vertices, triangles).map_err(StudyError::of)?)))
+    Ok(Scene::Mesh(Arc::new(Mesh::of_boxes(boxes_m).map_err(StudyError::of)?)))
 }
 
 /// Furniture along the walls, clear of the walk.

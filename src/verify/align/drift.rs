@@ -144,15 +144,10 @@ pub(super) fn nearest_rigid(
     }
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|axis| [axis, -axis]);
     let around: Vec<DVec3> = axes.map(|axis| AROUND_M * axis).collect();
-    let at = |piece: &Piece| around.iter().map(|off| piece.middle_m + *off).collect::<Vec<_>>();
-    let from_m: Vec<DVec3> = pieces.iter().flat_map(at).collect();
-    let placed = |piece: &Piece| {
-        at(piece)
-            .into_iter()
-            .map(|point_m| piece.scene_from_walk.transform_point(point_m))
-            .collect::<Vec<_>>()
-    };
-    let to_m: Vec<DVec3> = pieces.iter().flat_map(placed).collect();
+    let points =
+        pieces.iter().flat_map(|piece| around.iter().map(move |off_m| (piece, piece.middle_m + *off_m)));
+    let placed = |(piece, at_m): (&Piece, DVec3)| (at_m, piece.scene_from_walk.transform_point(at_m));
+    let (from_m, to_m): (Vec<DVec3>, Vec<DVec3>) = points.map(placed).unzip();
     let rigid = Pose::between_points(&from_m, &to_m)?;
     let left_m =
         from_m.iter().zip(&to_m).map(|(from_m, to_m)| rigid.transform_point(*from_m).distance(*to_m));

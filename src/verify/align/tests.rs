@@ -6,23 +6,9 @@ use crate::rig::Mount;
 use crate::world::scene::{BoxScene, Mesh};
 use crate::world::trajectory::Trajectory;
 
-/// Triangles of boxes, seen from inside and outside.
 fn boxes(boxes_m: &[[[f64; 3]; 2]]) -> Scene {
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for [low, high] in boxes_m {
-        let first = vertices.len() as u32;
-        for corner in 0..8 {
-            vertices.push(DVec3::from(
-                [0, 1, 2].map(|at| if corner >> at & 1 == 1 { high[at] } else { low[at] }),
-            ));
-        }
-        for [a, b, c, d] in
-            [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]]
-        {
-            triangles.extend([[a, b, c], [a, c, d]].map(|corners| corners.map(|at: u32| first + at)));
-        }
-    }
-    Scene::Mesh(Arc::new(Mesh::new(vertices, triangles).unwrap()))
+    let boxes_m: Vec<[DVec3; 2]> = boxes_m.iter().map(|corners_m| corners_m.map(DVec3::from)).collect();
+    Scene::Mesh(Arc::new(Mesh::of_boxes(&boxes_m).unwrap()))
 }
 
 /// A bow through a room, 12 s at 1.4 m height.

@@ -1,4 +1,4 @@
-//! How sure the agreement of patches is: what other pieces of the same place would have said.
+//! How sure the agreement of patches is: what other pieces of the same place would give.
 
 use std::collections::BTreeMap;
 

@@ -281,7 +281,7 @@ pub struct SurfaceShare {
     pub of_all: f64,
     /// Of those that can be seen from the path; none where nothing can.
     pub of_observable: Option<f64>,
-    /// Half of the 95 % interval of that: what other blocks of 2 m of the same place would have said.
+    /// Half of the 95 % interval of that: what other blocks of 2 m of the same place would give.
     pub u95: Option<f64>,
 }
 

@@ -113,7 +113,7 @@ impl Motion {
     }
 }
 
-/// Sweeps go in, a way comes out. The world is the body at the middle of the first sweep until `Odometry::finish_over`
+/// Sweeps go in, a trajectory comes out. The world is the body at the middle of the first sweep until `Odometry::finish_over`
 /// moves it to the body at its start.
 pub struct Odometry {
     settings: Settings,

@@ -57,6 +57,24 @@ impl Mesh {
         Ok(Self { vertices_m, triangles, degenerate, degenerate_area_m2, bounds_m, tree })
     }
 
+    /// The surfaces of boxes (low and high corner, m), seen from inside and outside.
+    ///
+    /// # Errors
+    /// Boxes without extent.
+    pub(crate) fn of_boxes(boxes_m: &[[DVec3; 2]]) -> Result<Self, MeshError> {
+        let (mut vertices_m, mut triangles) = (Vec::new(), Vec::new());
+        for [low_m, high_m] in boxes_m {
+            let first = vertices_m.len() as u32;
+            let side =
+                |corner: u32, axis: usize| if corner >> axis & 1 == 1 { high_m[axis] } else { low_m[axis] };
+            vertices_m.extend((0..8).map(|corner| DVec3::from([0, 1, 2].map(|axis| side(corner, axis)))));
+            let faces = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+            let halves = faces.into_iter().flat_map(|[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]]);
+            triangles.extend(halves.map(|corners| corners.map(|corner| first + corner)));
+        }
+        Self::new(vertices_m, triangles)
+    }
+
     /// Number of triangles that rays can meet.
     pub fn triangles(&self) -> usize {
         self.triangles.len()
