@@ -23,6 +23,7 @@ pub const CASES: &[Case] = &[
     case("an_adapter_is_set_to_its_bit_rate", an_adapter_is_set_to_its_bit_rate),
     case("what_an_adapter_refuses_is_named", what_an_adapter_refuses_is_named),
     case("goals_stay_close_to_a_shaft_that_lags", goals_stay_close_to_a_shaft_that_lags),
+    case("a_rig_that_was_left_with_torque_is_taken_over", a_rig_that_was_left_with_torque_is_taken_over),
     case("a_shaft_stands_when_its_host_is_killed", a_shaft_stands_when_its_host_is_killed),
 ];
 
@@ -98,6 +99,16 @@ fn drives_of_another_hand_go_to_1200() {
         let last = log.lines().rfind(|line| line.contains(&format!("node {node} target"))).unwrap();
         assert!(last.contains(&format!("target {target} ")), "{last}");
     }
+}
+
+/// Drives that count from the last heartbeat of an earlier run.
+fn a_rig_that_was_left_with_torque_is_taken_over() {
+    let drives = Drives::start([Drive::usual(), Drive::usual()]);
+    drop(ready(&drives));
+    assert_eq!(drives.line().drives.each_ref().map(|drive| drive.status), [0x0637; 2], "left with torque");
+    std::thread::sleep(Duration::from_millis(1200));
+    ready(&drives).apply(&[12f64.to_radians(), -12f64.to_radians()]).unwrap();
+    assert_eq!(drives.line().drives.each_ref().map(|drive| drive.target), [1200, -1200]);
 }
 
 fn a_unit_that_contradicts_itself_is_refused() {

@@ -28,6 +28,9 @@ pub struct Drive {
     pub speed: f64,
     pub status: u16,
     pub runs: bool,
+    /// When it last heard the host's heartbeat. It counts from there however long it did not watch: stricter than CiA 301,
+    /// by which watching begins with the first heartbeat.
+    pub host_heard: Option<Instant>,
 }
 
 impl Drive {
@@ -63,6 +66,7 @@ impl Drive {
             speed,
             status: 0x0250,
             runs: false,
+            host_heard: None,
         }
     }
 
@@ -79,6 +83,11 @@ impl Drive {
     }
 
     fn go_on(&mut self, elapsed: Duration) {
+        let within_ms = u64::from(self.objects[&(0x1016, 1)] & 0xFFFF);
+        let is_late = self.host_heard.is_some_and(|heard| heard.elapsed() > Duration::from_millis(within_ms));
+        if within_ms > 0 && is_late && self.status == 0x0637 {
+            self.status = 0x0638;
+        }
         if self.status == 0x0637 {
             let way = f64::from(self.target) * self.factor - self.position;
             let reach = self.speed * elapsed.as_secs_f64();
@@ -207,6 +216,7 @@ impl Line {
                 said.extend(format!("t{:03X}{}{data}\r", number + node, data.len() / 2).bytes());
             };
             match (number, &data[..]) {
+                (0x77F, _) => drive.host_heard = Some(Instant::now()),
                 (0, [command, to]) if [0, node].contains(&u16::from(*to)) => drive.runs = *command == 1,
                 (0x080, []) if drive.runs => {
                     let position = drive.position.round() as i32;

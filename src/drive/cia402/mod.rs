@@ -53,7 +53,7 @@ pub(super) fn open(bus: BusAddress, nodes: [u8; 2]) -> Result<HostedLink, LinkEr
     let bus = CanBus::open(bus)?;
     let name = bus.name().to_owned();
     let drives = nodes.map(Drive::new);
-    let mut rig = Cia402 { bus, drives, heartbeat: Instant::now(), questions: 0, watched: [true; 2] };
+    let mut rig = Cia402 { bus, drives, heartbeat: None, questions: 0, watched: [true; 2] };
     let started = [rig.start(0)?, rig.start(1)?];
     let make = Make {
         uid: u64::from(nodes[0]) << 8 | u64::from(nodes[1]),
@@ -71,7 +71,7 @@ pub(super) fn open(bus: BusAddress, nodes: [u8; 2]) -> Result<HostedLink, LinkEr
 struct Cia402 {
     bus: CanBus,
     drives: [Drive; 2],
-    heartbeat: Instant,
+    heartbeat: Option<Instant>,
     /// How often the drive that is being started was asked what it is.
     questions: u32,
     /// Whether each drive watches the host's heartbeat.
@@ -93,8 +93,19 @@ impl Cia402 {
         Ok(message)
     }
 
+    /// Sends the host's heartbeat when it is due.
+    fn beat(&mut self) -> Result<(), LinkError> {
+        if self.heartbeat.is_none_or(|sent| sent.elapsed() >= HEARTBEAT_EVERY) {
+            self.heartbeat = Some(Instant::now());
+            self.bus.send(0x700 + u16::from(HOST.0), &[5])?;
+        }
+        Ok(())
+    }
+
     /// Asks about an object; `None` without an answer in time.
     fn ask(&mut self, axis: usize, object: Object, question: [u8; 8]) -> Result<Option<Answer>, LinkError> {
+        // a drive that is set up already watches while the other is asked, which takes seconds on a slow bus
+        self.beat()?;
         let node = u16::from(self.drives[axis].node);
         self.bus.send(0x600 + node, &question)?;
         self.questions += u32::from(object == object::DEVICE_TYPE);
@@ -141,10 +152,7 @@ impl Cia402 {
 
     /// A SYNC, and what every drive measures by it.
     fn exchange(&mut self) -> Result<(), LinkError> {
-        if self.heartbeat.elapsed() >= HEARTBEAT_EVERY {
-            self.heartbeat = Instant::now();
-            self.bus.send(0x700 + u16::from(HOST.0), &[5])?;
-        }
+        self.beat()?;
         // answers to the last SYNC that were late: left in the queue, every later reading would be as old
         while self.hear(Instant::now() + LATE_WITHIN)?.is_some() {}
         let late = self.drives.each_mut().map(|drive| std::mem::take(&mut drive.fresh));

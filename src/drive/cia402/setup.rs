@@ -132,6 +132,8 @@ impl Cia402 {
         {
             self.ask(axis, object, object::download(object, value))?;
         }
+        // one that an earlier run left with torque may count from the last heartbeat of that run
+        self.heartbeat = None;
         let (host, within_ms) = HOST;
         let watched = object::download(object::WATCHED_HEARTBEAT, u32::from(host) << 16 | within_ms);
         let answer = self.ask(axis, object::WATCHED_HEARTBEAT, watched)?;
