@@ -41,7 +41,7 @@ pub struct PlaceArgs {
     mesh: MeshArgs,
     #[command(flatten)]
     map: MapArgs,
-    /// Trajectory of the body: TUM, EuRoC or another table whose header names its columns, KITTI poses with --rate, `still` for a rig
+    /// Trajectory of the body: TUM, EuRoC or another table with named columns, KITTI poses with --rate, `still` for a rig
     /// that does not move, or `odometry` for the one of the recording itself, which is placed in the scene; without it the
     /// session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
