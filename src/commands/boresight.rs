@@ -11,6 +11,7 @@ use super::recorded_odometry::{self as odometry, OdometryArgs};
 use super::scene_args::{PoseErrorArgs, read_trajectory};
 use super::{Context, Outcome, output};
 use crate::report::chart::signed;
+use crate::report::values;
 use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};
 use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::Trajectory;
@@ -144,7 +145,7 @@ fn words(found: &RelativeMount) -> String {
             "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
-            output::p_value(tilt.p_value),
+            values::p_value(tilt.p_value),
             if is_off(found) { "" } else { ": as said, as far as can be told" }
         ),
         (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
@@ -158,11 +159,11 @@ fn text(document: &Document) -> String {
         if found.windows == 0 {
             continue;
         }
-        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| output::estimate(found.rotation_deg[axis], 3));
-        let [x, y, z] = [0, 1, 2].map(|axis| output::estimate(found.translation_mm[axis], 1));
+        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| values::estimate(found.rotation_deg[axis], 3));
+        let [x, y, z] = [0, 1, 2].map(|axis| values::estimate(found.translation_mm[axis], 1));
         let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
         let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range     {} mm", output::estimate(found.range_offset_mm, 1));
+        let _ = writeln!(text, "  range     {} mm", values::estimate(found.range_offset_mm, 1));
         let _ = writeln!(
             text,
             "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",

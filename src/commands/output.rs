@@ -7,8 +7,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::Context as _;
 
 use crate::base::files::check_place;
-use crate::report::chart::signed;
-use crate::verify::calibrate::Estimate;
 
 /// Prints one JSON document on stdout. A reader that went away (a closed pipe) is not an error.
 pub(crate) fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
@@ -47,17 +45,6 @@ pub(crate) fn print_result(
 pub(crate) fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBuf>>) -> anyhow::Result<()> {
     let mut asked = paths.into_iter().flatten();
     asked.try_for_each(|path| check_place(path).with_context(|| format!("cannot write {}", path.display())))
-}
-
-/// A value and half of its 95 % interval, for a text or a page; `-` where it is not known.
-pub(crate) fn estimate(estimate: Option<Estimate>, decimals: usize) -> String {
-    estimate
-        .map_or("-".into(), |known| format!("{} +- {:.decimals$}", signed(known.value, decimals), known.u95))
-}
-
-/// A p value, for a text or a page: none is nothing.
-pub(crate) fn p_value(p_value: f64) -> String {
-    if p_value < 0.0005 { "p < 0.001".into() } else { format!("p {p_value:.3}") }
 }
 
 /// So many of something: `1 frame`, `2 frames`.

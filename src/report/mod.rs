@@ -8,6 +8,7 @@ use crate::report::chart::{CellClass, CellMap, cell_map_svg, escape};
 mod above;
 mod blind_spots;
 pub mod chart;
+pub(crate) mod comparison;
 pub(crate) mod completeness;
 pub(crate) mod figures;
 mod headlines;
@@ -18,6 +19,7 @@ pub(crate) mod scene_search;
 pub(crate) mod search;
 pub(crate) mod seen;
 mod unfold;
+pub(crate) mod values;
 pub(crate) mod viewer;
 
 pub use above::FromAbove;

@@ -11,6 +11,7 @@ use crate::commands::recorded::{Recorded, RecordedArgs};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output};
 use crate::recording::Session;
+use crate::report::values;
 use crate::verify::calibrate::{FoundSetting, Hold, Reached, Setting, StandTest, holds, stand_test};
 use crate::verify::compare::FramePitch;
 
@@ -101,8 +102,8 @@ fn text(document: &Document) -> String {
                 difference(found)
             );
         }
-        let _ = writeln!(text, "  scale     1 {}", output::estimate(test.scale_error, 4));
-        let _ = writeln!(text, "  play      {} deg", output::estimate(test.play_deg, 3));
+        let _ = writeln!(text, "  scale     1 {}", values::estimate(test.scale_error, 4));
+        let _ = writeln!(text, "  play      {} deg", values::estimate(test.play_deg, 3));
         if let (Some([x, y, z]), Some(off_deg), Some(sd_deg)) =
             (test.axis, test.axis_off_deg, test.axis_sd_deg)
         {
@@ -126,7 +127,7 @@ fn reached(found: &FoundSetting) -> &'static str {
 fn difference(found: &FoundSetting) -> String {
     match (&found.error_deg, &found.cannot_tell) {
         _ if found.is_reference => "the reference".into(),
-        (Some(error), _) => format!("{} deg off it", output::estimate(Some(*error), 3)),
+        (Some(error), _) => format!("{} deg off it", values::estimate(Some(*error), 3)),
         (None, why) => why.clone().unwrap_or_else(|| "cannot tell here".into()),
     }
 }
