@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, anyhow, bail};
 
 use super::recorded::axes::{AxisZeros, tilts};
-use super::recorded::feed::{self, MountedFrame, MountedSession};
+use super::recorded::feed::MountedFrame;
 use super::recorded::host_clock;
+use super::recorded::session::{MountedSession, feed_session};
 use super::scene_args::{MeshArgs, read_trajectory};
 use super::stage::Stage;
 use super::{Context, wrong_usage};
@@ -150,7 +151,7 @@ impl Making {
         let mounted_session =
             MountedSession { session: &session, rig: &rig, tilts: &measured.histories, calibrations: &[] };
         let stage = Stage::begin("making a map of the session");
-        let pass = feed::session(&mounted_session, &stage, &mut take)?;
+        let pass = feed_session(&mounted_session, &stage, &mut take)?;
         Ok(notices.iter().chain(&pass.losses).map(|loss| format!("{}: {loss}", path.display())).collect())
     }
 

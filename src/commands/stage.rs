@@ -7,6 +7,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output;
 use crate::simulate::Progress;
+use crate::verify::judgement::judge::Step;
 
 /// A verb at work; the line disappears when it ends.
 pub struct Stage(ProgressBar);
@@ -63,6 +64,18 @@ impl Stage {
         |progress| match progress {
             Progress::Total(all) => self.counts(all, 0),
             Progress::Done(more) => self.more(more),
+        }
+    }
+
+    /// Follows a recording's judgement.
+    pub(crate) fn judging(&self) -> impl Fn(Step) + '_ {
+        |step| match step {
+            Step::HealthyRuns(runs) => {
+                self.next(format!("simulating {runs} healthy runs (--nulls)"));
+                self.counts(runs, 0);
+            }
+            Step::HealthyRun => self.more(1),
+            Step::Mounts => self.next("looking where the sensors really sit"),
         }
     }
 

@@ -6,6 +6,7 @@ mod dynamixel;
 mod feetech;
 mod pty;
 pub mod rig;
+pub(crate) mod senders;
 pub mod sensor;
 mod servo_table;
 pub mod transmit;

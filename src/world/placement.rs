@@ -14,7 +14,7 @@ const MOST_MISPLACED: f64 = 0.5;
 const FARTHEST_ABOVE_M: f64 = 100.0;
 
 /// Where a path lies.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct Placement {
     /// What is odd; empty where nothing is.
     pub doubts: Vec<String>,

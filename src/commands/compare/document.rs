@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::commands::recorded::axes::AxisSummary;
-use crate::commands::recorded::feed::SensorSummary;
+use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::report::chart::signed;
 use crate::verify::align::Alignment;
 use crate::verify::calibrate::SensorCheck;

@@ -9,13 +9,13 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::recorded::judge::{self, Given};
 use super::recorded::{Recorded, RecordedArgs, hearing};
 use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
 use super::{Context, Outcome};
 use crate::base::files::check_folder;
 use crate::verify::compare::{Gate, Healthy, Replay};
+use crate::verify::judgement::judge::{Inputs, judge};
 use document::{Document, ZeroOffer};
 use files::{conclude, unplaced, write};
 use place::PlaceArgs;
@@ -90,8 +90,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     pass.faults.extend(hearing::silences(rig, &pass.data_spans, walked_ns));
     let planned = planned(args, scene, rig, &grid, place.origin)?;
     let stage = Stage::begin("looking for a better reading of the recording");
-    let comparison = judge::judge(
-        Given {
+    let comparison = judge(
+        Inputs {
             is_own_trajectory: place.is_odometry,
             scene,
             trajectory,
@@ -102,7 +102,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             revolution_ns: pass.revolution_ns,
             agree_within_m: args.gate,
             faults: std::mem::take(&mut pass.faults),
-            stage: &stage,
+            report: &stage.judging(),
         },
         &replayed,
     );

@@ -5,7 +5,7 @@ use anyhow::bail;
 use super::Args;
 use crate::commands::output;
 use crate::commands::recorded::Recorded;
-use crate::commands::recorded::feed::{PassSummary, SensorSummary};
+use crate::commands::recorded::pass_summary::{PassSummary, SensorSummary};
 use crate::commands::scene_args::read_trajectory;
 use crate::rig::Rig;
 use crate::simulate::scan::{Scanner, Spin};

@@ -6,7 +6,7 @@ use super::document::Document;
 use super::folder::{REPORT_HTML, SESSION};
 use super::setup::Walk;
 use super::walk::Walked;
-use crate::commands::recorded::feed::SensorSummary;
+use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::commands::{Context, Outcome, output};
 use crate::recording::Session;
 use crate::verify::judgement::comparison::Verdict;

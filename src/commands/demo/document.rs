@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::commands::recorded::axes::AxisSummary;
-use crate::commands::recorded::feed::SensorSummary;
+use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::verify::judgement::comparison::Comparison;
 
 /// Format name, also what marks a folder as made by the demo.

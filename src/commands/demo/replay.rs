@@ -4,14 +4,15 @@
 use anyhow::{Context as _, ensure};
 
 use crate::commands::recorded::axes::{AxisSummary, AxisZeros, summaries, tilts};
-use crate::commands::recorded::feed::{self, MountedSession, SensorSummary};
 use crate::commands::recorded::hearing::silences;
-use crate::commands::recorded::judge::{self, Given};
+use crate::commands::recorded::pass_summary::SensorSummary;
+use crate::commands::recorded::session::{MountedSession, feed_session};
 use crate::commands::stage::Stage;
 use crate::recording::Session;
 use crate::rig::Rig;
 use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
 use crate::verify::judgement::comparison::Comparison;
+use crate::verify::judgement::judge::{Inputs, judge};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -52,15 +53,15 @@ pub(crate) fn compare(
         replay = replay.with_surface(patches);
     }
     let mounted_session = MountedSession { session, rig, tilts: &tilts, calibrations: &[] };
-    let mut summary = feed::session(&mounted_session, stage, &mut |mounted| {
+    let mut summary = feed_session(&mounted_session, stage, &mut |mounted| {
         replay.set_model(mounted.sensor, mounted.model);
         let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
         replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
     })?;
     summary.faults.extend(silences(rig, &summary.data_spans, trajectory.time_span_ns()));
     let replayed = replay.finish();
-    let compare = judge::judge(
-        Given {
+    let compare = judge(
+        Inputs {
             is_own_trajectory: false,
             scene,
             trajectory: &trajectory,
@@ -71,7 +72,7 @@ pub(crate) fn compare(
             revolution_ns: summary.revolution_ns,
             agree_within_m: gate.agree_within_m,
             faults: std::mem::take(&mut summary.faults),
-            stage,
+            report: &stage.judging(),
         },
         &replayed,
     );

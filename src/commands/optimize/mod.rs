@@ -2,7 +2,10 @@
 
 mod args;
 mod scene;
+mod scene_document;
 mod scene_flags;
+mod scene_rigs;
+mod scene_runs;
 mod scene_state;
 mod site;
 mod spec;

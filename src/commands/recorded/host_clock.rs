@@ -6,7 +6,7 @@ use crate::live::clocks::{ClockWatch, Jump, Moved};
 use crate::recording::Session;
 use crate::rig::Rig;
 
-use super::feed::{self, MountedSession};
+use super::session::{MountedSession, feed_session};
 
 /// A pause of a stream that is looked into, and a step back, ns: steps of clocks show as one of them.
 const PAUSE_NS: i128 = 20_000_000;
@@ -75,7 +75,7 @@ pub(crate) fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<Str
     let mut clocks: Vec<ClockWatch> = rig.sensors.iter().map(|_| ClockWatch::default()).collect();
     let stage = Stage::begin("looking whether the host's clock was set while recording");
     let mounted_session = MountedSession { session, rig, tilts: &[], calibrations: &[] };
-    feed::session(&mounted_session, &stage, &mut |mounted_frame| {
+    feed_session(&mounted_session, &stage, &mut |mounted_frame| {
         if let Some([first_ns, _]) = mounted_frame.frame.time_span_ns() {
             clocks[mounted_frame.sensor].add(mounted_frame.frame.host_time_ns[0], first_ns);
         }

@@ -2,11 +2,13 @@
 
 pub mod axes;
 pub mod beams;
+mod capture;
 pub mod feed;
 pub mod hearing;
 pub mod host_clock;
-pub mod judge;
 mod homing;
+pub mod pass_summary;
+pub mod session;
 
 use std::cell::OnceCell;
 use std::path::PathBuf;
@@ -30,7 +32,10 @@ use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
 use axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
-use feed::{MountedFrame, MountedSession, PassSummary};
+use capture::feed_capture;
+use feed::MountedFrame;
+use pass_summary::PassSummary;
+use session::{MountedSession, feed_session};
 
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
@@ -193,9 +198,9 @@ impl Recorded {
         match &self.source {
             Source::Session { session, tilts, calibrations } => {
                 let stage = Stage::begin("going through the session");
-                feed::session(&MountedSession { session, rig: &self.rig, tilts, calibrations }, &stage, take)
+                feed_session(&MountedSession { session, rig: &self.rig, tilts, calibrations }, &stage, take)
             }
-            Source::Capture(recording) => feed::capture(recording, &self.rig, take),
+            Source::Capture(recording) => feed_capture(recording, &self.rig, take),
         }
     }
 

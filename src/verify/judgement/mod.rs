@@ -1,8 +1,10 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
 pub mod comparison;
-mod reason;
+pub(crate) mod judge;
 mod mounts;
+mod reason;
+mod silent;
 
 use std::collections::BTreeMap;
 

@@ -1,16 +1,14 @@
-//! From a replayed recording to what it comes to.
+//! From a replayed recording to its comparison.
 
-use crate::commands::stage::Stage;
+use super::comparison::{CheckReport, Comparison, Measured, RayReport, Reason, SurfaceReport, Verdict};
+use super::silent::silent;
+use super::{decide, words};
 use crate::rig::MountedSensor;
 use crate::verify::calibrate::{self, MountCheck, SensorCheck};
 use crate::verify::compare::{
     Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
-    RayClasses, Replayed, misread, surface_cells,
+    RayClasses, Replayed, SurfaceCovered, misread, surface_cells,
 };
-use crate::verify::judgement::comparison::{
-    CheckReport, Comparison, Measured, RayReport, Reason, SurfaceReport, Verdict,
-};
-use crate::verify::judgement::{decide, words};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -23,8 +21,18 @@ const NULL_RAYS: usize = 200_000;
 /// with half of a furnished house taken away a relative tilt was off by 15 times its interval.
 const HOLES_SHARE: f64 = 0.3;
 
-/// What is compared with.
-pub struct Given<'a> {
+/// What is being worked on.
+pub(crate) enum Step {
+    /// So many healthy runs are simulated.
+    HealthyRuns(u64),
+    /// One of them is done.
+    HealthyRun,
+    /// The mounts are estimated.
+    Mounts,
+}
+
+/// What a replayed recording is compared with.
+pub(crate) struct Inputs<'a> {
     pub scene: &'a Scene,
     pub trajectory: &'a Trajectory,
     /// Where the frame of both begins in that of the files.
@@ -39,55 +47,47 @@ pub struct Given<'a> {
     pub agree_within_m: f64,
     /// Found while decoding.
     pub faults: Vec<Fault>,
-    pub stage: &'a Stage,
+    pub report: &'a dyn Fn(Step),
 }
 
-/// Everything that the replay says.
-pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
+/// Everything that the replay shows.
+pub(crate) fn judge(inputs: Inputs<'_>, replayed: &Replayed) -> Comparison {
     let Replayed { sensors, sampled, .. } = replayed;
     let field = Field {
-        scene: given.scene,
-        trajectory: given.trajectory,
+        scene: inputs.scene,
+        trajectory: inputs.trajectory,
         sensors,
         rays: sampled,
-        agree_within_m: given.agree_within_m,
+        agree_within_m: inputs.agree_within_m,
     };
-    let mut faults = given.faults;
+    let mut faults = inputs.faults;
     faults.extend(silent(replayed, &faults));
     faults.extend(misread(&field));
     let every = sampled.len().div_ceil(NULL_RAYS).max(1);
     let fewer: Vec<_> = sampled.iter().step_by(every).copied().collect();
     let thinned = Field { rays: &fewer, ..field };
-    let prediction = given.patches.map(|patches| {
-        given.stage.next(format!("simulating {} healthy runs (--nulls)", given.healthy.runs));
-        given.stage.counts(given.healthy.runs as u64, 0);
-        NullTest::run(&thinned, patches, given.healthy, || given.stage.more(1))
+    let prediction = inputs.patches.map(|patches| {
+        (inputs.report)(Step::HealthyRuns(inputs.healthy.runs as u64));
+        NullTest::run(&thinned, patches, inputs.healthy, || (inputs.report)(Step::HealthyRun))
     });
-    given.stage.next("looking where the sensors really sit");
-    let check = mount_check(&field, &given.healthy, given.revolution_ns);
-    let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } = check;
-    let mount = match given.is_own_trajectory {
+    (inputs.report)(Step::Mounts);
+    let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } =
+        mount_check(&field, &inputs.healthy, inputs.revolution_ns);
+    let mount = match inputs.is_own_trajectory {
         true => mount.into_iter().zip(sensors).map(|(check, sensor)| shared(check, sensor)).collect(),
         false => mount,
     };
     // where the scene ends, rays near the cut fit the surfaces behind it
     let relative_tilt =
         relative_tilt.filter(|_| !replayed.breakdown.iter().any(|rays| has_holes(&rays.total())));
-    let found = given.patches.zip(replayed.surface.as_ref());
-    let between = |recorded: fn(&crate::verify::compare::SurfaceCovered) -> &Vec<bool>| {
-        found.map(|(patches, surface)| {
-            PatchAgreement::between(
-                patches,
-                &surface.as_driven_patches,
-                recorded(surface),
-                given.healthy.seed,
-            )
-        })
-    };
     let p_value = prediction.as_ref().and_then(|prediction| prediction.p_value);
+    let seed = inputs.healthy.seed;
+    let between = |recorded| patch_agreement(inputs.patches, replayed, recorded, seed);
     let agreement = between(|surface| &surface.recorded_patches).map(|patches| Measured { patches, p_value });
-    let planned = given.planned.unwrap_or(&replayed.as_driven);
-    let universe = surface_cells(given.scene, planned.grid());
+    let planned = inputs.planned.unwrap_or(&replayed.as_driven);
+    let universe = surface_cells(inputs.scene, planned.grid());
+    let overlap =
+        |from: &Coverage, to: &Coverage| Agreement::between(&from.union(), &to.union(), universe.as_deref());
     let mut comparison = Comparison {
         verdict: Verdict::CannotTell,
         reason: Reason::undecided(),
@@ -96,36 +96,48 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         rays: sensors.iter().map(|s| s.name.clone()).zip(rays(replayed)).collect(),
         agreement,
         agreement_as_placed: between(|surface| &surface.placed_patches),
-        execution: Agreement::between(&planned.union(), &replayed.as_driven.union(), universe.as_deref()),
-        model: Agreement::between(
-            &replayed.as_driven.union(),
-            &replayed.recorded.union(),
-            universe.as_deref(),
-        ),
+        execution: overlap(planned, &replayed.as_driven),
+        model: overlap(&replayed.as_driven, &replayed.recorded),
         coverage: CoverageCounts {
             planned: planned.union_count(),
             as_driven: replayed.as_driven.union_count(),
             recorded: replayed.recorded.union_count(),
         },
-        surface: found.map(|(patches, surface)| SurfaceReport {
-            observable_share: patches.observable_share(),
-            as_driven: surface.as_driven,
-            recorded: surface.recorded,
-            placed: surface.placed,
-        }),
+        surface: surface_report(inputs.patches, replayed),
         mount,
         relative_tilt,
         mount_check: Some(CheckReport { rounds, converged, residual_sd_mm, scans }),
-        conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(given.origin)),
+        conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(inputs.origin)),
         prediction,
     };
     (comparison.verdict, comparison.reason) = decide(&comparison);
-    let cell_m = match given.scene {
+    let cell_m = match inputs.scene {
         Scene::Voxels(map) => Some(map.voxel_m()),
         _ => None,
     };
-    comparison.words = words(&comparison, replayed, given.patches, given.origin, cell_m);
+    comparison.words = words(&comparison, replayed, inputs.patches, inputs.origin, cell_m);
     comparison
+}
+
+/// Of the patches predicted as driven and those recorded; `recorded` says which of them count as such.
+fn patch_agreement(
+    patches: Option<&Patches>,
+    replayed: &Replayed,
+    recorded: fn(&SurfaceCovered) -> &Vec<bool>,
+    seed: u64,
+) -> Option<PatchAgreement> {
+    let (patches, surface) = patches.zip(replayed.surface.as_ref())?;
+    Some(PatchAgreement::between(patches, &surface.as_driven_patches, recorded(surface), seed))
+}
+
+fn surface_report(patches: Option<&Patches>, replayed: &Replayed) -> Option<SurfaceReport> {
+    let (patches, surface) = patches.zip(replayed.surface.as_ref())?;
+    Some(SurfaceReport {
+        observable_share: patches.observable_share(),
+        as_driven: surface.as_driven,
+        recorded: surface.recorded,
+        placed: surface.placed,
+    })
 }
 
 /// What a sensor's mount is off by is not told where its returns made the trajectory: a part of it went there.
@@ -166,39 +178,4 @@ fn rays(replayed: &Replayed) -> impl Iterator<Item = RayReport> + '_ {
         by_azimuth: breakdown.by_azimuth(),
         by_incidence: breakdown.by_incidence.to_vec(),
     })
-}
-
-/// Sensors that said nothing, or fell silent, or of which channels did.
-fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
-    let fault = |name, sensor: &str, words| Fault::new(name, vec![sensor.to_owned()], words);
-    let mut faults = Vec::new();
-    for (sensor, breakdown) in replayed.sensors.iter().zip(&replayed.breakdown) {
-        let name = &sensor.name;
-        let total = breakdown.total();
-        let explained = known.iter().any(|fault| fault.sensors.contains(name));
-        if total.informative() + total.nothing + total.unplaced == 0 {
-            if !explained {
-                faults.push(fault("dead_sensor", name, format!("{name} is dead: not one revolution of it")));
-            }
-            continue;
-        }
-        let returns = total.agree + total.short + total.long + total.extra;
-        if returns == 0 && total.drop > 0 {
-            let words = format!("{name} is dead: its packets hold no return");
-            faults.push(fault("dead_sensor", name, words));
-            continue;
-        }
-        let dead: Vec<String> = breakdown
-            .by_channel()
-            .iter()
-            .enumerate()
-            .filter(|(_, rays)| rays.drop >= 100 && rays.agree + rays.short + rays.long + rays.extra == 0)
-            .map(|(channel, _)| channel.to_string())
-            .collect();
-        if !dead.is_empty() {
-            let words = format!("{name}: no return in channels {} (counted from 0)", dead.join(", "));
-            faults.push(fault("dead_channel", name, words));
-        }
-    }
-    faults
 }

@@ -1,0 +1,112 @@
+//! The searches of `optimize --scene`: one, or one for each number of sensors.
+
+use std::sync::atomic::AtomicBool;
+
+use anyhow::bail;
+
+use super::args::Args;
+use super::scene_flags::Counts;
+use super::scene_state::{Question, State};
+use crate::commands::output;
+use crate::commands::stage::Stage;
+use crate::design::scene_search::{Findings, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd};
+use crate::report::scene_search::CountDocument;
+use crate::simulate::view::{CastView, CellView};
+
+/// What all searches of a command share.
+pub(super) struct Run<'a, 's> {
+    pub(super) args: &'s Args,
+    pub(super) cast: &'a CastView,
+    pub(super) weights: SceneWeights,
+    pub(super) evaluations: usize,
+    pub(super) seed: u64,
+    pub(super) stage: &'s Stage,
+    pub(super) stop: &'s AtomicBool,
+}
+
+impl<'a> Run<'a, '_> {
+    /// Searches with each number of sensors that is asked for; the rigs of the best number by J, and what was found there.
+    pub(super) fn by_count(
+        &self,
+        rigs: RigSpace,
+        model: &mut CellView,
+    ) -> anyhow::Result<(RigSpace, Option<Findings>, Vec<CountDocument>)> {
+        let Some(Counts(first, last)) = self.args.scene.count else { return Ok((rigs, None, Vec::new())) };
+        let mut best: Option<(f64, RigSpace, Findings)> = None;
+        let mut found = Vec::new();
+        for sensors in first..=last {
+            let rigs = rigs.with_sensors(sensors, self.args.experiment.of_scene().is_mirrored);
+            let (search, mut end) = self.search(&rigs, model, None)?;
+            let findings = search.findings().clone();
+            end.exact.retain(|exact| rigs.violation_m(&exact.rig) == 0.0);
+            let Some(winner) = end.exact.first() else {
+                output::say_notice(&format!(
+                    "no mount of {sensors} sensors keeps them apart: give a larger --space"
+                ));
+                continue;
+            };
+            found.push(CountDocument {
+                sensors,
+                unique_voxels: winner.seen.union as u64,
+                observable_share: 0.0,
+                objective: winner.objective(),
+            });
+            if best.as_ref().is_none_or(|(objective, ..)| winner.objective() > *objective) {
+                best = Some((winner.objective(), rigs.clone(), findings));
+            }
+        }
+        let observable = self.weights.observable.max(self.cast.seen_by_any()).max(1);
+        found
+            .iter_mut()
+            .for_each(|found| found.observable_share = found.unique_voxels as f64 / observable as f64);
+        match best {
+            Some((_, rigs, findings)) => Ok((rigs, Some(findings), found)),
+            None => bail!(
+                "none of {first} to {last} sensors fits: give a larger --space, or a smaller --clearance"
+            ),
+        }
+    }
+
+    /// One search; `known` is what it found before.
+    pub(super) fn search<'b>(
+        &self,
+        rigs: &'b RigSpace,
+        model: &'b mut CellView,
+        known: Option<Findings>,
+    ) -> anyhow::Result<(SceneSearch<'b>, SearchEnd)>
+    where
+        'a: 'b,
+    {
+        let space = rigs.space()?;
+        let middle: Vec<f64> =
+            space.variables().iter().map(|variable| 0.5 * (variable.low + variable.high)).collect();
+        let plan = Plan::new(self.evaluations, self.seed, self.cast.rays(&rigs.rig(&middle)));
+        let mut state = None;
+        let known = match (known, &self.args.resume) {
+            (Some(known), _) => known,
+            (None, Some(path)) => {
+                let question = Question::of(self.args, &plan, rigs, self.cast);
+                let (opened, known) = State::open(path, question)?;
+                state = Some(opened);
+                known
+            }
+            (None, None) => Findings::default(),
+        };
+        let mut search = SceneSearch::new(rigs, model, self.cast, self.weights, plan, known)?;
+        self.stage.counts(self.evaluations as u64, 0);
+        let failed = std::cell::RefCell::new(None);
+        let progress = |search: &SceneSearch<'_>, what: &str| {
+            self.stage.at(search.evaluations() as u64);
+            self.stage.say(what);
+            if let Some(Err(error)) = state.as_ref().map(|state| state.keep(search.findings())) {
+                failed.borrow_mut().get_or_insert(error);
+                self.stop.store(true, std::sync::atomic::Ordering::Relaxed);
+            }
+        };
+        let end = search.run(&progress, self.stop);
+        match failed.into_inner() {
+            Some(error) => Err(error),
+            None => Ok((search, end)),
+        }
+    }
+}
