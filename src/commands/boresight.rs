@@ -8,7 +8,8 @@ use serde::Serialize;
 
 use super::recorded::{RaySample, Recorded, RecordedArgs};
 use super::recorded_odometry::{self as odometry, OdometryArgs};
-use super::scene_args::{PoseErrorArgs, read_trajectory};
+use super::scene_args::PoseErrorArgs;
+use super::trajectory_args::read_trajectory;
 use super::{Context, Outcome, output};
 use crate::report::chart::signed;
 use crate::report::values;

@@ -13,7 +13,7 @@ use self::inherit::inherited;
 pub(crate) use self::typed::with_origin;
 use self::typed::{choices, is_typed, within};
 use super::assigned_file::AssignedFile;
-use super::scene_args::WalkText;
+use super::trajectory_args::WalkText;
 use super::{Cli, Verb, help};
 use crate::drive::is_no_path;
 use crate::live::config::{Config, ConfigError, Section, Setting};

@@ -1,31 +1,24 @@
 //! `outrigger odometry`: where the rig went, from its own recording.
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
+mod document;
+mod map;
+
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::Context as _;
-use serde::Serialize;
 
 use super::placing::{self, Near, Placed, Walk};
 use super::recorded::{Recorded, RecordedArgs};
 use super::recorded_odometry::{OdometryArgs, OdometryResult, of_one, of_rig, remarks};
 use super::recording::Recording;
-use super::registered::mounts::Mounts;
-use super::registered::{MountedFrame, each_frame};
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
-use super::{Context, Outcome, output, sensor_ids};
+use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
-use crate::design::registration::RegistrationQuality;
-use crate::recording::export::{Cloud, Export, FileFrame, Format, Source};
-use crate::recording::packet_reader::is_stream;
-use crate::recording::registered::{PointFilter, Registration, Target, TimeOffset, VoxelThinning};
-use crate::verify::align::Alignment;
-use crate::verify::odometry::Step;
 use crate::world::trajectory::Trajectory;
+use document::{Document, text};
+use map::{map_of, write_map};
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]
@@ -68,27 +61,6 @@ pub struct Args {
     kitti: Option<PathBuf>,
 }
 
-/// The document that `odometry` prints.
-#[derive(Debug, Serialize)]
-struct Document {
-    format: &'static str,
-    sensors: Vec<String>,
-    sweeps: usize,
-    duration_s: f64,
-    length_m: f64,
-    voxel_m: f64,
-    registration: Option<RegistrationQuality>,
-    /// Sweeps along which a direction was a guess.
-    loose_sweeps: usize,
-    steps: Vec<Step>,
-    /// Where the walk lies in the scene; null without one.
-    alignment: Option<Alignment>,
-    /// What is odd or was lost.
-    problems: Vec<String>,
-    files: Vec<String>,
-    wall_s: f64,
-}
-
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
@@ -98,24 +70,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if args.scene.is_none() {
         scene_file::ensure_none_typed(context, "--scene names none")?;
     }
-    let mut notices = Vec::new();
-    let result = match Recorded::open_if_mounted(&args.recorded, context)? {
-        Some(recorded) => {
-            notices.clone_from(&recorded.notices);
-            of_rig(&recorded, &args.settings, args.scene.is_some())?
-        }
-        None => {
-            let RecordedArgs { recording, sensors, .. } = &args.recorded;
-            of_one(
-                &Recording::open(recording, &sensors.of(context, recording))?,
-                &args.settings,
-                args.scene.is_some(),
-            )?
-        }
-    };
-    let mut problems = notices;
-    problems.extend(result.notices.iter().cloned());
-    problems.extend(remarks(&result));
+    let (result, mut problems) = walked(args, context)?;
     let placed = args
         .scene
         .as_ref()
@@ -136,13 +91,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         write(path, trajectory.to_tum())?;
     }
     if let Some(path) = args.kitti.as_ref().filter(|_| is_placed) {
-        let placed = result.revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
-        let begun: Vec<(u64, Pose)> = placed.collect();
-        let missing = result.revolutions_ns.len() - begun.len();
-        if missing > 0 {
-            problems.push(format!("{missing} revolutions have no pose in the KITTI file"));
-        }
-        write(path, Trajectory::new(begun)?.to_kitti())?;
+        write(path, kitti(&result.revolutions_ns, trajectory, &mut problems)?)?;
     }
     if let Some((path, format)) = map.filter(|_| is_placed) {
         let (points, losses) = write_map(args, context, trajectory, path, format)?;
@@ -169,57 +118,45 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if result.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
 }
 
-/// Where the map goes, and in which format; refused before the work.
-fn map_of<'a>(args: &Args, path: &'a Path) -> anyhow::Result<(&'a Path, Format)> {
-    let format = Format::of_path(path).filter(|format| !matches!(format, Format::Mcap | Format::Foxglove));
-    let Some(format) = format else {
-        refuse!(
-            "--map {}: expected a name that ends in .laz, .las, .e57, .ply, .pcd, .csv or .npy",
-            path.display()
-        );
+/// Runs the odometry; what came of it, and what is odd.
+fn walked(args: &Args, context: Context) -> anyhow::Result<(OdometryResult, Vec<String>)> {
+    let is_placed = args.scene.is_some();
+    let mut problems = Vec::new();
+    let result = match Recorded::open_if_mounted(&args.recorded, context)? {
+        Some(recorded) => {
+            problems.clone_from(&recorded.notices);
+            of_rig(&recorded, &args.settings, is_placed)?
+        }
+        None => {
+            let RecordedArgs { recording, sensors, .. } = &args.recorded;
+            let recording = Recording::open(recording, &sensors.of(context, recording))?;
+            of_one(&recording, &args.settings, is_placed)?
+        }
     };
-    if is_stream(&args.recorded.recording) {
-        refuse!(
-            "--map reads the recording twice, and {} can be read but once: save it as a file first",
-            args.recorded.recording.display()
-        );
-    }
-    Ok((path, format))
+    problems.extend(result.notices.iter().cloned());
+    problems.extend(remarks(&result));
+    Ok((result, problems))
 }
 
-/// Reads the recording again and puts its returns where the trajectory says; how many, and what was lost.
-fn write_map(
-    args: &Args,
-    context: Context,
+/// The poses of the revolutions that have one, in KITTI format.
+fn kitti(
+    revolutions_ns: &[u64],
     trajectory: &Trajectory,
-    path: &Path,
-    format: Format,
-) -> anyhow::Result<(u64, Option<String>)> {
-    let RecordedArgs { recording, sensors, mount, zeros } = &args.recorded;
-    let recording = Recording::open(recording, &sensors.of(context, recording))?;
-    let mut mounts = Mounts::of(&recording, mount.as_deref(), zeros)?;
-    let filter = PointFilter { voxels: args.voxel.map(VoxelThinning::new), ..PointFilter::default() };
-    let target = Target::World { trajectory: trajectory.clone(), offset: TimeOffset::Fixed(0) };
-    let mut registration = Registration::new(target, filter);
-    let frame = FileFrame { name: registration.frame_name(), origin: registration.origin(), wkt: None };
-    let mut export = Export::create_in(&frame, path, format, true)?;
-    let (mut ids, mut clouds) = (Vec::new(), BTreeMap::new());
-    each_frame(&recording, &mut mounts, &mut |mounted| {
-        let MountedFrame { at, sensor, model, body_from_sensor, frame, .. } = mounted;
-        let cloud = clouds.entry(at).or_insert_with(|| {
-            Cloud::new(Arc::new(Source::of(sensor, sensor_ids::next_id(sensor, &mut ids), at)), model)
-        });
-        cloud.fill(model, frame);
-        registration.apply(at, cloud, body_from_sensor);
-        Ok(export.add(cloud)?)
-    })?;
-    Ok((export.finish()?.points, registration.losses()))
+    problems: &mut Vec<String>,
+) -> anyhow::Result<String> {
+    let placed = revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
+    let begun: Vec<(u64, Pose)> = placed.collect();
+    let missing = revolutions_ns.len() - begun.len();
+    if missing > 0 {
+        problems.push(format!("{missing} revolutions have no pose in the KITTI file"));
+    }
+    Ok(Trajectory::new(begun)?.to_kitti())
 }
 
 /// The trajectory in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
 fn in_scene(
     args: &Args,
-    scene: &std::path::Path,
+    scene: &Path,
     result: &OdometryResult,
     problems: &mut Vec<String>,
     context: Context,
@@ -243,22 +180,4 @@ fn in_scene(
             .extend(asked.then(|| "no trajectory is written: it has no sure place in the scene".to_owned()));
     }
     Ok(placed)
-}
-
-fn text(document: &Document) -> String {
-    let mut text = format!(
-        "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m\n",
-        output::counted(document.sweeps as u64, "revolution"),
-        document.sensors.join(", "),
-        document.duration_s,
-        document.length_m,
-        document.voxel_m
-    );
-    if let Some(quality) = &document.registration {
-        text.push_str(&quality.line());
-    }
-    for file in &document.files {
-        let _ = writeln!(text, "{file}");
-    }
-    text
 }

@@ -6,7 +6,7 @@ use super::Args;
 use crate::commands::output;
 use crate::commands::recorded::Recorded;
 use crate::commands::recorded::pass_summary::{PassSummary, SensorSummary};
-use crate::commands::scene_args::read_trajectory;
+use crate::commands::trajectory_args::read_trajectory;
 use crate::rig::Rig;
 use crate::simulate::scan::{Scanner, Spin};
 use crate::verify::compare::{Patches, Replay, Replayed};

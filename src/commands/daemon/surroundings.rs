@@ -3,7 +3,7 @@
 use anyhow::bail;
 
 use super::site::SiteArgs;
-use crate::commands::scene_args::read_trajectory;
+use crate::commands::trajectory_args::read_trajectory;
 use crate::commands::{Context, scene_file};
 use crate::daemon::Site;
 use crate::rig::MountSlots;

@@ -11,7 +11,7 @@ use super::output::Output;
 use super::placing::Placing;
 use crate::base::geometry::Pose;
 use crate::commands::recording::Recording;
-use crate::commands::scene_args::read_trajectory;
+use crate::commands::trajectory_args::read_trajectory;
 use crate::commands::{Context, Outcome};
 use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
 use crate::recording::export::{Cloud, Source};

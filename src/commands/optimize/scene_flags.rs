@@ -5,8 +5,9 @@ use std::str::FromStr;
 
 use sensors::catalogue;
 
-use crate::commands::scene_args::{MeshArgs, Numbers, Room, WalkText};
+use crate::commands::scene_args::{MeshArgs, Numbers, Room};
 use crate::commands::scene_file::MapArgs;
+use crate::commands::trajectory_args::WalkText;
 use crate::design::scene_search::WeightRule;
 
 /// All sensors that can be searched with.

@@ -4,7 +4,8 @@ use anyhow::bail;
 use glam::DVec3;
 
 use super::args::Args;
-use crate::commands::scene_args::{Numbers, WalkText, read_trajectory};
+use crate::commands::scene_args::Numbers;
+use crate::commands::trajectory_args::{WalkText, read_trajectory};
 use crate::commands::{Context, scene_file, wrong_usage};
 use crate::simulate::occluder::Occluder;
 use crate::simulate::prediction::grid_of;

@@ -3,14 +3,16 @@
 mod experiment;
 mod ideal;
 mod scene;
+mod scene_rig;
 mod sensing;
 
 use std::path::PathBuf;
 
 use super::experiment_args::{ExperimentArgs, FidelityArg};
 use super::masters::Masters;
-use super::scene_args::{MeshArgs, Room, SampleArgs, TrajectoryArgs};
+use super::scene_args::{MeshArgs, Room, SampleArgs};
 use super::scene_file::MapArgs;
+use super::trajectory_args::TrajectoryArgs;
 use super::{Context, Outcome, output};
 use crate::rig::UnitChoice;
 

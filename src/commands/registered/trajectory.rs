@@ -8,7 +8,7 @@ use super::mounts::Mounts;
 use super::{each_frame, revolutions_ns};
 use crate::commands::recorded_odometry::OdometryArgs;
 use crate::commands::recording::Recording;
-use crate::commands::scene_args::read_trajectory;
+use crate::commands::trajectory_args::read_trajectory;
 use crate::recording::registered::TimeOffset;
 use crate::world::trajectory::{Trajectory, suspicions};
 

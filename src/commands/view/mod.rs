@@ -1,6 +1,7 @@
 //! `outrigger view`: a recording in the browser.
 
 #[cfg(feature = "daemon")]
+mod heading;
 mod play;
 
 use std::net::SocketAddr;

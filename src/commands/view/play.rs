@@ -2,30 +2,24 @@
 
 use std::net::TcpListener;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use glam::DVec3;
 use sensors::router::{Router, Sensor};
 
 use super::Args;
-use crate::commands::output::{quoted, say_notice};
+use super::heading::{ground, heading};
+use crate::commands::output::say_notice;
 use crate::commands::recording::Recording;
-use crate::commands::{Context, Outcome, output, scene_args, scene_file, sensor_ids, signals};
+use crate::commands::{Context, Outcome, output, scene_file, sensor_ids, signals, trajectory_args};
 use crate::recording::Session;
 use crate::recording::playback::{Placement, Player, Take, Tape, World};
-use crate::report::viewer::{self, Ground, Heading};
+use crate::report::viewer;
 use crate::rig::MountFile;
-use crate::world::scene::{LoadedScene, Scene};
+use crate::world::scene::LoadedScene;
 use crate::world::trajectory::Trajectory;
-
-/// Positions of the trajectory on the page.
-const TRACK: usize = 1000;
-/// Triangles of a scene; of a finer mesh the largest.
-const TRIANGLES: usize = 300_000;
 
 /// The document that `view` prints when the page is there.
 #[derive(serde::Serialize)]
@@ -132,7 +126,7 @@ fn whereabouts(args: &Args) -> anyhow::Result<(Option<MountFile>, Option<Traject
     };
     let (trajectory, source) = match &args.trajectory {
         Some(path) => {
-            let (trajectory, notes) = scene_args::read_trajectory(path, None)?;
+            let (trajectory, notes) = trajectory_args::read_trajectory(path, None)?;
             notes.iter().for_each(|note| say_notice(note));
             (Some(trajectory), Some(path.display().to_string()))
         }
@@ -157,61 +151,6 @@ fn scene(args: &Args, context: Context, has_world: bool) -> anyhow::Result<Optio
     let loaded = scene_file::read(path, &args.mesh, &args.map, context)?;
     loaded.warnings.iter().for_each(|warning| say_notice(warning));
     Ok(Some(loaded))
-}
-
-fn ground(loaded: &LoadedScene, world: &World) -> Ground {
-    let place_m = |local_m: DVec3| (loaded.origin.world(local_m) - world.origin_m).as_vec3().to_array();
-    match &loaded.scene {
-        Scene::Mesh(mesh) => {
-            let places_m = mesh.largest_triangles(TRIANGLES).flatten().map(place_m).collect();
-            Ground { is_surface: true, places_m }
-        }
-        Scene::Voxels(map) => Ground { is_surface: false, places_m: map.occupied_m().map(place_m).collect() },
-        Scene::Box(_) => Ground { is_surface: true, places_m: Vec::new() },
-    }
-}
-
-fn heading(args: &Args, world: Option<&World>, source: Option<String>) -> Heading {
-    let flag = |name: &str, path: &Option<PathBuf>| {
-        path.as_ref().map_or(String::new(), |path| format!("{name} {}", quoted(&path.to_string_lossy())))
-    };
-    let mut heading = Heading {
-        recording: args.recording.display().to_string(),
-        recording_words: quoted(&args.recording.to_string_lossy()),
-        source_words: typed(&["--meta", "--calibration", "--model"]),
-        mount_words: flag("--mount", &args.mount),
-        trajectory_words: flag("--trajectory", &args.trajectory),
-        scene: args.scene.as_ref().map(|path| path.display().to_string()),
-        ..Heading::default()
-    };
-    let Some(world) = world else { return heading };
-    heading.trajectory = source;
-    heading.origin_m = world.origin_m.to_array();
-    let poses: Vec<_> = world.trajectory.stamped().collect();
-    for (time_ns, pose) in poses.iter().step_by(poses.len().div_ceil(TRACK).max(1)) {
-        let ahead = pose.rotate(DVec3::X);
-        heading.track_m.push((pose.translation_m - world.origin_m).as_vec3().to_array());
-        heading.track_time_s.push(*time_ns as f64 * 1e-9);
-        heading.track_heading_rad.push(ahead.y.atan2(ahead.x) as f32);
-    }
-    heading
-}
-
-/// Flags of this run with their values, as they were typed.
-fn typed(flags: &[&str]) -> String {
-    let mut words = Vec::new();
-    let mut arguments = std::env::args();
-    while let Some(argument) = arguments.next() {
-        let name = argument.split('=').next().unwrap_or_default();
-        if !flags.contains(&name) {
-            continue;
-        }
-        words.push(quoted(&argument));
-        if name == argument {
-            words.extend(arguments.next().map(|value| quoted(&value)));
-        }
-    }
-    words.join(" ")
 }
 
 /// Whether a browser was started.

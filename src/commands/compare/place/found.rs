@@ -7,7 +7,7 @@ use crate::base::geometry::Pose;
 use crate::commands::placing::{self, Placed, Walk};
 use crate::commands::recorded::Recorded;
 use crate::commands::recorded_odometry::{self as odometry, OdometryResult};
-use crate::commands::scene_args::read_trajectory;
+use crate::commands::trajectory_args::read_trajectory;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;

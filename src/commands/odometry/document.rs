@@ -1,0 +1,49 @@
+//! What `odometry` prints.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::commands::output;
+use crate::design::registration::RegistrationQuality;
+use crate::verify::align::Alignment;
+use crate::verify::odometry::Step;
+
+/// The document that `odometry` prints.
+#[derive(Debug, Serialize)]
+pub(super) struct Document {
+    pub(super) format: &'static str,
+    pub(super) sensors: Vec<String>,
+    pub(super) sweeps: usize,
+    pub(super) duration_s: f64,
+    pub(super) length_m: f64,
+    pub(super) voxel_m: f64,
+    pub(super) registration: Option<RegistrationQuality>,
+    /// Sweeps along which a direction was a guess.
+    pub(super) loose_sweeps: usize,
+    pub(super) steps: Vec<Step>,
+    /// Where the walk lies in the scene; null without one.
+    pub(super) alignment: Option<Alignment>,
+    /// What is odd or was lost.
+    pub(super) problems: Vec<String>,
+    pub(super) files: Vec<String>,
+    pub(super) wall_s: f64,
+}
+
+pub(super) fn text(document: &Document) -> String {
+    let mut text = format!(
+        "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m\n",
+        output::counted(document.sweeps as u64, "revolution"),
+        document.sensors.join(", "),
+        document.duration_s,
+        document.length_m,
+        document.voxel_m
+    );
+    if let Some(quality) = &document.registration {
+        text.push_str(&quality.line());
+    }
+    for file in &document.files {
+        let _ = writeln!(text, "{file}");
+    }
+    text
+}
