@@ -1,6 +1,8 @@
 //! `outrigger optimize`
 
 mod args;
+mod final_look;
+mod published_document;
 mod scene;
 mod scene_document;
 mod scene_flags;
@@ -11,35 +13,19 @@ mod site;
 mod spec;
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
 
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use serde_json::Value;
 
 pub use args::Args;
 
 use super::stage::Stage;
 use super::{Context, Outcome, output, signals, wrong_usage};
-use crate::base::files;
-use crate::design::objective::Objective;
 use crate::design::optimize::state_file::{self, StateError};
-use crate::design::optimize::{
-    JudgedShortlist, MountProblem, Refinement, Refiner, RunEnd, Search, SearchRun, Trial, certify,
-};
-use crate::report::search::{Best, Document, Proved, page};
-use crate::rig::MountFile;
-use crate::simulate::published::{Placement, Roll};
-
-/// What is known of the best mount when the search has ended.
-struct Ended<'a> {
-    search: &'a Search,
-    best: &'a Trial,
-    run: RunEnd,
-    proved: Option<Proved>,
-    refined: Option<Refinement>,
-    judged: Option<JudgedShortlist>,
-}
+use crate::design::optimize::{MountProblem, Refiner, Search, SearchRun};
+use crate::simulate::published::Roll;
+use final_look::{judged, proved};
+use published_document::{Ended, document, write};
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
@@ -92,57 +78,6 @@ fn resumed(path: &Path, question: &Value) -> anyhow::Result<Option<Search>> {
     })
 }
 
-fn proved(
-    args: &Args,
-    problem: &MountProblem,
-    best: &Trial,
-    stop: &AtomicBool,
-) -> anyhow::Result<Option<Proved>> {
-    let Some(regions) = args.certify else { return Ok(None) };
-    let start = Instant::now();
-    let stage = Stage::begin("bounding what any mount could score");
-    let certificate = certify(problem, best.score, regions, stop)?;
-    drop(stage);
-    if stop.load(Ordering::Relaxed) {
-        output::say_notice("interrupted: what is proved is what was bounded until then, if anything");
-    }
-    Ok(certificate.map(|certificate| Proved { certificate, wall_s: start.elapsed().as_secs_f64() }))
-}
-
-/// The best mounts of the search once more, under finer models or as they would be built.
-fn judged(
-    args: &Args,
-    given: &Objective,
-    problem: &MountProblem,
-    search: &Search,
-    (refiner, is_judged): (Option<Refiner>, bool),
-    stop: &AtomicBool,
-) -> anyhow::Result<(Option<Refinement>, Option<JudgedShortlist>)> {
-    if !is_judged && refiner.is_none() {
-        return Ok((None, None));
-    }
-    if stop.load(Ordering::Relaxed) {
-        // who stops a search wants its best now: this may take longer than the search
-        output::say_notice(
-            "interrupted: the best mount is given as searched, without another look at the best ones",
-        );
-        return Ok((None, None));
-    }
-    let stage = Stage::begin("looking again at the best mounts");
-    let refined = refiner.map(|refiner| refiner.refine(problem, args.regret / 100.0)).transpose()?.flatten();
-    let judged = is_judged
-        .then(|| JudgedShortlist::of_search(given, problem, search, args.mount_errors(), stop))
-        .transpose()?
-        .flatten();
-    drop(stage);
-    if is_judged && judged.is_none() && stop.load(Ordering::Relaxed) {
-        output::say_notice(
-            "interrupted: the best mount is given as searched, the look at the best ones not ended",
-        );
-    }
-    Ok((refined, judged))
-}
-
 fn report(
     args: &Args,
     context: Context,
@@ -174,78 +109,4 @@ fn report(
         );
     }
     Ok(Outcome::Done)
-}
-
-fn document(
-    args: &Args,
-    problem: &MountProblem,
-    masters: &[Placement],
-    ended: Ended<'_>,
-) -> anyhow::Result<Document> {
-    let Ended { search, run, proved, refined, judged, .. } = ended;
-    let experiment = problem.objective().simulator().experiment();
-    let bound = match &proved {
-        // more masters are bounded by their price alone
-        Some(proved) if args.masters_max > 1 => Some(proved.certificate.bound.max(problem.ceiling(2))),
-        Some(proved) => Some(proved.certificate.bound),
-        None => search.space().ceiling(),
-    };
-    Ok(Document {
-        method: search.kind(),
-        seed: search.settings().seed,
-        evaluations: search.evaluations(),
-        rays: search.rays(),
-        wall_s: run.wall_s,
-        objective_s: run.objective_s,
-        search_s: (run.wall_s - run.objective_s).max(0.0),
-        stopped_by: run.stopped_by,
-        robust: problem.spread(masters)?,
-        bound,
-        fidelity: refined,
-        final_look: judged,
-        certificate: proved,
-        command: std::env::args().collect::<Vec<_>>().join(" "),
-        best: Best {
-            evaluation: problem.objective().evaluate(masters)?,
-            masters: masters.iter().map(|master| (*master).into()).collect(),
-            master_models: masters.iter().map(|master| experiment.model_of(master)).collect(),
-        },
-        best_at: search.best_at(),
-        preset: experiment.name(),
-        prices: problem.objective().prices().to_vec(),
-        path: experiment.path,
-        clearance: args.keep_apart(),
-        masters_max: args.masters_max,
-        history: search.history().collect(),
-    })
-}
-
-fn write(
-    args: &Args,
-    problem: &MountProblem,
-    file: &MountFile,
-    masters: &[Placement],
-    document: &Document,
-) -> anyhow::Result<()> {
-    if let Some(path) = &args.csv {
-        let csv = document.csv(file);
-        files::write_whole(path, csv.as_bytes()).with_context(|| path.display().to_string())?;
-    }
-    if let Some(path) = &args.report {
-        let simulator = problem.objective().simulator();
-        let seen = simulator.see(&simulator.experiment().sensors(masters))?;
-        let rig = file.rig()?;
-        let page = page(document, file, &seen.coverage, (&simulator.experiment().preset, &rig));
-        page.write(path).with_context(|| path.display().to_string())?;
-    }
-    if let Some(path) = &args.out {
-        file.write(path)?;
-    }
-    if let Some(path) = &args.export_published {
-        let export = problem.published_export(file, &document.best.evaluation, document.method);
-        let model = problem.objective().simulator().experiment().preset.model;
-        let export = export.with_context(|| format!("the published export knows no sensor {model}"))?;
-        files::write_json(path, &export).with_context(|| path.display().to_string())?;
-    }
-    Ok(())
 }

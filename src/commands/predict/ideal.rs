@@ -11,13 +11,14 @@ use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
 use crate::report::completeness::{SurfaceDocument, Times, page};
 use crate::report::seen::{Document, Scored};
-use crate::rig::{Rig, Unit};
+use crate::rig::{MountedSensor, Rig, Unit};
 use crate::simulate::fan::BeamFan;
 use crate::simulate::ideal::IdealSensors;
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
+use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
-use crate::world::surface::{MAIN_RANK, ObservableSurface, write_flags};
+use crate::world::surface::{Completeness, MAIN_RANK, ObservableSurface, write_flags};
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -58,25 +59,13 @@ pub fn run(
     site: Site,
     placement: Placement,
 ) -> anyhow::Result<Outcome> {
-    let why = "is about real sensors, and --ideal casts ideal ones";
-    context.ensure_not_typed(&OF_REAL_SENSORS, why)?;
-    context.ensure_not_typed(&["operator"], why)?;
-    if site.loaded.mesh.is_none() {
-        let on_a_surface = ["no_baselines", "report", "covered_out"];
-        context.ensure_not_typed(&on_a_surface, "is about the surface of a mesh: give one behind --scene")?;
-    }
+    refuse_unused(context, site.loaded.mesh.is_some())?;
     let start = Instant::now();
     let sampling = Sampling {
         scan_stride: args.ideal.scan_stride,
         ..args.sensing.ideal(args.experiment.of_scene().columns)
     };
-    let sensors = IdealSensors {
-        scene: site.loaded.scene.clone(),
-        trajectory: site.trajectory.clone(),
-        rig: rig.clone(),
-        fans: units.iter().map(|unit| fan(unit, &sampling)).collect(),
-        scan_stride: sampling.scan_stride,
-    };
+    let sensors = sensors(units, rig, &site, &sampling);
     ensure_a_revolution(&sensors, &args.trajectory.name())?;
     let Site { loaded, trajectory, grid } = site;
     let trajectory_length_m = trajectory.length_m();
@@ -129,22 +118,61 @@ pub fn run(
         wall_s,
         surface: surface_document,
     };
-    let spin = |sensor: &crate::rig::MountedSensor| {
+    let document = Document::new(rig, &coverage, &counts, &spins(&view, rig), scored);
+    output::print_result(context.json, &document, || document.summary(), &[])?;
+    write(args, &document, flags.as_ref(), &sensors, surface.as_ref(), loaded.origin)?;
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+/// Refuses what has no use for ideal sensors.
+fn refuse_unused(context: Context, is_on_mesh: bool) -> anyhow::Result<()> {
+    let why = "is about real sensors, and --ideal casts ideal ones";
+    context.ensure_not_typed(&OF_REAL_SENSORS, why)?;
+    context.ensure_not_typed(&["operator"], why)?;
+    if !is_on_mesh {
+        let on_a_surface = ["no_baselines", "report", "covered_out"];
+        context.ensure_not_typed(&on_a_surface, "is about the surface of a mesh: give one behind --scene")?;
+    }
+    Ok(())
+}
+
+fn sensors(units: &[Unit], rig: &Rig, site: &Site, sampling: &Sampling) -> IdealSensors {
+    IdealSensors {
+        scene: site.loaded.scene.clone(),
+        trajectory: site.trajectory.clone(),
+        rig: rig.clone(),
+        fans: units.iter().map(|unit| fan(unit, sampling)).collect(),
+        scan_stride: sampling.scan_stride,
+    }
+}
+
+/// Columns and revolutions of each sensor.
+fn spins(view: &CastView, rig: &Rig) -> Vec<(usize, u64)> {
+    let spin = |sensor: &MountedSensor| {
         let (fan, scans) = view.fan_of(&sensor.model);
         (fan.columns, scans.count)
     };
-    let spins: Vec<_> = rig.sensors.iter().map(spin).collect();
-    let document = Document::new(rig, &coverage, &counts, &spins, scored);
-    output::print_result(context.json, &document, || document.summary(), &[])?;
-    if let (Some(path), Some(flags)) = (&args.ideal.covered_out, &flags) {
+    rig.sensors.iter().map(spin).collect()
+}
+
+/// The files that were asked for.
+fn write(
+    args: &Args,
+    document: &Document,
+    flags: Option<&Completeness>,
+    sensors: &IdealSensors,
+    surface: Option<&ObservableSurface>,
+    origin: LocalOrigin,
+) -> anyhow::Result<()> {
+    if let (Some(path), Some(flags)) = (&args.ideal.covered_out, flags) {
         let written = write_flags(path, &flags.covered(MAIN_RANK));
         written.with_context(|| path.display().to_string())?;
     }
-    if let (Some(path), Some(surface), Some(of_surface)) = (&args.report, &surface, &document.surface) {
-        let page = page(&document, of_surface, &sensors, surface, loaded.origin, &output::again());
+    if let (Some(path), Some(surface), Some(of_surface)) = (&args.report, surface, &document.surface) {
+        let page = page(document, of_surface, sensors, surface, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+    Ok(())
 }
 
 fn fan(unit: &Unit, sampling: &Sampling) -> BeamFan {

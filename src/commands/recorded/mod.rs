@@ -1,74 +1,36 @@
-//! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
+//! A recording with known slots of its sensors on the rig: a session, which knows them, or a capture with a mount file.
 
 pub mod axes;
 pub mod beams;
+mod args;
 mod capture;
 pub mod feed;
 pub mod hearing;
 pub mod host_clock;
 mod homing;
+mod open;
 pub mod pass_summary;
 pub mod session;
 
 use std::cell::OnceCell;
-use std::path::PathBuf;
 
-use anyhow::{Context as _, ensure};
-use sensors::router::{AppliesTo, GivenCalibration, SourceFilter};
+use anyhow::Context as _;
+use sensors::router::GivenCalibration;
 
-use crate::base::files::is_same;
 use crate::base::geometry::Pose;
-use crate::commands::Context;
-use crate::commands::given::{SensorArgs, ensure_named};
-use crate::commands::output;
-use crate::commands::recording::{Recording, ensure_recording};
-use crate::commands::registered::bag_mount;
+use crate::commands::recording::Recording;
 use crate::commands::stage::Stage;
 use crate::drive::ServoReport;
 use crate::recording::Session;
-use crate::recording::bags::is_bag_at;
-use crate::recording::packet_reader::PacketReader;
 use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
-use axes::{AxisSummary, AxisZeros, Tilts, contradicted, reports_of, summaries, tilts};
+pub use args::RecordedArgs;
+use axes::{AxisSummary, AxisZeros, contradicted, reports_of, summaries};
 use capture::feed_capture;
 use feed::MountedFrame;
 use pass_summary::PassSummary;
 use session::{MountedSession, feed_session};
-
-/// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
-#[derive(clap::Args, Debug, Default)]
-pub struct RecordedArgs {
-    /// Session folder, capture (pcap or pcapng; plain, gzip, zstd or lz4), bag (ROS 1, MCAP, db3, or the folder of one), or -
-    /// for standard input.
-    pub recording: PathBuf,
-    #[command(flatten)]
-    pub sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own. A session's sensors are told by their names; those of a capture
-    /// by their order: that of --meta, then of their first packets.
-    #[arg(long, value_name = "FILE")]
-    pub mount: Option<PathBuf>,
-    #[command(flatten)]
-    pub zeros: AxisZeros,
-}
-
-impl RecordedArgs {
-    /// Looks, before the work is done, whether the files that were asked for could be written, and are none that is read.
-    pub(crate) fn check_places<'a>(
-        &self,
-        outs: impl IntoIterator<Item = &'a Option<PathBuf>> + Clone,
-    ) -> anyhow::Result<()> {
-        output::check_places(outs.clone())?;
-        for out in outs.into_iter().flatten() {
-            let metadata = self.sensors.meta.iter().map(|file| &file.path);
-            let mut inputs = [&self.recording].into_iter().chain(&self.mount).chain(metadata);
-            let is_read = inputs.any(|input| is_same(out, input));
-            ensure!(!is_read, "{}: this file is read; write to another", out.display());
-        }
-        Ok(())
-    }
-}
 
 enum Source {
     Session { session: Box<Session>, tilts: Vec<TiltHistory>, calibrations: Vec<GivenCalibration> },
@@ -96,69 +58,6 @@ pub struct RaySample {
 }
 
 impl Recorded {
-    /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
-    /// says, or as the session does.
-    pub(crate) fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
-        Self::open_if_mounted(args, context)?.with_context(|| {
-            format!(
-                "{}: give --mount: the recording does not say where its sensors sit",
-                args.recording.display()
-            )
-        })
-    }
-
-    /// The same; none where nobody says where the sensors sit.
-    pub(crate) fn open_if_mounted(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
-        let RecordedArgs { recording: path, sensors, mount, zeros } = args;
-        let sensors = &sensors.of(context, path);
-        // a name that was mistyped is no recording without a mount
-        if path.as_os_str() != "-" {
-            std::fs::metadata(path).with_context(|| path.display().to_string())?;
-            ensure_recording(path)?;
-        }
-        let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
-        let mount = match mount {
-            Some(file) => Some(MountFile::read(file)?),
-            None => session.as_ref().map(Session::mount).transpose()?.flatten(),
-        };
-        let (mut in_bag, mut notices) = (None, Vec::new());
-        if mount.is_none() && is_bag_at(path) {
-            let recording = Recording::open(path, sensors)?;
-            in_bag = bag_mount::of_bag(&recording, &mut notices)?;
-        }
-        let Some(mount) = mount.or(in_bag) else {
-            // what is no recording at all does not lack a mount; a pipe could be read but once
-            if path.is_file() || path.is_dir() {
-                PacketReader::open(path, &path.display().to_string())?;
-            }
-            zeros.ensure_measured(&Rig { sensors: Vec::new() }, &[])?;
-            return Ok(None);
-        };
-        let rig = mount.rig()?;
-        let source = match session {
-            Some(mut session) if sensors.meta.is_empty() => {
-                ensure!(
-                    sensors.model.is_empty(),
-                    "--model: {} is a session, which names the models of its sensors; give --model to a capture",
-                    path.display()
-                );
-                notices.extend(host_clock::settle(&mut session, &rig)?);
-                let calibrations = sensors.calibrations()?;
-                ensure_meant(&calibrations, &session)?;
-                let Tilts { histories: tilts, notices: not_homed } = tilts(&session, &rig, zeros)?;
-                notices.extend(not_homed);
-                zeros.ensure_measured(&rig, &tilts)?;
-                Source::Session { session: Box::new(session), tilts, calibrations }
-            }
-            _ => {
-                zeros.ensure_measured(&rig, &[])?;
-                Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?))
-            }
-        };
-        let zeros = zeros.clone();
-        Ok(Some(Self { source, mount, rig, zeros, notices, span_ns: OnceCell::new() }))
-    }
-
     /// What its axes reported, by the places of their sensors in the rig; nothing for a capture.
     pub(crate) fn servo(&self) -> anyhow::Result<Vec<ServoReport>> {
         match &self.source {
@@ -236,20 +135,4 @@ impl Recorded {
         let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
         Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)
     }
-}
-
-/// A calibration that is meant for one sensor is meant for one of the session.
-fn ensure_meant(calibrations: &[GivenCalibration], session: &Session) -> anyhow::Result<()> {
-    let entries = &session.manifest().sensors;
-    ensure_named(calibrations, Some(session.manifest()), session.dir())?;
-    for given in calibrations {
-        let AppliesTo::From(SourceFilter::Sender(address)) = given.applies_to else { continue };
-        ensure!(
-            entries.iter().any(|entry| entry.source == Some(address)),
-            "--calibration {address}=...: {} names no sensor that sends from there; name the file under `calibrations` \
-             in the mount file, or without an address where one holds for every Velodyne",
-            session.dir().join(crate::recording::file::MANIFEST).display()
-        );
-    }
-    Ok(())
 }

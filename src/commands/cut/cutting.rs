@@ -1,0 +1,193 @@
+//! The packets of recordings, one recording after the other, into one file.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+use anyhow::{bail, ensure};
+use sensors::Packet;
+use sensors::router::{Routed, Router};
+use serde::Serialize;
+
+use super::Args;
+use super::sensors::{names_of, revolutions, static_frames};
+use crate::commands::recording::Recording;
+use crate::commands::{Context, sensor_ids, unread};
+use crate::recording::moment::Moment;
+use crate::recording::packet_writer::{PacketFormat, PacketWriter};
+use crate::rig::NamedFrame;
+
+/// What was written.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Document {
+    pub(super) format: &'static str,
+    pub(super) out: String,
+    pub(super) packets: u64,
+    /// Packets by sensor, where they were assigned to one.
+    pub(super) sensors: BTreeMap<String, u64>,
+    /// Packets that no sensor takes, which a bag has no topic for.
+    pub(super) unassigned: u64,
+    /// Packets before --from, from --to on, and of other sensors.
+    pub(super) left_out: u64,
+    pub(super) losses: Vec<String>,
+}
+
+/// The file that is written, and what is known so far.
+pub(super) struct Cutting<'a> {
+    args: &'a Args,
+    format: PacketFormat,
+    has_frames: bool,
+    /// Whether packets have to be assigned to sensors.
+    assigns: bool,
+    writer: Option<PacketWriter>,
+    document: Document,
+    /// Sensors that sent something, and those of `--sensor` that did not yet.
+    met: BTreeSet<String>,
+    missing: BTreeSet<&'a str>,
+    start_ns: Option<u64>,
+}
+
+/// The sensors of one recording.
+struct SensorsOf<'a> {
+    recording: &'a Recording,
+    router: Router,
+    /// When the packets of the wanted revolutions came, by sensor.
+    revolutions: BTreeMap<usize, RangeInclusive<u64>>,
+    first_names: Vec<String>,
+    /// Name of each sensor, and whether it is wanted.
+    names: BTreeMap<usize, (String, bool)>,
+    /// Still to be written.
+    transforms: Option<Vec<NamedFrame>>,
+}
+
+impl<'a> Cutting<'a> {
+    pub(super) fn new(args: &'a Args, format: PacketFormat) -> Self {
+        let has_frames = args.part.revolutions().iter().any(Option::is_some);
+        Self {
+            args,
+            format,
+            has_frames,
+            assigns: format.needs_sensors() || !args.part.only.is_empty() || has_frames,
+            writer: None,
+            document: Document {
+                format: "outrigger-cut/1",
+                out: args.out.display().to_string(),
+                ..Document::default()
+            },
+            met: BTreeSet::new(),
+            missing: args.part.only.iter().map(String::as_str).collect(),
+            start_ns: None,
+        }
+    }
+
+    /// Writes what is wanted of a recording.
+    pub(super) fn add(&mut self, path: &Path, context: Context) -> anyhow::Result<()> {
+        let args = self.args;
+        let sensors = args.sensors.or_of(context, path);
+        let recording = match self.assigns {
+            true => Recording::open_to_reread(path, &sensors)?,
+            false => Recording::open(path, &sensors)?,
+        };
+        ensure!(
+            !recording.is_read_from(&args.out),
+            "{}: this file is read; write to another",
+            args.out.display()
+        );
+        let mut writer = match self.writer.take() {
+            Some(writer) => writer,
+            None => PacketWriter::create(&args.out, self.format)?,
+        };
+        let mut sensors = self.sensors_of(&recording)?;
+        let ending = recording.each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
+        self.writer = Some(writer);
+        if self.assigns {
+            recording.ensure_given_fits(&sensors.router)?;
+        }
+        self.document.losses.extend(ending.losses());
+        if self.document.unassigned > 0 && self.document.sensors.is_empty() {
+            bail!("{}", unread::why_nothing(&recording, &sensors.router, &ending));
+        }
+        Ok(())
+    }
+
+    fn sensors_of<'r>(&self, recording: &'r Recording) -> anyhow::Result<SensorsOf<'r>> {
+        let router = if self.assigns { recording.router()? } else { Router::new() };
+        let revolutions = if self.has_frames { revolutions(self.args, recording)? } else { BTreeMap::new() };
+        let first_names = if self.assigns { names_of(recording)? } else { Vec::new() };
+        let transforms = match self.format.needs_sensors() && self.start_ns.is_none() {
+            true => static_frames(self.args, recording, &first_names)?,
+            false => None,
+        };
+        Ok(SensorsOf { recording, router, revolutions, first_names, names: BTreeMap::new(), transforms })
+    }
+
+    /// Whether a packet lies between `--from` and `--to`.
+    fn is_within(&mut self, time_ns: u64) -> bool {
+        let start_ns = *self.start_ns.get_or_insert(time_ns);
+        let at_ns = |moment: Option<Moment>| moment.and_then(|moment| moment.time_ns(start_ns));
+        at_ns(self.args.part.from).is_none_or(|from_ns| time_ns >= from_ns)
+            && at_ns(self.args.part.to).is_none_or(|to_ns| time_ns < to_ns)
+    }
+
+    fn write(
+        &mut self,
+        packet: &Packet<'_>,
+        of: &mut SensorsOf<'_>,
+        writer: &mut PacketWriter,
+    ) -> anyhow::Result<()> {
+        let is_within = self.is_within(packet.host_time_ns);
+        if !self.assigns {
+            if is_within {
+                writer.write("", packet)?;
+            } else {
+                self.document.left_out += 1;
+            }
+            return Ok(());
+        }
+        let (Routed::Assigned(at) | Routed::Damaged(at)) = of.router.push(packet, &mut |_, _, _| {}) else {
+            self.document.unassigned += u64::from(is_within);
+            return Ok(());
+        };
+        let (name, is_wanted) = of.names.entry(at).or_insert_with(|| {
+            let found = || sensor_ids::ids(&of.router).swap_remove(at);
+            let name = of.first_names.get(at).cloned().unwrap_or_else(found);
+            let serial = of.router.sensors()[at].serial();
+            self.met.insert(name.clone());
+            let is_wanted = self.args.part.wants(&name, serial);
+            self.missing.retain(|only| *only != name && *only != serial);
+            (name, is_wanted)
+        });
+        let is_of_frames = !self.has_frames
+            || of.revolutions.get(&at).is_some_and(|times_ns| times_ns.contains(&packet.host_time_ns));
+        if !*is_wanted || !is_within || !is_of_frames {
+            self.document.left_out += 1;
+            return Ok(());
+        }
+        if let Some(frames) = of.transforms.take() {
+            writer.add_transforms(packet.host_time_ns, &frames)?;
+        }
+        let is_new = !self.document.sensors.contains_key(name.as_str());
+        if is_new && let Some(text) = of.recording.metadata_text(&of.router.sensors()[at]) {
+            writer.add_metadata(name, packet.host_time_ns, text)?;
+        }
+        *self.document.sensors.entry(name.clone()).or_default() += 1;
+        Ok(writer.write(name, packet)?)
+    }
+
+    /// Completes the file.
+    pub(super) fn finish(self) -> anyhow::Result<Document> {
+        if let Some(name) = self.missing.first() {
+            let met: Vec<String> = self.met.into_iter().collect();
+            bail!("no packet of sensor {name}; there are {}", met.join(", "));
+        }
+        let mut document = self.document;
+        document.packets = self.writer.map_or(Ok(0), PacketWriter::finish)?;
+        if document.unassigned > 0 {
+            document.losses.push(format!(
+                "{} packets are of no known sensor and were left out; `outrigger inspect` says why",
+                document.unassigned
+            ));
+        }
+        Ok(document)
+    }
+}

@@ -1,0 +1,101 @@
+//! What `cut` knows of a recording's sensors before any packet is written: names, frames, times of revolutions.
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+use anyhow::ensure;
+use sensors::Decoded;
+use sensors::router::Sensor;
+
+use super::Args;
+use crate::commands::recording::Recording;
+use crate::commands::sensor_ids;
+use crate::recording::bags::Surroundings;
+use crate::rig::{MountFile, NamedFrame, framed};
+
+/// Packets looked at before any is written, to know what the sensors are.
+const LOOK_AHEAD: u64 = 20_000;
+
+/// The frames of the sensors, by `--mount` or the recording itself.
+pub(super) fn static_frames(
+    args: &Args,
+    recording: &Recording,
+    names: &[String],
+) -> anyhow::Result<Option<Vec<NamedFrame>>> {
+    let mount = match (&args.mount, recording.checked_session()) {
+        (Some(path), _) => Some(MountFile::read(path)?),
+        (None, Some(session)) => session.mount()?,
+        (None, None) => None,
+    };
+    if let Some(mut mount) = mount {
+        // sensors of a capture have no names of their own: they are those of the mount file in their order
+        let is_named = names.iter().any(|name| mount.sensors.iter().any(|entry| entry.name == *name));
+        for (entry, name) in mount.sensors.iter_mut().zip(names).filter(|_| !is_named) {
+            entry.name.clone_from(name);
+        }
+        let units = mount.units(&[])?;
+        let framed = framed(&mount, &units).map_err(anyhow::Error::msg)?;
+        return Ok(Some(framed.into_iter().flat_map(|sensor| sensor.frames).collect()));
+    }
+    if !recording.is_bag() {
+        return Ok(None);
+    }
+    let frames: Vec<NamedFrame> =
+        Surroundings::read(recording.path(), &recording.name())?.frames.links().collect();
+    Ok((!frames.is_empty()).then_some(frames))
+}
+
+/// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.
+pub(super) fn revolutions(
+    args: &Args,
+    recording: &Recording,
+) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
+    let [from, to] = args.part.revolutions();
+    let (from, to) = (from.unwrap_or(0), to.unwrap_or(u64::MAX));
+    let mut router = recording.router()?;
+    let mut counts: BTreeMap<usize, u64> = BTreeMap::new();
+    let mut times_ns: BTreeMap<usize, RangeInclusive<u64>> = BTreeMap::new();
+    let mut count = |at: usize, _: &Sensor, decoded: Decoded<'_>| {
+        let Decoded::Frame(frame) = decoded else { return };
+        let number = counts.entry(at).or_default();
+        if (from..to).contains(number) {
+            let [first_ns, last_ns] = frame.host_time_ns;
+            let known = times_ns.entry(at).or_insert(first_ns..=last_ns);
+            *known = *known.start()..=last_ns.max(*known.end());
+        }
+        *number += 1;
+    };
+    recording.each_packet(&mut |packet| {
+        router.push(packet, &mut count);
+        Ok(())
+    })?;
+    router.finish(&mut count);
+    ensure!(
+        !times_ns.is_empty(),
+        "--from, --to: {} has fewer revolutions, counted from 0: {}",
+        recording.name(),
+        counts.values().map(u64::to_string).collect::<Vec<_>>().join(", ")
+    );
+    Ok(times_ns)
+}
+
+/// Ends a pass early.
+#[derive(Debug, thiserror::Error)]
+#[error("enough was read")]
+struct Enough;
+
+/// What the sensors of a recording are called, as `inspect` calls them: what some are shows only after some packets.
+pub(super) fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
+    let mut router = recording.router()?;
+    let mut packets = 0;
+    let outcome = recording.each_packet(&mut |packet| {
+        packets += 1;
+        ensure!(packets <= LOOK_AHEAD, Enough);
+        router.push(packet, &mut |_, _, _| {});
+        Ok(())
+    });
+    match outcome {
+        Err(error) if !error.is::<Enough>() => Err(error),
+        _ => Ok(sensor_ids::ids(&router)),
+    }
+}

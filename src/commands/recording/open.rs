@@ -1,0 +1,132 @@
+//! Opening a recording: its packets, and the metadata that belong to it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+
+use super::{BagAbout, Recording, ensure_recording, inside_of, packets_of, spool};
+use crate::commands::assigned_file::AssignedFile;
+use crate::commands::given::{Given, SensorArgs, ensure_named, metadata_of, recorded_from, session_metadata};
+use crate::recording::bags::{BagPackets, is_bag_at, metadata_in, names_in};
+use crate::recording::packet_reader::{PacketReader, is_stream};
+use crate::recording::{Manifest, Session};
+
+impl Recording {
+    /// Finds the packets (a session folder names them, and brings its metadata along) and reads the metadata.
+    /// `-` is standard input.
+    pub(crate) fn open(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+        Self::open_for(capture, sensors, false)
+    }
+
+    fn open_for(capture: &Path, sensors: &SensorArgs, is_read_again: bool) -> anyhow::Result<Self> {
+        let mut paths = sensors.meta.clone();
+        let mut path = capture.to_owned();
+        ensure_recording(capture)?;
+        let (mut session, mut is_assigned_by_recording, mut unreadable) = (None, false, Vec::new());
+        if Session::is_session(capture) {
+            let manifest = Manifest::read(capture)?;
+            path = packets_of(capture)?;
+            if paths.is_empty() {
+                paths = own_metadata(capture, &manifest, &mut unreadable)?;
+                is_assigned_by_recording = true;
+            }
+            session = Some((capture.to_owned(), manifest));
+        }
+        let name = match path.as_os_str() == "-" {
+            true => "standard input".into(),
+            false => path.display().to_string(),
+        };
+        let mut spooled = if is_read_again { spool(&path)? } else { None };
+        path = spooled.as_ref().map_or(path, |file| file.path().to_owned());
+        let is_read_once = is_stream(&path);
+        let opened = match session.is_none() && (is_read_once || is_bag_at(&path)) {
+            true => Some(PacketReader::open(&path, &name)?),
+            false => None,
+        };
+        if let Some(file) = opened.as_ref().and_then(PacketReader::take_spooled) {
+            path = file.path().to_owned();
+            spooled = Some(file);
+        }
+        // a session of which one file is damaged has others
+        let mut tell = |error: anyhow::Error| {
+            if !is_assigned_by_recording {
+                return Err(error);
+            }
+            unreadable.push(format!("{error:#}"));
+            Ok(())
+        };
+        let mut metadata = metadata_of(&paths, &mut tell)?;
+        let mut bag = None;
+        if let Some(packets) = opened.as_ref().and_then(PacketReader::bag) {
+            is_assigned_by_recording = metadata.is_empty();
+            bag = Some(BagAbout::read(packets, &name, &mut metadata, &mut unreadable));
+        }
+        let calibrations = sensors.calibrations()?;
+        ensure_named(&calibrations, session.as_ref().map(|(_, manifest)| manifest), capture)?;
+        Ok(Self {
+            name,
+            path,
+            metadata,
+            calibrations,
+            models: sensors.model.clone(),
+            session,
+            bag,
+            is_assigned_by_recording,
+            unreadable,
+            _spooled: spooled,
+            opened: Mutex::new(opened),
+            shows_progress: true,
+            is_reported: AtomicBool::new(false),
+        })
+    }
+
+    /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
+    pub(crate) fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
+        Self::open_for(capture, sensors, true)
+    }
+}
+
+/// The metadata files of a session, each with the port that its sensor was recorded from.
+fn own_metadata(
+    session: &Path,
+    manifest: &Manifest,
+    unreadable: &mut Vec<String>,
+) -> anyhow::Result<Vec<AssignedFile>> {
+    let mut files = session_metadata(session)?;
+    let named = manifest.sensors.iter().filter_map(|entry| entry.metadata.as_ref());
+    let named: Vec<PathBuf> = named.map(|relative| session.join(relative)).collect();
+    files.extend(named.into_iter().filter(|file| !file.exists()));
+    files.retain(|file| match inside_of(session, file) {
+        Err(error) => {
+            unreadable.push(format!("{}: cannot be read: {error}", file.display()));
+            false
+        }
+        Ok(()) => true,
+    });
+    // units with packets that do not name them were recorded from ports of their own
+    let assigned =
+        |path: PathBuf| AssignedFile { source_filter: recorded_from(manifest, session, &path), path };
+    Ok(files.into_iter().map(assigned).collect())
+}
+
+impl BagAbout {
+    /// Reads its metadata, too, but for those of units that are known already.
+    fn read(
+        packets: &BagPackets,
+        name: &str,
+        metadata: &mut Vec<Given>,
+        unreadable: &mut Vec<String>,
+    ) -> Self {
+        let serials: Vec<_> = metadata.iter().map(|given| given.metadata.serial_number()).collect();
+        let (own, cannot_be_read) = metadata_in(packets, name, &serials);
+        unreadable.extend(cannot_be_read);
+        let names = names_in(packets, &own);
+        metadata.extend(own.into_iter().map(|of| Given {
+            source_filter: of.source_filter(),
+            metadata: of.metadata,
+            text: of.text,
+            name: of.name,
+        }));
+        Self { names, holds_clouds_only: packets.holds_clouds_only() }
+    }
+}

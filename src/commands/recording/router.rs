@@ -1,0 +1,105 @@
+//! From a recording to a router that knows its sensors.
+
+use std::sync::atomic::Ordering;
+
+use anyhow::{bail, ensure};
+use sensors::router::{Named, Router, SourceFilter};
+
+use super::{Recording, look_first};
+use crate::commands::given::Given;
+use crate::commands::output::say_notice;
+use crate::live::receive::auxiliary_name;
+use crate::recording::SensorEntry;
+use crate::recording::packet_reader::PacketReader;
+
+impl Recording {
+    /// A router that knows the sensors of the metadata, and where they send from if that is needed.
+    pub(crate) fn router(&self) -> anyhow::Result<Router> {
+        let mut router = Router::new();
+        router.set_names(self.names());
+        for Given { metadata, name, source_filter, .. } in &self.metadata {
+            router.add_ouster_from(metadata.clone(), name.clone(), *source_filter);
+        }
+        for Given { metadata, name, .. } in self.metadata_found() {
+            if !self.is_reported.swap(true, Ordering::Relaxed) {
+                say_notice(&format!("{name} lies beside the recording and is used; --meta names others"));
+            }
+            router.add_ouster(metadata, name);
+        }
+        for calibration in &self.calibrations {
+            router.add_calibration(calibration.clone());
+        }
+        for model in &self.models {
+            router.add_model(*model);
+        }
+        // a pipe can be read but once
+        if self.path.is_file() || self.bag.is_some() {
+            let mut reader = PacketReader::open(&self.path, &self.name)?;
+            // damage is found again, and reported, when the packets are decoded
+            look_first(|| Some(router.learn(&reader.next().ok()??)));
+            router.end_learning();
+        }
+        Ok(router)
+    }
+
+    /// Refuses a calibration that does not fit the sensor that it was given for.
+    pub(crate) fn ensure_calibrations_fit(router: &Router) -> anyhow::Result<()> {
+        for sensor in router.sensors() {
+            if let Some((name, error)) = sensor.calibration_error() {
+                let source = sensor.source().map_or(String::new(), |source| format!(" from {source}"));
+                bail!("{name}, given for the {}{source}: {error}", sensor.product());
+            }
+        }
+        Ok(())
+    }
+
+    /// The same, and metadata tied to who sends nothing.
+    pub(crate) fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
+        Self::ensure_calibrations_fit(router)?;
+        for sensor in router.sensors() {
+            let (Some(source_filter), Some(name)) = (sensor.source_filter(), &sensor.metadata_name) else {
+                continue;
+            };
+            let (is_found, whence) = match source_filter {
+                SourceFilter::Sender(address) => {
+                    (sensor.stats().packets > 0, format!("comes from {address}"))
+                }
+                SourceFilter::Port(port) => (sensor.data_port().is_some(), format!("goes to port {port}")),
+                SourceFilter::Stream(stream) => {
+                    let (address, port) = (stream.ip(), stream.port());
+                    (sensor.data_port().is_some(), format!("comes from {address} and goes to port {port}"))
+                }
+            };
+            if let Some(reason) = sensor.one_of_several().filter(|_| !self.is_assigned_by_recording) {
+                bail!("--meta {source_filter}={name}: {reason}");
+            }
+            ensure!(
+                is_found || self.is_assigned_by_recording, // a session's sensor may have been silent
+                "--meta {source_filter}={name}: no packet that fits it, and no other --meta as well, {whence}; `outrigger inspect` lists \
+                 who sends what where"
+            );
+        }
+        Ok(())
+    }
+
+    /// How a session calls its sensors.
+    fn names(&self) -> Vec<Named> {
+        let Some((dir, manifest)) = &self.session else {
+            return self.bag.as_ref().map_or_else(Vec::new, |bag| bag.names.clone());
+        };
+        let entries = manifest.sensors.iter().filter(|entry| !manifest.is_auxiliary(entry));
+        let port = |entry: &SensorEntry| entry.address.map(|address| address.port());
+        let named = |entry: &SensorEntry| Named {
+            name: entry.name.clone(),
+            metadata: entry.metadata.as_ref().map(|relative| dir.join(relative).display().to_string()),
+            source: entry.source,
+            port: port(entry),
+            auxiliary_port: manifest
+                .sensors
+                .iter()
+                .find(|other| other.name == auxiliary_name(&entry.name))
+                .and_then(port),
+        };
+        entries.map(named).collect()
+    }
+}
