@@ -27,6 +27,7 @@ impl AssignedFile {
     fn read(text: OsString) -> Result<Self, String> {
         let split = text.to_str().and_then(|text| text.split_once('='));
         match split.and_then(|(source_filter, path)| Some((SourceFilter::from_text(source_filter)?, path))) {
+            Some((_, "")) => Err("no file is named behind the equals sign".into()),
             Some((source_filter, path)) => {
                 Ok(Self { source_filter: Some(source_filter?), path: path.into() })
             }

@@ -1,6 +1,7 @@
 //! `outrigger cut`: packets to packets.
 
 mod cutting;
+mod document;
 mod sensors;
 
 use std::path::PathBuf;
@@ -11,7 +12,8 @@ use super::given::SensorArgs;
 use super::part::PartArgs;
 use super::{Context, Outcome, output};
 use crate::recording::packet_writer::PacketFormat;
-use cutting::{Cutting, Document};
+use cutting::Cutting;
+use document::text;
 
 /// Arguments of `cut`.
 #[derive(clap::Args, Debug)]
@@ -55,15 +57,4 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let document = cutting.finish()?;
     output::print_result(context.json, &document, || text(&document), &document.losses)?;
     Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
-}
-
-fn text(document: &Document) -> String {
-    let mut text = format!("{}: {} packets\n", document.out, document.packets);
-    for (sensor, packets) in &document.sensors {
-        text += &format!("  {sensor}: {packets}\n");
-    }
-    if document.left_out > 0 {
-        text += &format!("  {} packets of other times or sensors left out\n", document.left_out);
-    }
-    text
 }

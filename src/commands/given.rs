@@ -87,9 +87,6 @@ pub(crate) fn metadata_of(
     let mut known: Vec<Given> = Vec::with_capacity(files.len());
     for AssignedFile { source_filter, path } in files {
         let name = path.display().to_string();
-        if let (Some(source_filter), "") = (source_filter, name.as_str()) {
-            refuse!("--meta {source_filter}=: no file is named behind the equals sign");
-        }
         let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
         let (text, metadata) = match text.and_then(|text| Ok((Metadata::parse(&text, &name)?, text))) {
             Ok((metadata, text)) => (text, metadata),

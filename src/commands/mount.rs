@@ -1,18 +1,17 @@
 //! `outrigger mount`: a mount as data, as a drawing, as URDF, tf and OpenSCAD; and extrinsics read back into a mount file.
 
 mod document;
+mod reading;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 
 use super::{Context, Outcome, output};
 use crate::base::files;
-use crate::rig::{Extrinsics, FramedSensor, MountFile, Servos, UnitChoice, draw, framed, scad, urdf, yaml};
+use crate::rig::{UnitChoice, framed};
 use document::{document, text};
-
-/// Where no flag says how far a servo turns, degrees.
-const LIMITS_DEG: [f64; 2] = [-90.0, 90.0];
+use reading::{drawn, read, servos};
 
 const AFTER: &str = "\
 FILE is a mount file, or says where sensors sit as other programs write it: URDF, tf as YAML (what `ros2 topic echo --once \
@@ -46,7 +45,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE.json", help_heading = "Output")]
     out: Option<PathBuf>,
     /// Write a drawing, as SVG (A3) or DXF (release 12, full size) by its ending. May be given several times.
-    #[arg(long, value_name = "FILE.svg|FILE.dxf", help_heading = "Output")]
+    #[arg(long, value_name = "FILE.svg|FILE.dxf", value_parser = drawing, help_heading = "Output")]
     drawing: Vec<PathBuf>,
     /// Write URDF.
     #[arg(long, value_name = "FILE.urdf", help_heading = "Output")]
@@ -61,11 +60,6 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    for path in &args.drawing {
-        if !["svg", "dxf"].contains(&files::ending(path).as_str()) {
-            refuse!("--drawing {}: expected a name that ends in .svg or .dxf", path.display());
-        }
-    }
     if args.urdf.is_none() {
         context.ensure_not_typed(&["limits_deg"], "is about --urdf, which is not asked for")?;
     }
@@ -103,83 +97,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if can_be_built { Outcome::Done } else { Outcome::DataLost })
 }
 
-/// The mount file that the files are or describe, and what is odd about them.
-fn read(args: &Args) -> anyhow::Result<(MountFile, Vec<String>)> {
-    let mut extrinsics = Extrinsics::default();
-    for path in &args.files {
-        match Extrinsics::read(path)? {
-            Some(found) => extrinsics.add(found),
-            None if args.files.len() > 1 => refuse!("{} is a mount file: give it alone", path.display()),
-            None => return Ok((MountFile::read(path)?, Vec::new())),
-        }
-    }
-    let models: Vec<(Option<String>, String)> = args
-        .sensor
-        .iter()
-        .filter_map(|choice| Some((choice.sensor.clone(), choice.model.clone()?)))
-        .collect();
-    let names = args.files.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ");
-    extrinsics.mount_file(&models).with_context(|| names)
-}
-
-/// Which sensors servos turn, and how far.
-fn servos(args: &Args, sensors: &[FramedSensor], problems: &mut Vec<String>) -> anyhow::Result<Servos> {
-    let all: Vec<&str> = sensors.iter().map(|sensor| sensor.mounted.name.as_str()).collect();
-    let turned: Vec<&str> = match &args.sensors {
-        None => all.clone(),
-        Some(names) => names.iter().map(String::as_str).filter(|name| !name.is_empty()).collect(),
-    };
-    if let Some(unknown) = turned.iter().find(|name| !all.contains(name)) {
-        refuse!("--sensors: no sensor is called {unknown:?}; there are {}", all.join(", "));
-    }
-    if args.limits_deg.len() > 1 && args.limits_deg.len() != turned.len() {
-        refuse!(
-            "{} --limits-deg for {} servos: give one for each, or one for all",
-            args.limits_deg.len(),
-            turned.len()
-        );
-    }
-    let limits = |axis: usize| {
-        let given = args.limits_deg.get(axis).or(args.limits_deg.first());
-        given.map_or(LIMITS_DEG, |(low, high)| [*low, *high])
-    };
-    let mut limits_deg = Vec::new();
-    for sensor in sensors {
-        let axis = turned.iter().position(|name| *name == sensor.mounted.name);
-        let of_axis = axis.map(limits);
-        let pitch_deg = sensor.mounted.mount.pitch_rad.to_degrees();
-        if let Some([low, high]) =
-            of_axis.filter(|[low, high]| pitch_deg < low - 1e-9 || pitch_deg > high + 1e-9)
-        {
-            problems.push(format!(
-                "{}: its pitch of {pitch_deg:.1} degrees lies outside the servo's limits, {low} to {high}",
-                sensor.mounted.name
-            ));
-        }
-        limits_deg.push(of_axis);
-    }
-    Ok(Servos { limits_deg })
-}
-
-/// The files that were asked for, before any is written.
-fn drawn<'a>(args: &'a Args, sensors: &[FramedSensor], servos: &Servos) -> Vec<(&'a PathBuf, String)> {
-    let title =
-        args.files[0].file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let mut files = Vec::new();
-    if !args.drawing.is_empty() {
-        let sheet = draw(&title, sensors);
-        for path in &args.drawing {
-            let is_dxf = files::ending(path) == "dxf";
-            files.push((path, if is_dxf { sheet.dxf() } else { sheet.svg() }));
-        }
-    }
-    let name = Path::new(&title).file_stem().map_or_else(|| "rig".into(), |stem| stem.to_string_lossy());
-    files.extend(args.urdf.as_ref().map(|path| (path, urdf(&name, sensors, servos))));
-    files.extend(args.tf.as_ref().map(|path| (path, yaml(sensors))));
-    files.extend(args.scad.as_ref().map(|path| (path, scad(sensors))));
-    files
-}
-
 fn limits(text: &str) -> Result<(f64, f64), String> {
     let wrong = || "expected LOW,HIGH in degrees, LOW below HIGH, within -360 to 360".to_owned();
     let (low, high) = text.split_once(',').ok_or_else(wrong)?;
@@ -187,4 +104,12 @@ fn limits(text: &str) -> Result<(f64, f64), String> {
         |text: &str| text.trim().parse().ok().filter(|angle: &f64| angle.abs() <= 360.0).ok_or_else(wrong);
     let (low, high) = (number(low)?, number(high)?);
     if low < high { Ok((low, high)) } else { Err(wrong()) }
+}
+
+fn drawing(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match files::ending(&path).as_str() {
+        "svg" | "dxf" => Ok(path),
+        _ => Err("expected a name that ends in .svg or .dxf".into()),
+    }
 }

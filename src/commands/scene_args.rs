@@ -6,6 +6,7 @@ use anyhow::{Context as _, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 
+use crate::simulate::occluder::Occluder;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::{
     BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UNITS, UpAxis, plausible_units,
@@ -113,6 +114,23 @@ impl<const N: usize> std::str::FromStr for Numbers<N> {
         let numbers = numbers.ok_or("every part must be a finite number")?;
         let found = numbers.len();
         numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected {N}"))
+    }
+}
+
+/// The operator of a rig: a capsule in the body frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Operator(pub Occluder);
+
+impl std::str::FromStr for Operator {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Numbers([x0, y0, z0, x1, y1, z1, radius_m]) = text.parse()?;
+        if radius_m <= 0.0 {
+            return Err(format!("the radius is {radius_m} m, expected above 0"));
+        }
+        let [from_m, to_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
+        Ok(Self(Occluder::Capsule { from_m, to_m, radius_m }))
     }
 }
 

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, anyhow, bail};
 
-use super::recorded::axes::{AxisZeros, tilts};
+use super::recorded::axes::tilts;
+use super::recorded::axis_zeros::AxisZeros;
 use super::recorded::feed::MountedFrame;
 use super::recorded::host_clock;
 use super::recorded::session::{MountedSession, feed_session};

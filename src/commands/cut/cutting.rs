@@ -1,44 +1,25 @@
 //! The packets of recordings, one recording after the other, into one file.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::ops::RangeInclusive;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{bail, ensure};
 use sensors::Packet;
-use sensors::router::{Routed, Router};
-use serde::Serialize;
+use sensors::router::Routed;
 
 use super::Args;
-use super::sensors::{names_of, revolutions, static_frames};
+use super::document::Document;
+use super::sensors::{Needs, SensorsOf};
 use crate::commands::recording::Recording;
 use crate::commands::{Context, sensor_ids, unread};
 use crate::recording::moment::Moment;
 use crate::recording::packet_writer::{PacketFormat, PacketWriter};
-use crate::rig::NamedFrame;
-
-/// What was written.
-#[derive(Debug, Default, Serialize)]
-pub(super) struct Document {
-    pub(super) format: &'static str,
-    pub(super) out: String,
-    pub(super) packets: u64,
-    /// Packets by sensor, where they were assigned to one.
-    pub(super) sensors: BTreeMap<String, u64>,
-    /// Packets that no sensor takes, which a bag has no topic for.
-    pub(super) unassigned: u64,
-    /// Packets before --from, from --to on, and of other sensors.
-    pub(super) left_out: u64,
-    pub(super) losses: Vec<String>,
-}
 
 /// The file that is written, and what is known so far.
 pub(super) struct Cutting<'a> {
     args: &'a Args,
     format: PacketFormat,
-    has_frames: bool,
-    /// Whether packets have to be assigned to sensors.
-    assigns: bool,
+    needs: Needs,
     writer: Option<PacketWriter>,
     document: Document,
     /// Sensors that sent something, and those of `--sensor` that did not yet.
@@ -47,27 +28,17 @@ pub(super) struct Cutting<'a> {
     start_ns: Option<u64>,
 }
 
-/// The sensors of one recording.
-struct SensorsOf<'a> {
-    recording: &'a Recording,
-    router: Router,
-    /// When the packets of the wanted revolutions came, by sensor.
-    revolutions: BTreeMap<usize, RangeInclusive<u64>>,
-    first_names: Vec<String>,
-    /// Name of each sensor, and whether it is wanted.
-    names: BTreeMap<usize, (String, bool)>,
-    /// Still to be written.
-    transforms: Option<Vec<NamedFrame>>,
-}
-
 impl<'a> Cutting<'a> {
     pub(super) fn new(args: &'a Args, format: PacketFormat) -> Self {
         let has_frames = args.part.revolutions().iter().any(Option::is_some);
         Self {
             args,
             format,
-            has_frames,
-            assigns: format.needs_sensors() || !args.part.only.is_empty() || has_frames,
+            needs: Needs {
+                sensors: format.needs_sensors() || !args.part.only.is_empty() || has_frames,
+                frames: has_frames,
+                transforms: format.needs_sensors(),
+            },
             writer: None,
             document: Document {
                 format: "outrigger-cut/1",
@@ -84,7 +55,7 @@ impl<'a> Cutting<'a> {
     pub(super) fn add(&mut self, path: &Path, context: Context) -> anyhow::Result<()> {
         let args = self.args;
         let sensors = args.sensors.or_of(context, path);
-        let recording = match self.assigns {
+        let recording = match self.needs.sensors {
             true => Recording::open_to_reread(path, &sensors)?,
             false => Recording::open(path, &sensors)?,
         };
@@ -97,10 +68,10 @@ impl<'a> Cutting<'a> {
             Some(writer) => writer,
             None => PacketWriter::create(&args.out, self.format)?,
         };
-        let mut sensors = self.sensors_of(&recording)?;
+        let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.start_ns.is_none()))?;
         let ending = recording.each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
-        if self.assigns {
+        if self.needs.sensors {
             recording.ensure_given_fits(&sensors.router)?;
         }
         self.document.losses.extend(ending.losses());
@@ -108,17 +79,6 @@ impl<'a> Cutting<'a> {
             bail!("{}", unread::why_nothing(&recording, &sensors.router, &ending));
         }
         Ok(())
-    }
-
-    fn sensors_of<'r>(&self, recording: &'r Recording) -> anyhow::Result<SensorsOf<'r>> {
-        let router = if self.assigns { recording.router()? } else { Router::new() };
-        let revolutions = if self.has_frames { revolutions(self.args, recording)? } else { BTreeMap::new() };
-        let first_names = if self.assigns { names_of(recording)? } else { Vec::new() };
-        let transforms = match self.format.needs_sensors() && self.start_ns.is_none() {
-            true => static_frames(self.args, recording, &first_names)?,
-            false => None,
-        };
-        Ok(SensorsOf { recording, router, revolutions, first_names, names: BTreeMap::new(), transforms })
     }
 
     /// Whether a packet lies between `--from` and `--to`.
@@ -136,7 +96,7 @@ impl<'a> Cutting<'a> {
         writer: &mut PacketWriter,
     ) -> anyhow::Result<()> {
         let is_within = self.is_within(packet.host_time_ns);
-        if !self.assigns {
+        if !self.needs.sensors {
             if is_within {
                 writer.write("", packet)?;
             } else {
@@ -157,7 +117,7 @@ impl<'a> Cutting<'a> {
             self.missing.retain(|only| *only != name && *only != serial);
             (name, is_wanted)
         });
-        let is_of_frames = !self.has_frames
+        let is_of_frames = !self.needs.frames
             || of.revolutions.get(&at).is_some_and(|times_ns| times_ns.contains(&packet.host_time_ns));
         if !*is_wanted || !is_within || !is_of_frames {
             self.document.left_out += 1;

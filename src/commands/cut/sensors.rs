@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use anyhow::ensure;
 use sensors::Decoded;
-use sensors::router::Sensor;
+use sensors::router::{Router, Sensor};
 
 use super::Args;
 use crate::commands::recording::Recording;
@@ -13,11 +13,57 @@ use crate::commands::sensor_ids;
 use crate::recording::bags::Surroundings;
 use crate::rig::{MountFile, NamedFrame, framed};
 
+/// What has to be known before a packet is written.
+#[derive(Clone, Copy)]
+pub(super) struct Needs {
+    /// Which sensor sent it.
+    pub(super) sensors: bool,
+    /// Which revolution it belongs to.
+    pub(super) frames: bool,
+    /// Where the sensors sit.
+    pub(super) transforms: bool,
+}
+
+/// The sensors of one recording.
+pub(super) struct SensorsOf<'a> {
+    pub(super) recording: &'a Recording,
+    pub(super) router: Router,
+    /// When the packets of the wanted revolutions came, by sensor.
+    pub(super) revolutions: BTreeMap<usize, RangeInclusive<u64>>,
+    pub(super) first_names: Vec<String>,
+    /// Name of each sensor, and whether it is wanted.
+    pub(super) names: BTreeMap<usize, (String, bool)>,
+    /// Still to be written.
+    pub(super) transforms: Option<Vec<NamedFrame>>,
+}
+
+impl<'a> SensorsOf<'a> {
+    /// `is_first` says that nothing is written yet.
+    pub(super) fn read(
+        args: &Args,
+        recording: &'a Recording,
+        (needs, is_first): (Needs, bool),
+    ) -> anyhow::Result<Self> {
+        let first_names = if needs.sensors { names_of(recording)? } else { Vec::new() };
+        Ok(Self {
+            recording,
+            router: if needs.sensors { recording.router()? } else { Router::new() },
+            revolutions: if needs.frames { revolutions(args, recording)? } else { BTreeMap::new() },
+            transforms: match needs.transforms && is_first {
+                true => static_frames(args, recording, &first_names)?,
+                false => None,
+            },
+            first_names,
+            names: BTreeMap::new(),
+        })
+    }
+}
+
 /// Packets looked at before any is written, to know what the sensors are.
 const LOOK_AHEAD: u64 = 20_000;
 
 /// The frames of the sensors, by `--mount` or the recording itself.
-pub(super) fn static_frames(
+fn static_frames(
     args: &Args,
     recording: &Recording,
     names: &[String],
@@ -46,10 +92,7 @@ pub(super) fn static_frames(
 }
 
 /// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.
-pub(super) fn revolutions(
-    args: &Args,
-    recording: &Recording,
-) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
+fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
     let [from, to] = args.part.revolutions();
     let (from, to) = (from.unwrap_or(0), to.unwrap_or(u64::MAX));
     let mut router = recording.router()?;
@@ -85,7 +128,7 @@ pub(super) fn revolutions(
 struct Enough;
 
 /// What the sensors of a recording are called, as `inspect` calls them: what some are shows only after some packets.
-pub(super) fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
+fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
     let mut router = recording.router()?;
     let mut packets = 0;
     let outcome = recording.each_packet(&mut |packet| {

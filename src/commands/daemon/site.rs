@@ -32,7 +32,7 @@ pub struct SiteArgs {
     #[arg(long)]
     pub(super) trajectory_starts_with_recording: bool,
     /// Edge of a cell of the live coverage, m.
-    #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = crate::commands::ranges::within(0.01, 100.0))]
+    #[arg(long, value_name = "M", default_value_t = 0.25, value_parser = crate::commands::ranges::within(0.01, 10.0))]
     pub(super) cell: f64,
 }
 

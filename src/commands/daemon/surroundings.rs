@@ -13,9 +13,6 @@ use crate::world::scene::LoadedScene;
 /// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is configured: everywhere behind this they
 /// come in that order.
 pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> anyhow::Result<Site> {
-    if !(args.cell.is_finite() && (0.01..=10.0).contains(&args.cell)) {
-        refuse!("--cell {}, expected 0.01 to 10 m", args.cell);
-    }
     let mut site = Site { voxel_m: args.cell, ..Site::default() };
     if let Some(path) = &args.mount {
         let slots = MountSlots::read(path, axes)?;

@@ -6,7 +6,7 @@ use super::frames::{FrameRange, OutputFrame};
 use crate::commands::Context;
 use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
-use crate::commands::recorded::axes::AxisZeros;
+use crate::commands::recorded::axis_zeros::AxisZeros;
 use crate::commands::recording::Recording;
 use crate::commands::registered::mounts::Mounts;
 use crate::commands::registered::trajectory;

@@ -3,7 +3,8 @@
 
 use anyhow::{Context as _, ensure};
 
-use crate::commands::recorded::axes::{AxisSummary, AxisZeros, summaries, tilts};
+use crate::commands::recorded::axes::{AxisSummary, summaries, tilts};
+use crate::commands::recorded::axis_zeros::AxisZeros;
 use crate::commands::recorded::hearing::silences;
 use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::commands::recorded::session::{MountedSession, feed_session};

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use sensors::catalogue;
 
-use crate::commands::scene_args::{MeshArgs, Numbers, Room};
+use crate::commands::scene_args::{MeshArgs, Operator, Room};
 use crate::commands::scene_file::MapArgs;
 use crate::commands::trajectory_args::WalkText;
 use crate::design::scene_search::WeightRule;
@@ -75,10 +75,10 @@ pub struct SceneSearchArgs {
     /// Search with ideal beams, as `predict --ideal` has them.
     #[arg(long, help_heading = "Model")]
     pub(super) ideal: bool,
-    /// Who carries the rig and shades: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left, z up), m.
+    /// The operator, who shades beams: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left, z up), m.
     /// Housings of the other sensors shade, too, unless --ideal.
     #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE", help_heading = "Model")]
-    pub(super) operator: Option<Numbers<7>>,
+    pub(super) operator: Option<Operator>,
     /// Judge by every N-th revolution.
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Model", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) scan_stride: u32,

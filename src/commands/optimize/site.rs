@@ -4,10 +4,9 @@ use anyhow::bail;
 use glam::DVec3;
 
 use super::args::Args;
-use crate::commands::scene_args::Numbers;
+use crate::commands::scene_args::Operator;
 use crate::commands::trajectory_args::{WalkText, read_trajectory};
 use crate::commands::{Context, scene_file, wrong_usage};
-use crate::simulate::occluder::Occluder;
 use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
 use crate::simulate::walk::{self, Walk};
@@ -33,16 +32,7 @@ pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, V
     let (trajectory, source) = walk_of(args, context, &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;
-    let operator = scene_args.operator.map(|Numbers([x0, y0, z0, x1, y1, z1, radius_m])| Occluder::Capsule {
-        from_m: DVec3::new(x0, y0, z0),
-        to_m: DVec3::new(x1, y1, z1),
-        radius_m,
-    });
-    if let Some(Occluder::Capsule { radius_m, .. }) = operator
-        && radius_m <= 0.0
-    {
-        refuse!("--operator: the radius is {radius_m} m, expected above 0");
-    }
+    let operator = scene_args.operator.map(|Operator(capsule)| capsule);
     let shades = Shades { has_housings: !scene_args.ideal, operator };
     Ok((ViewSite { scene: loaded.scene, trajectory, grid, shades }, loaded.warnings, source))
 }

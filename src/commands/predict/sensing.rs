@@ -1,11 +1,8 @@
 //! How the sensors of a prediction spin, and what is less than perfect about them.
 
-use glam::DVec3;
-
-use crate::commands::scene_args::Numbers;
+use crate::commands::scene_args::Operator;
 use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
-use crate::simulate::occluder::Occluder;
 use crate::simulate::scan::{Scanner, SensorErrors, Spin};
 use crate::simulate::view::Sampling;
 use crate::world::scene::Scene;
@@ -44,7 +41,7 @@ pub struct SensingArgs {
     sub_rays: u32,
     /// The operator, who shades beams: "x,y,z,x,y,z,radius", the ends of a capsule in the body frame (x forward, y left), m.
     #[arg(long, allow_hyphen_values = true, value_name = "CAPSULE")]
-    operator: Option<Numbers<7>>,
+    operator: Option<Operator>,
     /// Let beams pass through the other sensors.
     #[arg(long)]
     no_housings: bool,
@@ -87,13 +84,8 @@ impl SensingArgs {
         if self.no_housings {
             scanner.occluders.iter_mut().for_each(Vec::clear);
         }
-        if let Some(Numbers([x0, y0, z0, x1, y1, z1, radius_m])) = self.operator {
-            if radius_m <= 0.0 {
-                refuse!("--operator: the radius is {radius_m}, expected above 0");
-            }
-            let (from_m, to_m) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
-            let operator = Occluder::Capsule { from_m, to_m, radius_m };
-            scanner.occluders.iter_mut().for_each(|solids| solids.push(operator));
+        if let Some(Operator(capsule)) = self.operator {
+            scanner.occluders.iter_mut().for_each(|solids| solids.push(capsule));
         }
         scanner.sensor_errors = SensorErrors {
             min_range_m: self.min_range,

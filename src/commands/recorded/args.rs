@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 
-use super::axes::AxisZeros;
+use super::axis_zeros::AxisZeros;
 use crate::base::files::is_same;
 use crate::commands::given::SensorArgs;
 use crate::commands::output;

@@ -1,6 +1,7 @@
 //! A recording with known slots of its sensors on the rig: a session, which knows them, or a capture with a mount file.
 
 pub mod axes;
+pub mod axis_zeros;
 pub mod beams;
 mod args;
 mod capture;
@@ -26,7 +27,8 @@ use crate::rig::{MountFile, MountedSensor, Rig};
 use crate::verify::compare::{RecordedRay, Thinning, TiltHistory};
 use crate::world::trajectory::Trajectory;
 pub use args::RecordedArgs;
-use axes::{AxisSummary, AxisZeros, contradicted, reports_of, summaries};
+use axes::{AxisSummary, contradicted, reports_of, summaries};
+use axis_zeros::AxisZeros;
 use capture::feed_capture;
 use feed::MountedFrame;
 use pass_summary::PassSummary;

@@ -8,7 +8,8 @@ use sensors::router::Sensor;
 
 use super::bag_mount;
 use crate::base::geometry::Pose;
-use crate::commands::recorded::axes::{AxisZeros, Pitches, Tilts, tilts};
+use crate::commands::recorded::axes::{Pitches, Tilts, tilts};
+use crate::commands::recorded::axis_zeros::AxisZeros;
 use crate::commands::recorded::feed::body_from_sensor_over;
 use crate::commands::recording::Recording;
 use crate::rig::{MountFile, Rig};

@@ -33,7 +33,7 @@ pub struct Args {
     #[command(flatten)]
     map: MapArgs,
     /// Address to serve on.
-    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0")]
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:0", value_parser = loopback)]
     listen: SocketAddr,
     /// Print the address and do not start a browser.
     #[arg(long)]
@@ -47,4 +47,12 @@ pub(crate) use play::run;
 #[cfg(not(feature = "daemon"))]
 pub(crate) fn run(_: &Args, _: super::Context) -> anyhow::Result<super::Outcome> {
     anyhow::bail!("{}", crate::base::features::left_out("the viewer", "daemon"))
+}
+
+fn loopback(text: &str) -> Result<SocketAddr, String> {
+    match text.parse::<SocketAddr>() {
+        Ok(address) if address.ip().is_loopback() => Ok(address),
+        Ok(_) => Err("expected an address of this host (127.0.0.1): the page has no password".into()),
+        Err(error) => Err(error.to_string()),
+    }
 }

@@ -69,12 +69,6 @@ impl Tape for Reels {
 
 /// Runs the verb.
 pub(crate) fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    if !args.listen.ip().is_loopback() {
-        refuse!(
-            "--listen {}: expected an address of this host (127.0.0.1): the page has no password",
-            args.listen
-        );
-    }
     let sensors = args.sensors.or_of(context, &args.recording);
     let recording = Recording::open_to_reread(&args.recording, &sensors)?.without_progress();
     let (mount, trajectory, source) = whereabouts(args)?;

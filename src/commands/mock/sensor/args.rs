@@ -10,7 +10,7 @@ use sensors::velodyne::ReturnMode;
 use super::parse::{parse_address, parse_imu_profile, parse_model, parse_profile, parse_returns};
 use crate::commands::mock::web::WebArgs;
 use crate::commands::ranges::{count, within};
-use crate::commands::scene_args::{MeshArgs, Numbers};
+use crate::commands::scene_args::{MeshArgs, Numbers, Room};
 use crate::commands::scene_file::MapArgs;
 use crate::mock::transmit::Pace;
 
@@ -68,7 +68,7 @@ pub struct Args {
         default_value = "-10,-6,-1.5,10,6,2.5",
         allow_hyphen_values = true
     )]
-    pub(super) hall: Numbers<6>,
+    pub(super) hall: Room,
     /// Trajectory of the platform (TUM, EuRoC or another table with named columns); by default it stands at the
     /// origin.
     #[arg(long, value_name = "FILE")]

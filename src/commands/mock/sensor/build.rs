@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use anyhow::Context as _;
-use glam::DVec3;
 use sensors::ouster::{ImuProfile, Metadata, Synthetic, TimestampMode};
 use sensors::velodyne::Product;
 
@@ -13,7 +12,7 @@ use crate::commands::{Context, output, scene_file, trajectory_args};
 use crate::live::receive::now_ns;
 use crate::mock::sensor::{FaultInjector, Faults, MockSensor};
 use crate::rig::{Mount, MountFile};
-use crate::world::scene::{BoxScene, LoadedScene, Scene};
+use crate::world::scene::LoadedScene;
 use crate::world::trajectory::Trajectory;
 
 pub(super) fn injector(args: &Args) -> FaultInjector {
@@ -55,12 +54,7 @@ pub(super) fn scene(args: &Args, context: Context) -> anyhow::Result<LoadedScene
         return Ok(read);
     }
     scene_file::ensure_none_typed(context, "there is none")?;
-    let [x0, y0, z0, x1, y1, z1] = args.hall.0;
-    let (min, max) = (DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1));
-    if !min.cmplt(max).all() {
-        refuse!("--box: {min} must be less than {max} in each coordinate");
-    }
-    Ok(LoadedScene::of_room(&Scene::Box(BoxScene::closed(min, max))))
+    Ok(LoadedScene::of_room(&args.hall.scene()))
 }
 
 pub(super) fn mount(args: &Args) -> anyhow::Result<Mount> {
