@@ -1,27 +1,23 @@
 //! `outrigger boresight`: how the sensors of a rig sit to each other, from their recording alone.
 
-use std::fmt::Write as _;
+mod document;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
-use serde::Serialize;
 
 use super::recorded::{RaySample, Recorded, RecordedArgs};
 use super::recorded_odometry::{self as odometry, OdometryArgs};
 use super::scene_args::PoseErrorArgs;
 use super::trajectory_args::read_trajectory;
 use super::{Context, Outcome, output};
-use crate::report::chart::signed;
-use crate::report::values;
-use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};
+use crate::verify::calibrate::{Pair, relative_mount};
 use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::Trajectory;
+use document::{Document, text, verdict, words};
 
 /// Returns that are kept, of all sensors together.
 const RAYS: usize = 1 << 22;
-/// A tilt is called off beyond so many standard deviations and degrees.
-const SURE: f64 = 3.0;
-const NOTABLE_DEG: f64 = 0.1;
 
 /// Arguments of `boresight`.
 #[derive(clap::Args, Debug)]
@@ -44,19 +40,6 @@ pub struct Args {
     pose_error: PoseErrorArgs,
     #[command(flatten)]
     odometry: OdometryArgs,
-}
-
-/// The document that `boresight` prints.
-#[derive(Debug, Serialize)]
-struct Document {
-    format: &'static str,
-    verdict: &'static str,
-    words: Vec<String>,
-    /// Every two sensors, the first against the second.
-    relative: Vec<RelativeMount>,
-    /// What is odd or was lost.
-    problems: Vec<String>,
-    wall_s: f64,
 }
 
 /// Runs the verb.
@@ -123,57 +106,4 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
     let found = odometry::of_rig(recorded, &args.odometry, false)?;
     problems.extend(odometry::remarks(&found));
     Ok(found.walked.trajectory)
-}
-
-fn is_off(found: &RelativeMount) -> bool {
-    found.tilt.as_ref().is_some_and(|tilt| tilt.error_deg.abs() > (SURE * tilt.sd_deg).max(NOTABLE_DEG))
-}
-
-fn verdict(relative: &[RelativeMount]) -> &'static str {
-    if relative.iter().any(is_off) {
-        "differs"
-    } else if relative.iter().any(|found| found.tilt.is_none()) {
-        "cannot_tell"
-    } else {
-        "matches"
-    }
-}
-
-fn words(found: &RelativeMount) -> String {
-    let [first, second] = &found.sensors;
-    match (&found.tilt, &found.cannot_tell) {
-        (Some(tilt), _) => format!(
-            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
-            signed(tilt.error_deg, 3),
-            tilt.u95_deg,
-            values::p_value(tilt.p_value),
-            if is_off(found) { "" } else { ": as said, as far as can be told" }
-        ),
-        (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
-    }
-}
-
-fn text(document: &Document) -> String {
-    let mut text = String::new();
-    for (words, found) in document.words.iter().zip(&document.relative) {
-        let _ = writeln!(text, "{words}");
-        if found.windows == 0 {
-            continue;
-        }
-        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| values::estimate(found.rotation_deg[axis], 3));
-        let [x, y, z] = [0, 1, 2].map(|axis| values::estimate(found.translation_mm[axis], 1));
-        let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
-        let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range     {} mm", values::estimate(found.range_offset_mm, 1));
-        let _ = writeln!(
-            text,
-            "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
-            if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
-            found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
-            found.pairs,
-            found.windows,
-            found.residual_sd_mm
-        );
-    }
-    text
 }

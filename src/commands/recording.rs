@@ -163,6 +163,11 @@ impl Recording {
 
 /// What can be read but once, kept in a temporary file; none of another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
-    let name = if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() };
-    keep_stream(path).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
+    keep_stream(path)
+        .with_context(|| format!("{} cannot be kept in a temporary file (TMPDIR)", name_of(path)))
+}
+
+/// What messages call a file that is read.
+pub(crate) fn name_of(path: &Path) -> String {
+    if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() }
 }

@@ -58,7 +58,7 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut path = packets_path(&args.capture)?;
-    let name = if path == Path::new("-") { "standard input".into() } else { path.display().to_string() };
+    let name = recording::name_of(&path);
     // what is read once need not be kept
     let spooled = match args.again || looks_ahead(args) {
         true => recording::spool(&path)?,

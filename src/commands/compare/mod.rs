@@ -14,7 +14,7 @@ use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
 use super::{Context, Outcome};
 use crate::base::files::check_folder;
-use crate::verify::compare::{Gate, Healthy, Replay};
+use crate::verify::compare::Healthy;
 use crate::verify::judgement::judge::{Inputs, judge};
 use document::{Document, ZeroOffer};
 use files::{conclude, unplaced, write};
@@ -79,12 +79,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let (scene, trajectory) = (&place.scene, &place.trajectory);
     let grid = grid(args, scene)?;
     let patches = patches(args, scene, rig, trajectory);
-    let gate = Gate { agree_within_m: args.gate, time_offset_ns: place.time_offset_ns, ..Gate::default() };
-    let mut replay = Replay::new(scene, trajectory, rig.sensors.clone(), &grid, gate);
-    if let Some(patches) = &patches {
-        replay = replay.with_surface(patches);
-    }
-    let (replayed, mut pass) = replayed(&recorded, replay, &place.mapped)?;
+    let (replayed, mut pass) = replayed(args, &recorded, &place, &grid, patches.as_ref())?;
     let walked_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
     pass.faults.extend(hearing::silences(rig, &pass.data_spans, walked_ns));

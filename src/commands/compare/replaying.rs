@@ -3,13 +3,14 @@
 use anyhow::bail;
 
 use super::Args;
+use super::place::Place;
 use crate::commands::output;
 use crate::commands::recorded::Recorded;
 use crate::commands::recorded::pass_summary::{PassSummary, SensorSummary};
 use crate::commands::trajectory_args::read_trajectory;
 use crate::rig::Rig;
 use crate::simulate::scan::{Scanner, Spin};
-use crate::verify::compare::{Patches, Replay, Replayed};
+use crate::verify::compare::{Gate, Patches, Replay, Replayed};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -46,10 +47,19 @@ pub(super) fn patches(args: &Args, scene: &Scene, rig: &Rig, trajectory: &Trajec
 
 /// Replays all frames but those that made the map.
 pub(super) fn replayed(
+    args: &Args,
     recorded: &Recorded,
-    mut replay: Replay<'_>,
-    mapped: &std::ops::Range<u64>,
+    place: &Place,
+    grid: &VoxelGrid,
+    patches: Option<&Patches>,
 ) -> anyhow::Result<(Replayed, PassSummary)> {
+    let gate = Gate { agree_within_m: args.gate, time_offset_ns: place.time_offset_ns, ..Gate::default() };
+    let sensors = recorded.rig.sensors.clone();
+    let mut replay = Replay::new(&place.scene, &place.trajectory, sensors, grid, gate);
+    if let Some(patches) = patches {
+        replay = replay.with_surface(patches);
+    }
+    let mapped = &place.mapped;
     let mut frames = 0_u64;
     let pass = recorded.feed(&mut |mounted_frame| {
         if mapped.contains(&mounted_frame.number) {

@@ -3,21 +3,22 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 
 use super::Args;
+use super::ideal_sensors::{ensure_a_revolution, sensors, spins};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
 use crate::report::completeness::{SurfaceDocument, Times, page};
 use crate::report::seen::{Document, Scored};
-use crate::rig::{MountedSensor, Rig, Unit};
-use crate::simulate::fan::BeamFan;
-use crate::simulate::ideal::IdealSensors;
+use crate::rig::{Rig, Unit};
+use crate::simulate::ideal::{IdealCoverage, IdealSensors};
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
+use crate::world::scene::MeshSummary;
 use crate::world::surface::{Completeness, MAIN_RANK, ObservableSurface, write_flags};
 
 /// Arguments about ideal beams.
@@ -68,7 +69,6 @@ pub fn run(
     let sensors = sensors(units, rig, &site, &sampling);
     ensure_a_revolution(&sensors, &args.trajectory.name())?;
     let Site { loaded, trajectory, grid } = site;
-    let trajectory_length_m = trajectory.length_m();
     let view_site = ViewSite { scene: loaded.scene, trajectory, grid, shades: Shades::default() };
     let view = CastView::new(view_site, units, &sampling, Precision::Double).map_err(wrong_usage)?;
     let samples =
@@ -90,31 +90,22 @@ pub fn run(
     let covered = surface.as_ref().map(|surface| sensors.cover(surface));
     let wall_s = start.elapsed().as_secs_f64();
     stage.next("casting single sensors to compare with (--no-baselines leaves them out)");
-    let start = Instant::now();
-    let summary = loaded.mesh;
-    let parts = surface.as_ref().zip(covered).zip(summary);
-    let (surface_document, flags) = parts
-        .map(|((surface, (shares, flags)), summary)| {
-            let baselines = (!args.no_baselines).then(|| sensors.baselines(surface, &shares));
-            let times = Times { prepare_s, observable_s, baselines_s: start.elapsed().as_secs_f64() };
-            (SurfaceDocument::new(&sensors, summary, surface, shares, baselines, times), flags)
-        })
+    let times = Times { prepare_s, observable_s, baselines_s: 0.0 };
+    let of_surface = surface.as_ref().zip(covered).zip(loaded.mesh);
+    let (surface_document, flags) = of_surface
+        .map(|((surface, covered), mesh)| surface_document(args, &sensors, mesh, surface, covered, times))
         .unzip();
     drop(stage);
     placement.doubts.iter().for_each(|doubt| output::say_notice(doubt));
+    let notices = units.iter().filter_map(|unit| unit.notice.clone());
     let scored = Scored {
         terms: weights.terms(rig, &Seen::exact(&counts, rays)),
         reachable_voxels: weights.observable,
         min_angle_deg: angle_deg(rig),
         rays,
         origin: loaded.origin,
-        trajectory_length_m,
-        warnings: units
-            .iter()
-            .filter_map(|unit| unit.notice.clone())
-            .chain(loaded.warnings)
-            .chain(placement.doubts)
-            .collect(),
+        trajectory_length_m: sensors.trajectory.length_m(),
+        warnings: notices.chain(loaded.warnings).chain(placement.doubts).collect(),
         wall_s,
         surface: surface_document,
     };
@@ -136,23 +127,19 @@ fn refuse_unused(context: Context, is_on_mesh: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn sensors(units: &[Unit], rig: &Rig, site: &Site, sampling: &Sampling) -> IdealSensors {
-    IdealSensors {
-        scene: site.loaded.scene.clone(),
-        trajectory: site.trajectory.clone(),
-        rig: rig.clone(),
-        fans: units.iter().map(|unit| fan(unit, sampling)).collect(),
-        scan_stride: sampling.scan_stride,
-    }
-}
-
-/// Columns and revolutions of each sensor.
-fn spins(view: &CastView, rig: &Rig) -> Vec<(usize, u64)> {
-    let spin = |sensor: &MountedSensor| {
-        let (fan, scans) = view.fan_of(&sensor.model);
-        (fan.columns, scans.count)
-    };
-    rig.sensors.iter().map(spin).collect()
+/// What is covered of the surface, with the single sensors to compare with, and the flags of its samples.
+fn surface_document(
+    args: &Args,
+    sensors: &IdealSensors,
+    mesh: MeshSummary,
+    surface: &ObservableSurface,
+    (shares, flags): (IdealCoverage, Completeness),
+    times: Times,
+) -> (SurfaceDocument, Completeness) {
+    let start = Instant::now();
+    let baselines = (!args.no_baselines).then(|| sensors.baselines(surface, &shares));
+    let times = Times { baselines_s: start.elapsed().as_secs_f64(), ..times };
+    (SurfaceDocument::new(sensors, mesh, surface, shares, baselines, times), flags)
 }
 
 /// The files that were asked for.
@@ -173,24 +160,4 @@ fn write(
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     Ok(())
-}
-
-fn fan(unit: &Unit, sampling: &Sampling) -> BeamFan {
-    let columns = sampling.columns.unwrap_or(unit.columns);
-    let mut fan = BeamFan::nominal(&unit.model, columns as usize, sampling.rate_hz.unwrap_or(unit.rate_hz));
-    fan.min_range_m = sampling.min_range_m.unwrap_or(fan.min_range_m);
-    fan.max_range_m = sampling.max_range_m.unwrap_or(fan.max_range_m);
-    fan
-}
-
-fn ensure_a_revolution(sensors: &IdealSensors, name: &str) -> anyhow::Result<()> {
-    let Some(slow) = sensors.fans.iter().find(|fan| fan.scans(&sensors.trajectory) == 0) else {
-        return Ok(());
-    };
-    let [start_ns, end_ns] = sensors.trajectory.time_span_ns();
-    bail!(
-        "{name}: {} s long, expected at least one revolution of {} s",
-        (end_ns - start_ns) as f64 * 1e-9,
-        1.0 / slow.rate_hz
-    )
 }

@@ -12,6 +12,8 @@ use crate::commands::{Context, Outcome, output, scene_file};
 use crate::report::prediction::{Document, page};
 use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, predict};
 use crate::simulate::scan::Scanner;
+use crate::world::coverage::Coverage;
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::LoadedScene;
 use crate::world::surface::ObservableSurface;
 
@@ -72,16 +74,28 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     doubts.iter().for_each(|doubt| output::say_notice(doubt));
     document.warnings.extend(doubts);
     output::print_result(context.json, &document, || document.summary(), &[])?;
+    write(args, &document, &scanner, (&prediction.coverage, &observable), origin)?;
+    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+}
+
+/// The files that were asked for.
+fn write(
+    args: &Args,
+    document: &Document,
+    scanner: &Scanner<'_>,
+    (coverage, observable): (&Coverage, &[usize]),
+    origin: LocalOrigin,
+) -> anyhow::Result<()> {
     if let Some(path) = &args.out {
-        let names: Vec<_> = rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-        let bytes = prediction.coverage.ply(&names, origin);
+        let names: Vec<_> = scanner.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
+        let bytes = coverage.ply(&names, origin);
         crate::base::files::write_whole(path, &bytes).with_context(|| path.display().to_string())?;
     }
     if let Some(path) = &args.report {
-        let page = page(&document, &scanner, &prediction.coverage, &observable, origin, &output::again());
+        let page = page(document, scanner, coverage, observable, origin, &output::again());
         page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
-    Ok(if placement.is_wrong { Outcome::DataLost } else { Outcome::Done })
+    Ok(())
 }
 
 fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> {

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
-use super::{BagAbout, Recording, ensure_recording, inside_of, packets_of, spool};
+use super::{BagAbout, Recording, ensure_recording, inside_of, name_of, packets_of, spool};
 use crate::commands::assigned_file::AssignedFile;
 use crate::commands::given::{Given, SensorArgs, ensure_named, metadata_of, recorded_from, session_metadata};
 use crate::recording::bags::{BagPackets, is_bag_at, metadata_in, names_in};
@@ -32,10 +32,7 @@ impl Recording {
             }
             session = Some((capture.to_owned(), manifest));
         }
-        let name = match path.as_os_str() == "-" {
-            true => "standard input".into(),
-            false => path.display().to_string(),
-        };
+        let name = name_of(&path);
         let mut spooled = if is_read_again { spool(&path)? } else { None };
         path = spooled.as_ref().map_or(path, |file| file.path().to_owned());
         let is_read_once = is_stream(&path);

@@ -10,7 +10,7 @@ use anyhow::Context as _;
 use indicatif::{HumanBytes, HumanCount, ProgressBar};
 
 use super::Args;
-use crate::commands::recording::capture_losses;
+use crate::commands::recording::{capture_losses, name_of};
 use crate::mock::senders::{MAX_SENDERS, SenderSockets};
 use crate::recording::bags::BagPackets;
 use crate::recording::packet_reader::PacketReader;
@@ -85,8 +85,7 @@ pub(super) fn send_once(
     bar: &ProgressBar,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let name = if path == Path::new("-") { "standard input".into() } else { path.display().to_string() };
-    let mut capture = PacketReader::open(path, &name)?;
+    let mut capture = PacketReader::open(path, &name_of(path))?;
     let damage = loop {
         let packet = match capture.next() {
             Ok(Some(packet)) => packet,

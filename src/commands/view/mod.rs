@@ -2,6 +2,7 @@
 
 #[cfg(feature = "daemon")]
 mod heading;
+#[cfg(feature = "daemon")]
 mod play;
 
 use std::net::SocketAddr;

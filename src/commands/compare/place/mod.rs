@@ -56,11 +56,7 @@ pub(super) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         notices.extend(suspicions(trajectory, "trajectory"));
     }
     let mapped = args.map_frames.as_ref().map_or(0..0, |frames| frames.0.clone());
-    let loaded = match (&args.scene, &args.room) {
-        (Some(path), _) => Some(scene_file::read(path, &args.mesh, &args.map, context)?),
-        (None, Some(room)) => Some(LoadedScene::of_room(&room.scene())),
-        (None, None) => None,
-    };
+    let loaded = loaded(args, context)?;
     let origin =
         loaded.as_ref().map_or_else(|| LocalOrigin::of_box(trajectory.bounds_m()), |loaded| loaded.origin);
     let is_sought = mapped.is_empty() && (args.align || is_odometry);
@@ -108,6 +104,15 @@ pub(super) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
         place.is_misplaced = placement.is_wrong;
     }
     Ok(place)
+}
+
+/// The scene, where it is no map of the recording itself.
+fn loaded(args: &PlaceArgs, context: Context) -> anyhow::Result<Option<LoadedScene>> {
+    Ok(match (&args.scene, &args.room) {
+        (Some(path), _) => Some(scene_file::read(path, &args.mesh, &args.map, context)?),
+        (None, Some(room)) => Some(LoadedScene::of_room(&room.scene())),
+        (None, None) => None,
+    })
 }
 
 /// What is added to the recording's times; where it is searched, around what.

@@ -1,0 +1,79 @@
+//! What `boresight` prints.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::report::chart::signed;
+use crate::report::values;
+use crate::verify::calibrate::RelativeMount;
+
+/// A tilt is called off beyond so many standard deviations and degrees.
+const SURE: f64 = 3.0;
+const NOTABLE_DEG: f64 = 0.1;
+
+/// The document that `boresight` prints.
+#[derive(Debug, Serialize)]
+pub(super) struct Document {
+    pub(super) format: &'static str,
+    pub(super) verdict: &'static str,
+    pub(super) words: Vec<String>,
+    /// Every two sensors, the first against the second.
+    pub(super) relative: Vec<RelativeMount>,
+    /// What is odd or was lost.
+    pub(super) problems: Vec<String>,
+    pub(super) wall_s: f64,
+}
+
+fn is_off(found: &RelativeMount) -> bool {
+    found.tilt.as_ref().is_some_and(|tilt| tilt.error_deg.abs() > (SURE * tilt.sd_deg).max(NOTABLE_DEG))
+}
+
+pub(super) fn verdict(relative: &[RelativeMount]) -> &'static str {
+    if relative.iter().any(is_off) {
+        "differs"
+    } else if relative.iter().any(|found| found.tilt.is_none()) {
+        "cannot_tell"
+    } else {
+        "matches"
+    }
+}
+
+pub(super) fn words(found: &RelativeMount) -> String {
+    let [first, second] = &found.sensors;
+    match (&found.tilt, &found.cannot_tell) {
+        (Some(tilt), _) => format!(
+            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
+            signed(tilt.error_deg, 3),
+            tilt.u95_deg,
+            values::p_value(tilt.p_value),
+            if is_off(found) { "" } else { ": as said, as far as can be told" }
+        ),
+        (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
+    }
+}
+
+pub(super) fn text(document: &Document) -> String {
+    let mut text = String::new();
+    for (words, found) in document.words.iter().zip(&document.relative) {
+        let _ = writeln!(text, "{words}");
+        if found.windows == 0 {
+            continue;
+        }
+        let [roll, tilt, yaw] = [0, 1, 2].map(|axis| values::estimate(found.rotation_deg[axis], 3));
+        let [x, y, z] = [0, 1, 2].map(|axis| values::estimate(found.translation_mm[axis], 1));
+        let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
+        let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
+        let _ = writeln!(text, "  range     {} mm", values::estimate(found.range_offset_mm, 1));
+        let _ = writeln!(
+            text,
+            "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
+            if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
+            found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
+            found.pairs,
+            found.windows,
+            found.residual_sd_mm
+        );
+    }
+    text
+}
