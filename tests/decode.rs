@@ -298,7 +298,7 @@ fn calibrations_that_serve_nobody_are_told() {
         assert!(said.contains("32 given, a vlp-16 has 16"), "{said}");
     }
     let (code, _, said) = decode(&path(VLP16), &[], &["--calibration", &format!("left={right}")]);
-    assert!(code == 2 && said.contains("is no session, whose sensors have names"), "{said}");
+    assert!(code == 2 && said.contains("is no session, so its sensors have no names"), "{said}");
 }
 
 /// There is one level of it for both returns of a firing.

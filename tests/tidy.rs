@@ -183,7 +183,7 @@ fn lengths_angles_and_times_carry_their_unit() {
 
 /// Of the wings that are through with it.
 fn names_and_messages_use_the_glossary() {
-    const DONE: [&str; 29] = [
+    const DONE: [&str; 15] = [
         "src/base",
         "src/world",
         "src/rig",
@@ -197,29 +197,17 @@ fn names_and_messages_use_the_glossary() {
         "src/mock",
         "src/study",
         "src/daemon",
-        "src/commands/rig",
-        "src/commands/rig_args",
-        "src/commands/record",
-        "src/commands/daemon",
-        "src/commands/doctor",
-        "src/commands/sensor",
-        "src/commands/study",
-        "src/commands/mock",
-        "src/commands/manual",
-        "src/commands/init",
-        "src/commands/optimize",
-        "src/commands/predict",
-        "src/commands/view",
-        "src/commands/demo",
-        "src/commands/mount",
+        "src/commands",
         "firmware-protocol/src",
     ];
+    const NOT_YET: [&str; 3] = ["src/commands/decode", "src/commands/inspect", "src/commands/unread.rs"];
+    let is_done = |file: &PathBuf| !NOT_YET.iter().any(|not_yet| file.starts_with(root().join(not_yet)));
     let mut offences = Vec::new();
     for folder in DONE {
         let path = root().join(folder);
         let of_folder = if path.is_dir() { rust_files(&path) } else { Vec::new() };
         let beneath = root().join(format!("{folder}.rs"));
-        for file in of_folder.into_iter().chain(Some(beneath).filter(|file| file.exists())) {
+        for file in of_folder.into_iter().chain(Some(beneath).filter(|file| file.exists())).filter(is_done) {
             offences.extend(words::replaced(&file, &std::fs::read_to_string(&file).unwrap()));
         }
     }

@@ -23,17 +23,17 @@ const RAYS: usize = 1 << 22;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \
-                  time. What is left over tells how the first sits to the second beside what the mount file says; no model \
+                  time. What is left over is how far the first is off its nominal mount on the second; no model \
                   of the scene is needed, and an error of the trajectory that both share cancels. Turns and shifts are those of \
                   the first sensor about the axes of the mount frame (x right, y forward, z up) as the second one sees it: where \
                   the second is the one that is turned, the first seems shifted by as much as that turn moves it. Nothing is changed.\n\
-                  Exit codes: 0 the sensors sit as said, 1 failed, 3 they do not, it cannot be told, or data was lost."
+                  Exit codes: 0 the mounts are nominal, 1 failed, 3 they are not, it cannot tell, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
-    /// Way of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
-    /// way that the recording itself tells; without it the session's own, and odometry where there is none.
+    /// Trajectory of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for
+    /// the one of the recording itself; without it the session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
     #[command(flatten)]
@@ -46,7 +46,7 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error();
-    if args.trajectory.as_ref().is_some_and(|way| way.as_os_str() != "odometry") {
+    if args.trajectory.as_ref().is_some_and(|path| path.as_os_str() != "odometry") {
         OdometryArgs::ensure_not_typed(context)?;
     }
     let recorded = Recorded::open(&args.recorded, context)?;

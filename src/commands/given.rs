@@ -146,7 +146,7 @@ pub(crate) fn ensure_named(
         let (recording, file) = (recording.display(), &given.name);
         let Some(manifest) = session else {
             refuse!(
-                "--calibration {name}={file}: {recording} is no session, whose sensors have names: say ADDRESS={file}, or \
+                "--calibration {name}={file}: {recording} is no session, so its sensors have no names: say ADDRESS={file}, or \
                  :PORT={file} with the port of its data packets"
             );
         };

@@ -24,7 +24,7 @@ use map::{map_of, write_map};
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "The world is the body at the first return, or with --scene the scene: the walk is placed in it and laid against \
-                  it piece by piece, so that what the odometry drifted is taken out. A recording of several sensors needs their mounts; with one \
+                  it piece by piece, which removes the drift of the odometry. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
                   open, as a straight corridor does, the last velocity holds along it, with a note: such a trajectory is \

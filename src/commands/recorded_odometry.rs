@@ -49,7 +49,7 @@ impl OdometryArgs {
 
     pub(crate) fn check(&self) -> anyhow::Result<()> {
         if !(0.0..self.farthest_m).contains(&self.nearest_m) {
-            refuse!("--odometry-min-range {}, expected from 0 to the greatest range", self.nearest_m);
+            refuse!("--odometry-min-range {}, expected from 0 to the max range", self.nearest_m);
         }
         Ok(())
     }

@@ -164,7 +164,7 @@ impl Recording {
 /// What can be read but once, kept in a temporary file; none of another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     keep_stream(path)
-        .with_context(|| format!("{} cannot be kept in a temporary file (TMPDIR)", name_of(path)))
+        .with_context(|| format!("{} cannot be stored in a temporary file (TMPDIR)", name_of(path)))
 }
 
 /// What messages call a file that is read.

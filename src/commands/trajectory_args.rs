@@ -133,7 +133,7 @@ pub(crate) fn read_trajectory(
     let (bag, topic) = bag_and_topic(path);
     if is_bag_at(bag) {
         if rate_hz.is_some() {
-            refuse!("--rate is for poses without times (KITTI): {name} is a bag, whose poses have times");
+            refuse!("--rate is for poses without times (KITTI): {name} is a bag, and its poses have times");
         }
         return Ok(Surroundings::read(bag, &bag.display().to_string())?.platform_trajectory(bag, topic)?);
     }

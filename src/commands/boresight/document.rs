@@ -43,11 +43,11 @@ pub(super) fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
+            "{first} against {second}: pitch is {} ± {:.3}° (95 %) off its nominal value, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
             values::p_value(tilt.p_value),
-            if is_off(found) { "" } else { ": as said, as far as can be told" }
+            if is_off(found) { "" } else { ": nominal within the uncertainty" }
         ),
         (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
     }
@@ -67,7 +67,7 @@ pub(super) fn text(document: &Document) -> String {
         let _ = writeln!(text, "  range     {} mm", values::estimate(found.range_offset_mm, 1));
         let _ = writeln!(
             text,
-            "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
+            "  observable {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
             if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
             found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
             found.pairs,

@@ -25,13 +25,13 @@ use replaying::{grid, patches, planned, replayed};
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
-    after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \
+    after_help = "Every recorded ray is cast into the scene from the nominal mount (the measured one, where a session holds what \
                   its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
                   A trajectory in a frame of its own is placed in the scene with --align; without one, odometry finds one and it \
                   is placed.\n\
                   Exit codes: 0 the recording covers what was predicted (a tilt that it cannot tell is no failure, \
-                  and is named beside that), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
+                  and is named), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]

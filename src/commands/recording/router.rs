@@ -22,7 +22,7 @@ impl Recording {
         }
         for Given { metadata, name, .. } in self.metadata_found() {
             if !self.is_reported.swap(true, Ordering::Relaxed) {
-                say_notice(&format!("{name} lies beside the recording and is used; --meta names others"));
+                say_notice(&format!("{name} lies next to the recording and is used; --meta names others"));
             }
             router.add_ouster(metadata, name);
         }

@@ -46,7 +46,7 @@ impl Mounts {
         notices.extend(measured.notices);
         if rig.is_none() {
             notices.push(
-                "no mount is known: the sensor's frame is taken for the rig's (--mount names another)".into(),
+                "no mount is known: the sensor's frame counts as the rig's (--mount names another)".into(),
             );
         }
         let pitches = vec![Pitches::default(); measured.histories.len()];

@@ -49,8 +49,8 @@ impl Sent {
         for ((port, _), senders) in self.mixed.iter().filter(|(_, senders)| senders.len() > 1) {
             let list: Vec<String> = senders.iter().map(ToString::to_string).collect();
             self.notices.push(format!(
-                "the packets of {} senders ({}) go to port {port} from one address: sensors whose packets bear no serial number \
-                 cannot be told apart there",
+                "the packets of {} senders ({}) go to port {port} from one address: sensors without a serial number in their packets \
+                 become one there",
                 senders.len(),
                 list.join(", ")
             ));
