@@ -65,6 +65,10 @@ fn wrong_usage_is_exit_code_2() {
         &["replay", "none", "--to", "127.0.0.1", "--map", "1=2", "--map", "1=3"],
         &["mock", "rig", "--dynamixel", "--fault", "reboot@1"],
         &["mock", "sensor", "--model", "vlp-16", "--to", "127.0.0.1:9", "--box=1,0,0,0,1,1"],
+        &["mount", "none", "--drawing", "mount.png"],
+        &["view", "none", "--listen", "192.0.2.1:80"],
+        &["decode", "none", "--meta", "192.168.1.10="],
+        &["predict", "--sensors", "vlp-16", "--room=0,0,0,1,1,1", "--operator=0,0,0,0,0,1,0"],
         &["man", "fly"],
     ] {
         let output = outrigger(arguments);

@@ -2,6 +2,7 @@
 
 mod document;
 mod reading;
+mod text;
 
 use std::path::PathBuf;
 
@@ -10,8 +11,9 @@ use anyhow::Context as _;
 use super::{Context, Outcome, output};
 use crate::base::files;
 use crate::rig::{UnitChoice, framed};
-use document::{document, text};
+use document::document;
 use reading::{drawn, read, servos};
+use text::text;
 
 const AFTER: &str = "\
 FILE is a mount file, or says where sensors sit as other programs write it: URDF, tf as YAML (what `ros2 topic echo --once \

@@ -2,23 +2,22 @@
 
 mod document;
 mod map;
+mod walk;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::placing::{self, Near, Placed, Walk};
-use super::recorded::{Recorded, RecordedArgs};
-use super::recorded_odometry::{OdometryArgs, OdometryResult, of_one, of_rig, remarks};
-use super::recording::Recording;
+use super::placing::{Near, Placed};
+use super::recorded::RecordedArgs;
+use super::recorded_odometry::OdometryArgs;
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
 use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
-use crate::base::geometry::Pose;
-use crate::world::trajectory::Trajectory;
 use document::{Document, text};
 use map::{map_of, write_map};
+use walk::{in_scene, kitti, walked};
 
 /// Arguments of `odometry`.
 #[derive(clap::Args, Debug)]
@@ -116,68 +115,4 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     };
     output::print_result(context.json, &document, || text(&document), &document.problems)?;
     Ok(if result.losses.is_empty() && is_placed { Outcome::Done } else { Outcome::DataLost })
-}
-
-/// Runs the odometry; what came of it, and what is odd.
-fn walked(args: &Args, context: Context) -> anyhow::Result<(OdometryResult, Vec<String>)> {
-    let is_placed = args.scene.is_some();
-    let mut problems = Vec::new();
-    let result = match Recorded::open_if_mounted(&args.recorded, context)? {
-        Some(recorded) => {
-            problems.clone_from(&recorded.notices);
-            of_rig(&recorded, &args.settings, is_placed)?
-        }
-        None => {
-            let RecordedArgs { recording, sensors, .. } = &args.recorded;
-            let recording = Recording::open(recording, &sensors.of(context, recording))?;
-            of_one(&recording, &args.settings, is_placed)?
-        }
-    };
-    problems.extend(result.notices.iter().cloned());
-    problems.extend(remarks(&result));
-    Ok((result, problems))
-}
-
-/// The poses of the revolutions that have one, in KITTI format.
-fn kitti(
-    revolutions_ns: &[u64],
-    trajectory: &Trajectory,
-    problems: &mut Vec<String>,
-) -> anyhow::Result<String> {
-    let placed = revolutions_ns.iter().filter_map(|at| Some((*at, trajectory.at(*at)?)));
-    let begun: Vec<(u64, Pose)> = placed.collect();
-    let missing = revolutions_ns.len() - begun.len();
-    if missing > 0 {
-        problems.push(format!("{missing} revolutions have no pose in the KITTI file"));
-    }
-    Ok(Trajectory::new(begun)?.to_kitti())
-}
-
-/// The trajectory in a scene's frame. Where no place is sure, that is a problem, and nothing is written.
-fn in_scene(
-    args: &Args,
-    scene: &Path,
-    result: &OdometryResult,
-    problems: &mut Vec<String>,
-    context: Context,
-) -> anyhow::Result<Placed> {
-    let read = scene_file::read(scene, &args.mesh, &args.scene_map, context)?;
-    problems.extend(read.warnings);
-    let walk = Walk {
-        trajectory: &result.walked.trajectory,
-        rays: &result.rays,
-        sensors: &result.mounted,
-        time_offset_ns: 0,
-        drifts: true,
-    };
-    let mut placed = placing::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
-    placed.trajectory = placed.trajectory.map(|local| local.moved(read.origin.world_m()));
-    problems.extend(placed.notices.iter().cloned());
-    if placed.trajectory.is_none() {
-        problems.push(placed.alignment.words());
-        let asked = args.out.is_some() || args.kitti.is_some() || args.map.is_some();
-        problems
-            .extend(asked.then(|| "no trajectory is written: it has no sure place in the scene".to_owned()));
-    }
-    Ok(placed)
 }

@@ -1,18 +1,18 @@
 //! Arguments that the verbs about scenes share: the mesh with its unit and axis, its samples, a room.
 
+mod shapes;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use glam::DVec3;
 
-use crate::simulate::occluder::Occluder;
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::{
-    BoxScene, Mesh, MeshFile, MeshFileError, MeshUnit, Scene, UNITS, UpAxis, plausible_units,
-};
+use crate::world::scene::{Mesh, MeshFile, MeshFileError, MeshUnit, UNITS, UpAxis, plausible_units};
 use crate::world::surface::{SurfaceSamples, read_points};
 use crate::world::trajectory::PoseError;
+
+pub use shapes::{Numbers, Operator, Room};
 
 /// One of some values, by its name.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
@@ -98,71 +98,5 @@ impl SampleArgs {
         let points_m = read_points(&bytes).with_context(|| path.display().to_string())?;
         let points_m = points_m.into_iter().map(|point_m| origin.local(point_m)).collect();
         SurfaceSamples::new(points_m).with_context(|| path.display().to_string())
-    }
-}
-
-/// So many finite numbers, separated by commas.
-#[derive(Clone, Copy, Debug)]
-pub struct Numbers<const N: usize>(pub [f64; N]);
-
-impl<const N: usize> std::str::FromStr for Numbers<N> {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<f64>> =
-            text.split(',').map(|part| part.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-        let numbers = numbers.ok_or("every part must be a finite number")?;
-        let found = numbers.len();
-        numbers.try_into().map(Self).map_err(|_| format!("{found} numbers, expected {N}"))
-    }
-}
-
-/// The operator of a rig: a capsule in the body frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Operator(pub Occluder);
-
-impl std::str::FromStr for Operator {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Numbers([x0, y0, z0, x1, y1, z1, radius_m]) = text.parse()?;
-        if radius_m <= 0.0 {
-            return Err(format!("the radius is {radius_m} m, expected above 0"));
-        }
-        let [from_m, to_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
-        Ok(Self(Occluder::Capsule { from_m, to_m, radius_m }))
-    }
-}
-
-/// Longest edge of a room, m: its walls are counted in voxels.
-const LONGEST_ROOM_M: f64 = 10_000.0;
-
-/// A closed room by its min and its max corner.
-#[derive(Clone, Copy, Debug)]
-pub struct Room([DVec3; 2]);
-
-impl Room {
-    /// Six walls, seen from within.
-    pub(crate) fn scene(&self) -> Scene {
-        let Self([low_m, high_m]) = *self;
-        Scene::Box(BoxScene::closed(low_m, high_m))
-    }
-}
-
-impl std::str::FromStr for Room {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let Numbers([x0, y0, z0, x1, y1, z1]) = text.parse()?;
-        let [low_m, high_m] = [DVec3::new(x0, y0, z0), DVec3::new(x1, y1, z1)];
-        if !low_m.cmplt(high_m).all() {
-            return Err("the first corner must lie below the second in x, y and z".into());
-        }
-        if (high_m - low_m).max_element() > LONGEST_ROOM_M
-            || low_m.abs().max(high_m.abs()).max_element() > 1e8
-        {
-            return Err(format!("expected a room of {LONGEST_ROOM_M} m at most, within 1e8 m of 0"));
-        }
-        Ok(Self([low_m, high_m]))
     }
 }

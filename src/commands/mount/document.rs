@@ -1,6 +1,5 @@
 //! What `mount` prints.
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -10,56 +9,56 @@ use crate::rig::{Clearance, Conflicts, FramedSensor, MountFile, Rig, Servos, hou
 /// The document that `mount` prints.
 #[derive(Debug, Serialize)]
 pub(super) struct Document {
-    format: &'static str,
-    sensors: Vec<SensorRow>,
+    pub(super) format: &'static str,
+    pub(super) sensors: Vec<SensorRow>,
     /// Every frame in its parent: metres, quaternions.
-    frames: Vec<FrameRow>,
-    clearances: Vec<Gap>,
+    pub(super) frames: Vec<FrameRow>,
+    pub(super) clearances: Vec<Gap>,
     /// What cannot be built as it is.
     pub(super) conflicts: Conflicts,
     /// Lines for a shell with ROS 2.
-    static_transform_publishers: Vec<String>,
+    pub(super) static_transform_publishers: Vec<String>,
     /// What is odd, or was concluded.
     pub(super) problems: Vec<String>,
-    written: Vec<PathBuf>,
+    pub(super) written: Vec<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
-struct SensorRow {
-    name: String,
-    model: String,
-    x_m: f64,
-    y_m: f64,
-    z_m: f64,
-    pitch_deg: f64,
-    roll_deg: f64,
-    yaw_deg: f64,
-    angle_tolerance_deg: Option<f64>,
+pub(super) struct SensorRow {
+    pub(super) name: String,
+    pub(super) model: String,
+    pub(super) x_m: f64,
+    pub(super) y_m: f64,
+    pub(super) z_m: f64,
+    pub(super) pitch_deg: f64,
+    pub(super) roll_deg: f64,
+    pub(super) yaw_deg: f64,
+    pub(super) angle_tolerance_deg: Option<f64>,
     /// Where the beams meet, in the mount frame.
-    optical_centre_m: [f64; 3],
+    pub(super) optical_centre_m: [f64; 3],
     /// The spin axis in the mount frame.
-    spin_axis: [f64; 3],
-    housing_radius_m: f64,
-    housing_height_m: f64,
-    field_of_view_deg: [f64; 2],
+    pub(super) spin_axis: [f64; 3],
+    pub(super) housing_radius_m: f64,
+    pub(super) housing_height_m: f64,
+    pub(super) field_of_view_deg: [f64; 2],
     /// Limits of the servo that turns it; none where none does.
-    servo_limits_deg: Option<[f64; 2]>,
+    pub(super) servo_limits_deg: Option<[f64; 2]>,
 }
 
 #[derive(Debug, Serialize)]
-struct FrameRow {
-    name: String,
-    parent: String,
-    translation_m: [f64; 3],
-    rotation_xyzw: [f64; 4],
+pub(super) struct FrameRow {
+    pub(super) name: String,
+    pub(super) parent: String,
+    pub(super) translation_m: [f64; 3],
+    pub(super) rotation_xyzw: [f64; 4],
 }
 
 #[derive(Debug, Serialize)]
-struct Gap {
+pub(super) struct Gap {
     #[serde(flatten)]
-    origins: Clearance,
+    pub(super) origins: Clearance,
     /// Between the housings as they are tilted; 0 where they touch.
-    housing_gap_m: f64,
+    pub(super) housing_gap_m: f64,
 }
 
 pub(super) fn document(
@@ -114,49 +113,4 @@ pub(super) fn document(
         problems,
         written,
     }
-}
-
-pub(super) fn text(document: &Document) -> String {
-    let mut text = String::from(
-        "sensor          model       x mm      y mm      z mm     pitch      roll       yaw   optical centre mm\n",
-    );
-    for row in &document.sensors {
-        let [x, y, z] = row.optical_centre_m.map(|metres| 1000.0 * metres);
-        let _ = writeln!(
-            text,
-            "{:<15} {:<8} {:>9.2} {:>9.2} {:>9.2} {:>8.1}° {:>8.1}° {:>8.1}°  {x:>9.2} {y:>9.2} {z:>9.2}",
-            row.name,
-            row.model,
-            1000.0 * row.x_m,
-            1000.0 * row.y_m,
-            1000.0 * row.z_m,
-            row.pitch_deg + 0.0,
-            row.roll_deg + 0.0,
-            row.yaw_deg + 0.0,
-        );
-    }
-    text += "x right, y forward, z up; positive pitch: the top to the right, roll: the top back, yaw: the front to the left\n";
-    for gap in &document.clearances {
-        let _ = writeln!(
-            text,
-            "clearance       {} to {}: {:.1} mm",
-            gap.origins.first,
-            gap.origins.second,
-            1000.0 * gap.housing_gap_m
-        );
-    }
-    text += &document.conflicts.lines();
-    for frame in &document.frames {
-        let [x, y, z] = frame.translation_m.map(|metres| metres + 0.0);
-        let [qx, qy, qz, qw] = frame.rotation_xyzw.map(|part| part + 0.0);
-        let _ = writeln!(
-            text,
-            "frame           {} in {}: {x:.6} {y:.6} {z:.6} m, quaternion {qx:.6} {qy:.6} {qz:.6} {qw:.6}",
-            frame.name, frame.parent
-        );
-    }
-    for path in &document.written {
-        let _ = writeln!(text, "written         {}", path.display());
-    }
-    text
 }

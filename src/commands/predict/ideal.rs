@@ -3,23 +3,19 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Context as _;
-
 use super::Args;
+use super::ideal_document::{surface_document, write};
 use super::ideal_sensors::{ensure_a_revolution, sensors, spins};
 use crate::commands::stage::Stage;
 use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::scene_search::{SceneWeights, WeightRule, angle_deg};
-use crate::report::completeness::{SurfaceDocument, Times, page};
+use crate::report::completeness::Times;
 use crate::report::seen::{Document, Scored};
 use crate::rig::{Rig, Unit};
-use crate::simulate::ideal::{IdealCoverage, IdealSensors};
 use crate::simulate::prediction::Site;
 use crate::simulate::view::{CastView, Precision, Sampling, Seen, Shades, View as _, ViewSite};
-use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
-use crate::world::scene::MeshSummary;
-use crate::world::surface::{Completeness, MAIN_RANK, ObservableSurface, write_flags};
+use crate::world::surface::ObservableSurface;
 
 /// Arguments about ideal beams.
 #[derive(clap::Args, Debug)]
@@ -123,41 +119,6 @@ fn refuse_unused(context: Context, is_on_mesh: bool) -> anyhow::Result<()> {
     if !is_on_mesh {
         let on_a_surface = ["no_baselines", "report", "covered_out"];
         context.ensure_not_typed(&on_a_surface, "is about the surface of a mesh: give one behind --scene")?;
-    }
-    Ok(())
-}
-
-/// What is covered of the surface, with the single sensors to compare with, and the flags of its samples.
-fn surface_document(
-    args: &Args,
-    sensors: &IdealSensors,
-    mesh: MeshSummary,
-    surface: &ObservableSurface,
-    (shares, flags): (IdealCoverage, Completeness),
-    times: Times,
-) -> (SurfaceDocument, Completeness) {
-    let start = Instant::now();
-    let baselines = (!args.no_baselines).then(|| sensors.baselines(surface, &shares));
-    let times = Times { baselines_s: start.elapsed().as_secs_f64(), ..times };
-    (SurfaceDocument::new(sensors, mesh, surface, shares, baselines, times), flags)
-}
-
-/// The files that were asked for.
-fn write(
-    args: &Args,
-    document: &Document,
-    flags: Option<&Completeness>,
-    sensors: &IdealSensors,
-    surface: Option<&ObservableSurface>,
-    origin: LocalOrigin,
-) -> anyhow::Result<()> {
-    if let (Some(path), Some(flags)) = (&args.ideal.covered_out, flags) {
-        let written = write_flags(path, &flags.covered(MAIN_RANK));
-        written.with_context(|| path.display().to_string())?;
-    }
-    if let (Some(path), Some(surface), Some(of_surface)) = (&args.report, surface, &document.surface) {
-        let page = page(document, of_surface, sensors, surface, origin, &output::again());
-        page.write(path).with_context(|| format!("report {} cannot be written", path.display()))?;
     }
     Ok(())
 }

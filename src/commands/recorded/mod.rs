@@ -11,6 +11,7 @@ pub mod host_clock;
 mod homing;
 mod open;
 pub mod pass_summary;
+pub mod pitches;
 pub mod session;
 
 use std::cell::OnceCell;

@@ -4,9 +4,9 @@ use sensors::Frame;
 use sensors::router::{Router, Sensor, Unclaimed};
 use serde::Serialize;
 
-use super::axes::Pitches;
 use super::beams::Slot;
 use super::hearing::DataSpan;
+use super::pitches::Pitches;
 use crate::commands::unread;
 use crate::rig::{MountedSensor, Rig};
 use crate::verify::compare::Fault;

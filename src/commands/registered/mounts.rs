@@ -8,9 +8,10 @@ use sensors::router::Sensor;
 
 use super::bag_mount;
 use crate::base::geometry::Pose;
-use crate::commands::recorded::axes::{Pitches, Tilts, tilts};
+use crate::commands::recorded::axes::{Tilts, tilts};
 use crate::commands::recorded::axis_zeros::AxisZeros;
 use crate::commands::recorded::feed::body_from_sensor_over;
+use crate::commands::recorded::pitches::Pitches;
 use crate::commands::recording::Recording;
 use crate::rig::{MountFile, Rig};
 use crate::verify::compare::{FramePitch, TiltHistory};

@@ -1,28 +1,26 @@
 //! Where a recording was made: the scene and the trajectory through it, from files or from the recording itself.
 
 mod args;
+mod clocks;
 mod found;
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 
 use crate::commands::Context;
 use crate::commands::recorded::Recorded;
 use crate::commands::scene_file::{self, Making};
 use crate::verify::align::Alignment;
-use crate::verify::compare::{Field, TimeOffset, time_offset};
+use crate::verify::compare::TimeOffset;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::{LoadedScene, Scene, VoxelMap};
 use crate::world::trajectory::{Trajectory, suspicions};
 use args::Offset;
 pub(super) use args::{PlaceArgs, check};
+use clocks::time_offset_ns;
 use found::{Found, find_trajectory, placed};
-
-/// Rays among which the time offset is looked for, and how far to each side.
-const SEARCH_RAYS: usize = 20_000;
-const SEARCH_NS: i64 = 2_000_000_000;
 
 /// A scene, a trajectory, and what is odd about them.
 pub(super) struct Place {
@@ -113,47 +111,6 @@ fn loaded(args: &PlaceArgs, context: Context) -> anyhow::Result<Option<LoadedSce
         (None, Some(room)) => Some(LoadedScene::of_room(&room.scene())),
         (None, None) => None,
     })
-}
-
-/// What is added to the recording's times; where it is searched, around what.
-fn time_offset_ns(offset: Offset, recorded: &Recorded, trajectory: &Trajectory) -> anyhow::Result<i64> {
-    let from_start = || -> anyhow::Result<i64> {
-        let first_ns = recorded.span_ns()?.context("no frame to take the start from")?[0];
-        Ok(trajectory.time_span_ns()[0] as i64 - first_ns as i64)
-    };
-    match offset {
-        Offset::Seconds(seconds) => Ok((seconds * 1e9).round() as i64),
-        Offset::Start => from_start(),
-        // clocks that have nothing in common are assumed to have begun together
-        Offset::Search if overlap(recorded.span_ns()?, trajectory.time_span_ns()) => Ok(0),
-        Offset::Search => from_start(),
-    }
-}
-
-fn overlap(recorded: Option<[u64; 2]>, walked: [u64; 2]) -> bool {
-    recorded.is_some_and(|[first_ns, last_ns]| first_ns <= walked[1] && walked[0] <= last_ns)
-}
-
-impl Place {
-    /// Looks for the time offset with an even share of the recorded rays.
-    fn search_time_offset(&mut self, recorded: &Recorded) -> anyhow::Result<()> {
-        let sample = recorded.rays(SEARCH_RAYS)?;
-        let (scene, trajectory) = (&self.scene, &self.trajectory);
-        let field =
-            Field { scene, trajectory, sensors: &sample.sensors, rays: &sample.rays, agree_within_m: 0.1 };
-        let found = time_offset(&field, self.time_offset_ns, SEARCH_NS).with_context(|| {
-            format!(
-                "--time-offset search looked {} s to each side of {:.2} s; for clocks farther apart it takes seconds, or start",
-                SEARCH_NS as f64 * 1e-9,
-                self.time_offset_ns as f64 * 1e-9
-            )
-        })?;
-        self.notices
-            .push(format!("time offset found: {:.4} s +- {:.4} s (95 %)", found.seconds, found.u95_s));
-        self.time_offset_ns = (found.seconds * 1e9).round() as i64;
-        self.time_offset = Some(found);
-        Ok(())
-    }
 }
 
 /// Makes a map of some frames.

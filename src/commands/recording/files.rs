@@ -1,0 +1,63 @@
+//! The files of a recording, before it is opened.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, ensure};
+use tempfile::NamedTempFile;
+
+use crate::recording::Session;
+use crate::recording::bags::is_bag_folder;
+use crate::recording::packet_reader::keep_stream;
+
+/// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
+/// has not said yet how it is calibrated.
+const LEARN_PACKETS: usize = 20_000;
+
+/// Packets within which every sensor of a recording has sent something.
+const MEET_PACKETS: usize = 1000;
+
+/// Refuses a folder that is no session.
+pub(crate) fn ensure_recording(path: &Path) -> anyhow::Result<()> {
+    ensure!(
+        !path.is_dir() || Session::is_session(path) || is_bag_folder(path),
+        "{}: a folder without {}; expected a capture file, or a session that `record` or the daemon wrote, or a bag or the \
+         folder of one",
+        path.display(),
+        crate::recording::file::MANIFEST
+    );
+    Ok(())
+}
+
+/// The packets of a session: a file that lies in its folder.
+pub(crate) fn packets_of(session: &Path) -> anyhow::Result<PathBuf> {
+    let path = session.join(crate::recording::file::PACKETS);
+    inside_of(session, &path).with_context(|| path.display().to_string())?;
+    Ok(path)
+}
+
+/// Whether a path in a folder leads to a file there.
+pub(super) fn inside_of(folder: &Path, path: &Path) -> std::io::Result<()> {
+    crate::base::files::open_inside(folder, path.strip_prefix(folder).unwrap_or(path)).map(drop)
+}
+
+/// Looks at packets before any is decoded: `look` learns from one and says whether nothing is left to learn; none at the
+/// end of the packets.
+pub(crate) fn look_first(mut look: impl FnMut() -> Option<bool>) {
+    for looked_at in 1..=LEARN_PACKETS {
+        match look() {
+            Some(is_all) if !is_all || looked_at < MEET_PACKETS => {}
+            _ => return,
+        }
+    }
+}
+
+/// What can be read but once, kept in a temporary file; none of another file.
+pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
+    keep_stream(path)
+        .with_context(|| format!("{} cannot be stored in a temporary file (TMPDIR)", name_of(path)))
+}
+
+/// What messages call a file that is read.
+pub(crate) fn name_of(path: &Path) -> String {
+    if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() }
+}
