@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use sensors::capture::CaptureCounters;
-use sensors::ouster::Correction;
 use sensors::router::{Family, Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 use super::sensor_ids;
+use crate::live::watch::correction_words;
 use crate::recording::bags::TopicCount;
 
 /// Lists what the file holds, and says what to do.
@@ -148,14 +148,8 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
 /// What is not as it was said or as one expects, and costs nothing.
 pub fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
-    let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
-    let corrected = sensor.corrections().iter().map(|Correction { setting, stated, found }| match *setting {
-        // says that settings may differ, and is none
-        "initialization_id" => format!(
-            "{id}: {file} is of initialization {stated}, the packets of {found}: settings may have changed in between"
-        ),
-        _ => format!("{id}: {file} says {setting} {stated}, its packets have {found}: decoded as the packets are"),
-    });
+    let corrected = sensor.corrections().iter();
+    let corrected = corrected.map(|correction| format!("{id}: {}", correction_words(sensor, correction)));
     let counted = [
         (counters.odd_stamps, "packets have a time stamp that contradicts their neighbours, which date them"),
         (

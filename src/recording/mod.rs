@@ -62,7 +62,6 @@ mod writer;
 
 pub use clock::{ClockSource, HOST_CLOCK_STEP};
 pub use disk::{FileEntry, LOW_DISK_BYTES, LOW_DISK_SECONDS, free_bytes};
-pub(crate) use manifest::rfc3339;
 pub use manifest::{FORMAT, Losses, Manifest, SensorEntry};
 pub(crate) use parts::Parts;
 pub use receiving::Recording;
@@ -74,7 +73,7 @@ use std::path::{Path, PathBuf};
 
 /// A folder name that says when: `session-2026-11-21T111500Z`.
 pub(crate) fn folder_name_now() -> String {
-    let time = rfc3339(crate::live::receive::now_ns());
+    let time = crate::base::times::rfc3339(crate::live::receive::now_ns());
     let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
     format!("session-{}Z", seconds.replace(':', ""))
 }

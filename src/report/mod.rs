@@ -198,7 +198,7 @@ impl Report {
             }
             false => String::new(),
         };
-        let time = crate::recording::rfc3339(crate::live::receive::now_ns());
+        let time = crate::base::times::rfc3339(crate::live::receive::now_ns());
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\

@@ -10,7 +10,7 @@ use super::kernels::{Kernels, kernels};
 use super::metadata::Metadata;
 use super::strays::{Stray, Strays};
 use super::wire::PacketFormat;
-use crate::DecodeStats;
+use crate::{DecodeStats, Frame};
 
 /// Frames a packet may be behind and still be called late: 1.6 s at 10 Hz.
 const LATE_FRAMES: i64 = 16;
@@ -18,6 +18,8 @@ const LATE_FRAMES: i64 = 16;
 const MOST_EARLY_PACKETS: usize = 8;
 /// Closed frames whose packets are remembered, to tell a packet that came twice from one that came late.
 const REMEMBERED_FRAMES: usize = 4;
+/// Packets after which another pace of columns shows.
+const FIRST_PACKETS: usize = 2;
 /// How far the clock may be from where the counter puts it: this part of a revolution, and of the time passed.
 const CLOCK_TOLERANCE: (f64, f64) = (0.5, 0.05);
 
@@ -111,6 +113,31 @@ impl Stream {
         self.forget_strays(output.stats);
         self.close_all(output, End::CutOff);
         self.restart();
+    }
+
+    /// The sensor is set otherwise from a packet of this frame on: what is under construction ends, but for a frame of which
+    /// no more than its first packets came before that showed.
+    pub(super) fn end_segment(&mut self, output: &mut Output<'_>, init_id: Option<u32>, frame_id: u32) {
+        let before = self.last.map(|last| last.init_id);
+        self.forget_strays(output.stats);
+        let begins = |assembly: &Assembly| {
+            let Frame { frame_id: own, packets, .. } = assembly.frame;
+            assembly.open && own == frame_id && packets as usize <= FIRST_PACKETS && before == init_id
+        };
+        if begins(&self.next) {
+            self.close_current(output, End::Followed);
+            self.promote();
+        }
+        let is_begun = begins(&self.current);
+        if !is_begun {
+            self.close_all(output, End::CutOff);
+        }
+        self.restart();
+        self.newest = is_begun.then_some(frame_id);
+        if before.is_some() && before != init_id {
+            self.old_init_id = before;
+            output.stats.init_id_changes += 1;
+        }
     }
 
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
