@@ -1,4 +1,4 @@
-//! How well scans tie the body's pose down: the information matrix of the hits.
+//! Registration strength: how well scans determine the body's pose, by the information matrix of the hits.
 //!
 //! Point-to-plane registration of hits p with normals n has the information H = sum of J'J with J = [n, p x n], p from
 //! the body's place (its noise variance times the inverse of H is the covariance of the pose; Bonnabel et al.,
@@ -6,7 +6,7 @@
 //! (arXiv 2509.06285): eigenvalues per hit, the least of them with its direction.
 //!
 //! Simulated normals are exact: in a recording, normals with an error of 2 degrees add about 1e-3 to an eigenvalue of
-//! zero, so that [`DEGENERATE`] and not zero divides what is tied down from what is not.
+//! zero, so that [`DEGENERATE`] and not zero divides what is observable from what is not.
 
 mod along_path;
 
@@ -53,7 +53,7 @@ impl Information {
         self.hits
     }
 
-    /// What the hits tie down; none without hits.
+    /// The conditioning of the hits; none without hits.
     pub(crate) fn conditioning(&self) -> Option<Conditioning> {
         if self.hits == 0 {
             return None;
@@ -123,7 +123,7 @@ fn schur(own: &Matrix3<f64>, cross: &Matrix3<f64>, other: &Matrix3<f64>) -> Matr
     (reduced + reduced.transpose()) * 0.5
 }
 
-/// Way between the poses of a published experiment that are looked at, m.
+/// Distance between the poses of a published experiment that are sampled, m.
 pub const POSE_STEP_M: usize = 5;
 /// Every so many of its columns count.
 const COLUMN_STEP: usize = 8;
@@ -145,7 +145,7 @@ pub(crate) fn along_published(simulator: &Simulator, sensors: &[Placement]) -> V
     poses.map(scan).collect()
 }
 
-/// How well the scans along a way are tied down.
+/// Registration strength of the scans along a path.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RegistrationQuality {
     /// Scans looked at.

@@ -28,7 +28,7 @@ impl Session {
         Ok(Self::of(dir, Manifest::read(dir)?))
     }
 
-    /// The same of a folder whose manifest was read already.
+    /// The same of a folder and its manifest.
     pub(crate) fn of(dir: &Path, manifest: Manifest) -> Self {
         let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
         problems.extend(manifest.uncovered());
@@ -62,7 +62,7 @@ impl Session {
         &self.manifest
     }
 
-    /// Sensors that the mount file of the session has, and that nobody listened to.
+    /// Sensors that the mount file of the session has, but that were not recorded.
     pub(crate) fn unheard(&self) -> Vec<String> {
         let mount = match self.mount() {
             Ok(mount) => mount,

@@ -94,7 +94,7 @@ impl Report {
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
     }
 
-    /// A section that a reader opens: details, or what is as it should be. `note` stands beside the heading.
+    /// A section that a reader opens: details, or what is as it should be. `note` stands next to the heading.
     pub(crate) fn fold(&mut self, heading: &str, note: &str) {
         self.end_fold();
         let _ = write!(

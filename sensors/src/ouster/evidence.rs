@@ -98,7 +98,7 @@ impl Evidence {
         self.frames > 0
     }
 
-    /// Takes a lidar packet whose columns follow one another.
+    /// Adds a lidar packet with consecutive columns.
     pub fn take(&mut self, format: &PacketFormat, frame_id: u32, init_id: u32, packet: &[u8]) {
         if self.init_id != Some(init_id) {
             *self = Self { init_id: Some(init_id), ..Self::default() };
@@ -216,7 +216,7 @@ impl Evidence {
         if is_full { None } else { self.other_window(metadata) }
     }
 
-    /// The window of the packets, where it is not that of the metadata, whose mode is right.
+    /// The window of the packets, if it differs from that of the metadata while the mode agrees.
     pub fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let all = metadata.columns_per_frame;
         let came = |column: usize| self.columns[column / 64] >> (column % 64) & 1 == 1;

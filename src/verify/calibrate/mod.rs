@@ -93,7 +93,7 @@ impl Estimate {
 pub struct SensorCheck {
     /// Name.
     pub sensor: String,
-    /// Servo axis: how much farther the sensor is tilted than said, degrees; none where the scene does not tell.
+    /// Servo axis: pitch above nominal, degrees; none where it is not observable.
     pub tilt_error_deg: Option<f64>,
     /// Its standard deviation, degrees.
     pub sd_deg: Option<f64>,
@@ -103,7 +103,7 @@ pub struct SensorCheck {
     pub p_value: Option<f64>,
     /// Unknowns that the scene tells: of `x, y, z, roll, tilt, yaw, range`.
     pub observable: Vec<&'static str>,
-    /// Of the normalised unknowns; none where some direction is not tied down at all.
+    /// Of the normalised unknowns; none where some direction is not observable at all.
     pub condition_number: Option<f64>,
     /// Turns about the mount frame's axes (x right: roll, y forward: tilt, z up: yaw), degrees, in the order x, y, z.
     pub rotation_deg: [Option<Estimate>; 3],
@@ -183,7 +183,7 @@ const SMALL_STEP: f64 = 0.05;
 /// Least of revolutions and rays per sensor to say anything.
 const LEAST_RAYS: u64 = 500;
 
-/// Least share of the returns whose rays meet a surface that end near to it. In the place that was recorded all but
+/// Minimum share of the returns that end near the surface on their ray. In the place that was recorded all but
 /// people and furniture do, and seven in ten where its ceiling is wrong; of a hall in a house or in other rooms 0 to 28 %
 /// do, which fit some mount to a tenth of a degree.
 const LEAST_NEAR: f64 = 0.5;

@@ -1,4 +1,4 @@
-//! Which unknowns of a mount the surfaces it saw tie down, the attitude of the body known.
+//! Which unknowns of a mount are observable from the surfaces it saw, with the attitude of the body known.
 
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 
@@ -12,14 +12,14 @@ const LEAST_INFORMATION: f64 = 3e-4;
 /// Part of an unknown that may lie in a loose direction, squared.
 const MOST_LOOSE_PART: f64 = 0.01;
 
-/// What is tied down of one sensor.
+/// What is observable of one sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observed {
     /// By unknown.
     pub is_observable: [bool; 7],
     /// Largest over least eigenvalue; none where a direction is loose.
     pub condition_number: Option<f64>,
-    /// Directions that are tied down, in the unknowns' own units: columns of 7 numbers.
+    /// Observable directions, in the unknowns' own units: columns of 7 numbers.
     pub basis: Vec<[f64; 7]>,
     /// Loose directions, normalised.
     loose: Vec<SVector<f64, 7>>,

@@ -34,9 +34,9 @@ pub struct Comparison {
     pub mount: Vec<SensorCheck>,
     pub relative_tilt: Option<RelativeTilt>,
     pub mount_check: Option<CheckReport>,
-    /// Cells that are free in the recording and occupied in the scene, or the other way round.
+    /// Cells that are free in the recording and occupied in the scene, or the reverse.
     pub conflicts: Option<Conflicts>,
-    /// Healthy simulated runs beside the recording.
+    /// Healthy simulated runs, as the reference of the recording.
     pub prediction: Option<NullTest>,
 }
 
@@ -100,7 +100,7 @@ impl Comparison {
         }
     }
 
-    /// What a match leaves open: coverage as promised does not promise tilts.
+    /// What a match leaves open: predicted coverage does not confirm pitches.
     fn untold(&self) -> String {
         let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());
         let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();

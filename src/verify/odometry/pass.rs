@@ -1,4 +1,4 @@
-//! Odometry over a stream of frames, and what is to be said of its result.
+//! Odometry over a stream of frames, and the notes on its result.
 
 use sensors::{Frame, SensorModel};
 
@@ -81,7 +81,7 @@ impl Walked {
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(String::new(), |(_, [x, y, z])| format!(" along ({x:.2}, {y:.2}, {z:.2})"));
         Some(format!(
-            "cannot tell the way{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
+            "cannot determine the motion{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
              last velocity was held",
             open.len(),
             self.steps.len(),
