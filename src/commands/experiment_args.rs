@@ -48,7 +48,7 @@ pub struct ExperimentArgs {
     /// the path): registration strength of the scans [default: 0].
     #[arg(long, value_name = "J", value_parser = crate::commands::ranges::within(0.0, 1e12))]
     registration_weight: Option<f64>,
-    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
+    /// Least such q that is allowed (0.003 is degenerate, 1/3 the most there can be) [default: 0].
     #[arg(long, value_name = "Q", value_parser = crate::commands::ranges::within(0.0, 1.0))]
     min_conditioning: Option<f64>,
 }

@@ -79,7 +79,8 @@ struct Document {
     voxel_m: f64,
     registration: Option<RegistrationQuality>,
     /// Sweeps along which a direction was a guess.
-    loose_sweeps: usize,
+    #[serde(rename = "loose_sweeps")]
+    degenerate_sweeps: usize,
     steps: Vec<Step>,
     /// Where the walk lies in the scene; null without one.
     alignment: Option<Alignment>,
@@ -157,7 +158,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         duration_s: (last_ns - first_ns) as f64 * 1e-9,
         length_m: trajectory.length_m(),
         voxel_m: result.walked.voxel_m,
-        loose_sweeps: result.walked.steps.iter().filter(|step| step.is_loose()).count(),
+        degenerate_sweeps: result.walked.steps.iter().filter(|step| step.is_degenerate()).count(),
         registration: result.walked.quality,
         steps: result.walked.steps,
         alignment,

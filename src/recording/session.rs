@@ -63,7 +63,7 @@ impl Session {
     }
 
     /// Sensors that the mount file of the session has, but that were not recorded.
-    pub(crate) fn unheard(&self) -> Vec<String> {
+    pub(crate) fn unrecorded(&self) -> Vec<String> {
         let mount = match self.mount() {
             Ok(mount) => mount,
             Err(error) => return vec![error.to_string()],
@@ -72,7 +72,7 @@ impl Session {
         let mounted = mount.iter().flat_map(|mount| &mount.sensors);
         let absent = mounted.filter(|sensor| !is_recorded(&sensor.name));
         absent
-            .map(|sensor| format!("{}: {} has it, and it was not listened to", sensor.name, file::MOUNT))
+            .map(|sensor| format!("{}: {} has it, and it was not recorded", sensor.name, file::MOUNT))
             .collect()
     }
 

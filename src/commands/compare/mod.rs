@@ -46,7 +46,7 @@ const SETTLE_EVERY: u64 = 16;
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
                   A trajectory in a frame of its own is placed in the scene with --align; without one, odometry finds one and it \
                   is placed.\n\
-                  Exit codes: 0 the recording covers what was predicted (a tilt that it cannot tell is no failure, \
+                  Exit codes: 0 the recording covers what was predicted (a pitch that is not observable is no failure, \
                   and is named separately), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
@@ -359,9 +359,7 @@ fn write(
     if let Some(path) = &args.corrected_mount {
         let found_offset = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
         if !found_offset {
-            output::say_notice(
-                "no corrected mount is written: the recording does not tell the tilt of any sensor",
-            );
+            output::say_notice("no corrected mount is written: the pitch of no sensor is observable");
             return Ok(false);
         }
         for (entry, check) in file.sensors.iter_mut().zip(&document.comparison.mount) {

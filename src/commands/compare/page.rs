@@ -82,7 +82,7 @@ pub fn text(document: &Document) -> String {
         );
     }
     for row in tilt_rows(comparison) {
-        let _ = writeln!(text, "tilt      {}", row.join("  "));
+        let _ = writeln!(text, "pitch     {}", row.join("  "));
     }
     for offer in &document.servo_zero {
         let _ = writeln!(text, "zero      {}", offer.words());
@@ -241,14 +241,14 @@ fn tilt_section(report: &mut Report, comparison: &Comparison) {
         "y ahead, mm",
         "z up, mm",
         "roll, deg",
-        "tilt, deg",
+        "pitch, deg",
         "yaw, deg",
         "range, mm",
     ];
     report.table(&header, &rows);
     report.paragraph(
         "What both sensors share may as well be the trajectory's attitude error; what sets them apart is the mount. If \
-         the trajectory was made from one of the sensors, its own tilt error has gone into the trajectory. Beam \
+         the trajectory was made from one of the sensors, its own pitch error has gone into the trajectory. Beam \
          calibration and flat walls limit real recordings to a few hundredths of a degree.",
     );
 }

@@ -74,7 +74,7 @@ impl Document {
         let mut losses = ending.losses();
         // a session knows what its files held
         let session = recording.checked_session();
-        let problems = |session: &Session| [session.problems(), &session.unheard()].concat();
+        let problems = |session: &Session| [session.problems(), &session.unrecorded()].concat();
         let damage = session.iter().flat_map(problems);
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
         let mut notes = Vec::new();

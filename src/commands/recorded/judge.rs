@@ -136,7 +136,7 @@ fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
         cannot_tell: check.cannot_tell.or_else(|| Some(why.to_owned())),
         is_of_another_scene: check.is_of_another_scene,
         rays: check.rays,
-        ..SensorCheck::untold(&sensor.name, sensor.mount)
+        ..SensorCheck::undetermined(&sensor.name, sensor.mount)
     }
 }
 

@@ -99,9 +99,9 @@ pub struct SensorCheck {
     pub sd_deg: Option<f64>,
     /// Half of its 95 % interval, degrees.
     pub u95_deg: Option<f64>,
-    /// Chance of such a tilt error if there were none.
+    /// Chance of such a pitch error if there were none.
     pub p_value: Option<f64>,
-    /// Unknowns that the scene tells: of `x, y, z, roll, tilt, yaw, range`.
+    /// Observable unknowns: of `x, y, z, roll, tilt, yaw, range`.
     pub observable: Vec<&'static str>,
     /// Of the normalised unknowns; none where some direction is not observable at all.
     pub condition_number: Option<f64>,
@@ -113,7 +113,7 @@ pub struct SensorCheck {
     pub range_offset_mm: Option<Estimate>,
     /// Rays used.
     pub rays: u64,
-    /// Why nothing is known of the tilt here.
+    /// Why the pitch is not observable here.
     pub cannot_tell: Option<String>,
     /// Whether that is because the scene is another one, or of another size.
     #[serde(skip)]
@@ -125,7 +125,7 @@ pub struct SensorCheck {
 
 impl SensorCheck {
     /// Nothing is known of a sensor, and its mount is nominal.
-    pub(crate) fn untold(sensor: &str, mount: Mount) -> Self {
+    pub(crate) fn undetermined(sensor: &str, mount: Mount) -> Self {
         Self {
             sensor: sensor.to_owned(),
             tilt_error_deg: None,
@@ -236,7 +236,7 @@ pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
 fn nothing(field: &Field<'_>, why: &str) -> MountCheck {
     let silent = |sensor: &MountedSensor| SensorCheck {
         cannot_tell: Some(why.to_owned()),
-        ..SensorCheck::untold(&sensor.name, sensor.mount)
+        ..SensorCheck::undetermined(&sensor.name, sensor.mount)
     };
     MountCheck {
         mount: field.sensors.iter().map(silent).collect(),
@@ -292,7 +292,7 @@ fn report(
             if offset.range_m > 0.0 { "long" } else { "short" }
         )),
         (true, true, true) => None,
-        (true, true, false) => Some("cannot tell here: the surfaces it saw leave the tilt open".to_owned()),
+        (true, true, false) => Some("cannot tell here: the surfaces it saw leave the pitch open".to_owned()),
         (true, false, _) => Some(format!(
             "cannot tell here: only {:.0} % of the returns end within {} m of where the scene has a surface, from the best mount, \
              too: is the scene another place, or the trajectory in another frame?",

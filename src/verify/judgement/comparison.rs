@@ -73,7 +73,7 @@ impl Comparison {
             }
             false => String::new(),
         };
-        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.untold())
+        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.undetermined())
     }
 
     /// What to do, in one sentence.
@@ -101,9 +101,9 @@ impl Comparison {
     }
 
     /// What a match leaves open: predicted coverage does not confirm pitches.
-    fn untold(&self) -> String {
-        let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());
-        let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();
+    fn undetermined(&self) -> String {
+        let undetermined = self.mount.iter().filter(|check| check.cannot_tell.is_some());
+        let names: Vec<&str> = undetermined.map(|check| check.sensor.as_str()).collect();
         match names[..] {
             [_, ..] if self.verdict == Verdict::Matches => {
                 format!("; the pitch of {} is not observable", names.join(" and "))

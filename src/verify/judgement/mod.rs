@@ -50,7 +50,7 @@ pub fn words(
     words.extend(off(comparison));
     for check in &comparison.mount {
         if let Some(why) = &check.cannot_tell {
-            words.push(format!("tilt of {}: {why}", check.sensor));
+            words.push(format!("pitch of {}: {why}", check.sensor));
         }
     }
     words.extend(comparison.mount.iter().filter_map(off_in_range));

@@ -105,7 +105,7 @@ mod tests {
         let estimate = |value| Estimate { value, sd: 5.0, u95: 10.0, p_value: 1e-9 };
         SensorCheck {
             translation_mm: [Some(estimate(right_mm)), ahead_mm.map(estimate), None],
-            ..SensorCheck::untold("a", Default::default())
+            ..SensorCheck::undetermined("a", Default::default())
         }
     }
 

@@ -71,7 +71,7 @@ pub struct Step {
     pub matched_share: Option<f64>,
     /// Of those across their surface, root of the mean square, m.
     pub residual_m: Option<f64>,
-    /// Least eigenvalue per return of the information about the position: loose below 0.003.
+    /// Least eigenvalue per return of the information about the position: degenerate below 0.003.
     pub least_translation: Option<f64>,
     /// Along which that is, world.
     pub weakest_direction: Option<[f64; 3]>,
@@ -82,8 +82,8 @@ pub struct Step {
 }
 
 impl Step {
-    /// Nothing ties the position down in some direction.
-    pub(crate) fn is_loose(&self) -> bool {
+    /// The surfaces leave the position open in some direction.
+    pub(crate) fn is_degenerate(&self) -> bool {
         self.least_translation.is_some_and(|least| least < DEGENERATE)
     }
 }

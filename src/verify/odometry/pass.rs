@@ -73,7 +73,7 @@ impl Walked {
     /// Says so where the surfaces left a direction of the trajectory open.
     pub(crate) fn open_direction(&self) -> Option<String> {
         let start_ns = self.trajectory.time_span_ns()[0];
-        let open: Vec<&Step> = self.steps.iter().filter(|step| step.is_loose()).collect();
+        let open: Vec<&Step> = self.steps.iter().filter(|step| step.is_degenerate()).collect();
         let (first, last) = (open.first()?, open.last()?);
         let seconds = |step: &Step| step.time_ns.saturating_sub(start_ns) as f64 * 1e-9;
         let worst = open.iter().filter_map(|step| Some((step.least_translation?, step.weakest_direction?)));

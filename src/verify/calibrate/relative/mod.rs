@@ -303,7 +303,7 @@ fn report(
     let along = [0.0, 0.0, 0.0, axis.x, axis.y, axis.z, 0.0];
     if !observed.tells(&along) || !observed.is_observable[4] {
         found.cannot_tell =
-            Some("cannot tell here: the surfaces that both saw leave the tilt between them open".to_owned());
+            Some("cannot tell here: the surfaces that both saw leave the pitch between them open".to_owned());
     } else if !converged {
         found.cannot_tell = Some(format!(
             "cannot tell here: after {rounds} rounds of laying the maps together they still move"
