@@ -30,7 +30,8 @@ pub use published_export::{
 pub(crate) use scad::scad;
 pub(crate) use slots::MountSlots;
 pub(crate) use tf::{publishers, yaml};
-pub use touching::{Touching, housing_gap_m};
+pub use touching::Touching;
+pub(crate) use touching::housing_gap_m;
 pub use unit::{CalibrationFile, Unit, UnitChoice, UnitError};
 pub(crate) use urdf::{Servos, urdf};
 

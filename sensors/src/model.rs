@@ -124,7 +124,7 @@ impl SensorModel {
     }
 
     /// The same sensor with corrections beyond its beams: one per beam, or none.
-    pub fn with_corrections(mut self, corrections: Vec<BeamCorrection>) -> Self {
+    pub(crate) fn with_corrections(mut self, corrections: Vec<BeamCorrection>) -> Self {
         assert!(corrections.is_empty() || corrections.len() == self.beams.len(), "one correction per beam");
         self.corrections = corrections;
         self

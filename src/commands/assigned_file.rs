@@ -54,7 +54,7 @@ impl AssignedFile {
 }
 
 /// The product of a Velodyne with or without what tells which one is meant: `MODEL`, `192.168.1.201=MODEL`, `:2368=MODEL`.
-pub fn assigned_model(text: &str) -> Result<GivenModel, String> {
+pub(crate) fn assigned_model(text: &str) -> Result<GivenModel, String> {
     let (source_filter, name) = match text.split_once('=') {
         None => (None, text),
         Some((source_filter, name)) => {

@@ -112,7 +112,7 @@ impl ExperimentArgs {
         "min_conditioning",
     ];
 
-    pub fn of_scene(&self) -> SceneSettings {
+    pub(crate) fn of_scene(&self) -> SceneSettings {
         SceneSettings {
             voxel_m: self.voxel,
             columns: self.azimuths.map(|columns| columns as u32),

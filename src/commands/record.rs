@@ -31,8 +31,8 @@ pub struct Args {
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
     source: Vec<(String, IpAddr)>,
-    /// Where the sensors sit: stored with the session, from which compare, boresight, stand and odometry read it. That of
-    /// [daemon] or [predict] where [record] names none.
+    /// Where the sensors sit: stored with the session for compare, boresight, rig calibrate and odometry. That of [daemon] or
+    /// [predict] where [record] names none.
     #[arg(long, value_name = "FILE")]
     pub(super) mount: Option<PathBuf>,
     /// The session's folder, empty or absent; by default named after the time.

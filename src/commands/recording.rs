@@ -224,7 +224,7 @@ impl Recording {
     }
 
     /// Where it is read from.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
@@ -234,12 +234,12 @@ impl Recording {
     }
 
     /// Whether it is a bag with clouds and no packets.
-    pub fn holds_clouds_only(&self) -> bool {
+    pub(crate) fn holds_clouds_only(&self) -> bool {
         self.bag.as_ref().is_some_and(|bag| bag.holds_clouds_only)
     }
 
     /// The slot of a rig that a sensor of a bag sits in, where every sensor of the bag is called as one of the rig's.
-    pub fn slot_of(&self, sensor: &sensors::router::Sensor, rig: &Rig) -> Option<usize> {
+    pub(crate) fn slot_of(&self, sensor: &sensors::router::Sensor, rig: &Rig) -> Option<usize> {
         let slot = |name: &str| {
             let last = name.rsplit('/').next();
             rig.sensors.iter().position(|mounted| mounted.name == name || Some(mounted.name.as_str()) == last)
@@ -328,7 +328,7 @@ impl Recording {
     }
 
     /// The metadata of one of its sensors, as they were read.
-    pub fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
+    pub(crate) fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
         let name = sensor.metadata_name.as_ref()?;
         self.metadata.iter().find(|given| given.name == *name).map(|given| given.text.as_str())
     }

@@ -53,7 +53,7 @@ impl MeshArgs {
 /// Trajectory of the body.
 #[derive(clap::Args, Debug, Clone)]
 pub struct TrajectoryArgs {
-    /// Trajectory of the body: TUM, EuRoC or another table with a header for time, position and quaternion; KITTI poses with
+    /// Trajectory of the body: TUM, EuRoC or another table with named time, position and quaternion; KITTI poses with
     /// --rate; or waypoints "x,y x,y ..." that are walked 1.6 m above the floor [default: a path through all of the free floor].
     #[arg(long, value_name = "FILE", allow_hyphen_values = true)]
     trajectory: Option<WalkText>,

@@ -57,7 +57,7 @@ pub struct Placed {
 
 /// Finds where a walk lies in a scene. The trajectory is in the scene's local frame, which begins at `origin`; what is
 /// reported of the alignment, and `near`, are in the frame of the scene's file.
-pub fn in_scene(
+pub(crate) fn in_scene(
     walk: &Walk<'_>,
     scene: &Scene,
     origin: LocalOrigin,

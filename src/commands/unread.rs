@@ -146,7 +146,7 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
 }
 
 /// What differs from the specification or from what one expects, and costs nothing.
-pub fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
+pub(crate) fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
     let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
     let corrected = sensor.corrections().iter().map(|Correction { setting, stated, found }| match *setting {

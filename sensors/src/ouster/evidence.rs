@@ -41,7 +41,7 @@ pub(super) struct Mode {
 }
 
 impl Mode {
-    pub fn of(metadata: &Metadata) -> Self {
+    pub(crate) fn of(metadata: &Metadata) -> Self {
         Self { columns: metadata.columns_per_frame, rate_hz: metadata.frame_rate_hz }
     }
 }
@@ -89,17 +89,17 @@ impl Default for Evidence {
 
 impl Evidence {
     /// Whether a packet can still show something.
-    pub fn is_open_to(&self, init_id: u32) -> bool {
+    pub(crate) fn is_open_to(&self, init_id: u32) -> bool {
         self.frames < MOST_TURNS || self.init_id != Some(init_id)
     }
 
     /// Whether a revolution was seen to its end: how many columns it has is known.
-    pub fn has_turned(&self) -> bool {
+    pub(crate) fn has_turned(&self) -> bool {
         self.frames > 0
     }
 
     /// Adds a lidar packet with consecutive columns.
-    pub fn take(&mut self, format: &PacketFormat, frame_id: u32, init_id: u32, packet: &[u8]) {
+    pub(crate) fn take(&mut self, format: &PacketFormat, frame_id: u32, init_id: u32, packet: &[u8]) {
         if self.init_id != Some(init_id) {
             *self = Self { init_id: Some(init_id), ..Self::default() };
         }
@@ -168,7 +168,7 @@ impl Evidence {
     }
 
     /// The mode of the packets, where it is not that of the metadata, which were given with another perhaps.
-    pub fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
+    pub(crate) fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
         let period_ns = self.period_ns()?;
         let known = Mode::of(metadata);
         let turned = self.columns_by_turns(period_ns);
@@ -211,13 +211,13 @@ impl Evidence {
     }
 
     /// The window of the packets, where valid columns lie outside of that of the metadata.
-    pub fn wider_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+    pub(crate) fn wider_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let is_full = metadata.column_window == [0, metadata.columns_per_frame - 1];
         if is_full { None } else { self.other_window(metadata) }
     }
 
     /// The window of the packets, if it differs from that of the metadata while the mode agrees.
-    pub fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+    pub(crate) fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let all = metadata.columns_per_frame;
         let came = |column: usize| self.columns[column / 64] >> (column % 64) & 1 == 1;
         let is_outside = |column: &usize| !metadata.expects_slot(column / metadata.columns_per_packet);

@@ -132,7 +132,7 @@ impl Profile {
     }
 
     /// Packets have a header and a footer, and columns have the newer framing.
-    pub fn has_packet_header(self) -> bool {
+    pub(crate) fn has_packet_header(self) -> bool {
         self != Self::Legacy
     }
 }

@@ -41,7 +41,7 @@ pub struct Rival {
 
 impl Senders {
     /// Whether a packet comes from where this unit's come from, which may change when nothing comes from there any more.
-    pub fn admit(&mut self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn admit(&mut self, packet: &Packet<'_>) -> bool {
         let length = packet.payload.len();
         let Some((_, known)) = self.current.iter_mut().find(|(of, _)| *of == length) else {
             if self.current.len() < MOST_LENGTHS {
@@ -64,7 +64,7 @@ impl Senders {
         false
     }
 
-    pub fn rival(&self) -> Option<&Rival> {
+    pub(crate) fn rival(&self) -> Option<&Rival> {
         self.rival.as_ref()
     }
 }

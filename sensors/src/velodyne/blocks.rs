@@ -15,24 +15,24 @@ const JITTER_COUNTS: f64 = 20.0;
 pub(crate) struct BadBlocks(u16);
 
 impl BadBlocks {
-    pub fn find(blocks: Range<usize>, is_good: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn find(blocks: Range<usize>, is_good: impl Fn(usize) -> bool) -> Self {
         Self(blocks.filter(|block| !is_good(*block)).fold(0, |bits, block| bits | 1 << block))
     }
 
-    pub fn count(self) -> usize {
+    pub(crate) fn count(self) -> usize {
         self.0.count_ones() as usize
     }
 
-    pub fn first(self) -> Option<usize> {
+    pub(crate) fn first(self) -> Option<usize> {
         (self.0 != 0).then(|| self.0.trailing_zeros() as usize)
     }
 
-    pub fn has(self, block: usize) -> bool {
+    pub(crate) fn has(self, block: usize) -> bool {
         self.0 >> block & 1 == 1
     }
 
     /// Whether the first return of a sequence lies in one of them.
-    pub fn spoil(self, sequence: &Sequence) -> bool {
+    pub(crate) fn spoil(self, sequence: &Sequence) -> bool {
         self.0 != 0 && sequence.first().iter().any(|part| self.has(usize::from(part.block)))
     }
 

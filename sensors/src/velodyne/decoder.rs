@@ -130,22 +130,22 @@ impl VelodyneDecoder {
     }
 
     /// How many frames were complete before the unit had sent its calibration; none where it has not.
-    pub fn calibrated_after_frames(&self) -> Option<u64> {
+    pub(crate) fn calibrated_after_frames(&self) -> Option<u64> {
         self.calibrated_after_frames
     }
 
     /// The azimuth at which it stands, degrees; none of a sensor that turns.
-    pub fn still_at_deg(&self) -> Option<f64> {
+    pub(crate) fn still_at_deg(&self) -> Option<f64> {
         Some(f64::from(self.stream.as_ref()?.still_at_counts()?) / 100.0)
     }
 
     /// More packets come than one sensor can send.
-    pub fn sends_too_often(&self) -> bool {
+    pub(crate) fn sends_too_often(&self) -> bool {
         self.stream.as_ref().is_some_and(Stream::is_too_fast)
     }
 
     /// Packets of two clocks come as one sensor's: those of the second are refused.
-    pub fn has_second_clock(&self) -> bool {
+    pub(crate) fn has_second_clock(&self) -> bool {
         self.second_clock.is_certain()
     }
 

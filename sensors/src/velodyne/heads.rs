@@ -24,11 +24,11 @@ pub(crate) struct Spin {
 
 impl Spin {
     /// Counts per ns, once something was travelled.
-    pub fn rate(&self) -> Option<f64> {
+    pub(crate) fn rate(&self) -> Option<f64> {
         (self.time_ns > 0.0).then(|| self.travelled_counts / self.time_ns)
     }
 
-    pub fn add(&mut self, other: Self) {
+    pub(crate) fn add(&mut self, other: Self) {
         self.travelled_counts += other.travelled_counts;
         self.time_ns += other.time_ns;
     }
@@ -83,7 +83,7 @@ impl Heads {
     /// from before; `following` dates the sequences behind an azimuth gap exactly, because a packet has one stamp
     /// and the sensor's clock runs on while no laser fires. A gap never makes heads run backward,
     /// nor brings them past `following`.
-    pub fn fill(
+    pub(crate) fn fill(
         &mut self,
         packet: DataPacket<'_>,
         layout: &Layout,
@@ -162,7 +162,7 @@ impl Heads {
     }
 
     /// Blocks with an azimuth of their own.
-    pub fn blocks(&self) -> usize {
+    pub(crate) fn blocks(&self) -> usize {
         self.azimuths.len()
     }
 

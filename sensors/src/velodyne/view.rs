@@ -21,7 +21,7 @@ const MOST_SUSPECTS: usize = 64;
 impl ViewWindows {
     /// Takes a jump inside a packet: no packet can be missing there. Returns how many packets were called lost
     /// before, at this very jump, that never existed.
-    pub fn learn(&mut self, gap: [u16; 2]) -> u64 {
+    pub(crate) fn learn(&mut self, gap: [u16; 2]) -> u64 {
         match self.dark.iter().position(|dark| same(*dark, gap)) {
             Some(known) => self.dark[known] = gap,
             None if self.dark.len() < MOST_WINDOWS => self.dark.push(gap),
@@ -33,14 +33,14 @@ impl ViewWindows {
     }
 
     /// Keeps a jump between packets that was counted as a loss.
-    pub fn suspect(&mut self, jump: [u16; 2], lost: u64) {
+    pub(crate) fn suspect(&mut self, jump: [u16; 2], lost: u64) {
         if self.suspects.len() < MOST_SUSPECTS {
             self.suspects.push((jump, lost));
         }
     }
 
     /// How much of the turn from `from` over `travelled` counts (whole turns included) is dark, counts.
-    pub fn dark_counts(&self, from: u16, travelled: f64) -> f64 {
+    pub(crate) fn dark_counts(&self, from: u16, travelled: f64) -> f64 {
         let turn = f64::from(AZIMUTH_COUNTS);
         let of_one = |[start, end]: [u16; 2]| {
             let width = step_counts(start, end);

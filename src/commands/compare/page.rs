@@ -26,7 +26,7 @@ fn figure(value: Option<f64>) -> String {
 }
 
 /// What a terminal shows.
-pub fn text(document: &Document) -> String {
+pub(crate) fn text(document: &Document) -> String {
     let comparison = &document.comparison;
     let mut text = format!("{}\n{}", comparison.headline(), comparison.reason.line());
     for words in &comparison.words {

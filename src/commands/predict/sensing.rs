@@ -55,7 +55,7 @@ const IDEAL_MIN_RANGE_M: f64 = 0.3;
 
 impl SensingArgs {
     /// Ideal beams, at the columns, rate and ranges that are given.
-    pub fn ideal(&self, columns: Option<u32>) -> Sampling {
+    pub(crate) fn ideal(&self, columns: Option<u32>) -> Sampling {
         Sampling {
             is_ideal: true,
             columns,

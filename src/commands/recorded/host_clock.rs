@@ -59,7 +59,7 @@ pub(crate) fn inferred<'a>(jumps: impl IntoIterator<Item = (&'a str, &'a Jump)>)
 }
 
 /// Brings the packets of a session onto the clock of its rig's readings, where they are not; what the user should know of it.
-pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
+pub(crate) fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
     if let Some(steps) = session.clock_steps()? {
         let begin_ns = session.manifest().created_ns;
         let words = steps

@@ -107,7 +107,7 @@ impl Recording {
 
 impl Ending {
     /// Where packets come from: their sender, or their topic in a bag.
-    pub fn source(&self, sender: SocketAddr) -> String {
+    pub(crate) fn source(&self, sender: SocketAddr) -> String {
         let topic = self.topics.iter().find(|count| count.from == Some(sender));
         topic.map_or_else(|| sender.to_string(), |count| count.topic.clone())
     }

@@ -91,7 +91,7 @@ const AT_THE_RULE_DEG: std::ops::Range<f64> = 29.0..31.5;
 
 impl Answer {
     /// What the user should know before drilling.
-    pub fn doubts(&self) -> Vec<String> {
+    pub(crate) fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
         let best = &self.best;
         let single = self.best_single.objective.max(self.level_single.objective);
@@ -143,7 +143,12 @@ impl SceneSearch<'_> {
 
     /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
     /// one takes its place, among them the same positions level.
-    pub fn answer(&self, cast: &CastView, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
+    pub(crate) fn answer(
+        &self,
+        cast: &CastView,
+        exact: &mut Vec<Exact>,
+        present: Option<&Rig>,
+    ) -> Option<Answer> {
         let first = exact.first()?;
         let phases = self.phases(cast, &first.rig);
         let counts: Vec<f64> = phases.iter().chain([&first.seen]).map(|seen| seen.union).collect();

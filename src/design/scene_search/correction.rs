@@ -46,7 +46,7 @@ fn terms(mounts: &[Mount]) -> Vec<f64> {
 
 impl Correction {
     /// Fits to the masters of exactly evaluated rigs and exact minus model of each.
-    pub fn fit(observed: &[(Vec<Mount>, f64)]) -> Self {
+    pub(crate) fn fit(observed: &[(Vec<Mount>, f64)]) -> Self {
         let rows: Vec<Vec<f64>> = observed.iter().map(|(mounts, _)| terms(mounts)).collect();
         let Some(columns) = rows.first().map(Vec::len) else { return Self::default() };
         let n = rows.len();
@@ -81,11 +81,11 @@ impl Correction {
     }
 
     /// What is added to the model's score.
-    pub fn of(&self, mounts: &[Mount]) -> f64 {
+    pub(crate) fn of(&self, mounts: &[Mount]) -> f64 {
         self.mean + self.weights.iter().zip(terms(mounts)).map(|(weight, term)| weight * term).sum::<f64>()
     }
 
-    pub fn error(&self) -> Option<ModelError> {
+    pub(crate) fn error(&self) -> Option<ModelError> {
         self.error
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct SceneWeights {
 }
 
 impl SceneWeights {
-    pub fn new(rule: WeightRule, observable: u64) -> Self {
+    pub(crate) fn new(rule: WeightRule, observable: u64) -> Self {
         let published = Weights::default();
         let scale = match rule {
             WeightRule::Published => 1.0,
@@ -46,7 +46,7 @@ impl SceneWeights {
     }
 
     /// The terms of J of a rig.
-    pub fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
+    pub(crate) fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
         let weights = &self.weights;
         Terms {
             coverage: seen.union,

@@ -77,7 +77,7 @@ impl CastView {
     }
 
     /// The same with the first column of every revolution turned on by so many columns.
-    pub fn at_phase(&self, phase: f64) -> Self {
+    pub(crate) fn at_phase(&self, phase: f64) -> Self {
         Self {
             site: self.site.clone(),
             units: self.units.iter().map(|(fan, scans)| (fan.at_phase(phase), *scans)).collect(),

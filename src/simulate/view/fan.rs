@@ -162,7 +162,7 @@ impl Fan {
     }
 
     /// Beams of one revolution.
-    pub fn rays_per_scan(&self) -> u64 {
+    pub(crate) fn rays_per_scan(&self) -> u64 {
         (self.columns * self.beams.len()) as u64
     }
 

@@ -30,17 +30,17 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    pub fn is_level(&self) -> bool {
+    pub(crate) fn is_level(&self) -> bool {
         self.normal.is_some_and(|normal| normal.z.abs() > LEVEL)
     }
 
     /// A wall, or something that is not flat.
-    pub fn is_upright(&self) -> bool {
+    pub(crate) fn is_upright(&self) -> bool {
         self.normal.is_none_or(|normal| normal.z.abs() < STEEP)
     }
 
     /// Turned about a point that becomes the origin.
-    pub fn turned(&self, rotation: DQuat, about_m: DVec3) -> Self {
+    pub(crate) fn turned(&self, rotation: DQuat, about_m: DVec3) -> Self {
         Self { at_m: rotation * (self.at_m - about_m), normal: self.normal.map(|normal| rotation * normal) }
     }
 }
@@ -81,7 +81,7 @@ const MAP_CELL_M: f64 = 0.25;
 
 impl Surface {
     /// Of the whole scene.
-    pub fn of(scene: &Scene) -> Self {
+    pub(crate) fn of(scene: &Scene) -> Self {
         let sampled = |points: Vec<(DVec3, DVec3)>| -> Vec<Patch> {
             points.into_iter().map(|(at_m, normal)| Patch { at_m, normal: Some(normal) }).collect()
         };

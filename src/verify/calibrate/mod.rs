@@ -29,7 +29,8 @@ use crate::world::trajectory::{PoseError, Trajectory};
 pub(crate) use holds::{Hold, SHORTEST_HOLD_S, holds};
 pub use observed::UNKNOWNS;
 pub use relative::{Pair, RelativeMount, relative_mount};
-pub use stand::{FoundSetting, Reached, Setting, StandTest, stand_test};
+pub(crate) use stand::stand_test;
+pub use stand::{FoundSetting, Reached, Setting, StandTest};
 
 /// What is assumed and how long is tried.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -96,7 +96,7 @@ pub struct StandTest {
 }
 
 /// Lays every setting against the one in the middle. The pitch of `nominal` is not used.
-pub fn stand_test(nominal: &MountedSensor, settings: &[Setting], revolution_ns: u64) -> StandTest {
+pub(crate) fn stand_test(nominal: &MountedSensor, settings: &[Setting], revolution_ns: u64) -> StandTest {
     let reference = middle(settings);
     let found: Vec<FoundSetting> = settings
         .iter()

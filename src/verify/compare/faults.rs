@@ -48,7 +48,7 @@ struct Reading {
 }
 
 /// The best other reading, if the given one is bad and another is good.
-pub fn misread(field: &Field<'_>) -> Option<Fault> {
+pub(crate) fn misread(field: &Field<'_>) -> Option<Fault> {
     let step = field.rays.len().div_ceil(RAYS).max(1);
     let rays: Vec<&RecordedRay> = field.rays.iter().step_by(step).collect();
     let given = agree_share(field, &rays, &Reading::given(field.sensors))?;

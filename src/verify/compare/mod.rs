@@ -17,10 +17,12 @@ mod surface;
 mod tilt;
 mod time_offset;
 
-pub use agreement::{Agreement, CellKinds, CoverageCounts, Table, cell_kinds, surface_cells};
+pub use agreement::{Agreement, CellKinds, CoverageCounts, Table};
+pub(crate) use agreement::{cell_kinds, surface_cells};
 pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
 pub use conflicts::{Conflicts, Found};
-pub use faults::{Fault, misread};
+pub use faults::Fault;
+pub(crate) use faults::misread;
 pub use intervals::PatchAgreement;
 pub use nulls::{Calibration, Field, Healthy, NullTest};
 pub use rays::{Gate, Replay, Replayed};

@@ -169,7 +169,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// As it stands before its sentence.
-    pub fn label(self) -> &'static str {
+    pub(crate) fn label(self) -> &'static str {
         match self {
             Self::Matches => "PASS",
             Self::Differs => "DIFFERS",
@@ -204,7 +204,7 @@ impl Reason {
     }
 
     /// Of what is not judged yet.
-    pub fn undecided() -> Self {
+    pub(crate) fn undecided() -> Self {
         Self::new("undecided")
     }
 
@@ -215,7 +215,7 @@ impl Reason {
     }
 
     /// Of a walk that has no sure place in the scene.
-    pub fn of_placement(alignment: &Alignment) -> Self {
+    pub(crate) fn of_placement(alignment: &Alignment) -> Self {
         let inliers = alignment.best.as_ref().map(|best| best.inlier_share);
         let second = alignment.second_best.as_ref();
         Self::new(alignment.code()).with([
@@ -227,7 +227,7 @@ impl Reason {
     }
 
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         let values = self.values.iter().map(|(name, value)| {
             let digits = if value.fract() == 0.0 { 0 } else { 4 };
             format!("{name} {value:.digits$}")

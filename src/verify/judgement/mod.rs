@@ -13,7 +13,7 @@ use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 use crate::world::local_origin::LocalOrigin;
 use comparison::Comparison;
 use mounts::{off, off_in_range, off_its_slot};
-pub use reason::decide;
+pub(crate) use reason::decide;
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.
@@ -31,7 +31,7 @@ const UNPLACED_PERCENT: f64 = 0.1;
 const CONFLICTS_MATTER: f64 = 0.02;
 
 /// What is missing, where, and why most likely; `cell_m` is the edge of a cell where the scene is a map of such.
-pub fn words(
+pub(crate) fn words(
     comparison: &Comparison,
     replayed: &Replayed,
     patches: Option<&Patches>,

@@ -273,7 +273,7 @@ impl Moments {
 }
 
 /// The first of the points in every cell of this edge.
-pub fn thin(points: &[SweepPoint], edge_m: f64) -> Vec<SweepPoint> {
+pub(crate) fn thin(points: &[SweepPoint], edge_m: f64) -> Vec<SweepPoint> {
     let mut used: HashMap<Key, (), BuildHasherDefault<Mixed>> = HashMap::default();
     let fresh = |point: &&SweepPoint| used.insert(key(place(point.body_m, edge_m)), ()).is_none();
     points.iter().filter(fresh).copied().collect()

@@ -24,7 +24,8 @@ use crate::world::trajectory::{Trajectory, TrajectoryError};
 
 use align::Aligned;
 pub(crate) use align::{Kernel, Memory, align as align_points};
-pub use map::{Cells, Moments, PlaneFit, PointMap, thin};
+pub(crate) use map::thin;
+pub use map::{Cells, Moments, PlaneFit, PointMap};
 pub(crate) use pass::OdometryPass;
 pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};
 

@@ -146,7 +146,7 @@ impl Metadata {
     }
 
     /// Packets that a whole revolution could have, were the window full.
-    pub fn packet_slots(&self) -> usize {
+    pub(crate) fn packet_slots(&self) -> usize {
         self.columns_per_frame.div_ceil(self.columns_per_packet)
     }
 

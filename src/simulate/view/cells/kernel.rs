@@ -34,7 +34,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub fn new(fan: &Fan) -> Self {
+    pub(crate) fn new(fan: &Fan) -> Self {
         if let Some(directions) = fan.pattern() {
             return Self::of_pattern(directions, fan.axis());
         }
@@ -107,11 +107,11 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    pub fn nothing(sensors: usize) -> Self {
+    pub(crate) fn nothing(sensors: usize) -> Self {
         Self { per_sensor: vec![0.0; sensors], union: 0.0, overlap: 0.0 }
     }
 
-    pub fn add(&mut self, more: &Self) {
+    pub(crate) fn add(&mut self, more: &Self) {
         self.per_sensor.iter_mut().zip(&more.per_sensor).for_each(|(sum, more)| *sum += more);
         self.union += more.union;
         self.overlap += more.overlap;

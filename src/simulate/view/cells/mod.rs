@@ -134,7 +134,7 @@ impl CellView {
     }
 
     /// Voxels that are seen for certain, whatever the rig.
-    pub fn settled_voxels(&self) -> u64 {
+    pub(crate) fn settled_voxels(&self) -> u64 {
         self.settled
     }
 

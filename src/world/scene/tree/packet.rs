@@ -81,7 +81,7 @@ impl<const N: usize> Packet<N> {
 
     /// A element met something at most so far away: a bound in single precision.
     #[inline(always)]
-    pub fn limit(&mut self, element: usize, limit_m: f32) {
+    pub(crate) fn limit(&mut self, element: usize, limit_m: f32) {
         self.nearest[element] = limit_m;
     }
 
@@ -257,13 +257,13 @@ impl<const N: usize> Packet<N> {
 
 impl Packet<PACKET> {
     /// The rays of a tile, none of which looks beyond `limit_m`.
-    pub fn of_tile(tile: &RayTile, limit_m: f32) -> Self {
+    pub(crate) fn of_tile(tile: &RayTile, limit_m: f32) -> Self {
         let RayTile { origin_m: origin, direction } = *tile;
         Self { origin, direction, nearest: [limit_m; PACKET], ..Self::new() }
     }
 
     /// Distance of every element's triangle, m; infinite where it met none.
-    pub fn distances(&self) -> [f32; PACKET] {
+    pub(crate) fn distances(&self) -> [f32; PACKET] {
         std::array::from_fn(
             |element| if self.won[element] == NONE { f32::INFINITY } else { self.nearest[element] },
         )
