@@ -225,7 +225,7 @@ fn metadata_beside_a_capture_are_used() {
             Some(used) => {
                 assert_eq!(code, 0, "{names:?}: {stderr}");
                 assert!(
-                    stderr.contains(&format!("{used} lies beside the recording and is used")),
+                    stderr.contains(&format!("{used} lies next to the recording and is used")),
                     "{stderr}"
                 );
                 assert!(document["sensors"][0]["metadata"].as_str().unwrap().ends_with(used), "{names:?}");

@@ -12,7 +12,7 @@ macro_rules! coded {
             pub const ALL: &[Self] = &[$(Self::$value),*];
 
             /// The value with this code.
-            pub fn from_code(code: u8) -> Option<Self> {
+            pub(crate) fn from_code(code: u8) -> Option<Self> {
                 match code { $($code => Some(Self::$value),)* _ => None }
             }
 

@@ -107,7 +107,7 @@ pub struct AxisConfig {
 impl AxisConfig {
     /// How hard it brakes on a hold and when the host is silent, µrad/s²: twice as hard as a move may
     /// gain speed, whatever profile that move has, and never harder than an emergency stop.
-    pub fn brake_urad_s2(&self) -> i32 {
+    pub(crate) fn brake_urad_s2(&self) -> i32 {
         self.top_acceleration_urad_s2.saturating_mul(2).min(self.e_stop_urad_s2)
     }
 }

@@ -48,7 +48,7 @@ impl Fault {
     ];
 
     /// The fault with this code.
-    pub fn from_code(code: u8) -> Option<Self> {
+    pub(crate) fn from_code(code: u8) -> Option<Self> {
         Self::ALL.get(usize::from(code)).copied()
     }
 

@@ -36,6 +36,7 @@
 //! Deliberately absent: floats, allocation, clocks (time is an argument in microseconds), a second state machine.
 #![no_std]
 #![forbid(unsafe_code)]
+#![warn(unreachable_pub)]
 
 #[cfg(test)]
 extern crate std;

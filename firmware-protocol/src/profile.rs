@@ -75,7 +75,7 @@ impl<const N: usize> Path<N> {
     }
 
     /// Whether it was ordered to stop before its target.
-    pub fn is_braking(&self) -> bool {
+    pub(crate) fn is_braking(&self) -> bool {
         self.braking.is_some()
     }
 
@@ -108,7 +108,7 @@ impl<const N: usize> Path<N> {
     }
 
     /// How fast that moves, µrad/s.
-    pub fn velocity_urad_s(&self, axis: usize) -> i32 {
+    pub(crate) fn velocity_urad_s(&self, axis: usize) -> i32 {
         self.along(axis, self.speed) as i32
     }
 

@@ -41,6 +41,8 @@
 //! # Ok::<(), sensors::Rejected>(())
 //! ```
 
+#![warn(unreachable_pub)]
+
 pub mod capture;
 pub mod catalogue;
 mod completed;

@@ -53,7 +53,7 @@ impl Pattern {
         &self.directions
     }
 
-    /// The axis about which the pattern is taken to be even: z if it looks all around, else the mean direction.
+    /// The axis of symmetry of the pattern: z if it looks all around, else the mean direction.
     pub fn axis(&self) -> DVec3 {
         self.axis
     }
@@ -99,7 +99,7 @@ const MOST_POINTS: u32 = 10_000_000;
 
 impl Recipe {
     /// The pattern and its period, s.
-    pub fn pattern(&self) -> Result<(Pattern, f64), String> {
+    pub(crate) fn pattern(&self) -> Result<(Pattern, f64), String> {
         let (points, lines) = match self {
             Self::Prisms(prisms) => (prisms.points_per_s, prisms.beams_x.len()),
             Self::Band(band) => (band.points_per_s, band.lines),

@@ -15,7 +15,7 @@ use crate::verify::calibrate::{Pair, RelativeMount, relative_mount};
 use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::Trajectory;
 
-/// Returns that are kept, of all sensors together.
+/// Returns that are held, of all sensors together.
 const RAYS: usize = 1 << 22;
 /// A tilt is called off beyond so many standard deviations and degrees.
 const SURE: f64 = 3.0;
@@ -25,17 +25,17 @@ const NOTABLE_DEG: f64 = 0.1;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \
-                  time. What is left over tells how the first sits to the second beside what the mount file says; no model \
+                  time. What is left over is the error of the first's mount relative to the second's; no model \
                   of the scene is needed, and an error of the trajectory that both share cancels. Turns and shifts are those of \
                   the first sensor about the axes of the mount frame (x right, y forward, z up) as the second one sees it: where \
                   the second is the one that is turned, the first seems shifted by as much as that turn moves it. Nothing is changed.\n\
-                  Exit codes: 0 the sensors sit as said, 1 failed, 3 they do not, it cannot be told, or data was lost."
+                  Exit codes: 0 the mounts are as specified, 1 failed, 3 they differ, cannot be determined, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
-    /// Way of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
-    /// way that the recording itself tells; without it the session's own, and odometry where there is none.
+    /// Trajectory of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for the
+    /// one that odometry finds in the recording; without it the session's own, else odometry.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
     #[command(flatten)]
@@ -61,7 +61,7 @@ struct Document {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error();
-    if args.trajectory.as_ref().is_some_and(|way| way.as_os_str() != "odometry") {
+    if args.trajectory.as_ref().is_some_and(|path| path.as_os_str() != "odometry") {
         OdometryArgs::ensure_not_typed(context)?;
     }
     let recorded = Recorded::open(&args.recorded, context)?;
@@ -141,11 +141,11 @@ fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: tilted {} +- {:.3} degrees (95 %) beside what was said, {}{}",
+            "{first} against {second}: pitch {} +- {:.3} degrees (95 %) from nominal, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
             output::p_value(tilt.p_value),
-            if is_off(found) { "" } else { ": as said, as far as can be told" }
+            if is_off(found) { "" } else { ": as specified, within the uncertainty" }
         ),
         (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
     }
@@ -160,12 +160,12 @@ fn text(document: &Document) -> String {
         }
         let [roll, tilt, yaw] = [0, 1, 2].map(|axis| output::estimate(found.rotation_deg[axis], 3));
         let [x, y, z] = [0, 1, 2].map(|axis| output::estimate(found.translation_mm[axis], 1));
-        let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
-        let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range     {} mm", output::estimate(found.range_offset_mm, 1));
+        let _ = writeln!(text, "  turn        roll {roll}, pitch {tilt}, yaw {yaw} deg");
+        let _ = writeln!(text, "  shift       x {x}, y {y}, z {z} mm");
+        let _ = writeln!(text, "  range       {} mm", output::estimate(found.range_offset_mm, 1));
         let _ = writeln!(
             text,
-            "  told      {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
+            "  observable  {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
             if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
             found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
             found.pairs,

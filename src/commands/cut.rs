@@ -9,8 +9,8 @@ use sensors::Decoded;
 use sensors::router::{Routed, Router, Sensor};
 use serde::Serialize;
 
-use super::given::SensorArgs;
 use super::recording::Recording;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output, sensor_ids};
 use crate::commands::part::PartArgs;
 use crate::recording::bags::Surroundings;

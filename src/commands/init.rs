@@ -8,8 +8,8 @@ use sensors::catalogue;
 use sensors::ouster::Metadata;
 use sensors::router::{Router, Sensor};
 
-use super::given::SensorArgs;
 use super::recording::Recording;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output, sensor_ids};
 use crate::base::files;
 

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use serde::Serialize;
 
-use super::placing::{self, Near, Placed, Walk};
 use super::recorded::{Recorded, RecordedArgs};
 use super::recorded_odometry::{OdometryArgs, OdometryResult, of_one, of_rig, remarks};
 use super::recording::Recording;
@@ -16,6 +15,7 @@ use super::registered::mounts::Mounts;
 use super::registered::{MountedFrame, each_frame};
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
+use super::scene_placement::{self, Near, Placed, Walk};
 use super::{Context, Outcome, output, sensor_ids};
 use crate::base::files::write_whole;
 use crate::base::geometry::Pose;
@@ -31,7 +31,7 @@ use crate::world::trajectory::Trajectory;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "The world is the body at the first return, or with --scene the scene: the walk is placed in it and laid against \
-                  it piece by piece, so that what the odometry drifted is taken out. A recording of several sensors needs their mounts; with one \
+                  it piece by piece, which corrects the drift of the odometry. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
                   open, as a straight corridor does, the last velocity holds along it, with a note: such a trajectory is \
@@ -43,7 +43,7 @@ pub struct Args {
     recorded: RecordedArgs,
     #[command(flatten)]
     settings: OdometryArgs,
-    /// The scene in whose frame the trajectory is wanted: a mesh, a point cloud, or another session.
+    /// The scene to place the trajectory in: a mesh, a point cloud, or another session.
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     #[command(flatten)]
@@ -79,7 +79,8 @@ struct Document {
     voxel_m: f64,
     registration: Option<RegistrationQuality>,
     /// Sweeps along which a direction was a guess.
-    loose_sweeps: usize,
+    #[serde(rename = "loose_sweeps")]
+    degenerate_sweeps: usize,
     steps: Vec<Step>,
     /// Where the walk lies in the scene; null without one.
     alignment: Option<Alignment>,
@@ -157,7 +158,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         duration_s: (last_ns - first_ns) as f64 * 1e-9,
         length_m: trajectory.length_m(),
         voxel_m: result.walked.voxel_m,
-        loose_sweeps: result.walked.steps.iter().filter(|step| step.is_loose()).count(),
+        degenerate_sweeps: result.walked.steps.iter().filter(|step| step.is_degenerate()).count(),
         registration: result.walked.quality,
         steps: result.walked.steps,
         alignment,
@@ -233,7 +234,7 @@ fn in_scene(
         time_offset_ns: 0,
         drifts: true,
     };
-    let mut placed = placing::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
+    let mut placed = scene_placement::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
     placed.trajectory = placed.trajectory.map(|local| local.moved(read.origin.world_m()));
     problems.extend(placed.notices.iter().cloned());
     if placed.trajectory.is_none() {

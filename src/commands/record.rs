@@ -31,8 +31,8 @@ pub struct Args {
     /// Take a sensor's packets only from this address; tells sensors on one port apart.
     #[arg(long = "source", value_name = "NAME=ADDRESS", value_parser = parse_source)]
     source: Vec<(String, IpAddr)>,
-    /// Where the sensors sit: stored with the session, from which compare, boresight, stand and odometry read it. That of
-    /// [daemon] or [predict] where [record] names none.
+    /// Where the sensors sit: stored with the session for compare, boresight, rig calibrate and odometry. That of [daemon] or
+    /// [predict] where [record] names none.
     #[arg(long, value_name = "FILE")]
     pub(super) mount: Option<PathBuf>,
     /// The session's folder, empty or absent; by default named after the time.
@@ -70,7 +70,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         say(&format!("{}: listening on {}", listen.name, receiver.address(sensor)));
     }
     for (listen, text) in listens.iter().zip(&metadata) {
-        text.iter().filter_map(|text| unheard_imu(listen, text, &listens)).for_each(|note| say(&note));
+        text.iter().filter_map(|text| unrecorded_imu(listen, text, &listens)).for_each(|note| say(&note));
     }
     let infos: Vec<SensorInfo> = listens
         .iter()
@@ -118,7 +118,7 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
 }
 
 /// Inertial packets that go to an unwatched port.
-fn unheard_imu(listen: &Listen, metadata: &str, listens: &[Listen]) -> Option<String> {
+fn unrecorded_imu(listen: &Listen, metadata: &str, listens: &[Listen]) -> Option<String> {
     let port = Metadata::parse(metadata, &listen.name).ok()?.imu_port?;
     let is_received = listens.iter().any(|other| other.address.port() == port);
     (!is_received).then(|| {

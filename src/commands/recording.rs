@@ -16,18 +16,19 @@ pub(crate) use pass::capture_losses;
 
 use super::assigned_file::AssignedFile;
 use super::found_metadata::OustersMet;
-use super::given::{
-    Given, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from, session_metadata,
-};
 use super::output::say_notice;
+use super::sensor_args::{
+    MetadataFile, SensorArgs, as_decoded, ensure_named, json_files, metadata_of, recorded_from,
+    session_metadata,
+};
 use crate::live::receive::auxiliary_name;
 use crate::recording::bags::{is_bag_at, is_bag_folder, metadata_in, names_in};
 use crate::recording::packet_reader::{PacketReader, is_stream, keep_stream};
 use crate::recording::{Manifest, SensorEntry, Session};
 use crate::rig::Rig;
 
-/// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
-/// has not said yet how it is calibrated.
+/// Packets looked at before decoding, where several sensors have to be separated by sender, or where an HDL-64E
+/// has not sent its calibration yet.
 const LEARN_PACKETS: usize = 20_000;
 
 /// Packets within which every sensor of a recording has sent something.
@@ -77,7 +78,7 @@ pub struct Recording {
     /// What messages call it.
     name: String,
     path: PathBuf,
-    metadata: Vec<Given>,
+    metadata: Vec<MetadataFile>,
     calibrations: Vec<GivenCalibration>,
     models: Vec<GivenModel>,
     /// The session that it is, and what that says of itself.
@@ -131,7 +132,7 @@ impl Recording {
                     }
                     Ok(()) => true,
                 });
-                // units whose packets do not say whose they are were recorded from ports of their own
+                // units with packets that name no sensor were recorded from ports of their own
                 let assigned = |path: PathBuf| AssignedFile {
                     source_filter: recorded_from(&manifest, capture, &path),
                     path,
@@ -175,7 +176,7 @@ impl Recording {
                 names: names_in(packets, &own),
                 holds_clouds_only: packets.holds_clouds_only(),
             });
-            metadata.extend(own.into_iter().map(|of| Given {
+            metadata.extend(own.into_iter().map(|of| MetadataFile {
                 source_filter: of.source_filter(),
                 metadata: of.metadata,
                 text: of.text,
@@ -201,7 +202,7 @@ impl Recording {
         })
     }
 
-    /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
+    /// The same for who reads it more than once: standard input and pipes are copied to a temporary file.
     pub(crate) fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         Self::open_for(capture, sensors, true)
     }
@@ -223,7 +224,7 @@ impl Recording {
     }
 
     /// Where it is read from.
-    pub fn path(&self) -> &Path {
+    pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
@@ -233,12 +234,12 @@ impl Recording {
     }
 
     /// Whether it is a bag with clouds and no packets.
-    pub fn holds_clouds_only(&self) -> bool {
+    pub(crate) fn holds_clouds_only(&self) -> bool {
         self.bag.as_ref().is_some_and(|bag| bag.holds_clouds_only)
     }
 
     /// The slot of a rig that a sensor of a bag sits in, where every sensor of the bag is called as one of the rig's.
-    pub fn slot_of(&self, sensor: &sensors::router::Sensor, rig: &Rig) -> Option<usize> {
+    pub(crate) fn slot_of(&self, sensor: &sensors::router::Sensor, rig: &Rig) -> Option<usize> {
         let slot = |name: &str| {
             let last = name.rsplit('/').next();
             rig.sensors.iter().position(|mounted| mounted.name == name || Some(mounted.name.as_str()) == last)
@@ -256,7 +257,7 @@ impl Recording {
         crate::base::files::is_same(path, &self.path)
     }
 
-    /// The session that the file was taken out of, without what belongs to it.
+    /// The session that the file belongs to, without what belongs to it.
     pub(crate) fn session_around(&self) -> Option<&Path> {
         let folder = self.path.parent().filter(|folder| Session::is_session(folder));
         let has_metadata = |folder: &&Path| session_metadata(folder).is_ok_and(|files| !files.is_empty());
@@ -305,8 +306,8 @@ impl Recording {
         files.into_iter().take(MAX_NEARBY_FILES).filter(|path| describes(path)).collect()
     }
 
-    /// Metadata that lie beside it and describe its sensors, where none were given.
-    fn metadata_found(&self) -> Vec<Given> {
+    /// Metadata that lie next to it and describe its sensors, where none were given.
+    fn metadata_found(&self) -> Vec<MetadataFile> {
         let is_looked_for = self.metadata.is_empty() && self.session.is_none();
         if !is_looked_for || !(self.path.is_file() || self.bag.is_some()) {
             return Vec::new();
@@ -327,7 +328,7 @@ impl Recording {
     }
 
     /// The metadata of one of its sensors, as they were read.
-    pub fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
+    pub(crate) fn metadata_text(&self, sensor: &sensors::router::Sensor) -> Option<&str> {
         let name = sensor.metadata_name.as_ref()?;
         self.metadata.iter().find(|given| given.name == *name).map(|given| given.text.as_str())
     }
@@ -336,12 +337,12 @@ impl Recording {
     pub(crate) fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
         router.set_names(self.names());
-        for Given { metadata, name, source_filter, .. } in &self.metadata {
+        for MetadataFile { metadata, name, source_filter, .. } in &self.metadata {
             router.add_ouster_from(metadata.clone(), name.clone(), *source_filter);
         }
-        for Given { metadata, name, .. } in self.metadata_found() {
+        for MetadataFile { metadata, name, .. } in self.metadata_found() {
             if !self.is_reported.swap(true, Ordering::Relaxed) {
-                say_notice(&format!("{name} lies beside the recording and is used; --meta names others"));
+                say_notice(&format!("{name} lies next to the recording and is used; --meta names others"));
             }
             router.add_ouster(metadata, name);
         }
@@ -372,7 +373,7 @@ impl Recording {
         Ok(())
     }
 
-    /// The same, and metadata tied to who sends nothing.
+    /// The same, and metadata assigned to a sender that sends nothing.
     pub(crate) fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
         Self::ensure_calibrations_fit(router)?;
         for sensor in router.sensors() {
@@ -423,8 +424,8 @@ impl Recording {
     }
 }
 
-/// What can be read but once, kept in a temporary file; none of another file.
+/// A temporary copy of what can be read only once; none for another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     let name = if path.as_os_str() == "-" { "standard input".into() } else { path.display().to_string() };
-    keep_stream(path).with_context(|| format!("{name} cannot be kept in a temporary file (TMPDIR)"))
+    keep_stream(path).with_context(|| format!("{name} cannot be copied to a temporary file (TMPDIR)"))
 }

@@ -19,7 +19,7 @@ use crate::recording::packet_reader::PacketReader;
 
 /// Datagrams looked at before sending, to know which ports there are.
 const LOOK_AHEAD: u64 = 20_000;
-/// Senders that are told apart, and told of by name.
+/// Most senders that are counted, and reported by name.
 const MOST_SENDERS: usize = 8;
 const INTERRUPTED: &str = "interrupted: the rest of the recording was not sent";
 /// Time after Ctrl-C in which a packet may still be waited for.
@@ -122,7 +122,7 @@ impl Sockets {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut path = packets_path(&args.capture)?;
     let name = if path == Path::new("-") { "standard input".into() } else { path.display().to_string() };
-    // what is read once need not be kept
+    // what is read once needs no copy
     let spooled = match args.again || looks_ahead(args) {
         true => recording::spool(&path)?,
         false => None,
@@ -163,8 +163,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     for ((port, _), senders) in sent.mixed.iter().filter(|(_, senders)| senders.len() > 1) {
         let list: Vec<String> = senders.iter().map(ToString::to_string).collect();
         sent.notices.push(format!(
-            "the packets of {} senders ({}) go to port {port} from one address: sensors whose packets bear no serial number \
-             cannot be told apart there",
+            "the packets of {} senders ({}) go to port {port} from one address: sensors without a serial number in their packets \
+             cannot be separated there",
             senders.len(),
             list.join(", ")
         ));
@@ -240,7 +240,7 @@ fn looks_ahead(args: &Args) -> bool {
     args.to.port.is_some() && args.map.is_empty()
 }
 
-/// Refuses to mix ports without being asked: sensors that end on one port can no longer be told apart.
+/// Refuses to mix ports without being asked: sensors that end on one port can no longer be separated.
 fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     for (at, (from, to)) in args.map.iter().enumerate() {
         let before = args.map[..at].iter().find(|(other, _)| other == from);
@@ -252,7 +252,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     let mut capture = PacketReader::open(path, &path.display().to_string())?;
     let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
     for _ in 0..LOOK_AHEAD {
-        // damage is found again, and told of, when the packets are sent
+        // damage is found again, and reported, when the packets are sent
         let Ok(Some(packet)) = capture.next() else { break };
         *ports.entry(packet.destination.port()).or_default() += 1;
     }

@@ -53,7 +53,7 @@ impl MeshArgs {
 /// Trajectory of the body.
 #[derive(clap::Args, Debug, Clone)]
 pub struct TrajectoryArgs {
-    /// Trajectory of the body: TUM, EuRoC or another table whose header names time, position and quaternion; KITTI poses with
+    /// Trajectory of the body: TUM, EuRoC or another table with named time, position and quaternion; KITTI poses with
     /// --rate; or waypoints "x,y x,y ..." that are walked 1.6 m above the floor [default: a path through all of the free floor].
     #[arg(long, value_name = "FILE", allow_hyphen_values = true)]
     trajectory: Option<WalkText>,
@@ -195,7 +195,7 @@ pub(crate) fn read_trajectory(
     let (bag, topic) = bag_and_topic(path);
     if is_bag_at(bag) {
         if rate_hz.is_some() {
-            refuse!("--rate is for poses without times (KITTI): {name} is a bag, whose poses have times");
+            refuse!("--rate is for poses without times (KITTI): {name} is a bag, and its poses have times");
         }
         return Ok(Surroundings::read(bag, &bag.display().to_string())?.platform_trajectory(bag, topic)?);
     }

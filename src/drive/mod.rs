@@ -30,7 +30,8 @@ pub use controller::{Applied, AppliedAxis, Interrupt, Options, Progress, ReportS
 pub use error::{LinkError, RigError};
 pub use hosted::HostedLink;
 pub use link::{Link, Received};
-pub use open::{is_no_path, open};
+pub(crate) use open::is_no_path;
+pub use open::open;
 pub use report::{AxisStatus, RigStatus, ServoReport, WatchedAxis};
 pub use rig::Rig;
 pub use serial::SerialLink;

@@ -14,7 +14,7 @@ use super::{LinkError, SerialLink, bus_servos, cia402, usb};
 const FORMS: [&str; 6] = ["usb", "can", "slcan", "dynamixel", "feetech", "cia402"];
 
 /// Whether an address names something else than a file.
-pub fn is_no_path(address: &str) -> bool {
+pub(crate) fn is_no_path(address: &str) -> bool {
     address.split_once(':').is_some_and(|(word, _)| FORMS.contains(&word))
 }
 

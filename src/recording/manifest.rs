@@ -35,7 +35,7 @@ pub struct Manifest {
     /// Why it ended early, where it did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// What was taken away from the session that this one goes on from, where anything was.
+    /// Files that were removed from the session that this one continues, if any were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub follows: Option<String>,
     /// Sensors in the order of their interfaces in packets.pcapng.
@@ -50,7 +50,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Whether an entry is what another one sends beside its lidar packets.
+    /// Whether an entry is the auxiliary stream of another one.
     pub fn is_auxiliary(&self, entry: &SensorEntry) -> bool {
         crate::live::receive::is_auxiliary(
             &entry.name,
@@ -87,7 +87,7 @@ pub struct SensorEntry {
     /// Where its packets were received.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub address: Option<SocketAddr>,
-    /// The only sender whose packets were taken.
+    /// The only sender that was accepted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<IpAddr>,
     /// Its metadata, a path in the session.

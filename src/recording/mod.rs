@@ -108,7 +108,7 @@ pub mod file {
     pub const METADATA: &str = "metadata";
     /// Folder of the calibrations that the mount file names.
     pub const CALIBRATIONS: &str = "calibrations";
-    /// Space kept back for closing the session on a full disk; gone once it is closed.
+    /// Space reserved for closing the session on a full disk; gone once it is closed.
     pub(super) const RESERVE: &str = ".reserve";
 }
 
@@ -172,7 +172,7 @@ pub enum SessionError {
         /// Packets that were received and could not be written.
         not_written: u64,
     },
-    /// Files of the session were taken away while it was written.
+    /// Files of the session were removed while it was written.
     #[error("{words}: {deleted} packets are lost with it", deleted = manifest.losses.deleted)]
     Displaced {
         /// What happened.

@@ -39,7 +39,11 @@ impl BlindSpot {
 }
 
 /// The largest groups of cells that share a face, an edge or a corner; at most `most` of them, the largest first.
-pub fn blind_spots(grid: &VoxelGrid, unseen: impl Iterator<Item = usize>, most: usize) -> Vec<BlindSpot> {
+pub(crate) fn blind_spots(
+    grid: &VoxelGrid,
+    unseen: impl Iterator<Item = usize>,
+    most: usize,
+) -> Vec<BlindSpot> {
     let mut left: BTreeSet<usize> = unseen.collect();
     let mut spots = Vec::new();
     while let Some(first) = left.pop_first() {

@@ -21,9 +21,10 @@ mod unfold;
 pub(crate) mod viewer;
 
 pub use above::FromAbove;
-pub use blind_spots::{BlindSpot, blind_spots};
+pub use blind_spots::BlindSpot;
+pub(crate) use blind_spots::blind_spots;
 pub(crate) use headlines::compared;
-pub use unfold::{unfold_box, unfold_mount_box};
+pub(crate) use unfold::{unfold_box, unfold_mount_box};
 
 /// Blind spots that a document lists, the largest first.
 pub(crate) const MAX_BLIND_SPOTS: usize = 10;
@@ -94,7 +95,7 @@ impl Report {
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
     }
 
-    /// A section that a reader opens: details, or what is as it should be. `note` stands beside the heading.
+    /// A section that a reader opens: details, or what is as it should be. `note` stands next to the heading.
     pub(crate) fn fold(&mut self, heading: &str, note: &str) {
         self.end_fold();
         let _ = write!(

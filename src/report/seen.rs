@@ -68,7 +68,7 @@ pub(crate) struct Scored {
 
 impl Document {
     /// `spins` has columns and revolutions of each sensor.
-    pub fn new(
+    pub(crate) fn new(
         rig: &Rig,
         coverage: &Coverage,
         counts: &Counts,
@@ -108,7 +108,7 @@ impl Document {
     }
 
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let share = 100.0 * self.unique_voxels as f64 / self.reachable_voxels.max(1) as f64;
         let mut text = format!(
             "{:.2} m travelled, {} rays of ideal sensors\n\

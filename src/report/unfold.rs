@@ -4,7 +4,7 @@ use crate::report::chart::CellMap;
 use crate::world::coverage::VoxelGrid;
 
 /// The same for a grid in the axes of the mount frame (x right, y ahead).
-pub fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
+pub(crate) fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
     let [right, ahead, up] = grid.cells;
     let in_body = VoxelGrid { cells: [ahead, right, up], ..grid.clone() };
     unfold_box(&in_body, &|cell| {
@@ -19,7 +19,7 @@ pub fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usi
 
 /// The outermost cell layers of a grid around a closed room, unfolded: floor and ceiling as seen from above (world x up
 /// the page, y to the left), walls as seen from inside with z up.
-pub fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
+pub(crate) fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
     let [nx, ny, nz] = grid.cells;
     let index = |i: usize, j: usize, k: usize| i + nx * (j + ny * k);
     let map = |title: &str, width: usize, height: usize, cell: &dyn Fn(usize, usize) -> usize| CellMap {

@@ -59,7 +59,7 @@ impl Rig {
 /// Least distance between two housings, m; next to 0 where they touch. Both are convex: going from the nearest point of
 /// one to the nearest of the other and back ends at the nearest pair (Cheney and Goldstein 1959,
 /// doi:10.2307/2032908).
-pub fn housing_gap_m(first: &MountedSensor, second: &MountedSensor) -> f64 {
+pub(crate) fn housing_gap_m(first: &MountedSensor, second: &MountedSensor) -> f64 {
     let (a, b) = (Cylinder::of(first), Cylinder::of(second));
     let mut at = a.centre_m;
     let mut gap_m = f64::INFINITY;

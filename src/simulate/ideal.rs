@@ -44,7 +44,7 @@ pub(crate) struct SingleCoverage {
 
 impl IdealSensors {
     /// What the sensors cover.
-    pub fn cover(&self, surface: &ObservableSurface) -> (IdealCoverage, Completeness) {
+    pub(crate) fn cover(&self, surface: &ObservableSurface) -> (IdealCoverage, Completeness) {
         self.cast(&self.mounted_fans().collect::<Vec<_>>(), surface)
     }
 

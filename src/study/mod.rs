@@ -22,7 +22,8 @@ pub mod submit;
 mod terminal;
 mod walks;
 
-pub use page::{csv, findings_page};
+pub use page::csv;
+pub(crate) use page::findings_page;
 pub use rows::{Row, number, text};
 pub use spread::Spread;
 

@@ -34,7 +34,7 @@ pub(super) fn line(cells: impl Iterator<Item = String>) -> String {
 }
 
 /// The page of a study.
-pub fn findings_page(study: &dyn Study, findings: &Findings, command: &str) -> Report {
+pub(crate) fn findings_page(study: &dyn Study, findings: &Findings, command: &str) -> Report {
     let mut page = Report::new(&format!("Study: {}", study.name()), &findings.summary, command);
     page.paragraph(study.about());
     page.paragraph(&format!("Made by {command}"));

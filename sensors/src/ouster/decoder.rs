@@ -75,7 +75,7 @@ impl OusterDecoder {
         &self.metadata
     }
 
-    /// Whether its lidar packets say whose they are.
+    /// Whether its lidar packets name their sensor.
     pub(crate) fn names_sensor(&self) -> bool {
         self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some()
     }
@@ -197,7 +197,7 @@ impl OusterDecoder {
         Ok((first_id / self.metadata.columns_per_packet, time_ns))
     }
 
-    /// First column, last valid one (or the first) and time of a lidar packet whose columns follow one another from a packet
+    /// First column, last valid one (or the first) and time of a lidar packet with consecutive columns from a packet
     /// boundary, in whatever mode.
     pub(super) fn ensure_columns(&self, bytes: &[u8]) -> Result<(usize, usize, u64), Rejected> {
         let format = self.metadata.packet_format();

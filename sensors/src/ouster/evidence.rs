@@ -55,7 +55,7 @@ pub(super) struct Mode {
 }
 
 impl Mode {
-    pub fn of(metadata: &Metadata) -> Self {
+    pub(crate) fn of(metadata: &Metadata) -> Self {
         Self { columns: metadata.columns_per_frame, rate_hz: metadata.frame_rate_hz }
     }
 }
@@ -89,7 +89,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    pub fn of(format: &PacketFormat, frame_id: u32, packet: &[u8]) -> Self {
+    pub(crate) fn of(format: &PacketFormat, frame_id: u32, packet: &[u8]) -> Self {
         let first = format.read_column(format.column(packet, 0));
         Self { frame_id, column: usize::from(first.measurement_id), time_ns: first.time_ns }
     }
@@ -114,17 +114,17 @@ impl Default for Evidence {
 
 impl Evidence {
     /// Whether a packet can still show something.
-    pub fn is_open_to(&self, init_id: u32) -> bool {
+    pub(crate) fn is_open_to(&self, init_id: u32) -> bool {
         self.frames < MOST_TURNS || self.init_id != Some(init_id)
     }
 
     /// Whether a revolution was seen to its end: how many columns it has is known.
-    pub fn has_turned(&self) -> bool {
+    pub(crate) fn has_turned(&self) -> bool {
         self.frames > 0
     }
 
     /// How a packet does not continue those before it, once a revolution of them was seen.
-    pub fn broken(&self, metadata: &Metadata, init_id: u32, seen: &Seen) -> Option<Break> {
+    pub(crate) fn broken(&self, metadata: &Metadata, init_id: u32, seen: &Seen) -> Option<Break> {
         let (Some(last), Some(period_ns), true) = (self.last, self.period_ns, self.is_decided()) else {
             return None;
         };
@@ -147,23 +147,23 @@ impl Evidence {
     }
 
     /// A packet that shows nothing new: the next is held against it.
-    pub fn follow(&mut self, seen: Seen) {
+    pub(crate) fn follow(&mut self, seen: Seen) {
         self.last = Some(seen);
     }
 
     /// The revolution before this packet had another number of columns than those before it.
-    pub fn forget_turns(&mut self) {
+    pub(crate) fn forget_turns(&mut self) {
         let Self { init_id, last, periods_ns, period_ns, .. } = std::mem::take(self);
         *self = Self { init_id, last, periods_ns, period_ns, ..Self::default() };
     }
 
     /// Whether the mode is known: by a revolution's end, and by the time between columns.
-    pub fn is_decided(&self) -> bool {
+    pub(crate) fn is_decided(&self) -> bool {
         self.has_turned() && self.period_ns.is_some()
     }
 
     /// Takes a lidar packet whose columns follow one another.
-    pub fn take(&mut self, format: &PacketFormat, seen: Seen, init_id: u32, packet: &[u8]) {
+    pub(crate) fn take(&mut self, format: &PacketFormat, seen: Seen, init_id: u32, packet: &[u8]) {
         if self.init_id != Some(init_id) {
             *self = Self { init_id: Some(init_id), ..Self::default() };
         }
@@ -219,7 +219,7 @@ impl Evidence {
     }
 
     /// The mode of the packets, where it is not that of the metadata, which were given with another perhaps.
-    pub fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
+    pub(crate) fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
         let period_ns = self.period_ns?;
         let known = Mode::of(metadata);
         let turned = self.columns_by_turns(period_ns);
@@ -259,13 +259,13 @@ impl Evidence {
     }
 
     /// The window of the packets, where valid columns lie outside of that of the metadata.
-    pub fn wider_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+    pub(crate) fn wider_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let is_full = metadata.column_window == [0, metadata.columns_per_frame - 1];
         if is_full { None } else { self.other_window(metadata) }
     }
 
-    /// The window of the packets, where it is not that of the metadata, whose mode is right.
-    pub fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
+    /// The window of the packets, if it differs from that of the metadata while the mode agrees.
+    pub(crate) fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let all = metadata.columns_per_frame;
         let came = |column: usize| self.columns[column / 64] >> (column % 64) & 1 == 1;
         let is_outside = |column: &usize| !metadata.expects_slot(column / metadata.columns_per_packet);

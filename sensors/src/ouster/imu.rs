@@ -25,13 +25,13 @@ pub struct ImuSample {
 }
 
 /// Bytes of an ACCEL32_GYRO32_NMEA packet.
-pub fn accel32_bytes(samples_per_packet: usize) -> usize {
+pub(crate) fn accel32_bytes(samples_per_packet: usize) -> usize {
     HEADER_BYTES + NMEA_BLOCK_BYTES + samples_per_packet * SAMPLE_BYTES + FOOTER_BYTES
 }
 
 /// Reads a LEGACY packet. Its first time stamp counts from power-on whatever the clock; the gyroscope's is in the
 /// clock of the columns.
-pub fn read_legacy(packet: &[u8; LEGACY_BYTES]) -> ImuSample {
+pub(crate) fn read_legacy(packet: &[u8; LEGACY_BYTES]) -> ImuSample {
     let values = |at: usize, unit: f64| [0, 4, 8].map(|axis| f64::from(f32_at(packet, at + axis)) * unit);
     ImuSample {
         time_ns: u64_at(packet, 16),
@@ -41,7 +41,7 @@ pub fn read_legacy(packet: &[u8; LEGACY_BYTES]) -> ImuSample {
 }
 
 /// Writes a LEGACY packet; all three time stamps are the sample's.
-pub fn write_legacy(sample: &ImuSample) -> [u8; LEGACY_BYTES] {
+pub(crate) fn write_legacy(sample: &ImuSample) -> [u8; LEGACY_BYTES] {
     let mut packet = [0; LEGACY_BYTES];
     for stamp in packet[..24].chunks_exact_mut(8) {
         stamp.copy_from_slice(&sample.time_ns.to_le_bytes());
@@ -56,7 +56,7 @@ pub fn write_legacy(sample: &ImuSample) -> [u8; LEGACY_BYTES] {
 }
 
 /// Reads the valid samples of an ACCEL32_GYRO32_NMEA packet.
-pub fn read_accel32(packet: &[u8]) -> impl Iterator<Item = ImuSample> + '_ {
+pub(crate) fn read_accel32(packet: &[u8]) -> impl Iterator<Item = ImuSample> + '_ {
     let samples = packet.get(HEADER_BYTES + NMEA_BLOCK_BYTES..packet.len().saturating_sub(FOOTER_BYTES));
     samples.unwrap_or_default().chunks_exact(SAMPLE_BYTES).filter(|sample| sample[10] & 1 == 1).map(
         |sample| {
@@ -71,7 +71,7 @@ pub fn read_accel32(packet: &[u8]) -> impl Iterator<Item = ImuSample> + '_ {
 }
 
 /// The GPS sentence of an ACCEL32_GYRO32_NMEA packet and when it came, ns; `None` when there is none.
-pub fn read_nmea(packet: &[u8]) -> Option<(u64, &str)> {
+pub(crate) fn read_nmea(packet: &[u8]) -> Option<(u64, &str)> {
     let text = packet.get(NMEA_TEXT)?;
     let length = text.iter().position(|byte| *byte == 0).unwrap_or(text.len());
     let text = std::str::from_utf8(&text[..length]).ok()?.trim_end();

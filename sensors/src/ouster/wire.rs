@@ -274,7 +274,7 @@ impl PacketFormat {
 }
 
 /// CRC-64/XZ.
-pub fn crc64(bytes: &[u8]) -> u64 {
+pub(crate) fn crc64(bytes: &[u8]) -> u64 {
     let mut digest = crc64fast::Digest::new();
     digest.write(bytes);
     digest.sum64()
@@ -282,7 +282,7 @@ pub fn crc64(bytes: &[u8]) -> u64 {
 
 /// Compares the checksum of a packet with a footer: `Err((stored, computed))` when they differ. Packets of firmware
 /// that writes no checksum pass.
-pub fn check_crc(packet: &[u8]) -> Result<(), (u64, u64)> {
+pub(crate) fn check_crc(packet: &[u8]) -> Result<(), (u64, u64)> {
     let Some((covered, stored)) = packet.split_last_chunk::<CRC_BYTES>() else { return Ok(()) };
     let stored = u64::from_le_bytes(*stored);
     if stored == 0 || stored == NO_CRC {

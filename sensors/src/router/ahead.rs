@@ -21,7 +21,7 @@ struct Unit {
 
 impl Ahead {
     /// Looks at a packet of whatever sensor; of more units than `most`, the rest is passed over.
-    pub fn read(&mut self, packet: &Packet<'_>, most: usize) {
+    pub(crate) fn read(&mut self, packet: &Packet<'_>, most: usize) {
         let Some([kind, value]) = status_bytes(packet.payload) else { return };
         let (source, port) = (packet.source.ip(), packet.destination.port());
         let known = self.units.iter().position(|unit| unit.source == source && unit.port == port);
@@ -39,13 +39,13 @@ impl Ahead {
         }
     }
 
-    /// Every unit that was met has said all.
-    pub fn is_done(&self) -> bool {
+    /// Every unit found so far has sent its whole status.
+    pub(crate) fn is_done(&self) -> bool {
         self.units.iter().all(|unit| unit.status.is_some())
     }
 
-    /// What the unit of this sender and port said.
-    pub fn status(&self, source: IpAddr, port: u16) -> Option<UnitStatus> {
+    /// The status that the unit of this sender and port sent.
+    pub(crate) fn status(&self, source: IpAddr, port: u16) -> Option<UnitStatus> {
         self.units.iter().find(|unit| unit.source == source && unit.port == port)?.status.clone()
     }
 }

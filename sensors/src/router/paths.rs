@@ -21,7 +21,7 @@ pub(super) struct Path {
 }
 
 impl Path {
-    pub fn of(packet: &Packet<'_>) -> Self {
+    pub(crate) fn of(packet: &Packet<'_>) -> Self {
         Self { source: packet.source, link: packet.link }
     }
 }
@@ -39,40 +39,40 @@ pub(super) struct Paths {
 
 impl Paths {
     /// The path of its data packets.
-    pub fn current(&self) -> Option<Path> {
+    pub(crate) fn current(&self) -> Option<Path> {
         self.current
     }
 
     /// Whether a data packet comes by one of its ways.
-    pub fn has(&self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn has(&self, packet: &Packet<'_>) -> bool {
         let path = Path::of(packet);
         self.current == Some(path) || self.copies.contains(&path)
     }
 
     /// Whether none of its data packets was seen, and its position packets, if any, came by this link.
-    pub fn is_open_to(&self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn is_open_to(&self, packet: &Packet<'_>) -> bool {
         self.current.is_none() && self.auxiliary.is_none_or(|link| link == packet.link)
     }
 
     /// Whether this very packet was there just now.
-    pub fn knows(&self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn knows(&self, packet: &Packet<'_>) -> bool {
         glance(packet).is_some_and(|glance| self.recent.contains(&glance))
     }
 
     /// Whether nothing came any more by the path that its packets took.
-    pub fn is_gone(&self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn is_gone(&self, packet: &Packet<'_>) -> bool {
         packet.host_time_ns > 0 && packet.host_time_ns.abs_diff(self.last_ns) >= GONE_NS
     }
 
     /// A path that brings its packets again.
-    pub fn note_copy(&mut self, packet: &Packet<'_>) {
+    pub(crate) fn note_copy(&mut self, packet: &Packet<'_>) {
         if self.copies.len() < MOST_COPIES {
             self.copies.push(Path::of(packet));
         }
     }
 
     /// One of its data packets.
-    pub fn note(&mut self, packet: &Packet<'_>) {
+    pub(crate) fn note(&mut self, packet: &Packet<'_>) {
         let path = Path::of(packet);
         if !self.copies.contains(&path) {
             self.current = Some(path);

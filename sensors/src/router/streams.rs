@@ -1,11 +1,11 @@
-//! Packets that do not say whose they are, by where they come from and go to: one unit sends its lidar packets from one
+//! Packets that name no sensor, by source and destination: one unit sends its lidar packets from one
 //! address to one port, and its inertial packets too.
 
 use std::net::IpAddr;
 
 use crate::Packet;
 
-/// Most streams that are kept apart for one sensor.
+/// Most streams of one sensor that are counted separately.
 const MOST_STREAMS: usize = 16;
 
 /// Sender and destination port.
@@ -26,32 +26,32 @@ pub(super) struct Streams {
 }
 
 impl Streams {
-    pub fn note_lidar(&mut self, packet: &Packet<'_>) {
+    pub(crate) fn note_lidar(&mut self, packet: &Packet<'_>) {
         self.lidar.get_or_insert(stream_of(packet));
     }
 
-    pub fn note_rival(&mut self, packet: &Packet<'_>) {
+    pub(crate) fn note_rival(&mut self, packet: &Packet<'_>) {
         note(&mut self.rivals, packet);
     }
 
-    pub fn note_imu(&mut self, packet: &Packet<'_>) {
+    pub(crate) fn note_imu(&mut self, packet: &Packet<'_>) {
         note(&mut self.imu, packet);
     }
 
     /// Whether lidar packets that fit are of another stream than the first.
-    pub fn is_other_lidar(&self, packet: &Packet<'_>) -> bool {
+    pub(crate) fn is_other_lidar(&self, packet: &Packet<'_>) -> bool {
         self.lidar.is_some_and(|own| own != stream_of(packet))
     }
 
     /// All that its lidar packets could be, where that is more than one.
-    pub fn of_several(&self) -> Option<Vec<Stream>> {
+    pub(crate) fn of_several(&self) -> Option<Vec<Stream>> {
         let all = self.lidar.iter().chain(&self.rivals).copied();
         (!self.rivals.is_empty()).then(|| all.collect())
     }
 
     /// The inertial packets that could be its own: those from these addresses, where any is known, and of several those to
     /// this port.
-    pub fn imu(&self, sources: &[IpAddr], port: Option<u16>) -> Vec<Stream> {
+    pub(crate) fn imu(&self, sources: &[IpAddr], port: Option<u16>) -> Vec<Stream> {
         let from_there = |stream: &&Stream| sources.is_empty() || sources.contains(&stream.0);
         let all: Vec<Stream> = self.imu.iter().filter(from_there).copied().collect();
         match all.iter().filter(|(_, to)| Some(*to) == port).collect::<Vec<_>>()[..] {

@@ -7,7 +7,7 @@ use super::wire::{AZIMUTH_COUNTS, BANK_FLAGS, BLOCK_BYTES, DATA_PACKET_BYTES, Da
 
 /// An azimuth between two that lie closer than this cannot be elsewhere, counts: no field-of-view window is so narrow.
 const CLOSE_COUNTS: f64 = 400.0;
-/// How far an azimuth may be beside those of its neighbours, counts.
+/// How far an azimuth may be from those of its neighbours, counts.
 const JITTER_COUNTS: f64 = 20.0;
 
 /// Which blocks of a packet cannot be used, one bit each.
@@ -15,24 +15,24 @@ const JITTER_COUNTS: f64 = 20.0;
 pub(crate) struct BadBlocks(u16);
 
 impl BadBlocks {
-    pub fn find(blocks: Range<usize>, is_good: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn find(blocks: Range<usize>, is_good: impl Fn(usize) -> bool) -> Self {
         Self(blocks.filter(|block| !is_good(*block)).fold(0, |bits, block| bits | 1 << block))
     }
 
-    pub fn count(self) -> usize {
+    pub(crate) fn count(self) -> usize {
         self.0.count_ones() as usize
     }
 
-    pub fn first(self) -> Option<usize> {
+    pub(crate) fn first(self) -> Option<usize> {
         (self.0 != 0).then(|| self.0.trailing_zeros() as usize)
     }
 
-    pub fn has(self, block: usize) -> bool {
+    pub(crate) fn has(self, block: usize) -> bool {
         self.0 >> block & 1 == 1
     }
 
     /// Whether the first return of a sequence lies in one of them.
-    pub fn spoil(self, sequence: &Sequence) -> bool {
+    pub(crate) fn spoil(self, sequence: &Sequence) -> bool {
         self.0 != 0 && sequence.first().iter().any(|part| self.has(usize::from(part.block)))
     }
 
@@ -54,7 +54,7 @@ fn azimuth(data: DataPacket<'_>, group: &Range<usize>, bad: BadBlocks) -> Option
     group.clone().find(|block| !bad.has(*block)).map(|block| data.azimuth(block))
 }
 
-/// These, and those whose azimuth is none, or far from both of its neighbours, which are close to each other.
+/// These, and those with an invalid azimuth, or with one far from both neighbours while these are close to each other.
 pub(crate) fn with_bad_azimuths(data: DataPacket<'_>, layout: &Layout, bad: BadBlocks) -> BadBlocks {
     let mut bad = bad;
     for block in 0..layout.blocks {

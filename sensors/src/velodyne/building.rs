@@ -25,17 +25,17 @@ pub(crate) struct Building {
 
 impl Building {
     /// The last frame took its buffers along.
-    pub fn lacks_buffers(&self) -> bool {
+    pub(crate) fn lacks_buffers(&self) -> bool {
         self.frame.column_time_ns.capacity() == 0
     }
 
-    /// Takes the buffers of a frame that nobody looks at any more.
-    pub fn fill_with(&mut self, spent: Frame) {
+    /// Reuses the buffers of a frame that is no longer needed.
+    pub(crate) fn fill_with(&mut self, spent: Frame) {
         self.frame = spent;
     }
 
     /// Empties the frame for the next revolution; its buffers stay.
-    pub fn restart(&mut self, frame_id: u32, channels: usize, dual: bool) {
+    pub(crate) fn restart(&mut self, frame_id: u32, channels: usize, dual: bool) {
         let frame = &mut self.frame;
         frame.frame_id = frame_id;
         frame.channels = channels;
@@ -58,22 +58,22 @@ impl Building {
         self.has_bad_blocks = false;
     }
 
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.frame.column_time_ns.is_empty()
     }
 
     /// Columns so far.
-    pub fn columns(&self) -> usize {
+    pub(crate) fn columns(&self) -> usize {
         self.frame.column_time_ns.len()
     }
 
     /// Device time of the first column, ns.
-    pub fn first_time_ns(&self) -> Option<u64> {
+    pub(crate) fn first_time_ns(&self) -> Option<u64> {
         self.frame.column_time_ns.first().copied()
     }
 
     /// Counts one packet into the frame.
-    pub fn count_packet(&mut self, host_ns: u64) {
+    pub(crate) fn count_packet(&mut self, host_ns: u64) {
         let frame = &mut self.frame;
         frame.host_time_ns = match frame.packets {
             0 => [host_ns; 2],
@@ -83,7 +83,7 @@ impl Building {
     }
 
     /// Appends sequences of a packet; `heads` are those of all its sequences.
-    pub fn append(
+    pub(crate) fn append(
         &mut self,
         packet: DataPacket<'_>,
         layout: &Layout,
@@ -132,7 +132,7 @@ impl Building {
     }
 
     /// Closes the frame and gives it away.
-    pub fn close(&mut self, complete: bool) -> Frame {
+    pub(crate) fn close(&mut self, complete: bool) -> Frame {
         if self.unsorted {
             self.sort();
         }

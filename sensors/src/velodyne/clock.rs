@@ -76,7 +76,7 @@ const PAUSE_TOLERANCE_NS: i64 = 5_000_000_000;
 
 impl HourClock {
     /// Device time of a packet; none where its stamp alone is not to be believed: what follows says what it is.
-    pub fn resolve(&mut self, stamp: Stamp) -> Option<Resolved> {
+    pub(crate) fn resolve(&mut self, stamp: Stamp) -> Option<Resolved> {
         let Some(newest) = self.newest else { return Some(self.start(stamp, Follows::On)) };
         if let Some(resolved) = self.after_pause(stamp, newest) {
             return Some(resolved);
@@ -92,7 +92,7 @@ impl HourClock {
     }
 
     /// The same of a packet that several after it agree with.
-    pub fn believe(&mut self, stamp: Stamp) -> Resolved {
+    pub(crate) fn believe(&mut self, stamp: Stamp) -> Resolved {
         let Some(newest) = self.newest else { return self.start(stamp, Follows::On) };
         if let Some(resolved) = self.after_pause(stamp, newest) {
             return resolved;
@@ -105,7 +105,7 @@ impl HourClock {
     }
 
     /// Whether a packet goes on where another one's stamp stands.
-    pub fn goes_on(from: Stamp, to: Stamp) -> bool {
+    pub(crate) fn goes_on(from: Stamp, to: Stamp) -> bool {
         let ahead_ns = wrap_to_half((i64::from(to.stamp_us) - i64::from(from.stamp_us)) * 1000);
         match to.is_next {
             true => (ahead_ns - to.period_ns).abs() <= NEXT_TOLERANCE_NS.max(to.period_ns / 2),
@@ -114,17 +114,17 @@ impl HourClock {
     }
 
     /// How far a stamp is ahead of a time, microseconds, within half an hour.
-    pub fn us_ahead(time_ns: u64, stamp: Stamp) -> i64 {
+    pub(crate) fn us_ahead(time_ns: u64, stamp: Stamp) -> i64 {
         wrap_to_half(i64::from(stamp.stamp_us) * 1000 - time_ns as i64) / 1000
     }
 
     /// Time of the newest packet, ns.
-    pub fn newest_ns(&self) -> Option<u64> {
+    pub(crate) fn newest_ns(&self) -> Option<u64> {
         self.newest.map(|newest| newest.time_ns)
     }
 
     /// A packet without a stamp of its own stands here: those after it go on from here.
-    pub fn pass(&mut self, time_ns: u64, host_ns: u64) {
+    pub(crate) fn pass(&mut self, time_ns: u64, host_ns: u64) {
         if self.newest.is_none_or(|newest| newest.time_ns < time_ns) {
             self.newest = Some(Newest { time_ns, host_ns });
         }
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_whose_clock_is_set_moves_nothing() {
+    fn setting_the_host_s_clock_moves_nothing() {
         let mut clock = HourClock::default();
         let start = clock.resolve(stamp(1_000_000, HOST_NS)).unwrap();
         for (at, host_ns) in [(1, HOST_NS + 100 * SECOND_NS), (2, HOST_NS - 7 * SECOND_NS)] {

@@ -1,4 +1,4 @@
-//! What is kept of packets whose time stamps contradict those before them.
+//! Counts of packets with time stamps that contradict those before them.
 
 use super::blocks::BadBlocks;
 use super::clock::{HourClock, Stamp};
@@ -23,12 +23,12 @@ pub(super) struct SecondClock {
 }
 
 impl SecondClock {
-    pub fn is_certain(&self) -> bool {
+    pub(crate) fn is_certain(&self) -> bool {
         self.packets >= SECOND_CLOCK
     }
 
     /// Takes an odd stamp that came between others; whether it is of the second clock.
-    pub fn take(&mut self, stamp: Stamp) -> bool {
+    pub(crate) fn take(&mut self, stamp: Stamp) -> bool {
         let goes_on =
             self.last.is_some_and(|last| HourClock::goes_on(last, Stamp { is_next: false, ..stamp }));
         if goes_on {

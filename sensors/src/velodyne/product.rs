@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A sensor whose packets are decoded and encoded here.
+/// A sensor that is decoded and encoded here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Product {
@@ -110,7 +110,7 @@ impl Product {
 
     /// Byte 1205 of a data packet; none for HDL-64E, which sends its status there. The byte is no proof: VLP-16s
     /// of 2014 send that of an HDL-32E.
-    pub fn model_byte(self) -> Option<u8> {
+    pub(crate) fn model_byte(self) -> Option<u8> {
         match self {
             Self::Hdl32e => Some(0x21),
             Self::Vlp16 | Self::PuckLite => Some(0x22),
@@ -162,7 +162,7 @@ impl Product {
     }
 
     /// An HDL-64E: no unit is like another, and its packets carry a status.
-    pub fn is_hdl_64e(self) -> bool {
+    pub(crate) fn is_hdl_64e(self) -> bool {
         self.family() == Family::SixtyFour
     }
 
@@ -206,7 +206,7 @@ impl ReturnMode {
 
     /// The mode of byte 1204. Two returns with their confidence (0x3b) are two returns to us: the confidence lies in the
     /// blocks behind them.
-    pub fn from_byte(byte: u8) -> Option<Self> {
+    pub(crate) fn from_byte(byte: u8) -> Option<Self> {
         if byte == 0x3B {
             return Some(Self::Dual);
         }

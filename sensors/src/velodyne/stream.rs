@@ -114,7 +114,7 @@ pub(crate) struct Refused {
 impl Refused {
     const NEARBY: u32 = 16;
 
-    pub fn note(&mut self) {
+    pub(crate) fn note(&mut self) {
         self.packets += 1;
         self.left = Self::NEARBY;
     }
@@ -146,7 +146,7 @@ struct Between {
 }
 
 impl Stream {
-    pub fn new(identity: Identity, cut: Cut) -> Self {
+    pub(crate) fn new(identity: Identity, cut: Cut) -> Self {
         let product = identity.product;
         Self {
             layouts: Layouts {
@@ -170,39 +170,39 @@ impl Stream {
         }
     }
 
-    pub fn product(&self) -> Product {
+    pub(crate) fn product(&self) -> Product {
         self.identity.product
     }
 
     /// The layout of a packet.
-    pub fn layout(&self, packet: DataPacket<'_>) -> &Layout {
+    pub(crate) fn layout(&self, packet: DataPacket<'_>) -> &Layout {
         self.layouts.of(packet, self.product())
     }
 
     /// Time from one packet to the next, ns.
-    pub fn period_ns(&self, packet: DataPacket<'_>) -> i64 {
+    pub(crate) fn period_ns(&self, packet: DataPacket<'_>) -> i64 {
         (self.layout(packet).sequences.len() as f64 * self.identity.cycle_ns) as i64
     }
 
     /// Whether more packets come than one sensor can send.
-    pub fn is_too_fast(&self) -> bool {
+    pub(crate) fn is_too_fast(&self) -> bool {
         self.pace.is_too_fast
     }
 
     /// The azimuth at which the sensor stands, counts; none of one that turns, or of which too little was seen.
-    pub fn still_at_counts(&self) -> Option<u16> {
+    pub(crate) fn still_at_counts(&self) -> Option<u16> {
         let (travelled_counts, packets) = self.turned;
         (packets >= ENOUGH_PACKETS as u64 && travelled_counts.abs() < packets as f64)
             .then_some(self.heads.last_counts)
     }
 
     /// Device time of the first column of the open frame.
-    pub fn open_since_ns(&self) -> Option<u64> {
+    pub(crate) fn open_since_ns(&self) -> Option<u64> {
         self.building.first_time_ns()
     }
 
     /// Takes the next packet in order; `next` is the one after it, where it is known.
-    pub fn take(
+    pub(crate) fn take(
         &mut self,
         held: &Held,
         next: Option<&Held>,
@@ -240,7 +240,7 @@ impl Stream {
     }
 
     /// Takes a packet that came late, into the frame that is still open; `next` is the one after it in time.
-    pub fn take_late(&mut self, held: &Held, next: Option<Start>) {
+    pub(crate) fn take_late(&mut self, held: &Held, next: Option<Start>) {
         let heads = self.heads.clone();
         self.read_heads(held, next);
         self.building.lost = self.building.lost.saturating_sub(1);
@@ -249,7 +249,7 @@ impl Stream {
     }
 
     /// Ends the open frame where it is.
-    pub fn close(&mut self, complete: bool, stats: &mut DecodeStats, completed: &mut Completed) {
+    pub(crate) fn close(&mut self, complete: bool, stats: &mut DecodeStats, completed: &mut Completed) {
         if self.building.is_empty() {
             return;
         }
@@ -272,7 +272,7 @@ impl Stream {
     }
 
     /// Forgets the packet before: time or sensor started again.
-    pub fn forget_previous(&mut self) {
+    pub(crate) fn forget_previous(&mut self) {
         self.previous = None;
         self.pace = Pace { is_too_fast: self.pace.is_too_fast, ..Pace::default() };
     }

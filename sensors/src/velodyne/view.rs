@@ -9,7 +9,7 @@ use super::wire::AZIMUTH_COUNTS;
 pub(crate) struct ViewWindows {
     /// Last azimuth before and first azimuth behind each dark sector, counts.
     dark: Vec<[u16; 2]>,
-    /// Jumps between packets that were taken for losses, and how many packets.
+    /// Jumps between packets that count as losses, and how many packets.
     suspects: Vec<([u16; 2], u64)>,
 }
 
@@ -21,7 +21,7 @@ const MOST_SUSPECTS: usize = 64;
 impl ViewWindows {
     /// Takes a jump inside a packet: no packet can be missing there. Returns how many packets were called lost
     /// before, at this very jump, that never existed.
-    pub fn learn(&mut self, gap: [u16; 2]) -> u64 {
+    pub(crate) fn learn(&mut self, gap: [u16; 2]) -> u64 {
         match self.dark.iter().position(|dark| same(*dark, gap)) {
             Some(known) => self.dark[known] = gap,
             None if self.dark.len() < MOST_WINDOWS => self.dark.push(gap),
@@ -33,14 +33,14 @@ impl ViewWindows {
     }
 
     /// Keeps a jump between packets that was counted as a loss.
-    pub fn suspect(&mut self, jump: [u16; 2], lost: u64) {
+    pub(crate) fn suspect(&mut self, jump: [u16; 2], lost: u64) {
         if self.suspects.len() < MOST_SUSPECTS {
             self.suspects.push((jump, lost));
         }
     }
 
-    /// How much of the way from `from` over `travelled` counts (whole turns included) is dark, counts.
-    pub fn dark_counts(&self, from: u16, travelled: f64) -> f64 {
+    /// How much of the turn from `from` over `travelled` counts (whole turns included) is dark, counts.
+    pub(crate) fn dark_counts(&self, from: u16, travelled: f64) -> f64 {
         let turn = f64::from(AZIMUTH_COUNTS);
         let of_one = |[start, end]: [u16; 2]| {
             let width = step_counts(start, end);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn dark_way_counts_each_crossing() {
+    fn dark_counts_include_each_crossing() {
         let mut windows = ViewWindows::default();
         windows.learn([9000, 27000]);
         assert_eq!(windows.dark_counts(8990, 18_020.0), 18_000.0);

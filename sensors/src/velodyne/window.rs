@@ -20,7 +20,7 @@ pub(crate) struct Held {
 
 impl Held {
     /// When and where the packet starts.
-    pub fn start(&self) -> Start {
+    pub(crate) fn start(&self) -> Start {
         Start { time_ns: self.time_ns, azimuth_counts: DataPacket::of(&self.payload).azimuth(0) }
     }
 }
@@ -43,12 +43,12 @@ pub(crate) struct Window {
 }
 
 impl Window {
-    pub fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.held.len()
     }
 
     /// Copies a packet in.
-    pub fn insert(
+    pub(crate) fn insert(
         &mut self,
         time_ns: u64,
         host_ns: u64,
@@ -70,22 +70,22 @@ impl Window {
         place
     }
 
-    pub fn pop(&mut self) -> Option<Held> {
+    pub(crate) fn pop(&mut self) -> Option<Held> {
         self.held.pop_front()
     }
 
     /// The packet that comes next.
-    pub fn front(&self) -> Option<&Held> {
+    pub(crate) fn front(&self) -> Option<&Held> {
         self.held.front()
     }
 
     /// The packet that came in last, in order of time.
-    pub fn back(&self) -> Option<&Held> {
+    pub(crate) fn back(&self) -> Option<&Held> {
         self.held.back()
     }
 
     /// Takes a buffer back for later packets.
-    pub fn recycle(&mut self, held: Held) {
+    pub(crate) fn recycle(&mut self, held: Held) {
         self.spare.push(held);
     }
 }

@@ -28,16 +28,16 @@ pub(crate) const BANK_FLAGS: [u16; 4] = [0xEEFF, 0xDDFF, 0xCCFF, 0xBBFF];
 pub(crate) struct DataPacket<'a>(&'a [u8; DATA_PACKET_BYTES]);
 
 impl<'a> DataPacket<'a> {
-    pub fn of(payload: &'a [u8; DATA_PACKET_BYTES]) -> Self {
+    pub(crate) fn of(payload: &'a [u8; DATA_PACKET_BYTES]) -> Self {
         Self(payload)
     }
 
-    pub fn flag(self, block: usize) -> u16 {
+    pub(crate) fn flag(self, block: usize) -> u16 {
         self.word(block * BLOCK_BYTES)
     }
 
     /// Azimuth of a block, counts; some firmware writes a whole turn for none.
-    pub fn azimuth(self, block: usize) -> u16 {
+    pub(crate) fn azimuth(self, block: usize) -> u16 {
         match self.raw_azimuth(block) {
             AZIMUTH_COUNTS => 0,
             counts => counts,
@@ -45,36 +45,36 @@ impl<'a> DataPacket<'a> {
     }
 
     /// The same as it was sent.
-    pub fn raw_azimuth(self, block: usize) -> u16 {
+    pub(crate) fn raw_azimuth(self, block: usize) -> u16 {
         self.word(block * BLOCK_BYTES + 2)
     }
 
     /// The whole packet, and where the measurement of a slot lies in it: distance (2 bytes) and reflectivity, 32 times
     /// in a block.
-    pub fn measurements(self, block: usize, slot: usize) -> (&'a [u8; DATA_PACKET_BYTES], usize) {
+    pub(crate) fn measurements(self, block: usize, slot: usize) -> (&'a [u8; DATA_PACKET_BYTES], usize) {
         (self.0, block * BLOCK_BYTES + 4 + 3 * slot)
     }
 
-    pub fn stamp_us(self) -> u32 {
+    pub(crate) fn stamp_us(self) -> u32 {
         let [.., a, b, c, d, _, _] = *self.0;
         u32::from_le_bytes([a, b, c, d])
     }
 
     /// The last six bytes.
-    pub fn trailer(self) -> &'a [u8] {
+    pub(crate) fn trailer(self) -> &'a [u8] {
         &self.0[STAMP_OFFSET..]
     }
 
-    pub fn mode_byte(self) -> u8 {
+    pub(crate) fn mode_byte(self) -> u8 {
         self.0[MODE_OFFSET]
     }
 
-    pub fn model_byte(self) -> u8 {
+    pub(crate) fn model_byte(self) -> u8 {
         self.0[MODEL_OFFSET]
     }
 
     /// The bank of a block, by its flag.
-    pub fn bank(self, block: usize) -> Option<usize> {
+    pub(crate) fn bank(self, block: usize) -> Option<usize> {
         BANK_FLAGS.iter().position(|flag| *flag == self.flag(block))
     }
 
@@ -95,7 +95,7 @@ pub(crate) struct Part {
 /// Where one firing sequence lies in a packet.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sequence {
-    /// Block whose azimuth is the sequence's.
+    /// Block that holds the sequence's azimuth.
     pub block: u8,
     /// Sequences since the one that the block's azimuth belongs to (1 for the second half of a VLP-16 block).
     pub after_azimuth: u8,
@@ -108,12 +108,12 @@ pub(crate) struct Sequence {
 
 impl Sequence {
     /// Parts of the first return.
-    pub fn first(&self) -> &[Part] {
+    pub(crate) fn first(&self) -> &[Part] {
         &self.first[..usize::from(self.parts)]
     }
 
     /// Parts of the second return, in the same order; empty unless the packet carries two.
-    pub fn second(&self) -> &[Part] {
+    pub(crate) fn second(&self) -> &[Part] {
         let used = if self.second[0].lasers > 0 { usize::from(self.parts) } else { 0 };
         &self.second[..used]
     }
@@ -144,7 +144,7 @@ impl Layout {
     /// The layout that a product's packets have by their return mode. In dual packets of 16, 32 and 128 lasers
     /// blocks come in pairs, last return before strongest; an HDL-64E sends the strongest of both banks before the
     /// last of both. The last return is the first layer of a frame.
-    pub fn of(product: Product, dual: bool) -> Self {
+    pub(crate) fn of(product: Product, dual: bool) -> Self {
         let mut layout = Self::default();
         let part = |block: usize, slot: usize, channel: usize, lasers: usize| Part {
             block: block as u8,
@@ -210,7 +210,7 @@ impl Layout {
 
     /// The layout of one packet by its flags, for an HDL-64E S1: upper blocks come three times as often as lower
     /// ones; neighbours of different banks with one azimuth are one sequence.
-    pub fn by_flags(&mut self, packet: DataPacket<'_>) {
+    pub(crate) fn by_flags(&mut self, packet: DataPacket<'_>) {
         self.sequences.clear();
         self.blocks = BLOCKS;
         let mut block = 0;

@@ -1,4 +1,4 @@
-//! `outrigger compare`: does a recording cover what was promised, and are the mounts where they were said to be.
+//! `outrigger compare`: does a recording cover what was predicted, and are the mounts as specified.
 
 pub mod page;
 pub mod place;
@@ -25,14 +25,14 @@ use crate::world::trajectory::Trajectory;
 
 use super::recorded::axes::AxisSummary;
 use super::recorded::feed::{PassSummary, SensorSummary};
-use super::recorded::judge::{self, Given};
-use super::recorded::{Recorded, RecordedArgs, hearing};
+use super::recorded::judge::{self, Inputs};
+use super::recorded::{Recorded, RecordedArgs, data_gaps};
 use crate::verify::judgement::comparison::{Comparison, Reason, Verdict};
 use place::PlaceArgs;
 
 /// Samples of the surface.
 const SAMPLES: usize = 200_000;
-/// Way between the points of the path from which lines of sight are drawn, m.
+/// Distance between the points of the path from which lines of sight are drawn, m.
 const STATION_STEP_M: f64 = 0.5;
 /// Most frames after which what was found is dropped from the search.
 const SETTLE_EVERY: u64 = 16;
@@ -41,20 +41,20 @@ const SETTLE_EVERY: u64 = 16;
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
-    after_help = "Every recorded ray is cast into the scene from the mount as said (as measured, where a session holds what \
+    after_help = "Every recorded ray is cast into the scene from the nominal mount (as measured, where a session holds what \
                   its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
                   A trajectory in a frame of its own is placed in the scene with --align; without one, odometry finds one and it \
                   is placed.\n\
-                  Exit codes: 0 the recording covers what was predicted (a tilt that it cannot tell is no failure, \
-                  and is named beside that), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
+                  Exit codes: 0 the recording covers what was predicted (a pitch that is not observable is no failure, \
+                  and is named separately), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
     #[command(flatten)]
     place: PlaceArgs,
-    /// The way as planned (TUM): what it covers with the mounts as said is compared with what was driven.
+    /// The planned trajectory (TUM): its coverage with nominal mounts is compared with that of the driven one.
     #[arg(long, value_name = "FILE")]
     planned: Option<PathBuf>,
     /// Edge of a voxel.
@@ -63,7 +63,7 @@ pub struct Args {
     /// A recorded and a predicted range agree within this.
     #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     gate: f64,
-    /// Healthy runs that are simulated beside the recording: where it stands no worse than 1 in 20 of them, it is healthy,
+    /// Healthy runs that are simulated as the reference of the recording: where it stands no worse than 1 in 20 of them, it is healthy,
     /// which fewer than 19 cannot tell.
     #[arg(long, value_name = "N", default_value_t = 19, value_parser = clap::value_parser!(u16).range(0..=999))]
     nulls: u16,
@@ -93,7 +93,7 @@ pub struct Document {
     pub servo_zero: Vec<ZeroOffer>,
     /// What is odd or was lost.
     pub problems: Vec<String>,
-    /// Where the trajectory lies in the scene; null where its frame was taken to be the scene's.
+    /// Where the trajectory lies in the scene; null where its frame is the scene's.
     pub alignment: Option<Alignment>,
     pub time_offset_s: f64,
     /// With how sure it is, where it was looked for.
@@ -116,7 +116,7 @@ pub struct ZeroOffer {
 }
 
 impl ZeroOffer {
-    /// For every sensor on a measured axis of which the tilt could be told.
+    /// For every sensor on a measured axis with an observable pitch.
     fn of(axes: &[AxisSummary], mount: &[SensorCheck]) -> Vec<Self> {
         let offer = |axis: &AxisSummary| {
             let check = mount.iter().find(|check| check.sensor == axis.sensor)?;
@@ -181,13 +181,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         replay = replay.with_surface(patches);
     }
     let (replayed, mut pass) = replayed(&recorded, replay, &place.mapped)?;
-    let way_ns =
+    let trajectory_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
-    pass.faults.extend(hearing::silences(rig, &pass.data_spans, way_ns));
+    pass.faults.extend(data_gaps::data_gaps(rig, &pass.data_spans, trajectory_ns));
     let planned = planned(args, scene, rig, &grid, place.origin)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge::judge(
-        Given {
+        Inputs {
             is_own_trajectory: place.is_odometry,
             scene,
             trajectory,
@@ -318,7 +318,7 @@ fn replayed(
     Ok((replay.finish(), pass))
 }
 
-/// What the mounts as said cover on the way as planned.
+/// What the nominal mounts cover on the planned trajectory.
 fn planned(
     args: &Args,
     scene: &Scene,
@@ -327,10 +327,10 @@ fn planned(
     origin: LocalOrigin,
 ) -> anyhow::Result<Option<Coverage>> {
     let Some(path) = &args.planned else { return Ok(None) };
-    let (way, notes) = read_trajectory(path, None)?;
+    let (trajectory, notes) = read_trajectory(path, None)?;
     notes.iter().for_each(|note| output::say_notice(note));
-    let way = origin.local_trajectory(way);
-    let mut scanner = Scanner::new(scene, &way, rig, Spin::default());
+    let trajectory = origin.local_trajectory(trajectory);
+    let mut scanner = Scanner::new(scene, &trajectory, rig, Spin::default());
     // a replay lets beams pass through the other sensors too
     scanner.occluders.iter_mut().for_each(Vec::clear);
     let mut coverage = Coverage::new(grid.clone(), rig.sensors.len());
@@ -359,9 +359,7 @@ fn write(
     if let Some(path) = &args.corrected_mount {
         let found_offset = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
         if !found_offset {
-            output::say_notice(
-                "no corrected mount is written: the recording does not tell the tilt of any sensor",
-            );
+            output::say_notice("no corrected mount is written: the pitch of no sensor is observable");
             return Ok(false);
         }
         for (entry, check) in file.sensors.iter_mut().zip(&document.comparison.mount) {

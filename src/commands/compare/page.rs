@@ -26,7 +26,7 @@ fn figure(value: Option<f64>) -> String {
 }
 
 /// What a terminal shows.
-pub fn text(document: &Document) -> String {
+pub(crate) fn text(document: &Document) -> String {
     let comparison = &document.comparison;
     let mut text = format!("{}\n{}", comparison.headline(), comparison.reason.line());
     for words in &comparison.words {
@@ -82,7 +82,7 @@ pub fn text(document: &Document) -> String {
         );
     }
     for row in tilt_rows(comparison) {
-        let _ = writeln!(text, "tilt      {}", row.join("  "));
+        let _ = writeln!(text, "pitch     {}", row.join("  "));
     }
     for offer in &document.servo_zero {
         let _ = writeln!(text, "zero      {}", offer.words());
@@ -110,7 +110,7 @@ fn tilt_rows(comparison: &Comparison) -> Vec<Vec<String>> {
             tilt.map_or("cannot tell here".into(), |(value, u95)| degrees(value, u95)),
             check.p_value.map_or("-".into(), output::p_value),
             format!(
-                "told: {}",
+                "observable: {}",
                 if check.observable.is_empty() { "nothing".into() } else { check.observable.join(" ") }
             ),
             check.condition_number.map_or("condition -".into(), |value| format!("condition {value:.1}")),
@@ -171,11 +171,11 @@ fn coverage_section(report: &mut Report, comparison: &Comparison) {
     let counts = &comparison.coverage;
     let count = |value: u64| number(value as f64, 0);
     let mut rows = vec![
-        vec!["cells planned".into(), count(counts.planned), "mounts as said, way as planned".into()],
+        vec!["cells planned".into(), count(counts.planned), "nominal mounts, planned trajectory".into()],
         vec![
             "cells as driven".into(),
             count(counts.as_driven),
-            "mounts as measured, recorded times and way".into(),
+            "measured mounts, recorded times and trajectory".into(),
         ],
         vec!["cells recorded".into(), count(counts.recorded), "rays that ended as predicted".into()],
         vec![
@@ -225,8 +225,7 @@ fn coverage_section(report: &mut Report, comparison: &Comparison) {
 
 fn tilt_section(report: &mut Report, comparison: &Comparison) {
     report.fold("Where the sensors really sit", "measured mounts against nominal ones");
-    let header =
-        ["sensor", "tilted more than said", "if there were none", "what the scene tells", "condition"];
+    let header = ["sensor", "pitch above nominal", "if there were none", "observable", "condition"];
     report.table(&header, &tilt_rows(comparison));
     let mut rows = Vec::new();
     for check in &comparison.mount {
@@ -242,14 +241,14 @@ fn tilt_section(report: &mut Report, comparison: &Comparison) {
         "y ahead, mm",
         "z up, mm",
         "roll, deg",
-        "tilt, deg",
+        "pitch, deg",
         "yaw, deg",
         "range, mm",
     ];
     report.table(&header, &rows);
     report.paragraph(
         "What both sensors share may as well be the trajectory's attitude error; what sets them apart is the mount. If \
-         the trajectory was made from one of the sensors, its own tilt error has gone into the trajectory. Beam \
+         the trajectory was made from one of the sensors, its own pitch error has gone into the trajectory. Beam \
          calibration and flat walls limit real recordings to a few hundredths of a degree.",
     );
 }
@@ -410,7 +409,7 @@ fn prediction_section(report: &mut Report, comparison: &Comparison) {
     report.fold("Against healthy runs", &format!("{} simulated", prediction.healthy.runs));
     let healthy = &prediction.healthy;
     report.paragraph(&format!(
-        "{} simulated runs of {} rays with the mounts as said, a trajectory that is off by {:.0} mm and {:.2} degrees over \
+        "{} simulated runs of {} rays with the nominal mounts, a trajectory that is off by {:.0} mm and {:.2} degrees over \
          {:.1} s, a range deviation of {:.0} mm and {:.0} % of the returns lost: share of agreeing rays {} on average, {} \
          in the recording (p {}).",
         healthy.runs,

@@ -9,10 +9,10 @@ use anyhow::{Context as _, bail, ensure};
 use super::Recorded;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
-use crate::commands::placing::{self, Near, Placed, Walk};
 use crate::commands::recorded_odometry::{self as odometry, OdometryArgs, OdometryResult};
 use crate::commands::scene_args::{MeshArgs, Room, read_trajectory};
 use crate::commands::scene_file::{self, Making, MapArgs};
+use crate::commands::scene_placement::{self, Near, Placed, Walk};
 use crate::verify::align::Alignment;
 use crate::verify::compare::{Field, TimeOffset, time_offset};
 use crate::world::local_origin::LocalOrigin;
@@ -31,7 +31,7 @@ pub struct PlaceArgs {
     /// trajectory's frame (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, group = "place", value_name = "PATH")]
     scene: Option<PathBuf>,
-    /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
+    /// A closed room instead: "x,y,z,x,y,z" of its minimum and maximum corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
     room: Option<Room>,
     /// A map instead, made of these frames of the recording (A..B, from 0, B not included); the others are compared.
@@ -41,7 +41,7 @@ pub struct PlaceArgs {
     mesh: MeshArgs,
     #[command(flatten)]
     map: MapArgs,
-    /// Trajectory of the body: TUM, EuRoC or another table whose header names its columns, KITTI poses with --rate, `still` for a rig
+    /// Trajectory of the body: TUM, EuRoC or another table with named columns, KITTI poses with --rate, `still` for a rig
     /// that does not move, or `odometry` for the one of the recording itself, which is placed in the scene; without it the
     /// session's own, and odometry where there is none.
     #[arg(long, value_name = "FILE")]
@@ -172,7 +172,7 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
     let mut time_offset_ns = match args.time_offset {
         Offset::Seconds(seconds) => (seconds * 1e9).round() as i64,
         Offset::Start => from_start()?,
-        // clocks that have nothing in common are taken to have begun together
+        // clocks that have nothing in common are assumed to have begun together
         Offset::Search if overlap(recorded.span_ns()?, trajectory.time_span_ns()) => 0,
         Offset::Search => from_start()?,
     };
@@ -257,7 +257,7 @@ pub(crate) fn read(args: &PlaceArgs, recorded: &Recorded, context: Context) -> a
     })
 }
 
-/// A trajectory, and what odometry kept of the recording.
+/// A trajectory, and what odometry read of the recording.
 enum Found {
     Elsewhere(Trajectory),
     Odometry(Box<OdometryResult>),
@@ -288,15 +288,15 @@ fn placed(
         drifts,
     };
     match found {
-        Found::Odometry(result) => placing::in_scene(
+        Found::Odometry(result) => scene_placement::in_scene(
             &walk(&result.rays[..], &result.mounted[..], true),
             scene,
             origin,
             args.align_near,
         ),
         Found::Elsewhere(_) => {
-            let sample = recorded.rays(placing::RAYS)?;
-            placing::in_scene(
+            let sample = recorded.rays(scene_placement::RAYS)?;
+            scene_placement::in_scene(
                 &walk(&sample.rays[..], &sample.sensors[..], false),
                 scene,
                 origin,

@@ -22,7 +22,7 @@ pub struct SiteArgs {
     pub(super) mesh: MeshArgs,
     #[command(flatten)]
     pub(super) map: MapArgs,
-    /// Trajectory of the platform: TUM, EuRoC or another table whose header names its columns, or KITTI poses with --rate; without it the platform stands at the origin.
+    /// Trajectory of the platform: TUM, EuRoC or another table with named columns, or KITTI poses with --rate; without it the platform stands at the origin.
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,
     /// Poses per second of a trajectory in KITTI format.

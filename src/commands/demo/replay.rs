@@ -4,9 +4,9 @@
 use anyhow::{Context as _, ensure};
 
 use crate::commands::recorded::axes::{AxisSummary, AxisZeros, summaries, tilts};
+use crate::commands::recorded::data_gaps::data_gaps;
 use crate::commands::recorded::feed::{self, MountedSession, SensorSummary};
-use crate::commands::recorded::hearing::silences;
-use crate::commands::recorded::judge::{self, Given};
+use crate::commands::recorded::judge::{self, Inputs};
 use crate::commands::stage::Stage;
 use crate::recording::Session;
 use crate::rig::Rig;
@@ -57,10 +57,10 @@ pub(crate) fn compare(
         let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
         replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
     })?;
-    summary.faults.extend(silences(rig, &summary.data_spans, trajectory.time_span_ns()));
+    summary.faults.extend(data_gaps(rig, &summary.data_spans, trajectory.time_span_ns()));
     let replayed = replay.finish();
     let compare = judge::judge(
-        Given {
+        Inputs {
             is_own_trajectory: false,
             scene,
             trajectory: &trajectory,

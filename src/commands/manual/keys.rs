@@ -9,10 +9,9 @@ use sensors::catalogue;
 const OF_SENSORS: &str = "\
 # Every key of rig.toml
 
-Printed by `outrigger man --keys`. `outrigger init` writes a commented file to begin with, `outrigger init --from RECORDING` one
-with the sensors of a recording. `--config rig.toml` or the environment's `OUTRIGGER_CONFIG` names the file. A flag on the command
-line wins over an environment variable, and that over the file. Paths are relative to the file. An unknown key is an error that
-names its line. `format = \"outrigger-rig/1\"` comes first.
+Printed by `outrigger man --keys`. `outrigger init` writes a commented file, `outrigger init --from RECORDING` one with the sensors of
+a recording. `--config rig.toml` or `OUTRIGGER_CONFIG` names the file. A flag overrides the environment, which overrides the file.
+Paths are relative to the file. An unknown key is an error. `format = \"outrigger-rig/1\"` comes first.
 
 ## `[[sensor]]`
 
@@ -29,10 +28,9 @@ Once per LiDAR.
 ## Sections of verbs
 
 Every other section is a verb, and every key in it a flag of that verb with `_` for `-`. An array gives a flag several times:
-`limits_deg = [[-50, 50], [-30, 30]]` is `--limits-deg=-50,50 --limits-deg=-30,30`. `outrigger VERB --help` explains the flags;
-`outrigger VERB --help-all` has those of experts, which are keys, too. `[daemon]` takes `mount`, `scene`, `room`, `trajectory` and
-what belongs to them from `[predict]` where it does not say otherwise, everything about servos from `[rig]`, and from `[rig.apply]`
-which `sensors` sit on axis 0, 1, ...
+`limits_deg = [[-50, 50], [-30, 30]]` is `--limits-deg=-50,50 --limits-deg=-30,30`. `outrigger VERB --help` explains the flags,
+`outrigger VERB --help-all` those of experts, which are keys, too. `[daemon]` inherits `mount`, `scene`, `room`, `trajectory` and their
+settings from `[predict]`, everything about servos from `[rig]`, and the order of `sensors` from `[rig.apply]`.
 ";
 
 /// Sections that describe a rig rather than a run: their keys are explained on the page.

@@ -71,7 +71,7 @@ const SEARCH_STEP_SHARE: f64 = 0.85;
 const SEARCH_LAYER_GAP_M: f64 = 0.15;
 
 /// Whether a scene is asked for; refuses what has no use then, or otherwise.
-pub fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
+pub(crate) fn is_asked(args: &Args, context: Context) -> anyhow::Result<bool> {
     let is_scene = args.scene.scene.is_some() || args.scene.room.is_some();
     if is_scene {
         let why = "is about a published experiment, and --scene or --room searches another place";

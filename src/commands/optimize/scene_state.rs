@@ -19,7 +19,7 @@ const FORMAT: &str = "outrigger-scene-search/1";
 pub(super) struct Question(Value);
 
 impl Question {
-    pub fn of(args: &Args, plan: &Plan, rigs: &RigSpace, cast: &CastView) -> Self {
+    pub(crate) fn of(args: &Args, plan: &Plan, rigs: &RigSpace, cast: &CastView) -> Self {
         let site = cast.site();
         let of_scene: Vec<f64> =
             site.scene.bounds_m().into_iter().flat_map(|bound_m| bound_m.to_array()).collect();
@@ -76,7 +76,7 @@ const STEP: usize = 64;
 
 impl State {
     /// The file and what it says; nothing where there is none yet.
-    pub fn open(path: &Path, Question(question): Question) -> anyhow::Result<(Self, Findings)> {
+    pub(crate) fn open(path: &Path, Question(question): Question) -> anyhow::Result<(Self, Findings)> {
         let state = Self { path: path.to_owned(), question, written: 0.into() };
         let text = match files::read_text(path) {
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
@@ -106,7 +106,7 @@ impl State {
     }
 
     /// Writes what was found, whole or not at all, where that is much more than is there.
-    pub fn keep(&self, findings: &Findings) -> anyhow::Result<()> {
+    pub(crate) fn keep(&self, findings: &Findings) -> anyhow::Result<()> {
         let found = findings.scores.len() + STEP * findings.exact.len();
         if found < self.written.get() + STEP {
             return Ok(());

@@ -59,7 +59,7 @@ pub struct AxisSummary {
     pub measured_pitch_deg: f64,
     /// What was typed to be added to it.
     pub zero_deg: f64,
-    /// Greatest minus least of that.
+    /// Maximum minus minimum of that.
     pub measured_span_deg: f64,
     /// Readings at those times.
     pub reports: usize,
@@ -69,7 +69,7 @@ pub struct AxisSummary {
 /// session's own mount file, wherever another file of the same sensors may list it.
 pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
     let mut reports: Vec<ServoReport> = session.servo()?;
-    // a session whose copy is gone can still be held against a file that is named
+    // a session without its copy can still be compared with a named file
     let own = session.mount().ok().flatten();
     let slots: Option<Vec<usize>> =
         own.and_then(|own| own.sensors.iter().map(|sensor| rig.slot(&sensor.name).ok()).collect());
@@ -85,7 +85,7 @@ pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<Ser
 /// What a session's axes measured.
 #[derive(Default)]
 pub struct Tilts {
-    /// Pitches of each sensor of the rig, zeros added; of one whose axis measured nothing, none.
+    /// Pitches of each sensor of the rig, zeros added; none for a sensor on an axis that measured nothing.
     pub histories: Vec<TiltHistory>,
     /// Axes that were not homed, in words.
     pub notices: Vec<String>,
@@ -133,7 +133,7 @@ impl Pitches {
         let device_ns = frame.time_span_ns().unwrap_or_default();
         let Some(pitch) = tilt.pitch_over(frame.host_time_ns, device_ns) else {
             if frame.host_time_ns.iter().any(|time_ns| tilt.lacks_zero(*time_ns)) {
-                return None; // said once for the axis
+                return None; // reported once for the axis
             }
             if self.unknown == 0 {
                 self.nearest_ns = tilt.nearest_ns(frame.host_time_ns[0]).unwrap_or(0);
@@ -155,7 +155,7 @@ impl Pitches {
         Some(pitch)
     }
 
-    /// Frames whose angle nobody knows, in words; none where all are known.
+    /// Frames with an unknown angle, in words; none where all are known.
     pub(crate) fn unknown(&self, sensor: &str) -> Option<String> {
         (self.unknown > 0).then(|| {
             format!(
@@ -186,7 +186,7 @@ pub(crate) fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Ve
     rig.sensors.iter().zip(pitches).filter_map(summary).collect()
 }
 
-/// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
+/// Mounts with a pitch that their axis never measured: the axis counts, whatever the mount file says. Whoever typed a zero
 /// knows.
 pub(crate) fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
     let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::axes::Pitches;
 use super::beams::Slot;
-use super::hearing::DataSpan;
+use super::data_gaps::DataSpan;
 use crate::base::geometry::Pose;
 use crate::commands::recording::{Recording, look_first};
 use crate::commands::stage::Stage;
@@ -20,7 +20,7 @@ use crate::verify::compare::{Fault, FramePitch, TiltHistory};
 #[derive(Debug, Default, Serialize)]
 pub struct SensorSummary {
     pub sensor: String,
-    /// By the demo's mock sensors; 0 where nobody knows.
+    /// By the demo's mock sensors; 0 where unknown.
     #[serde(skip_serializing_if = "is_zero")]
     pub packets_sent: u64,
     pub packets_recorded: u64,
@@ -36,7 +36,7 @@ fn is_zero(value: &u64) -> bool {
     *value == 0
 }
 
-/// A frame on its way to be compared.
+/// A frame with its mount.
 pub struct MountedFrame<'a> {
     /// Sensor of the rig.
     pub sensor: usize,
@@ -54,7 +54,7 @@ impl MountedFrame<'_> {
         self.pitch.unwrap_or(FramePitch::constant(nominal.pitch_rad))
     }
 
-    /// Where it sat on the body at each time of its sensor's clock, the mount as said but for the pitch.
+    /// Where it sat on the body at each time of its sensor's clock, the nominal mount but for the pitch.
     pub(crate) fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
         body_from_sensor_over(*nominal, self.pitch_or(nominal))
     }
@@ -156,7 +156,7 @@ impl PassSummary {
     }
 }
 
-/// A session, and what is known of its sensors beside their packets.
+/// A session, and what is known of its sensors besides their packets.
 pub struct MountedSession<'a> {
     pub session: &'a Session,
     pub rig: &'a Rig,
@@ -224,7 +224,7 @@ pub(crate) fn session(
     Ok(pass)
 }
 
-/// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
+/// Slot in the rig of each sensor of a session, by name; none for auxiliary streams.
 fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
     let manifest = session.manifest();
     let place = |entry: &SensorEntry| {
@@ -276,7 +276,7 @@ fn learn(session: &Session, places: &[Option<usize>], routers: &mut [Router]) ->
     Ok(())
 }
 
-/// Every frame of a capture. Sensors take their seats in the order of the mount file: Ousters in the order of their
+/// Every frame of a capture. Sensors take their slots in the order of the mount file: Ousters in the order of their
 /// metadata, Velodynes as they first appear.
 pub(crate) fn capture(
     recording: &Recording,
@@ -338,7 +338,7 @@ pub(crate) fn capture(
 
 fn without_metadata(sensor: &MountedSensor, entry: &Unclaimed) -> Fault {
     let (name, packets, reason) = (&sensor.name, entry.packets, &entry.reason);
-    let words = format!("nothing of {name} was decoded; {packets} packets are of nobody: {reason}");
+    let words = format!("{name}: no packets decoded; {packets} packets are unassigned: {reason}");
     Fault::new("metadata_missing", vec![name.clone()], words)
 }
 

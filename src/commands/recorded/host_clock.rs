@@ -22,7 +22,7 @@ pub struct Inferred {
     pub host_ns: u64,
     /// How far forward, s.
     pub step_s: f64,
-    /// Sensors whose clocks ran on.
+    /// Sensors with clocks that ran on.
     pub sensors: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ pub(crate) fn inferred<'a>(jumps: impl IntoIterator<Item = (&'a str, &'a Jump)>)
 }
 
 /// Brings the packets of a session onto the clock of its rig's readings, where they are not; what the user should know of it.
-pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
+pub(crate) fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
     if let Some(steps) = session.clock_steps()? {
         let begin_ns = session.manifest().created_ns;
         let words = steps
@@ -90,13 +90,13 @@ pub fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<String>> {
     session.undo_clock_steps(steps.iter().map(|step| (step.step_s * 1e9).round() as i64).collect());
     let removed = |step: &Inferred| {
         format!(
-            "{}; it was taken out of them, as the rig's readings are on a clock that was not set",
+            "{}; the step is removed, as the rig's readings are on a clock that was not set",
             step.words(begin_ns)
         )
     };
     let doubtful = jumps().filter(|(_, jump)| jump.moved == Moved::Unknown).map(|(name, jump)| {
         format!(
-            "{name}: its clock and the host's moved apart by {:.3} s, and it cannot be told which of them was set: the angles of \
+            "{name}: its clock and the host's moved apart by {:.3} s, and it is unknown which of them was set: the angles of \
              the axes may be those of other times",
             jump.change_s
         )

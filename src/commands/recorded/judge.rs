@@ -19,12 +19,12 @@ use crate::world::trajectory::Trajectory;
 /// Rays of each healthy run.
 const NULL_RAYS: usize = 200_000;
 
-/// Share of a sensor's returns beyond the scene from which what is told to hundredths of a degree is not to be believed:
-/// with half of a furnished house taken away a relative tilt was off by 15 times its interval.
+/// From this share of a sensor's returns beyond the scene on, hundredths of a degree are not to be believed:
+/// with half of a furnished house removed a relative pitch was off by 15 times its interval.
 const HOLES_SHARE: f64 = 0.3;
 
 /// What is compared with.
-pub struct Given<'a> {
+pub struct Inputs<'a> {
     pub scene: &'a Scene,
     pub trajectory: &'a Trajectory,
     /// Where the frame of both begins in that of the files.
@@ -43,51 +43,51 @@ pub struct Given<'a> {
 }
 
 /// Everything that the replay says.
-pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
+pub(crate) fn judge(inputs: Inputs<'_>, replayed: &Replayed) -> Comparison {
     let Replayed { sensors, sampled, .. } = replayed;
     let field = Field {
-        scene: given.scene,
-        trajectory: given.trajectory,
+        scene: inputs.scene,
+        trajectory: inputs.trajectory,
         sensors,
         rays: sampled,
-        agree_within_m: given.agree_within_m,
+        agree_within_m: inputs.agree_within_m,
     };
-    let mut faults = given.faults;
+    let mut faults = inputs.faults;
     faults.extend(silent(replayed, &faults));
     faults.extend(misread(&field));
     let every = sampled.len().div_ceil(NULL_RAYS).max(1);
     let fewer: Vec<_> = sampled.iter().step_by(every).copied().collect();
     let thinned = Field { rays: &fewer, ..field };
-    let prediction = given.patches.map(|patches| {
-        given.stage.next(format!("simulating {} healthy runs (--nulls)", given.healthy.runs));
-        given.stage.counts(given.healthy.runs as u64, 0);
-        NullTest::run(&thinned, patches, given.healthy, || given.stage.more(1))
+    let prediction = inputs.patches.map(|patches| {
+        inputs.stage.next(format!("simulating {} healthy runs (--nulls)", inputs.healthy.runs));
+        inputs.stage.counts(inputs.healthy.runs as u64, 0);
+        NullTest::run(&thinned, patches, inputs.healthy, || inputs.stage.more(1))
     });
-    given.stage.next("looking where the sensors really sit");
-    let check = mount_check(&field, &given.healthy, given.revolution_ns);
+    inputs.stage.next("looking where the sensors really sit");
+    let check = mount_check(&field, &inputs.healthy, inputs.revolution_ns);
     let MountCheck { mount, relative_tilt, rounds, converged, residual_sd_mm, scans } = check;
-    let mount = match given.is_own_trajectory {
+    let mount = match inputs.is_own_trajectory {
         true => mount.into_iter().zip(sensors).map(|(check, sensor)| shared(check, sensor)).collect(),
         false => mount,
     };
     // where the scene ends, rays near the cut fit the surfaces behind it
     let relative_tilt =
         relative_tilt.filter(|_| !replayed.breakdown.iter().any(|rays| has_holes(&rays.total())));
-    let found = given.patches.zip(replayed.surface.as_ref());
+    let found = inputs.patches.zip(replayed.surface.as_ref());
     let between = |recorded: fn(&crate::verify::compare::SurfaceCovered) -> &Vec<bool>| {
         found.map(|(patches, surface)| {
             PatchAgreement::between(
                 patches,
                 &surface.as_driven_patches,
                 recorded(surface),
-                given.healthy.seed,
+                inputs.healthy.seed,
             )
         })
     };
     let p_value = prediction.as_ref().and_then(|prediction| prediction.p_value);
     let agreement = between(|surface| &surface.recorded_patches).map(|patches| Measured { patches, p_value });
-    let planned = given.planned.unwrap_or(&replayed.as_driven);
-    let universe = surface_cells(given.scene, planned.grid());
+    let planned = inputs.planned.unwrap_or(&replayed.as_driven);
+    let universe = surface_cells(inputs.scene, planned.grid());
     let mut comparison = Comparison {
         verdict: Verdict::CannotTell,
         reason: Reason::undecided(),
@@ -116,19 +116,19 @@ pub(crate) fn judge(given: Given<'_>, replayed: &Replayed) -> Comparison {
         mount,
         relative_tilt,
         mount_check: Some(CheckReport { rounds, converged, residual_sd_mm, scans }),
-        conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(given.origin)),
+        conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(inputs.origin)),
         prediction,
     };
     (comparison.verdict, comparison.reason) = decide(&comparison);
-    let cell_m = match given.scene {
+    let cell_m = match inputs.scene {
         Scene::Voxels(map) => Some(map.voxel_m()),
         _ => None,
     };
-    comparison.words = words(&comparison, replayed, given.patches, given.origin, cell_m);
+    comparison.words = words(&comparison, replayed, inputs.patches, inputs.origin, cell_m);
     comparison
 }
 
-/// What a sensor's mount is off by is not told where its returns made the trajectory: a part of it went there.
+/// The error of a mount is not observable where its returns made the trajectory: a part of it went there.
 fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
     let why = "the trajectory was found with this mount, and took up what all sensors share; what one differs from another by \
                is left";
@@ -136,7 +136,7 @@ fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
         cannot_tell: check.cannot_tell.or_else(|| Some(why.to_owned())),
         is_of_another_scene: check.is_of_another_scene,
         rays: check.rays,
-        ..SensorCheck::untold(&sensor.name, sensor.mount)
+        ..SensorCheck::undetermined(&sensor.name, sensor.mount)
     }
 }
 
@@ -168,7 +168,7 @@ fn rays(replayed: &Replayed) -> impl Iterator<Item = RayReport> + '_ {
     })
 }
 
-/// Sensors that said nothing, or fell silent, or of which channels did.
+/// Sensors without data, in part or of some channels.
 fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
     let fault = |name, sensor: &str, words| Fault::new(name, vec![sensor.to_owned()], words);
     let mut faults = Vec::new();

@@ -1,9 +1,9 @@
-//! A recording whose sensors' seats on the rig are known: a session, which knows them, or a capture with a mount file.
+//! A recording with known slots of its sensors on the rig: a session, which knows them, or a capture with a mount file.
 
 pub mod axes;
 pub mod beams;
 pub mod feed;
-pub mod hearing;
+pub mod data_gaps;
 pub mod host_clock;
 pub mod judge;
 mod homing;
@@ -17,10 +17,10 @@ use sensors::router::{AppliesTo, GivenCalibration, SourceFilter};
 use crate::base::files::is_same;
 use crate::base::geometry::Pose;
 use crate::commands::Context;
-use crate::commands::given::{SensorArgs, ensure_named};
 use crate::commands::output;
 use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::registered::bag_mount;
+use crate::commands::sensor_args::{SensorArgs, ensure_named};
 use crate::commands::stage::Stage;
 use crate::drive::ServoReport;
 use crate::recording::Session;
@@ -40,7 +40,7 @@ pub struct RecordedArgs {
     pub recording: PathBuf,
     #[command(flatten)]
     pub sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own. A session's sensors are told by their names; those of a capture
+    /// Where the sensors sit; without it the session's own. A session's sensors are identified by name; those of a capture
     /// by their order: that of --meta, then of their first packets.
     #[arg(long, value_name = "FILE")]
     pub mount: Option<PathBuf>,
@@ -102,7 +102,7 @@ impl Recorded {
         })
     }
 
-    /// The same; none where nobody says where the sensors sit.
+    /// The same; none without mounts.
     pub(crate) fn open_if_mounted(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         let sensors = &sensors.of(context, path);
@@ -180,7 +180,7 @@ impl Recorded {
         }
     }
 
-    /// The way that it holds itself.
+    /// The trajectory that it holds itself.
     pub(crate) fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
         match &self.source {
             Source::Session { session, .. } => Ok(session.trajectory()?),
@@ -226,7 +226,7 @@ impl Recorded {
         Ok(*self.span_ns.get_or_init(|| span))
     }
 
-    /// The way of a rig that does not move.
+    /// The trajectory of a rig that does not move.
     pub(crate) fn still(&self) -> anyhow::Result<Trajectory> {
         let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
         Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)

@@ -13,7 +13,7 @@ use crate::recording::packet_reader::{PacketError, PacketReader};
 
 /// How a pass over the packets ended.
 pub struct Ending {
-    /// What the file holds beside datagrams.
+    /// What the file holds besides datagrams.
     pub counters: CaptureCounters,
     /// Why reading stopped before the end.
     pub damage: Option<PacketError>,
@@ -107,7 +107,7 @@ impl Recording {
 
 impl Ending {
     /// Where packets come from: their sender, or their topic in a bag.
-    pub fn source(&self, sender: SocketAddr) -> String {
+    pub(crate) fn source(&self, sender: SocketAddr) -> String {
         let topic = self.topics.iter().find(|count| count.from == Some(sender));
         topic.map_or_else(|| sender.to_string(), |count| count.topic.clone())
     }

@@ -1,4 +1,4 @@
-//! What is known of the best rig beside its score: what others see, how sure that is, how flat it lies.
+//! The answer for the best rig: its score, what others see, how sure that is, how flat it lies.
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ const EQUAL_SHARE: f64 = 0.5;
 /// How far from the winner a coordinate is tried, in sixtieths of its range.
 const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
 
-/// A rig whose every beam was cast.
+/// A rig with every beam cast.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Judged {
     pub objective: f64,
@@ -91,7 +91,7 @@ const AT_THE_RULE_DEG: std::ops::Range<f64> = 29.0..31.5;
 
 impl Answer {
     /// What the user should know before drilling.
-    pub fn doubts(&self) -> Vec<String> {
+    pub(crate) fn doubts(&self) -> Vec<String> {
         let mut doubts = Vec::new();
         let best = &self.best;
         let single = self.best_single.objective.max(self.level_single.objective);
@@ -143,7 +143,12 @@ impl SceneSearch<'_> {
 
     /// Casts what the winner is compared with. Of rigs that the starts of the revolutions cannot tell from it the least tilted
     /// one takes its place, among them the same positions level.
-    pub fn answer(&self, cast: &CastView, exact: &mut Vec<Exact>, present: Option<&Rig>) -> Option<Answer> {
+    pub(crate) fn answer(
+        &self,
+        cast: &CastView,
+        exact: &mut Vec<Exact>,
+        present: Option<&Rig>,
+    ) -> Option<Answer> {
         let first = exact.first()?;
         let phases = self.phases(cast, &first.rig);
         let counts: Vec<f64> = phases.iter().chain([&first.seen]).map(|seen| seen.union).collect();

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::rig::Mount;
 
-/// Terms of one master beside the constant.
+/// Terms of one master without the constant.
 const TERMS: usize = 5;
 /// Weight of a term of size one against the data, in observations.
 const RIDGE: f64 = 0.05;
@@ -33,7 +33,7 @@ pub(crate) struct ModelError {
     pub uncorrected_mean: f64,
 }
 
-/// Inward tilts (x and pitch of opposite sign) are under-rated, and heights are kept in layers.
+/// Inward tilts (x and pitch of opposite sign) are under-rated, and heights are stored in layers.
 fn terms(mounts: &[Mount]) -> Vec<f64> {
     let of_master = |mount: &Mount| -> [f64; TERMS] {
         let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);
@@ -46,7 +46,7 @@ fn terms(mounts: &[Mount]) -> Vec<f64> {
 
 impl Correction {
     /// Fits to the masters of exactly evaluated rigs and exact minus model of each.
-    pub fn fit(observed: &[(Vec<Mount>, f64)]) -> Self {
+    pub(crate) fn fit(observed: &[(Vec<Mount>, f64)]) -> Self {
         let rows: Vec<Vec<f64>> = observed.iter().map(|(mounts, _)| terms(mounts)).collect();
         let Some(columns) = rows.first().map(Vec::len) else { return Self::default() };
         let n = rows.len();
@@ -81,11 +81,11 @@ impl Correction {
     }
 
     /// What is added to the model's score.
-    pub fn of(&self, mounts: &[Mount]) -> f64 {
+    pub(crate) fn of(&self, mounts: &[Mount]) -> f64 {
         self.mean + self.weights.iter().zip(terms(mounts)).map(|(weight, term)| weight * term).sum::<f64>()
     }
 
-    pub fn error(&self) -> Option<ModelError> {
+    pub(crate) fn error(&self) -> Option<ModelError> {
         self.error
     }
 }

@@ -31,8 +31,8 @@ pub(crate) struct RigSpace {
 }
 
 impl RigSpace {
-    /// Masters of a list of units: two of a kind are a mirrored pair, unless told otherwise.
-    pub fn masters_of(units: &[usize], is_mirrored: bool) -> Vec<Master> {
+    /// Masters of a list of units: two of a kind are a mirrored pair, unless `is_mirrored` is false.
+    pub(crate) fn masters_of(units: &[usize], is_mirrored: bool) -> Vec<Master> {
         let mut masters: Vec<Master> = Vec::new();
         let mut single: Vec<usize> = Vec::new();
         for unit in units {
@@ -49,7 +49,7 @@ impl RigSpace {
     }
 
     /// The same with so many sensors, all of the first unit.
-    pub fn with_sensors(&self, count: usize, is_mirrored: bool) -> Self {
+    pub(crate) fn with_sensors(&self, count: usize, is_mirrored: bool) -> Self {
         Self { masters: Self::masters_of(&vec![0; count], is_mirrored), ..self.clone() }
     }
 
@@ -62,7 +62,7 @@ impl RigSpace {
     ///
     /// # Errors
     /// Bounds out of order.
-    pub fn space(&self) -> Result<Space, SpaceError> {
+    pub(crate) fn space(&self) -> Result<Space, SpaceError> {
         let MountBounds { x_m, y_m, z_m, pitch_deg, roll_deg } = self.bounds;
         let named =
             [("x_m", x_m), ("y_m", y_m), ("z_m", z_m), ("pitch_deg", pitch_deg), ("roll_deg", roll_deg)];
@@ -88,7 +88,7 @@ impl RigSpace {
     }
 
     /// The mounts of the masters of a point.
-    pub fn mounts(&self, values: &[f64]) -> Vec<Mount> {
+    pub(crate) fn mounts(&self, values: &[f64]) -> Vec<Mount> {
         let stepped = |angle_deg: f64, (low, high): (f64, f64)| match self.tilt_step_deg {
             Some(step_deg) => {
                 let least = (low / step_deg).ceil();
@@ -111,12 +111,12 @@ impl RigSpace {
     }
 
     /// The rig of a point.
-    pub fn rig(&self, values: &[f64]) -> Rig {
+    pub(crate) fn rig(&self, values: &[f64]) -> Rig {
         self.rig_of(&self.mounts(values))
     }
 
     /// The same point with every tilt as near to none as the limits allow.
-    pub fn level(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn level(&self, values: &[f64]) -> Vec<f64> {
         let mut level = values.to_vec();
         for master in level.chunks_exact_mut(self.coordinates()) {
             let limits = [self.bounds.pitch_deg, self.bounds.roll_deg];
@@ -128,7 +128,7 @@ impl RigSpace {
     }
 
     /// The rig of these masters.
-    pub fn rig_of(&self, mounts: &[Mount]) -> Rig {
+    pub(crate) fn rig_of(&self, mounts: &[Mount]) -> Rig {
         let mut sensors = Vec::new();
         for (number, (master, mount)) in self.masters.iter().zip(mounts).enumerate() {
             let number = if self.masters.len() > 1 { format!("-{}", number + 1) } else { String::new() };
@@ -145,7 +145,7 @@ impl RigSpace {
     }
 
     /// By sensor of a rig the file that the user brought; none where there is none.
-    pub fn calibrations(&self, rig: &Rig) -> Option<BTreeMap<String, PathBuf>> {
+    pub(crate) fn calibrations(&self, rig: &Rig) -> Option<BTreeMap<String, PathBuf>> {
         let file = |sensor: &MountedSensor| {
             let unit = self.units.iter().position(|unit| unit.model == sensor.model)?;
             Some((sensor.name.clone(), self.files[unit].clone()?))
@@ -155,7 +155,7 @@ impl RigSpace {
     }
 
     /// The coordinates of a point that lie at their limits, in words.
-    pub fn limits_of(&self, values: &[f64]) -> Vec<String> {
+    pub(crate) fn limits_of(&self, values: &[f64]) -> Vec<String> {
         let Ok(space) = self.space() else { return Vec::new() };
         let at_limit = |(variable, value): (&Variable, &f64)| {
             let near = 1e-3 * (variable.high - variable.low);
@@ -175,7 +175,7 @@ impl RigSpace {
     }
 
     /// By how much sensors are too close to each other, m.
-    pub fn violation_m(&self, rig: &Rig) -> f64 {
+    pub(crate) fn violation_m(&self, rig: &Rig) -> f64 {
         let least_m = match self.keep_apart {
             KeepApart::None => return 0.0,
             KeepApart::Housings => 0.0,

@@ -46,7 +46,7 @@ pub(crate) struct Plan {
 
 impl Plan {
     /// A quarter spread, a half local, the rest after the correction. Where an exact evaluation is dear there are fewer.
-    pub fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
+    pub(crate) fn new(evaluations: usize, seed: u64, rays_of_exact: u64) -> Self {
         let (correcting, finalists) = match rays_of_exact {
             rays if rays < CHEAP_RAYS => (16, 14),
             rays if rays < DEAR_RAYS => (12, 8),
@@ -63,7 +63,7 @@ impl Plan {
     }
 }
 
-/// A rig whose every beam was cast.
+/// A rig with every beam cast.
 #[derive(Clone, Debug)]
 pub(crate) struct Exact {
     pub values: Vec<f64>,
@@ -76,7 +76,7 @@ pub(crate) struct Exact {
 
 impl Exact {
     /// J.
-    pub fn objective(&self) -> f64 {
+    pub(crate) fn objective(&self) -> f64 {
         self.terms.objective()
     }
 }
@@ -96,7 +96,7 @@ struct Tried {
     violation_m: f64,
 }
 
-/// A search under way.
+/// A running search.
 pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
     pub model: &'a mut CellView,
@@ -145,7 +145,7 @@ impl<'a> SceneSearch<'a> {
     ///
     /// # Errors
     /// Bounds out of order.
-    pub fn new(
+    pub(crate) fn new(
         rigs: &'a RigSpace,
         model: &'a mut CellView,
         judge: &'a dyn View,
@@ -172,12 +172,12 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// What was found until now.
-    pub fn findings(&self) -> &Findings {
+    pub(crate) fn findings(&self) -> &Findings {
         &self.found
     }
 
-    /// Searches until the plan is done or `stop` is set; the best exact one is there either way.
-    pub fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
+    /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
+    pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
         let Plan { evaluations, spread, local, correcting, finalists, seed } = self.plan;
         let mut rng = Rng::new(seed, 0);
@@ -235,7 +235,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// J by the corrected model of points.
-    pub fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
+    pub(crate) fn look_at(&self, points: &[Vec<f64>]) -> Vec<f64> {
         let rigs: Vec<Rig> = points.iter().map(|values| self.rigs.rig(values)).collect();
         let seen = self.model.see(&rigs);
         let score = |((values, rig), seen): ((&Vec<f64>, &Rig), &Seen)| {
@@ -245,7 +245,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// The space that is searched.
-    pub fn space(&self) -> &Space {
+    pub(crate) fn space(&self) -> &Space {
         &self.space
     }
 
@@ -285,7 +285,7 @@ impl<'a> SceneSearch<'a> {
     }
 
     /// Mounts that the model looked at.
-    pub fn evaluations(&self) -> usize {
+    pub(crate) fn evaluations(&self) -> usize {
         self.tried.len()
     }
 
@@ -308,8 +308,8 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
-    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy whose parents are the best
-    /// of all, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
+    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy with the best as
+    /// parents, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
     fn search_locally(
         &mut self,
         limit: usize,

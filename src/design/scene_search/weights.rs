@@ -7,7 +7,7 @@ use crate::simulate::view::Seen;
 /// Voxels that can be hit in the published room, for which the published weights were made.
 const PUBLISHED_REACHABLE: f64 = 35_048.0;
 
-/// How the published weights are taken.
+/// How the published weights are scaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum WeightRule {
@@ -27,7 +27,7 @@ pub(crate) struct SceneWeights {
 }
 
 impl SceneWeights {
-    pub fn new(rule: WeightRule, observable: u64) -> Self {
+    pub(crate) fn new(rule: WeightRule, observable: u64) -> Self {
         let published = Weights::default();
         let scale = match rule {
             WeightRule::Published => 1.0,
@@ -46,7 +46,7 @@ impl SceneWeights {
     }
 
     /// The terms of J of a rig.
-    pub fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
+    pub(crate) fn terms(&self, rig: &Rig, seen: &Seen) -> Terms {
         let weights = &self.weights;
         Terms {
             coverage: seen.union,

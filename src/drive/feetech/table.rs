@@ -69,7 +69,7 @@ pub const OTHERS: [(u16, &str); 3] = [
 ];
 
 /// Sign and magnitude: the highest of 16 bits is the sign.
-pub fn signed(low: u8, high: u8) -> i32 {
+pub(crate) fn signed(low: u8, high: u8) -> i32 {
     let magnitude = i32::from(u16::from_le_bytes([low, high & 0x7F]));
     if high & 0x80 == 0 { magnitude } else { -magnitude }
 }

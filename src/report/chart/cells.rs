@@ -79,7 +79,7 @@ impl CellMap {
 }
 
 /// One map; a cell is a unit of the picture. The label for those who do not see it says how many cells each class has.
-pub fn cell_map_svg(label: &str, map: &CellMap, classes: &[CellClass]) -> String {
+pub(crate) fn cell_map_svg(label: &str, map: &CellMap, classes: &[CellClass]) -> String {
     let (width, height) = (map.width.max(1), map.height().max(1));
     let mut body = String::new();
     for (place, class) in classes.iter().enumerate() {

@@ -8,7 +8,8 @@ mod scatter;
 
 pub(crate) use crate::base::numbers::decimals_of;
 pub use crate::base::numbers::{number, signed};
-pub use cells::{CellClass, CellMap, cell_map_svg};
+pub(crate) use cells::cell_map_svg;
+pub use cells::{CellClass, CellMap};
 pub use line::{LineChart, Series};
 pub use scatter::{NamedPoint, ScatterChart};
 

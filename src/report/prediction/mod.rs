@@ -82,7 +82,7 @@ pub(super) struct GridDocument {
 }
 
 impl GridDocument {
-    pub fn of(grid: &VoxelGrid, origin: LocalOrigin) -> Self {
+    pub(crate) fn of(grid: &VoxelGrid, origin: LocalOrigin) -> Self {
         Self { origin_m: origin.world(grid.origin_m).to_array(), voxel_m: grid.voxel_m, cells: grid.cells }
     }
 }

@@ -84,7 +84,7 @@ pub(crate) struct WeightsDocument {
 }
 
 impl WeightsDocument {
-    pub fn new(rule: WeightRule, of: &SceneWeights) -> Self {
+    pub(crate) fn new(rule: WeightRule, of: &SceneWeights) -> Self {
         let weights = &of.weights;
         Self {
             rule,
@@ -194,13 +194,13 @@ impl Document {
     }
 
     /// The history as lines of a CSV file.
-    pub fn csv(&self) -> String {
+    pub(crate) fn csv(&self) -> String {
         let lines = self.history.iter().map(|(at, best)| format!("{at},{best}\r\n"));
         format!("evaluations,best_objective\r\n{}", lines.collect::<String>())
     }
 
     /// The result in words.
-    pub fn summary(&self) -> String {
+    pub(crate) fn summary(&self) -> String {
         let Self { answer, best, .. } = self;
         let mut text = format!("{}\n", self.sentence());
         text += &format!(

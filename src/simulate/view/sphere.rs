@@ -27,7 +27,7 @@ pub(super) struct SphereMap {
 
 impl SphereMap {
     /// Pixels `step_rad` apart in the middle of a face, where they are widest.
-    pub fn new(step_rad: f64) -> Self {
+    pub(crate) fn new(step_rad: f64) -> Self {
         let pixels = ((2.0 / step_rad / TILE as f64).ceil() as usize).max(1) * TILE;
         let edge = 2.0 / pixels as f64;
         let (mut directions, mut solid_angles_sr) = (Vec::new(), Vec::new());
@@ -52,12 +52,12 @@ impl SphereMap {
     }
 
     /// Rays of one map.
-    pub fn rays(&self) -> u64 {
+    pub(crate) fn rays(&self) -> u64 {
         self.directions.len() as u64
     }
 
     /// Everything nearer than `max_range_m` around an eye in the body frame.
-    pub fn cast(
+    pub(crate) fn cast(
         &self,
         scene: &Scene,
         world_from_body: &(DMat3, DVec3),

@@ -38,7 +38,7 @@ const SMALL_STEP: f64 = 2e-5;
 const OF_GUESS: f64 = 1e-6;
 /// Fewer returns that meet a surface say nothing.
 const LEAST_MET: usize = 30;
-/// Blocks of the walk whose scatter tells how sure the result is.
+/// Blocks of the walk; their scatter gives the uncertainty of the result.
 const BLOCKS: usize = 20;
 
 /// What is searched and laid against.
@@ -49,7 +49,7 @@ pub(super) struct Target<'a> {
     pub map: &'a PointMap,
 }
 
-/// A return beside the first surface on its ray.
+/// A return and the first surface on its ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Met {
     /// Measured less predicted, m.
@@ -63,7 +63,7 @@ pub(super) struct Met {
 }
 
 impl Met {
-    pub fn fits(&self) -> bool {
+    pub(crate) fn fits(&self) -> bool {
         self.along_m.abs() <= FITS_ALONG_M
             || (self.normal.is_some()
                 && self.across_m.abs() <= FITS_ACROSS_M
@@ -77,7 +77,7 @@ impl Met {
 
 impl Target<'_> {
     /// Every return at a placement; none where its ray meets nothing.
-    pub fn meet(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<Option<Met>> {
+    pub(crate) fn meet(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<Option<Met>> {
         let pieces: Vec<Vec<Option<Met>>> =
             returns.par_chunks(PIECE).map(|piece| self.meet_piece(placement, piece)).collect();
         pieces.into_iter().flatten().collect()
@@ -111,13 +111,13 @@ impl Target<'_> {
     }
 
     /// Which returns fit at a placement.
-    pub fn fits(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<bool> {
+    pub(crate) fn fits(&self, placement: &Pose, returns: &[WalkReturn]) -> Vec<bool> {
         let met = self.meet(placement, returns);
         met.iter().map(|met| met.as_ref().is_some_and(Met::fits)).collect()
     }
 
     /// Share of the returns that fit a placement that is not refined yet.
-    pub fn coarse_share(&self, placement: &Pose, returns: &[WalkReturn]) -> f64 {
+    pub(crate) fn coarse_share(&self, placement: &Pose, returns: &[WalkReturn]) -> f64 {
         let met = self.meet(placement, returns);
         let fits = |(met, of): (&Option<Met>, &WalkReturn)| {
             met.as_ref().is_some_and(|met| met.fits_coarsely(of.range_m()))
@@ -127,7 +127,12 @@ impl Target<'_> {
 
     /// The placement at which the returns lie best on the surfaces that they meet, from a guess near it; none where too few
     /// meet any.
-    pub fn refine(&self, guess: &Pose, returns: &[WalkReturn], settings: &Refining) -> Option<Refined> {
+    pub(crate) fn refine(
+        &self,
+        guess: &Pose,
+        returns: &[WalkReturn],
+        settings: &Refining,
+    ) -> Option<Refined> {
         let middle_m = middle_m(returns)?;
         let mut pose = *guess;
         let mut last = None;

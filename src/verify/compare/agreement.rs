@@ -125,7 +125,7 @@ impl Agreement {
 }
 
 /// Cells that the scene's surfaces pass through, where the scene can say so.
-pub fn surface_cells(scene: &Scene, grid: &VoxelGrid) -> Option<Vec<u64>> {
+pub(crate) fn surface_cells(scene: &Scene, grid: &VoxelGrid) -> Option<Vec<u64>> {
     let Scene::Box(walls) = scene else { return None };
     let mut bits = vec![0u64; grid.len().div_ceil(64)];
     for index in 0..grid.len() {
@@ -158,7 +158,7 @@ pub enum CellKinds {
 }
 
 /// What a cell is in a comparison of two coverages.
-pub fn cell_kinds(predicted: &Coverage, recorded: &Coverage) -> Vec<CellKinds> {
+pub(crate) fn cell_kinds(predicted: &Coverage, recorded: &Coverage) -> Vec<CellKinds> {
     let (predicted_bits, recorded_bits) = (predicted.union(), recorded.union());
     (0..predicted.grid().len())
         .map(|index| {

@@ -1,4 +1,4 @@
-//! Predicted against recorded: three coverages by one line of code, and every recorded ray told apart.
+//! Predicted against recorded: three coverages by one line of code, and a class for every recorded ray.
 //!
 //! *Planned* is the optimal mount on the planned path. *As driven* is cast here, for exactly the columns that were
 //! recorded, from the measured mounts and the recorded trajectory. *Recorded* is where the recorded rays end as
@@ -17,10 +17,12 @@ mod surface;
 mod tilt;
 mod time_offset;
 
-pub use agreement::{Agreement, CellKinds, CoverageCounts, Table, cell_kinds, surface_cells};
+pub use agreement::{Agreement, CellKinds, CoverageCounts, Table};
+pub(crate) use agreement::{cell_kinds, surface_cells};
 pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
 pub use conflicts::{Conflicts, Found};
-pub use faults::{Fault, misread};
+pub use faults::Fault;
+pub(crate) use faults::misread;
 pub use intervals::PatchAgreement;
 pub use nulls::{Calibration, Field, Healthy, NullTest};
 pub use rays::{Gate, Replay, Replayed};

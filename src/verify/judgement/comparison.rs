@@ -34,9 +34,9 @@ pub struct Comparison {
     pub mount: Vec<SensorCheck>,
     pub relative_tilt: Option<RelativeTilt>,
     pub mount_check: Option<CheckReport>,
-    /// Cells that are free in the recording and occupied in the scene, or the other way round.
+    /// Cells that are free in the recording and occupied in the scene, or the reverse.
     pub conflicts: Option<Conflicts>,
-    /// Healthy simulated runs beside the recording.
+    /// Healthy simulated runs, as the reference of the recording.
     pub prediction: Option<NullTest>,
 }
 
@@ -73,7 +73,7 @@ impl Comparison {
             }
             false => String::new(),
         };
-        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.untold())
+        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.undetermined())
     }
 
     /// What to do, in one sentence.
@@ -100,10 +100,10 @@ impl Comparison {
         }
     }
 
-    /// What a match leaves open: coverage as promised does not promise tilts.
-    fn untold(&self) -> String {
-        let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());
-        let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();
+    /// What a match leaves open: predicted coverage does not confirm pitches.
+    fn undetermined(&self) -> String {
+        let undetermined = self.mount.iter().filter(|check| check.cannot_tell.is_some());
+        let names: Vec<&str> = undetermined.map(|check| check.sensor.as_str()).collect();
         match names[..] {
             [_, ..] if self.verdict == Verdict::Matches => {
                 format!("; the pitch of {} is not observable", names.join(" and "))
@@ -169,7 +169,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// As it stands before its sentence.
-    pub fn label(self) -> &'static str {
+    pub(crate) fn label(self) -> &'static str {
         match self {
             Self::Matches => "PASS",
             Self::Differs => "DIFFERS",
@@ -204,7 +204,7 @@ impl Reason {
     }
 
     /// Of what is not judged yet.
-    pub fn undecided() -> Self {
+    pub(crate) fn undecided() -> Self {
         Self::new("undecided")
     }
 
@@ -215,7 +215,7 @@ impl Reason {
     }
 
     /// Of a walk that has no sure place in the scene.
-    pub fn of_placement(alignment: &Alignment) -> Self {
+    pub(crate) fn of_placement(alignment: &Alignment) -> Self {
         let inliers = alignment.best.as_ref().map(|best| best.inlier_share);
         let second = alignment.second_best.as_ref();
         Self::new(alignment.code()).with([
@@ -227,7 +227,7 @@ impl Reason {
     }
 
     /// One line of a summary.
-    pub fn line(&self) -> String {
+    pub(crate) fn line(&self) -> String {
         let values = self.values.iter().map(|(name, value)| {
             let digits = if value.fract() == 0.0 { 0 } else { 4 };
             format!("{name} {value:.digits$}")

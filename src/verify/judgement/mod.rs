@@ -13,7 +13,7 @@ use crate::verify::compare::{Conflicts, Patches, RayClasses, Replayed, SECTORS};
 use crate::world::local_origin::LocalOrigin;
 use comparison::Comparison;
 use mounts::{off, off_in_range, off_its_slot};
-pub use reason::decide;
+pub(crate) use reason::decide;
 
 /// Share of the patches that must be recorded as predicted, by area. Healthy simulated recordings keep above it; where
 /// the trajectory is worse, healthy runs of that trajectory decide.
@@ -31,7 +31,7 @@ const UNPLACED_PERCENT: f64 = 0.1;
 const CONFLICTS_MATTER: f64 = 0.02;
 
 /// What is missing, where, and why most likely; `cell_m` is the edge of a cell where the scene is a map of such.
-pub fn words(
+pub(crate) fn words(
     comparison: &Comparison,
     replayed: &Replayed,
     patches: Option<&Patches>,
@@ -50,7 +50,7 @@ pub fn words(
     words.extend(off(comparison));
     for check in &comparison.mount {
         if let Some(why) = &check.cannot_tell {
-            words.push(format!("tilt of {}: {why}", check.sensor));
+            words.push(format!("pitch of {}: {why}", check.sensor));
         }
     }
     words.extend(comparison.mount.iter().filter_map(off_in_range));
@@ -153,7 +153,7 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], cause: Option<&
     words
 }
 
-/// Why rays of a sensor that sits as said end early or late.
+/// Why rays of a sensor at its nominal mount end early or late.
 fn ends_elsewhere(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> {
     let mut words = Vec::new();
     let percent = |count: u64| 100.0 * count as f64 / total.informative() as f64;

@@ -14,7 +14,7 @@ pub(super) fn is_in_another_frame(comparison: &Comparison) -> bool {
 }
 
 /// The verdict, and the test that decides it. One sensor that says nothing is enough not to call it a match.
-pub fn decide(comparison: &Comparison) -> (Verdict, Reason) {
+pub(crate) fn decide(comparison: &Comparison) -> (Verdict, Reason) {
     if let Some(fault) = comparison.faults.first() {
         let shares = [("agree_share", fault.agree_share), ("explained_share", fault.explained_share)];
         return (Verdict::Differs, Reason::new(fault.name).with(shares));

@@ -53,7 +53,7 @@ pub struct Metadata {
     pub destination: Option<String>,
     /// The clock behind the time stamps, where stated.
     pub timestamp_mode: Option<TimestampMode>,
-    /// IMU packets in one revolution (ACCEL32 profile), 0 when they are not tied to it.
+    /// IMU packets in one revolution (ACCEL32 profile), 0 when their rate is independent of it.
     pub imu_packets_per_frame: usize,
     /// Samples in one IMU packet (ACCEL32 profile).
     pub imu_samples_per_packet: usize,
@@ -79,7 +79,7 @@ pub enum ImuProfile {
 pub enum TimestampMode {
     /// Since power-on.
     InternalOscillator,
-    /// Sync pulse and GPS sentence: UTC with the leap seconds the sensor was told.
+    /// Sync pulse and GPS sentence: UTC with the leap seconds configured in the sensor.
     SyncPulseIn,
     /// PTP: TAI, 37 s ahead of UTC since 2017; a sensor that lost its master goes on from its own epoch.
     Ptp1588,
@@ -147,7 +147,7 @@ impl Metadata {
     }
 
     /// Packets that a whole revolution could have, were the window full.
-    pub fn packet_slots(&self) -> usize {
+    pub(crate) fn packet_slots(&self) -> usize {
         self.columns_per_frame.div_ceil(self.columns_per_packet)
     }
 

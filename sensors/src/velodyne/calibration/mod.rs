@@ -5,7 +5,8 @@ mod db_xml;
 mod status;
 mod yaml;
 
-pub use status::{GpsState, Health, StatusReader, UnitStatus, Warnings, encode_status_bytes};
+pub(crate) use status::encode_status_bytes;
+pub use status::{GpsState, Health, StatusReader, UnitStatus, Warnings};
 
 use super::product::Product;
 use crate::catalogue::{self, ModelError};
@@ -42,7 +43,7 @@ pub struct LaserCalibration {
     pub focal_distance_m: f64,
     /// Slope of the intensity compensation.
     pub focal_slope: f64,
-    /// Least and greatest intensity.
+    /// Minimum and maximum intensity.
     pub intensity_limits: [u8; 2],
     /// Whether the laser is in use.
     pub enabled: bool,
@@ -84,12 +85,12 @@ impl Calibration {
     }
 
     /// Reads the `db.xml` of VeloView and of the disk that comes with an HDL-64E: degrees and centimetres.
-    pub fn from_db_xml(text: &str) -> Result<Self, CalibrationError> {
+    pub(crate) fn from_db_xml(text: &str) -> Result<Self, CalibrationError> {
         db_xml::parse(text)?.checked()
     }
 
     /// Reads the YAML of the ROS driver: radians and metres.
-    pub fn from_yaml(text: &str) -> Result<Self, CalibrationError> {
+    pub(crate) fn from_yaml(text: &str) -> Result<Self, CalibrationError> {
         yaml::parse(text)?.checked()
     }
 

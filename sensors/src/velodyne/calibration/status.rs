@@ -18,31 +18,11 @@ const RECORDS_AT: usize = 7;
 const TAIL_AT: usize = STREAM_BYTES - RECORD_BYTES;
 const WARNING_AT: usize = TAIL_AT + 24;
 
-/// Warning bits.
+/// Warning bits: dirty lens, too hot, too cold (0 to 2), pulse per second (5), GPS time (6).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Warnings(pub u8);
 
 impl Warnings {
-    /// The lens is dirty.
-    pub fn lens_contaminated(self) -> bool {
-        self.0 & 1 != 0
-    }
-
-    /// The unit is too hot inside.
-    pub fn too_hot(self) -> bool {
-        self.0 & 2 != 0
-    }
-
-    /// The unit is too cold inside.
-    pub fn too_cold(self) -> bool {
-        self.0 & 4 != 0
-    }
-
-    /// A pulse per second is there.
-    pub fn has_pulse(self) -> bool {
-        self.0 & 0x20 != 0
-    }
-
     /// GPS time is there.
     pub fn has_gps_time(self) -> bool {
         self.0 & 0x40 != 0
@@ -221,7 +201,7 @@ fn laser(record: &[u8]) -> LaserCalibration {
 }
 
 /// Bytes 1204 and 1205 of the 4160 packets that carry a status once; the sensor repeats them.
-pub fn encode_status_bytes(status: &UnitStatus, health: &Health) -> Vec<[u8; 2]> {
+pub(crate) fn encode_status_bytes(status: &UnitStatus, health: &Health) -> Vec<[u8; 2]> {
     let stream = stream_of(status);
     let [year, month, day, hour, minute, second] = health.utc;
     let state = [

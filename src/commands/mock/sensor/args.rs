@@ -69,7 +69,7 @@ pub struct Args {
         allow_hyphen_values = true
     )]
     pub(super) hall: Numbers<6>,
-    /// Trajectory of the platform (TUM, EuRoC or another table whose header names its columns); by default it stands at the
+    /// Trajectory of the platform (TUM, EuRoC or another table with named columns); by default it stands at the
     /// origin.
     #[arg(long, value_name = "FILE")]
     pub(super) trajectory: Option<PathBuf>,

@@ -34,7 +34,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub fn new(fan: &Fan) -> Self {
+    pub(crate) fn new(fan: &Fan) -> Self {
         if let Some(directions) = fan.pattern() {
             return Self::of_pattern(directions, fan.axis());
         }
@@ -107,11 +107,11 @@ pub(super) struct Sums {
 }
 
 impl Sums {
-    pub fn nothing(sensors: usize) -> Self {
+    pub(crate) fn nothing(sensors: usize) -> Self {
         Self { per_sensor: vec![0.0; sensors], union: 0.0, overlap: 0.0 }
     }
 
-    pub fn add(&mut self, more: &Self) {
+    pub(crate) fn add(&mut self, more: &Self) {
         self.per_sensor.iter_mut().zip(&more.per_sensor).for_each(|(sum, more)| *sum += more);
         self.union += more.union;
         self.overlap += more.overlap;
@@ -148,7 +148,7 @@ fn sum_anywhere(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<
     let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
     for voxel in voxels {
         for (eyes, sums) in rigs.iter().zip(&mut sums) {
-            // chance that nobody sees it, and that exactly one does
+            // chance that no sensor sees it, and that exactly one does
             let (mut none, mut one) = (1.0_f64, 0.0_f64);
             for (sensor, eye) in eyes.iter().enumerate() {
                 let unseen = f64::from(unseen(layers, *voxel as usize, eye));

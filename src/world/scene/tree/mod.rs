@@ -43,7 +43,7 @@ pub(super) struct OccluderMemory {
 #[derive(Clone, Debug)]
 pub(super) struct TriangleTree {
     centre_m: DVec3,
-    /// Greatest coordinate of any box, about the centre, m.
+    /// Maximum coordinate of any box, about the centre, m.
     reach_m: f32,
     nodes: Vec<Node>,
     corners: Vec<Corner>,
@@ -147,13 +147,18 @@ impl TriangleTree {
     }
 
     /// What rays are about, m.
-    pub fn centre_m(&self) -> DVec3 {
+    pub(crate) fn centre_m(&self) -> DVec3 {
         self.centre_m
     }
 
     /// Distance to the first triangle along each ray of a tile, m, in single precision; infinite where none is nearer than
     /// `limit_m`.
-    pub fn cast_tile(&self, tile: &RayTile, limit_m: f32, instructions: Instructions) -> [f32; PACKET] {
+    pub(crate) fn cast_tile(
+        &self,
+        tile: &RayTile,
+        limit_m: f32,
+        instructions: Instructions,
+    ) -> [f32; PACKET] {
         let mut packet = Packet::<PACKET>::of_tile(tile, limit_m);
         self.walk::<PACKET, false>(&mut packet, instructions);
         packet.distances()
@@ -161,7 +166,7 @@ impl TriangleTree {
 
     /// Distance to the first triangle along each of up to [`PACKET`] rays, m, by the corners as they were given, in double
     /// precision throughout.
-    pub fn cast_precise(
+    pub(crate) fn cast_precise(
         &self,
         corners_m: impl Fn(u32) -> [DVec3; 3],
         origins_m: &[DVec3],

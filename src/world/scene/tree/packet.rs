@@ -18,7 +18,7 @@ pub(super) struct Packet<const N: usize> {
     origin: [[f32; N]; 3],
     direction: [[f32; N]; 3],
     inverse: [[f32; N]; 3],
-    /// What is taken from `plane * inverse` to get the distance of a near plane, and of a far one: the origin's own
+    /// What is subtracted from `plane * inverse` to get the distance of a near plane, and of a far one: the origin's own
     /// product, moved by what rounding may add.
     near_offset: [[f32; N]; 3],
     far_offset: [[f32; N]; 3],
@@ -26,7 +26,7 @@ pub(super) struct Packet<const N: usize> {
     nearest: [f32; N],
     /// Triangle of the best hit so far, in tree order.
     pub won: [u32; N],
-    /// Greatest of `nearest`.
+    /// Maximum of `nearest`.
     pub farthest: f32,
     hull: Hull,
 }
@@ -41,9 +41,9 @@ struct Hull {
     is_mixed: bool,
     /// Origin of one of the rays.
     origin: [f32; 3],
-    /// Least and greatest inverse; both zero for an axis that says nothing about the packet.
+    /// Minimum and maximum inverse; both zero for an axis that says nothing about the packet.
     inverse: [[f32; 2]; 3],
-    /// Least that is added to a near distance from that origin, and greatest that is added to a far one.
+    /// Least that is added to a near distance from that origin, and most that is added to a far one.
     near_add: [f32; 3],
     far_add: [f32; 3],
 }
@@ -81,7 +81,7 @@ impl<const N: usize> Packet<N> {
 
     /// A element met something at most so far away: a bound in single precision.
     #[inline(always)]
-    pub fn limit(&mut self, element: usize, limit_m: f32) {
+    pub(crate) fn limit(&mut self, element: usize, limit_m: f32) {
         self.nearest[element] = limit_m;
     }
 
@@ -96,7 +96,7 @@ impl<const N: usize> Packet<N> {
         }
     }
 
-    /// Makes ready for boxes. `reach_m` is the greatest coordinate of any box.
+    /// Makes ready for boxes. `reach_m` is the maximum coordinate of any box.
     #[inline(always)]
     pub(crate) fn prepare(&mut self, reach_m: f32) {
         for axis in 0..3 {
@@ -257,13 +257,13 @@ impl<const N: usize> Packet<N> {
 
 impl Packet<PACKET> {
     /// The rays of a tile, none of which looks beyond `limit_m`.
-    pub fn of_tile(tile: &RayTile, limit_m: f32) -> Self {
+    pub(crate) fn of_tile(tile: &RayTile, limit_m: f32) -> Self {
         let RayTile { origin_m: origin, direction } = *tile;
         Self { origin, direction, nearest: [limit_m; PACKET], ..Self::new() }
     }
 
     /// Distance of every element's triangle, m; infinite where it met none.
-    pub fn distances(&self) -> [f32; PACKET] {
+    pub(crate) fn distances(&self) -> [f32; PACKET] {
         std::array::from_fn(
             |element| if self.won[element] == NONE { f32::INFINITY } else { self.nearest[element] },
         )

@@ -1,5 +1,5 @@
 //! Rays against triangles in double precision, by the corners as they were given: what a stored hash is compared with. The
-//! walk through the boxes stays in single precision, whose slack covers the rounding.
+//! walk through the boxes stays in single precision, with slack that covers the rounding.
 
 use glam::DVec3;
 
@@ -19,11 +19,11 @@ pub(super) struct Precise<F, const N: usize> {
 }
 
 impl<F, const N: usize> Precise<F, N> {
-    pub fn new(corners_m: F) -> Self {
+    pub(crate) fn new(corners_m: F) -> Self {
         Self { corners_m, origin_m: [[0.0; N]; 3], direction: [[0.0; N]; 3], nearest_m: [f64::INFINITY; N] }
     }
 
-    pub fn set(&mut self, element: usize, origin_m: DVec3, direction: DVec3) {
+    pub(crate) fn set(&mut self, element: usize, origin_m: DVec3, direction: DVec3) {
         for axis in 0..3 {
             self.origin_m[axis][element] = origin_m[axis];
             self.direction[axis][element] = direction[axis];
