@@ -2,7 +2,7 @@
 //!
 //! Fourteen wings stand in order: each uses only wings above it (`tests/tidy.rs` holds the order). The common currency is
 //! the **return** (channel, azimuth, range, time): decoder and simulator both yield returns, and
-//! [`world::coverage::Coverage::add`] is the only way into coverage, so predicted and recorded are never counted differently.
+//! [`world::coverage::Coverage::add`] alone counts coverage, so predicted and recorded are never counted differently.
 //!
 //! A pair of sensors, and what it would see of a room on a walk of three metres:
 //!
@@ -33,7 +33,7 @@
 //! Deliberately absent: a second definition of beam geometry (there is [`sensors::SensorModel::ray`]), a second servo
 //! state machine (there is `firmware_protocol::Controller`), clocks, files and sockets inside kernels.
 
-#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))] // they panic when nobody reads
+#![cfg_attr(not(test), warn(clippy::print_stdout, clippy::print_stderr))] // they panic on a closed pipe
 // a build without some of its features has no use for all of the rest
 #![cfg_attr(
     not(all(feature = "daemon", feature = "mcap", feature = "survey")),

@@ -83,7 +83,7 @@ impl Mount {
     }
 
     /// The mount of a sensor with this position and rotation in mount-frame axes. Every rotation has one; of the two with
-    /// yaw the one whose pitch is within 90 degrees is taken, of those without yaw the one whose roll is.
+    /// yaw the one with a pitch within 90 degrees, of those without yaw the one with such a roll.
     pub(crate) fn from_rotation(position_m: DVec3, rotation: DMat3) -> Self {
         let [first, second, third] = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
         let [x_m, y_m, z_m] = position_m.to_array();

@@ -36,6 +36,7 @@ pub const CASES: &[Case] = &[
     case("the_service_manager_is_notified_of_the_end", walk::the_service_manager_is_notified_of_the_end),
     case("a_sensor_is_unplugged_and_comes_back", faults::a_sensor_is_unplugged_and_comes_back),
     case("a_sensor_starts_again", faults::a_sensor_starts_again),
+    case("a_sensor_comes_back_in_another_mode", faults::a_sensor_comes_back_in_another_mode),
     case("a_clock_jumps", faults::a_clock_jumps),
     case("metadata_of_another_sensor", faults::metadata_of_another_sensor),
     case(

@@ -263,7 +263,7 @@ fn an_hdl_64e_says_how_it_is_calibrated() {
     let mut program = Command::new(env!("CARGO_BIN_EXE_outrigger"));
     let output = program.args(["decode", "-"]).stdin(from).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("frames are placed by nominal beams: the unit had not said"), "{said}");
+    assert!(said.contains("frames are placed by nominal beams: the unit had not sent"), "{said}");
 }
 
 fn calibrations_that_serve_nobody_are_told() {
@@ -461,7 +461,7 @@ fn a_signal_leaves_no_unfinished_file() {
         let output = running.wait_with_output().unwrap();
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(said.contains("interrupted: files that were whole are kept"), "{said}");
+        assert!(said.contains("interrupted: whole files stay"), "{said}");
         assert!(output.stdout.is_empty());
         assert_eq!(files(), 0);
     }

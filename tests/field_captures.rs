@@ -242,43 +242,83 @@ fn metadata_beside_a_capture_are_used() {
 
 /// Two revolutions of 1024 columns, then, after an initialization, two of 512 by the same sensor.
 fn a_mode_that_changes_on_the_way() {
-    use sensors::made_up::ouster_revolution;
-    use sensors::ouster::{Metadata, Profile, Synthetic};
-    let profile = Profile::from_name("RNG15_RFL8_NIR8").unwrap();
-    let metadata = |columns: usize| {
-        Metadata::synthetic(&Synthetic::new("os0-32", 77, profile).columns(columns, 16)).unwrap()
-    };
     let folder = tempfile::tempdir().unwrap();
-    for order in [[1024, 512], [512, 1024], [2048, 512], [512, 2048]] {
-        let mut packets = Vec::new();
-        for (part, columns) in (0..).zip(order) {
-            for turn in 0..3_u64 {
-                let start_ns = (50 + 100 * part) * 100_000_000 + turn * 100_000_000;
-                let mut of_part = metadata(columns);
-                of_part.init_id = 100 + part as u32;
-                let revolution = ouster_revolution(&of_part, 10 + turn as u32, start_ns);
-                let count = revolution.len() as u64;
-                packets.extend((0..).zip(revolution).map(|(at, payload)| Datagram {
-                    host_time_ns: 1_700_000_000_000_000_000 + start_ns + at * 100_000_000 / count,
-                    source: ([10, 0, 0, 7], 7502).into(),
-                    destination: ([10, 0, 0, 1], 7502).into(),
-                    payload,
-                }));
-            }
-        }
-        let capture = write_capture(&folder.path().join("changed.pcap"), &packets);
-        let file = folder.path().join("first.json");
-        std::fs::write(&file, metadata(order[0]).to_json()).unwrap();
-        let (code, document, stderr) = decode(capture.to_str().unwrap(), &[file.to_str().unwrap()], &[]);
-        assert_eq!(code, 0, "{order:?}: {stderr}");
+    let place = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    for (profile, order) in [
+        ("RNG15_RFL8_NIR8", [1024, 512]),
+        ("RNG15_RFL8_NIR8", [512, 1024]),
+        ("RNG19_RFL8_SIG16_NIR16_DUAL", [2048, 512]),
+        ("LEGACY", [512, 2048]),
+        ("LEGACY", [1024, 512]),
+    ] {
+        let what = format!("{profile} {order:?}");
+        let (capture, file) = capture_of_two_modes(&folder, profile, order);
+        let (code, document, stderr) = decode(&capture, &[&file], &[]);
+        assert_eq!(code, 0, "{what}: {stderr}");
         ensure_nothing_is_missing(&document);
         let sensor = &document["sensors"][0];
         let expected: Vec<u64> = order.iter().flat_map(|columns| [*columns as u64; 3]).collect();
-        assert_eq!(of_frames(sensor, "valid_columns"), expected, "{order:?}");
+        assert_eq!(of_frames(sensor, "valid_columns"), expected, "{what}");
         let frames = sensor["frames"].as_array().unwrap();
-        assert!(frames.iter().all(|frame| frame["complete"] == true), "{order:?}: {frames:#?}");
-        assert!(stderr.contains(&format!("{}x10", order[1])), "{stderr}");
+        assert!(frames.iter().all(|frame| frame["complete"] == true), "{what}: {frames:#?}");
+        let (before, after) = (format!("{}x10", order[0]), format!("{}x10", order[1]));
+        let since_ns = 1_700_000_000_000_000_000_u64 + SECOND_PART_NS;
+        let change = json!({"setting": "lidar_mode", "stated": before, "found": after, "since_ns": since_ns});
+        let changes = sensor["corrections"].as_array().unwrap();
+        let modes: Vec<_> = changes.iter().filter(|change| change["setting"] == "lidar_mode").collect();
+        assert_eq!(modes, [&change], "{what}");
+        let words =
+            format!("its lidar_mode changed from {before} to {after} at 2023-11-14T22:13:35.000000000Z");
+        assert!(stderr.contains(&words), "{what}: {stderr}");
+        let (code, seen) = inspect(&[&capture, "--meta", &file]);
+        assert_eq!(code, 0, "{what}: {seen}");
+        let points: u64 = of_frames(sensor, "points").iter().sum();
+        for name in ["all.las", "all.laz", "all.ply", "all.pcd", "all.csv", "all.npy", "all.e57", "all.mcap"]
+        {
+            let (code, written, stderr) = decode(&capture, &[&file], &["--out", &place(name)]);
+            assert_eq!(code, 0, "{what} {name}: {stderr}");
+            assert_eq!(of_frames(&written["sensors"][0], "points").iter().sum::<u64>(), points);
+        }
+        let csv = std::fs::read_to_string(place("all.csv")).unwrap();
+        assert_eq!(csv.lines().filter(|line| !line.starts_with('#')).count() as u64, points + 1, "{what}");
+        for name in ["all.las", "all.laz", "all.ply", "all.pcd", "all.csv", "all.npy", "all.e57", "all.mcap"]
+        {
+            std::fs::remove_file(place(name)).unwrap();
+        }
     }
+}
+
+/// Start of the second part of the capture below, after the first packet's host time.
+const SECOND_PART_NS: u64 = 15_000_000_000;
+
+/// Three revolutions in one mode and, after a pause and a new initialization, three in another; metadata of the first.
+fn capture_of_two_modes(folder: &tempfile::TempDir, profile: &str, order: [usize; 2]) -> (String, String) {
+    use sensors::made_up::ouster_revolution;
+    use sensors::ouster::{Metadata, Profile, Synthetic};
+    let profile = Profile::from_name(profile).unwrap();
+    let metadata = |columns: usize| {
+        Metadata::synthetic(&Synthetic::new("os0-32", 77, profile).columns(columns, 16)).unwrap()
+    };
+    let mut packets = Vec::new();
+    for (part, columns) in (0..).zip(order) {
+        for turn in 0..3_u64 {
+            let start_ns = 5_000_000_000 + part * 10_000_000_000 + turn * 100_000_000;
+            let mut of_part = metadata(columns);
+            of_part.init_id = 100 + part as u32;
+            let revolution = ouster_revolution(&of_part, 10 + turn as u32, start_ns);
+            let count = revolution.len() as u64;
+            packets.extend((0..).zip(revolution).map(|(at, payload)| Datagram {
+                host_time_ns: 1_700_000_000_000_000_000 + start_ns + at * 100_000_000 / count,
+                source: ([10, 0, 0, 7], 7502).into(),
+                destination: ([10, 0, 0, 1], 7502).into(),
+                payload,
+            }));
+        }
+    }
+    let capture = write_capture(&folder.path().join("changed.pcap"), &packets);
+    let file = folder.path().join("first.json");
+    std::fs::write(&file, metadata(order[0]).to_json()).unwrap();
+    (capture.to_str().unwrap().to_owned(), file.to_str().unwrap().to_owned())
 }
 
 fn gps_time_of_a_ptp_clock_is_right() {

@@ -129,8 +129,8 @@ fn of_metadata_of_one_unit_the_one_that_fits_counts() {
     }
     let (_, document) = inspect(&capture, &[&other]);
     let advice = lines(&document, "advice");
-    assert!(advice.contains("set differently") && advice.contains("crc_test.json lies beside"), "{advice}");
-    assert_eq!(advice.matches("lies beside").count(), 1, "only what fits is proposed: {advice}");
+    assert!(advice.contains("set differently") && advice.contains("crc_test.json lies next to"), "{advice}");
+    assert_eq!(advice.matches("lies next to").count(), 1, "only what fits is proposed: {advice}");
     let mode = |text: &str| text.replace("512x10", "1024x10").replace("_frame\": 512", "_frame\": 1024");
     std::fs::write(&other, mode(&text)).unwrap();
     let both = Command::new(env!("CARGO_BIN_EXE_outrigger"))
@@ -233,7 +233,7 @@ fn files_beside_are_proposed_once() {
     write_capture(&name("both.pcapng"), &all);
     let proposed = |capture: &str, metas: &[&Path]| {
         let (_, document) = inspect(&name(capture), metas);
-        lines(&document, "advice").matches("lies beside").count()
+        lines(&document, "advice").matches("lies next to").count()
     };
     assert_eq!(proposed("alone.pcapng", &[]), 0, "it is used");
     assert_eq!(proposed("alone.pcapng", &[&shared(&format!("{other}.json"))]), 1);

@@ -500,7 +500,7 @@ fn planes_are_thinner() {
     };
     let (plain, _) = decode(&[]);
     let (world, words) = decode(&["--frame", "world", "--trajectory", poses]);
-    assert!(words.contains("counts for the middle of its revolution, 3 of 3"), "{words}");
+    assert!(words.contains("used for the middle of its revolution, 3 of 3"), "{words}");
     assert_eq!(world.len(), plain.len());
     // one pose for each revolution
     let begun: Vec<u64> = {

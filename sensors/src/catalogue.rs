@@ -15,7 +15,7 @@ pub fn names() -> Vec<&'static str> {
     names
 }
 
-/// Names of the models whose packets are decoded here, sorted.
+/// Names of the models that can be decoded, sorted.
 pub fn decoded_names() -> Vec<&'static str> {
     names().into_iter().filter(|name| entry(name).is_ok_and(|entry| entry.is_decoded)).collect()
 }
@@ -46,7 +46,7 @@ pub fn nominal(name: &str) -> Result<SensorModel, ModelError> {
     Ok(entry(name)?.model)
 }
 
-/// The nominal model of a name whose packets are decoded here.
+/// The nominal model of a name that can be decoded.
 pub fn decoded(name: &str) -> Result<SensorModel, ModelError> {
     let entry = entry(name)?;
     let not_decoded = || ModelError::NotDecoded { name: name.to_owned(), known: decoded_names().join(", ") };
@@ -166,9 +166,9 @@ struct BeamTable {
     fire_offset_us: Vec<f64>,
 }
 
-/// Makers whose packets are decoded here.
+/// Makers of the sensors that can be decoded.
 const DECODED: [&str; 2] = ["ouster", "velodyne"];
-/// Columns per revolution of sensors whose file names none.
+/// Columns per revolution where a sensor's file gives none.
 const OUSTER_COLUMNS: u32 = 1024;
 const OTHER_COLUMNS: u32 = 1800;
 /// Revolutions per second where the sensor has that rate.

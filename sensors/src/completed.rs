@@ -1,4 +1,4 @@
-//! What a decoder completed and nobody has looked at yet.
+//! Frames and auxiliary data that a decoder completed and its caller has not read yet.
 
 use std::collections::VecDeque;
 

@@ -5,8 +5,8 @@ use crate::{Completed, Decoded, Packet, SensorModel};
 /// Turns one sensor's packets into frames. Two families live behind it: `ouster::OusterDecoder` and
 /// `velodyne::VelodyneDecoder`.
 ///
-/// Data flows one way: [`take`](Self::take) puts a packet in, and what it completed is taken out of
-/// [`completed`](Self::completed), where it can be looked at beside the decoder itself. [`push`](Self::push) and
+/// [`take`](Self::take) puts a packet in; its results are read from
+/// [`completed`](Self::completed), where they can be read while the decoder is borrowed. [`push`](Self::push) and
 /// [`finish`](Self::finish) do both.
 pub trait Decoder {
     /// Takes one packet. A packet that this decoder does not take is counted and returned as [`Rejected`]; decoding
@@ -51,7 +51,7 @@ pub trait Decoder {
     }
 }
 
-/// Why a packet was not taken. Each is counted too.
+/// Why a packet was rejected. Each is counted too.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Rejected {
     /// Not from this sensor or not of its format.
@@ -81,11 +81,11 @@ pub enum Rejected {
 #[serde(default)]
 #[non_exhaustive]
 pub struct DecodeStats {
-    /// Packets taken.
+    /// Packets accepted.
     pub packets: u64,
     /// Packets of this sensor that were too short or contradicted themselves.
     pub malformed: u64,
-    /// Packets whose checksum failed.
+    /// Packets with a wrong checksum.
     pub crc_errors: u64,
     /// Packets that the sensor must have sent (by column or time gap) and that never came. Packets before the first
     /// and after the last one are not known to have been sent; packets that came damaged or late have their own
@@ -102,9 +102,9 @@ pub struct DecodeStats {
     pub init_id_changes: u64,
     /// Packets of another sensor or format.
     pub foreign: u64,
-    /// Packets whose time stamp contradicts those before and after it; they are dated by these.
+    /// Packets with a time stamp that contradicts those before and after it; they are dated by these.
     pub odd_stamps: u64,
-    /// Damaged blocks of packets that were taken without them (Velodyne).
+    /// Damaged blocks in accepted packets (Velodyne); the rest of the packet was decoded.
     pub bad_blocks: u64,
     /// Pauses of seconds and more that the host's clock saw too: nothing is known to have been sent meanwhile.
     pub pauses: u64,

@@ -19,7 +19,7 @@ pub struct Frame {
     pub column_azimuth_rad: Vec<f64>,
     /// Whether the column came and the sensor calls it valid.
     pub column_valid: Vec<bool>,
-    /// Encoder rate while the frame was taken, rad/ns, for the azimuth of beams that fire inside a column.
+    /// Encoder rate during the frame, rad/ns, for the azimuth of beams that fire inside a column.
     pub azimuth_rate_rad_per_ns: f64,
     /// First return of each firing (strongest, or last, as the sensor is set).
     pub first: Layer,
@@ -35,7 +35,7 @@ pub struct Frame {
     pub complete: bool,
     /// Host arrival time of the first and the last packet, ns.
     pub host_time_ns: [u64; 2],
-    /// What the sensor said about itself in the packets of this frame, where its format has room for it.
+    /// What the sensor reported about itself in the packets of this frame, if its format has room for it.
     pub health: Health,
 }
 

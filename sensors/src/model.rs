@@ -39,7 +39,7 @@ pub struct BeamCorrection {
     pub focal_distance_m: f64,
     /// See `focal_distance_m`.
     pub focal_slope: f64,
-    /// Least and greatest intensity.
+    /// Minimum and maximum intensity.
     pub intensity_limits: [u8; 2],
 }
 
@@ -83,7 +83,7 @@ pub struct SensorModel {
     pub name: String,
     /// Least range that is reported, m.
     pub min_range_m: f64,
-    /// Greatest range that is reported, m.
+    /// Longest range that the sensor reports, m.
     pub max_range_m: f64,
     /// Full beam divergence, rad; 0 when unknown.
     pub divergence_rad: f64,
@@ -157,8 +157,8 @@ impl SensorModel {
         self.pattern.as_ref()
     }
 
-    /// Corrections beyond the beams, in channel order; empty for all but calibrated HDL-64E and heads whose optical centre lies
-    /// beside their axis.
+    /// Corrections beyond the beams, in channel order; empty except for calibrated HDL-64E and heads
+    /// with an optical centre off their axis.
     pub fn corrections(&self) -> &[BeamCorrection] {
         &self.corrections
     }

@@ -53,7 +53,7 @@ impl Pattern {
         &self.directions
     }
 
-    /// The axis about which the pattern is taken to be even: z if it looks all around, else the mean direction.
+    /// The axis of symmetry of the pattern: z if it looks all around, else the mean direction.
     pub fn axis(&self) -> DVec3 {
         self.axis
     }

@@ -3,6 +3,7 @@
 pub mod features;
 pub mod files;
 pub(crate) mod text;
+pub(crate) mod times;
 pub mod questions;
 pub mod instructions;
 pub mod statistics;

@@ -1,4 +1,4 @@
-//! A file, or a file with what tells whose it is before it: `FILE`, `192.168.1.10=FILE`, `:7502=FILE`,
+//! A file, alone or behind a source filter: `FILE`, `192.168.1.10=FILE`, `:7502=FILE`,
 //! `192.168.1.10:7502=FILE`.
 
 use std::ffi::OsString;
@@ -44,7 +44,7 @@ impl AssignedFile {
         (!name.is_empty()).then(|| (name.to_owned(), Path::new(folder).join(file)))
     }
 
-    /// The same text with the file as seen from a folder; what is wrong stays as it is, to be told of.
+    /// The same text with the file as seen from a folder; what is wrong stays as it is, to be reported.
     pub(crate) fn text_in(text: &str, folder: &Path) -> OsString {
         let Ok(Self { source_filter, path }) = Self::read(text.into()) else { return text.into() };
         let mut seen =

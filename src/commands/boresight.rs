@@ -16,24 +16,24 @@ use crate::verify::compare::RecordedRay;
 use crate::world::trajectory::Trajectory;
 use document::{Document, text, verdict, words};
 
-/// Returns that are kept, of all sensors together.
+/// Returns that are held, of all sensors together.
 const RAYS: usize = 1 << 22;
 
 /// Arguments of `boresight`.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Each sensor's points are laid into the planes that the other sensor's points make, a few revolutions at a \
-                  time. What is left over is how far the first is off its nominal mount on the second; no model \
+                  time. What is left over is the error of the first's mount relative to the second's; no model \
                   of the scene is needed, and an error of the trajectory that both share cancels. Turns and shifts are those of \
                   the first sensor about the axes of the mount frame (x right, y forward, z up) as the second one sees it: where \
                   the second is the one that is turned, the first seems shifted by as much as that turn moves it. Nothing is changed.\n\
-                  Exit codes: 0 the mounts are nominal, 1 failed, 3 they are not, it cannot tell, or data was lost."
+                  Exit codes: 0 the mounts are as specified, 1 failed, 3 they differ, cannot be determined, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
     /// Trajectory of the body: TUM format on the recording's clock, `still` for a rig that does not move, or `odometry` for
-    /// the one of the recording itself; without it the session's own, and odometry where there is none.
+    /// the one that odometry finds in the recording; without it the session's own, else odometry.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
     #[command(flatten)]

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 
 use anyhow::ensure;
 
-use super::given::SensorArgs;
 use super::part::PartArgs;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::recording::packet_writer::PacketFormat;
 use cutting::Cutting;

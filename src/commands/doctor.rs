@@ -1,6 +1,6 @@
 //! `outrigger doctor`: what this machine and this rig lack, and what to do about it.
 
-mod hearing;
+mod traffic;
 mod machine;
 mod named;
 mod servos;
@@ -74,7 +74,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut checks = vec![machine::processors(), machine::governor(), machine::clock()];
     let named = context.config.map(|config| named::check(config, context)).unwrap_or_default();
     checks.extend(named.checks);
-    let traffic = hearing::probe(args, context.config, &named.metadata);
+    let traffic = traffic::probe(args, context.config, &named.metadata);
     checks.extend(traffic.checks);
     checks.extend(machine::disk(&args.out, traffic.bytes_s, named.bytes_s)?);
     if let Some(port) = args.port.as_deref() {

@@ -45,10 +45,10 @@ pub struct ExperimentArgs {
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(0.0, 1000.0))]
     least_distance: Option<f64>,
     /// Adds to J this times log10(q / 0.003), q being the least translation eigenvalue per hit (5th percentile along
-    /// the path): how well scans are tied down [default: 0].
+    /// the path): registration strength of the scans [default: 0].
     #[arg(long, value_name = "J", value_parser = crate::commands::ranges::within(0.0, 1e12))]
     registration_weight: Option<f64>,
-    /// Least such q that is allowed (0.003 is loose, 1/3 the most there can be) [default: 0].
+    /// Least such q that is allowed (0.003 is degenerate, 1/3 the most there can be) [default: 0].
     #[arg(long, value_name = "Q", value_parser = crate::commands::ranges::within(0.0, 1.0))]
     min_conditioning: Option<f64>,
 }
@@ -63,7 +63,7 @@ pub enum FidelityArg {
 }
 
 impl FidelityArg {
-    /// Where nothing is said: a published experiment is looked at as it was published.
+    /// Without flags: a published experiment is sampled as it was published.
     pub(crate) fn for_scene(is_new: bool) -> Self {
         if is_new { Self::Auto } else { Self::Given }
     }
@@ -118,7 +118,7 @@ impl ExperimentArgs {
         }
     }
 
-    /// Whether this is a scene that nobody published, with nothing said about how finely it is to be looked at.
+    /// Whether this is an unpublished scene without a specified sampling.
     pub(crate) fn is_new_scene(&self) -> bool {
         let is_fineness_stated = self.azimuths.is_some()
             || self.sub_poses.is_some_and(|poses| poses != 1)

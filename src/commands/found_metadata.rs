@@ -1,4 +1,4 @@
-//! Metadata that lie beside a capture: found by their name or by the serial number in its packets, where none were given.
+//! Metadata next to a capture: found by their name or by the serial number in its packets, where none were given.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

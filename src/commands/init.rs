@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 
-use super::given::SensorArgs;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
 use crate::base::files;
 use found::{FoundSensor, found_in};

@@ -8,11 +8,11 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::placing::{Near, Placed};
 use super::recorded::RecordedArgs;
 use super::recorded_odometry::OdometryArgs;
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
+use super::scene_placement::{Near, Placed};
 use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
 use document::{Document, text};
@@ -23,7 +23,7 @@ use walk::{in_scene, kitti, walked};
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "The world is the body at the first return, or with --scene the scene: the walk is placed in it and laid against \
-                  it piece by piece, which removes the drift of the odometry. A recording of several sensors needs their mounts; with one \
+                  it piece by piece, which corrects the drift of the odometry. A recording of several sensors needs their mounts; with one \
                   sensor and no mount, the body is the sensor. Sweeps of one revolution are laid against a map of those \
                   before (iterated closest points, each return at its own time). Where the surfaces leave a direction \
                   open, as a straight corridor does, the last velocity holds along it, with a note: such a trajectory is \
@@ -35,7 +35,7 @@ pub struct Args {
     recorded: RecordedArgs,
     #[command(flatten)]
     settings: OdometryArgs,
-    /// The scene in whose frame the trajectory is wanted: a mesh, a point cloud, or another session.
+    /// The scene to place the trajectory in: a mesh, a point cloud, or another session.
     #[arg(long, value_name = "PATH")]
     scene: Option<PathBuf>,
     #[command(flatten)]
@@ -105,7 +105,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         duration_s: (last_ns - first_ns) as f64 * 1e-9,
         length_m: trajectory.length_m(),
         voxel_m: result.walked.voxel_m,
-        loose_sweeps: result.walked.steps.iter().filter(|step| step.is_loose()).count(),
+        degenerate_sweeps: result.walked.steps.iter().filter(|step| step.is_degenerate()).count(),
         registration: result.walked.quality,
         steps: result.walked.steps,
         alignment,

@@ -1,5 +1,5 @@
 //! Ranges of numbers on the command line and in rig.toml: what a flag asks for in memory and time is bounded before any
-//! of it is taken.
+//! of it is allocated.
 
 /// A finite number of a range, which is named where it is left. NaN lies in no range.
 pub(crate) fn within(

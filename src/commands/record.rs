@@ -70,7 +70,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         say(&format!("{}: listening on {}", listen.name, receiver.address(sensor)));
     }
     for (listen, text) in listens.iter().zip(&metadata) {
-        text.iter().filter_map(|text| unheard_imu(listen, text, &listens)).for_each(|note| say(&note));
+        text.iter().filter_map(|text| unrecorded_imu(listen, text, &listens)).for_each(|note| say(&note));
     }
     let infos: Vec<SensorInfo> = listens
         .iter()
@@ -118,7 +118,7 @@ fn wanted(args: &Args, context: Context) -> anyhow::Result<Vec<Stream>> {
 }
 
 /// Inertial packets that go to an unwatched port.
-fn unheard_imu(listen: &Listen, metadata: &str, listens: &[Listen]) -> Option<String> {
+fn unrecorded_imu(listen: &Listen, metadata: &str, listens: &[Listen]) -> Option<String> {
     let port = Metadata::parse(metadata, &listen.name).ok()?.imu_port?;
     let is_received = listens.iter().any(|other| other.address.port() == port);
     (!is_received).then(|| {

@@ -3,10 +3,10 @@
 use anyhow::{bail, ensure};
 use sensors::Decoded;
 
-use super::placing;
 use super::recorded::Recorded;
-use super::recorded::hearing;
+use super::recorded::data_gaps;
 use super::recording::Recording;
+use super::scene_placement;
 use super::{Context, unread};
 use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
@@ -39,7 +39,7 @@ impl Default for OdometryArgs {
 }
 
 impl OdometryArgs {
-    /// Refuses what was typed about odometry where the way is not found by it.
+    /// Refuses what was typed about odometry where the trajectory is not found by it.
     pub(crate) fn ensure_not_typed(context: Context) -> anyhow::Result<()> {
         context.ensure_not_typed(
             &["odometry_voxel", "odometry_min_range", "odometry_max_range"],
@@ -49,7 +49,7 @@ impl OdometryArgs {
 
     pub(crate) fn check(&self) -> anyhow::Result<()> {
         if !(0.0..self.farthest_m).contains(&self.nearest_m) {
-            refuse!("--odometry-min-range {}, expected from 0 to the max range", self.nearest_m);
+            refuse!("--odometry-min-range {}, expected from 0 to the maximum range", self.nearest_m);
         }
         Ok(())
     }
@@ -84,7 +84,8 @@ pub(crate) fn of_rig(
     args.check()?;
     let rig = &recorded.rig;
     let mut pass = args.pass(rig.sensors.len());
-    let (mut share, mut mounted) = (keeps_rays.then(|| Thinning::new(placing::RAYS)), rig.sensors.clone());
+    let (mut share, mut mounted) =
+        (keeps_rays.then(|| Thinning::new(scene_placement::RAYS)), rig.sensors.clone());
     let mut summary = recorded.feed(&mut |mounted_frame| {
         mounted_frame.tell_model(&mut mounted);
         if let Some(share) = &mut share {
@@ -94,9 +95,9 @@ pub(crate) fn of_rig(
         let body_from_sensor = mounted_frame.body_from_sensor(&rig.sensors[mounted_frame.sensor].mount);
         pass.add_frame(mounted_frame.sensor, mounted_frame.model, &body_from_sensor, mounted_frame.frame);
     })?;
-    if let Some(([first, second], apart_s)) = hearing::apart(rig, &summary.data_spans) {
+    if let Some(([first, second], apart_s)) = data_gaps::apart(rig, &summary.data_spans) {
         bail!(
-            "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: one way needs sensors that were recorded \
+            "{second} begins {apart_s:.3} s after {first} has ended, by their clocks: a trajectory needs sensors recorded \
              at once, on one clock (PTP, or GPS)"
         );
     }
@@ -125,7 +126,7 @@ pub(crate) fn of_one(
     let mut router = recording.router()?;
     let mut pass = args.pass(1);
     let mut sensors = 0;
-    let mut share = keeps_rays.then(|| Thinning::new(placing::RAYS));
+    let mut share = keeps_rays.then(|| Thinning::new(scene_placement::RAYS));
     let mut hand = |at: usize, sensor: &sensors::router::Sensor, decoded: Decoded<'_>| {
         let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
         sensors = sensors.max(at + 1);
@@ -163,6 +164,6 @@ pub(crate) fn remarks(result: &OdometryResult) -> Vec<String> {
     let mut remarks = result.losses.clone();
     remarks.extend(result.walked.problems.iter().cloned());
     remarks.extend(result.walked.open_direction());
-    remarks.extend(suspicions(&result.walked.trajectory, "way found"));
+    remarks.extend(suspicions(&result.walked.trajectory, "trajectory found"));
     remarks
 }

@@ -18,7 +18,7 @@ pub(crate) use files::{ensure_recording, look_first, name_of, packets_of, spool}
 pub use pass::Ending;
 pub(crate) use pass::capture_losses;
 
-use super::given::{Given, session_metadata};
+use super::sensor_args::{MetadataFile, session_metadata};
 use crate::recording::packet_reader::PacketReader;
 use crate::recording::{Manifest, Session};
 use crate::rig::Rig;
@@ -28,7 +28,7 @@ pub struct Recording {
     /// What messages call it.
     name: String,
     path: PathBuf,
-    metadata: Vec<Given>,
+    metadata: Vec<MetadataFile>,
     calibrations: Vec<GivenCalibration>,
     models: Vec<GivenModel>,
     /// The session that it is, and what that says of itself.
@@ -106,7 +106,7 @@ impl Recording {
         crate::base::files::is_same(path, &self.path)
     }
 
-    /// The session that the file was taken out of, without what belongs to it.
+    /// The session that the file belongs to, without what belongs to it.
     pub(crate) fn session_around(&self) -> Option<&Path> {
         let folder = self.path.parent().filter(|folder| Session::is_session(folder));
         let has_metadata = |folder: &&Path| session_metadata(folder).is_ok_and(|files| !files.is_empty());

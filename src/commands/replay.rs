@@ -59,7 +59,7 @@ pub struct Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut path = packets_path(&args.capture)?;
     let name = recording::name_of(&path);
-    // what is read once need not be kept
+    // what is read once needs no copy
     let spooled = match args.again || looks_ahead(args) {
         true => recording::spool(&path)?,
         false => None,
@@ -109,7 +109,7 @@ fn looks_ahead(args: &Args) -> bool {
     args.to.port.is_some() && args.map.is_empty()
 }
 
-/// Refuses to mix ports without being asked: sensors that end on one port can no longer be told apart.
+/// Refuses to mix ports without being asked: sensors that end on one port can no longer be separated.
 fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     for (at, (from, to)) in args.map.iter().enumerate() {
         let before = args.map[..at].iter().find(|(other, _)| other == from);
@@ -121,7 +121,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
     let mut capture = PacketReader::open(path, &path.display().to_string())?;
     let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
     for _ in 0..LOOK_AHEAD {
-        // damage is found again, and told of, when the packets are sent
+        // damage is found again, and reported, when the packets are sent
         let Ok(Some(packet)) = capture.next() else { break };
         *ports.entry(packet.destination.port()).or_default() += 1;
     }

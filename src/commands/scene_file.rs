@@ -29,8 +29,8 @@ pub struct MapArgs {
     /// Points that make a cell of such a map occupied.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     map_hits: u8,
-    /// Way of the sensor that recorded the cloud behind --scene (TUM, by the clock of the cloud's times): what lies
-    /// between it and the points is free. Not needed where the points have vp_x, vp_y, vp_z. Of a recorded session the way
+    /// Trajectory of the sensor that recorded the cloud behind --scene (TUM, by the clock of the cloud's times): what lies
+    /// between it and the points is free. Not needed where the points have vp_x, vp_y, vp_z. Of a recorded session the trajectory
     /// of the rig, where the session does not hold it itself.
     #[arg(long, value_name = "FILE")]
     map_path: Option<PathBuf>,
@@ -106,7 +106,7 @@ pub(crate) fn read(
     Ok(loaded)
 }
 
-/// A map of a recording under way.
+/// A map being built from a recording.
 pub struct Making(MapBuilder);
 
 impl Making {

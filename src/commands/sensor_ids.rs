@@ -12,7 +12,7 @@ pub(crate) fn ids(router: &Router) -> Vec<String> {
 }
 
 /// As the recording calls it, or by product and serial number (or sender, where there is none); numbered where that is
-/// taken.
+/// in use.
 pub(crate) fn next_id(sensor: &Sensor, mounted_frame: &mut Vec<String>) -> String {
     let tail = match (sensor.serial(), sensor.source()) {
         ("", Some(source)) => source.ip().to_string(),

@@ -1,4 +1,4 @@
-//! What is known of a sensor before it is heard.
+//! What is known of a sensor before its first packet.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::live::config::Stream;
 use crate::live::receive::{Listen, is_auxiliary};
 use crate::live::watch::FirstLook;
 
-/// A look at what a sensor sends first; what it sends beside its lidar packets is nobody's to judge.
+/// A check of a sensor's first packets; auxiliary streams are not checked.
 pub(super) fn first_look(sensor: &Stream, metadata: Option<&str>, listens: &[Listen]) -> Option<FirstLook> {
     if is_auxiliary(&sensor.listen.name, listens.iter().map(|listen| listen.name.as_str())) {
         return None;

@@ -4,11 +4,11 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use sensors::capture::CaptureCounters;
-use sensors::ouster::Correction;
 use sensors::router::{Family, Router, Sensor, Unclaimed};
 
 use super::recording::{Ending, Recording};
 use super::sensor_ids;
+use crate::live::watch::correction_words;
 use crate::recording::bags::TopicCount;
 
 /// Lists what the file holds, and says what to do.
@@ -63,7 +63,7 @@ pub(crate) fn why_nothing(recording: &Recording, router: &Router, ending: &Endin
     if needs_metadata(router) {
         let nearby = nearby_metadata(recording, router);
         for path in &nearby {
-            let _ = write!(text, "\n{} lies beside it: try --meta {}", path.display(), path.display());
+            let _ = write!(text, "\n{} lies next to it: try --meta {}", path.display(), path.display());
         }
         let has_some = router.sensors().iter().any(|sensor| matches!(sensor.family(), Family::Ouster(_)));
         if nearby.is_empty() && !has_some {
@@ -81,8 +81,8 @@ fn needs_metadata(router: &Router) -> bool {
         || router.sensors().iter().any(|sensor| sensor.misread_bytes().is_some())
 }
 
-/// Metadata files that lie beside a recording and would read what those given do not, of sensors with serial numbers that
-/// nobody took or named like the recording.
+/// Metadata files that lie next to a recording and would read what those given do not, of sensors with serial numbers that
+/// were not found, or named like the recording.
 pub(crate) fn nearby_metadata(recording: &Recording, router: &Router) -> Vec<PathBuf> {
     if !needs_metadata(router) {
         return Vec::new();
@@ -113,7 +113,7 @@ pub(crate) fn unknown_sources(router: &Router) -> impl Iterator<Item = String> {
     })
 }
 
-/// What a file holds beside UDP datagrams; losses are [`Ending::losses`].
+/// What a file holds besides UDP datagrams; losses are [`Ending::losses`].
 pub(crate) fn oddities(counters: &CaptureCounters) -> impl Iterator<Item = (u64, &'static str)> {
     [
         (counters.not_ip, "frames that are not IP"),
@@ -137,7 +137,7 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
         (counters.late, "packets came too late"),
         (counters.malformed, "packets are malformed"),
         (counters.crc_errors, "packets fail their checksum"),
-        (counters.bad_blocks, "blocks are damaged; the rest of their packets was taken"),
+        (counters.bad_blocks, "blocks are damaged; the rest of their packets was decoded"),
     ]
     .into_iter()
     .filter(|(count, _)| *count > 0)
@@ -145,17 +145,11 @@ pub(crate) fn sensor_losses(id: &str, sensor: &Sensor) -> Vec<String> {
     counted.chain(rival).chain(mixed).collect()
 }
 
-/// What is not as it was said or as one expects, and costs nothing.
+/// What differs from the specification or from what one expects, and costs nothing.
 pub(crate) fn sensor_notes(id: &str, sensor: &Sensor) -> Vec<String> {
     let counters = sensor.stats();
-    let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
-    let corrected = sensor.corrections().iter().map(|Correction { setting, stated, found }| match *setting {
-        // says that settings may differ, and is none
-        "initialization_id" => format!(
-            "{id}: {file} is of initialization {stated}, the packets of {found}: settings may have changed in between"
-        ),
-        _ => format!("{id}: {file} says {setting} {stated}, its packets have {found}: decoded as the packets are"),
-    });
+    let corrected = sensor.corrections().iter();
+    let corrected = corrected.map(|correction| format!("{id}: {}", correction_words(sensor, correction)));
     let counted = [
         (counters.odd_stamps, "packets have a time stamp that contradicts their neighbours, which date them"),
         (

@@ -15,11 +15,12 @@ const WAITING: usize = 4096;
 /// Events that end a recording early, or take a session away.
 const FAILURES: [&str; 3] = ["disk_full", "recording_failed", "session_displaced"];
 /// Events that someone should see to.
-const TROUBLES: [&str; 14] = [
+const TROUBLES: [&str; 15] = [
     "axis_not_homed",
     "component_dead",
     "sensor_silent",
     "sensor_restarted",
+    "sensor_settings",
     "clock_jump",
     "host_clock_jump",
     "low_disk",

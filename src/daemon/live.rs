@@ -16,7 +16,7 @@ use super::painter::Painter;
 use super::supervision::{Pulse, Role, Supervision};
 use super::surroundings::Surroundings;
 use crate::live::receive::{Datagram, now_ns};
-use crate::live::watch::{SensorReport, Watch, is_model};
+use crate::live::watch::{SensorReport, Watch, correction_words, is_model};
 
 /// Datagrams that may wait: a revolution and more of the busiest sensor.
 const WAITING: usize = 1024;
@@ -163,6 +163,7 @@ pub(super) fn start(
         not_its_own: 0,
         frames_not_drawn: 0,
         seen: [0; 2],
+        changes_reported: 0,
     };
     let component = format!("live {}", live.name);
     let thread = supervision.spawn(&component, Role::Dispensable, move |pulse| live.run(&waiting, pulse))?;
@@ -182,6 +183,8 @@ struct Live {
     frames_not_drawn: u64,
     /// Restarts and clock jumps that were reported.
     seen: [u64; 2],
+    /// Settings that changed while it was heard, and were reported.
+    changes_reported: usize,
 }
 
 impl Live {
@@ -250,6 +253,14 @@ impl Live {
                 self.journal.tell_of(&self.name, "clock_jump", words);
             }
             self.seen = [restarts, jumps];
+            let later = sensor.iter().flat_map(|sensor| {
+                let corrections = sensor.corrections().iter().filter(|found| found.since_ns.is_some());
+                corrections.map(|found| correction_words(sensor, found))
+            });
+            for words in later.skip(self.changes_reported) {
+                self.changes_reported += 1;
+                self.journal.tell_of(&self.name, "sensor_settings", words);
+            }
         }
         let numbers = Numbers {
             report,

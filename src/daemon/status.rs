@@ -221,7 +221,8 @@ pub struct SensorLosses {
     /// The queue to the disk was full.
     pub queue_dropped: u64,
     /// Sent by the sensor, by its own counting, and never seen by this host.
-    pub on_the_way: u64,
+    #[serde(rename = "on_the_way")]
+    pub in_network: u64,
     /// Came too short or contradicting themselves.
     pub malformed: u64,
     /// Came with a wrong checksum.
@@ -354,7 +355,7 @@ impl SensorLosses {
         Self {
             kernel_dropped: self.kernel_dropped.saturating_sub(before.kernel_dropped),
             queue_dropped: self.queue_dropped.saturating_sub(before.queue_dropped),
-            on_the_way: self.on_the_way.saturating_sub(before.on_the_way),
+            in_network: self.in_network.saturating_sub(before.in_network),
             malformed: self.malformed.saturating_sub(before.malformed),
             crc_errors: self.crc_errors.saturating_sub(before.crc_errors),
             late: self.late.saturating_sub(before.late),

@@ -1,7 +1,7 @@
 //! Score: the terms of J, each with its own number.
 //!
 //! J = U + R_ov(rho) + R_ang(delta) - lambda N: cells seen, a window for the share seen twice, an angle between spin
-//! axes, a price per sensor (of its type, where types differ); where asked for, how well the hits tie scans down. Method:
+//! axes, a price per sensor (of its type, where types differ); optionally, the registration strength of the hits. Method:
 //! "Mixed Discrete-Continuous Constrained Optimization of Symmetric Multi-LiDAR Mount Configurations for Mapping Systems",
 //! equations 8 to 15.
 //!
@@ -42,19 +42,19 @@ pub struct Weights {
     pub sensor_cost: f64,
     /// Least overlap ratio of the window.
     pub overlap_min: f64,
-    /// Greatest overlap ratio of the window.
+    /// Maximum overlap ratio of the window.
     pub overlap_max: f64,
     /// Added inside the window.
     pub overlap_reward: f64,
-    /// Taken off per unit of overlap ratio below the window.
+    /// Penalty per unit of overlap ratio below the window.
     pub overlap_too_little: f64,
-    /// Taken off per unit of overlap ratio above the window.
+    /// Penalty per unit of overlap ratio above the window.
     pub overlap_too_much: f64,
     /// Least angle between two spin axes, degrees.
     pub angle_min_deg: f64,
     /// Added when every pair keeps it, and for a single sensor.
     pub angle_reward: f64,
-    /// Taken off at angle zero; in proportion in between.
+    /// Penalty at angle zero; in proportion in between.
     pub angle_penalty: f64,
     /// Added per factor of ten between the least translation eigenvalue (5th percentile along the path) and
     /// [`DEGENERATE`]; 0 leaves J as published. Not below 0.
@@ -88,12 +88,12 @@ impl Weights {
         }
     }
 
-    /// The term of J for how well scans are tied down: a logarithm, because the eigenvalue has no scale of its own.
+    /// The term of J for registration strength: a logarithm, because the eigenvalue has no scale of its own.
     fn registration_term(&self, quality: &RegistrationQuality) -> f64 {
         self.registration * (quality.translation_p5.max(LEAST_EIGENVALUE) / DEGENERATE).log10()
     }
 
-    /// The greatest value of that term: three eigenvalues share a trace of 1.
+    /// The maximum of that term: three eigenvalues share a trace of 1.
     pub(crate) fn best_registration_term(&self) -> f64 {
         self.registration * (1.0 / 3.0 / DEGENERATE).log10()
     }
@@ -129,7 +129,7 @@ pub struct Terms {
     pub angular: f64,
     /// Price of the sensors, zero or less.
     pub cost: f64,
-    /// How well the hits tie scans down; 0 where nobody asked.
+    /// Registration strength of the hits; 0 without a weight.
     pub registration: f64,
 }
 
@@ -183,11 +183,11 @@ pub struct Evaluation {
     pub unique_per_sensor: Vec<u64>,
     /// The terms of J.
     pub terms: Terms,
-    /// Whether every pair of sensors keeps its distance, and the least conditioning is kept.
+    /// Whether every pair of sensors keeps its distance, and the conditioning reaches its minimum.
     pub feasible: bool,
-    /// What is not kept.
+    /// The constraints that are violated.
     pub violations: Vec<Violation>,
-    /// How well the hits tie scans down; none where neither weight nor constraint asks.
+    /// Registration strength of the hits; none without weight and constraint.
     pub registration: Option<RegistrationQuality>,
     /// Rays cast.
     pub rays: u64,
@@ -199,7 +199,7 @@ pub struct Evaluation {
 pub enum Violation {
     /// Two sensors too close to each other.
     Clearance(Clearance),
-    /// Scans that are not tied down as asked for.
+    /// Scans below the required registration strength.
     Conditioning {
         /// Least translation eigenvalue per hit, 5th percentile along the path.
         conditioning: f64,
@@ -209,7 +209,7 @@ pub enum Violation {
 }
 
 impl Evaluation {
-    /// What is to be said when coverage no longer tells mounts apart.
+    /// A note if coverage no longer separates mounts.
     pub(crate) fn saturation(&self) -> Option<String> {
         let left = self.reachable_voxels.saturating_sub(self.unique_voxels);
         (self.reachable_voxels > 0 && left * SATURATED_WITHIN <= self.reachable_voxels).then(|| {
@@ -288,7 +288,7 @@ impl Objective {
         &self.weights
     }
 
-    /// The terms of J of sensors whose coverage is counted already, without the rest of an evaluation.
+    /// The terms of J from counted coverage, without the rest of an evaluation.
     pub(crate) fn terms(
         &self,
         sensors: &[Placement],
@@ -312,7 +312,7 @@ impl Objective {
         Self { simulator, ..self.clone() }
     }
 
-    /// How well the hits tie scans down, where weight or constraint asks: it costs as much as a coverage.
+    /// Registration strength of the hits, with a weight or constraint: it costs as much as a coverage.
     pub(crate) fn registration(&self, sensors: &[Placement]) -> Option<RegistrationQuality> {
         let asked = self.weights.registration != 0.0 || self.weights.least_conditioning > 0.0;
         asked.then(|| RegistrationQuality::of_scans(&along_published(&self.simulator, sensors)))?
@@ -334,7 +334,7 @@ impl Objective {
         (radius_m(first) + radius_m(second)).max(self.least_distance_m)
     }
 
-    /// The least distance asked for beside the housings, m.
+    /// The minimum distance that was requested besides the housings, m.
     pub(crate) fn least_distance_m(&self) -> f64 {
         self.least_distance_m
     }
@@ -354,7 +354,7 @@ impl Objective {
         Ok(self.score_counts(sensors, &self.simulator.count(sensors)?))
     }
 
-    /// Scores sensors whose coverage is counted already.
+    /// Scores sensors from counted coverage.
     pub(crate) fn score_counts(&self, sensors: &[Placement], counts: &Counts) -> Evaluation {
         let axes: Vec<_> = sensors.iter().map(Placement::spin_axis).collect();
         let min_angle_deg = min_angle_deg(&axes);

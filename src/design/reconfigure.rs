@@ -1,8 +1,8 @@
 //! Better pitches for the place seen so far: a search over the angles of the axes alone, by what the sensors would see
 //! of a map made from their own recording.
 //!
-//! A cell counts once, however often it is seen, from any pose of the way so far: cells of known surface that a ray
-//! meets, and cells nobody has looked into beside known surface where a ray meets none, for surface goes on where it was
+//! A cell counts once, however often it is seen, from any pose so far: cells of known surface that a ray
+//! meets, and unseen cells next to known surface where a ray meets none, for surface goes on where it was
 //! not seen to end (Border, Gammell, Newman 2018, "Surface Edge Explorer", doi:10.1109/ICRA.2018.8461098).
 
 use std::collections::HashSet;
@@ -22,21 +22,21 @@ use crate::world::scene::{Sight, VoxelMap};
 const COLUMNS: usize = 180;
 /// Beams of a sensor that are looked along, at most; evenly chosen.
 const BEAMS: usize = 32;
-/// Poses of the way that are looked from, at most; evenly chosen.
+/// Most poses of the trajectory to look from; evenly chosen.
 const POSES: usize = 12;
 /// Pitches are proposed in steps of this, degrees: finer than any servo's play, coarse enough to be read out.
 const STEP_DEG: f64 = 0.1;
 
-/// What is known: the map, the way, the rig.
+/// What is known: the map, the trajectory, the rig.
 #[derive(Clone)]
 pub struct Question<'a> {
     /// Made of what was recorded.
     pub map: &'a VoxelMap,
-    /// World from body, along the way so far.
+    /// World from body, along the trajectory so far.
     pub poses: &'a [Pose],
     /// Sensors in the order of the axes, at their present pitches.
     pub rig: &'a Rig,
-    /// Least and greatest pitch of each axis, rad.
+    /// Minimum and maximum pitch of each axis, rad.
     pub limits_rad: &'a [[f64; 2]],
     /// Pairs of pitches that the rig refuses, rad.
     pub is_excluded: &'a (dyn Fn(&[f64]) -> bool + Sync),
@@ -47,7 +47,7 @@ pub struct Question<'a> {
 pub struct PredictedCoverage {
     /// Cells of known surface.
     pub surface: u64,
-    /// Cells beside known surface into which nobody has looked.
+    /// Unseen cells next to known surface.
     pub frontier: u64,
 }
 
@@ -74,7 +74,7 @@ pub struct Answer {
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum ReconfigureError {
-    /// The map has no surface, or the way no pose.
+    /// The map has no surface, or the trajectory no pose.
     #[error("no surface has been mapped yet: let the sensors look around first")]
     NothingSeen,
     /// No sensors, or not one pair of limits for each.
@@ -93,7 +93,7 @@ pub enum ReconfigureError {
     Search(#[from] SearchError),
 }
 
-/// What a rig at these pitches, rad, sees of the map along the way.
+/// What a rig at these pitches, rad, sees of the map along the trajectory.
 pub(crate) fn predicted_coverage(question: &Question<'_>, pitches_rad: &[f64]) -> PredictedCoverage {
     let mut seen: [HashSet<[i32; 3]>; 2] = Default::default();
     let poses = evenly(question.poses, POSES);
@@ -104,9 +104,9 @@ pub(crate) fn predicted_coverage(question: &Question<'_>, pitches_rad: &[f64]) -
             let world_from_sensor = **world_from_body * body_from_sensor;
             for ends_m in &sights_m {
                 let [origin_m, end_m] = ends_m.map(|at_m| world_from_sensor.transform_point(at_m));
-                let way_m = end_m - origin_m;
-                let length_m = way_m.length();
-                match question.map.look(origin_m, way_m / length_m, length_m) {
+                let ray_m = end_m - origin_m;
+                let length_m = ray_m.length();
+                match question.map.look(origin_m, ray_m / length_m, length_m) {
                     Some(Sight::Surface(cell)) => seen[0].insert(cell),
                     Some(Sight::Frontier(cell)) => seen[1].insert(cell),
                     None => false,

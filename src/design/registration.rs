@@ -1,4 +1,4 @@
-//! How well scans tie the body's pose down: the information matrix of the hits.
+//! Registration strength: how well scans determine the body's pose, by the information matrix of the hits.
 //!
 //! Point-to-plane registration of hits p with normals n has the information H = sum of J'J with J = [n, p x n], p from
 //! the body's place (its noise variance times the inverse of H is the covariance of the pose; Bonnabel et al.,
@@ -6,7 +6,7 @@
 //! (arXiv 2509.06285): eigenvalues per hit, the least of them with its direction.
 //!
 //! Simulated normals are exact: in a recording, normals with an error of 2 degrees add about 1e-3 to an eigenvalue of
-//! zero, so that [`DEGENERATE`] and not zero divides what is tied down from what is not.
+//! zero, so that [`DEGENERATE`] and not zero divides what is observable from what is not.
 
 mod along_path;
 
@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector6};
 
 use crate::simulate::published::{Placement, Simulator};
 
-/// Least eigenvalue of translation per hit below which a direction counts as loose.
+/// Least eigenvalue of translation per hit below which a direction is degenerate.
 pub const DEGENERATE: f64 = 3e-3;
 
 /// Sums over hits.
@@ -53,7 +53,7 @@ impl Information {
         self.hits
     }
 
-    /// What the hits tie down; none without hits.
+    /// The conditioning of the hits; none without hits.
     pub(crate) fn conditioning(&self) -> Option<Conditioning> {
         if self.hits == 0 {
             return None;
@@ -123,7 +123,7 @@ fn schur(own: &Matrix3<f64>, cross: &Matrix3<f64>, other: &Matrix3<f64>) -> Matr
     (reduced + reduced.transpose()) * 0.5
 }
 
-/// Way between the poses of a published experiment that are looked at, m.
+/// Distance between the poses of a published experiment that are sampled, m.
 pub const POSE_STEP_M: usize = 5;
 /// Every so many of its columns count.
 const COLUMN_STEP: usize = 8;
@@ -145,7 +145,7 @@ pub(crate) fn along_published(simulator: &Simulator, sensors: &[Placement]) -> V
     poses.map(scan).collect()
 }
 
-/// How well the scans along a way are tied down.
+/// Registration strength of the scans along a path.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct RegistrationQuality {
     /// Scans looked at.
@@ -158,7 +158,7 @@ pub struct RegistrationQuality {
     pub rotation_median_m2: f64,
     /// The same, 5th percentile, m^2.
     pub rotation_p5_m2: f64,
-    /// Share of scans with a loose direction of translation ([`DEGENERATE`]), or without a hit.
+    /// Share of scans with a degenerate direction of translation ([`DEGENERATE`]), or without a hit.
     pub degenerate_share: f64,
     /// Weakest direction of translation of the worst scan, world.
     pub weakest_direction: Option<[f64; 3]>,
@@ -187,14 +187,14 @@ impl RegistrationQuality {
         let at = |values: &[f64], share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
         let worst =
             judged.iter().flatten().min_by(|a, b| a.translation.least().total_cmp(&b.translation.least()));
-        let loose = translation.iter().filter(|value| **value < DEGENERATE).count();
+        let degenerate = translation.iter().filter(|value| **value < DEGENERATE).count();
         Some(Self {
             scans: scans.len(),
             translation_median: at(&translation, 0.5),
             translation_p5: at(&translation, 0.05),
             rotation_median_m2: at(&rotation, 0.5),
             rotation_p5_m2: at(&rotation, 0.05),
-            degenerate_share: loose as f64 / scans.len() as f64,
+            degenerate_share: degenerate as f64 / scans.len() as f64,
             weakest_direction: worst.map(|scan| scan.translation.weakest.to_array()),
         })
     }
@@ -202,11 +202,11 @@ impl RegistrationQuality {
     /// One line of a summary.
     pub(crate) fn line(&self) -> String {
         format!(
-            "registration   least translation eigenvalue per hit: median {:.4}, 5th percentile {:.4}; {:.1} % of {} scans \
-             have a loose direction\n",
+            "registration   strength {:.4} (5th percentile {:.4}; {DEGENERATE} is degenerate, 0.333 the maximum); \
+             {:.0} of {} scans degenerate\n",
             self.translation_median,
             self.translation_p5,
-            100.0 * self.degenerate_share,
+            self.degenerate_share * self.scans as f64,
             self.scans
         )
     }
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corridor_is_loose_along() {
+    fn a_corridor_is_degenerate_along() {
         let mut corridor = BoxScene::closed(DVec3::new(-500.0, -1.5, 0.0), DVec3::new(500.0, 1.5, 3.0));
         corridor.faces[0] = [false; 2];
         let seen = look("os1-64", &[25.0, -25.0], corridor);
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn scans_without_hits_are_loose() {
+    fn scans_without_hits_are_degenerate() {
         let quality = RegistrationQuality::of_scans(&[Information::default()]).unwrap();
         assert_eq!((quality.degenerate_share, quality.translation_p5), (1.0, 0.0));
         assert_eq!(RegistrationQuality::of_scans(&[]), None);

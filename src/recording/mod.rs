@@ -62,7 +62,6 @@ mod writer;
 
 pub use clock::{ClockSource, HOST_CLOCK_STEP};
 pub use disk::{FileEntry, LOW_DISK_BYTES, LOW_DISK_SECONDS, free_bytes};
-pub(crate) use manifest::rfc3339;
 pub use manifest::{FORMAT, Losses, Manifest, SensorEntry};
 pub(crate) use parts::Parts;
 pub use receiving::Recording;
@@ -74,7 +73,7 @@ use std::path::{Path, PathBuf};
 
 /// A folder name that says when: `session-2026-11-21T111500Z`.
 pub(crate) fn folder_name_now() -> String {
-    let time = rfc3339(crate::live::receive::now_ns());
+    let time = crate::base::times::rfc3339(crate::live::receive::now_ns());
     let seconds = time.split_once('.').map_or(time.as_str(), |(seconds, _)| seconds);
     format!("session-{}Z", seconds.replace(':', ""))
 }
@@ -109,7 +108,7 @@ pub mod file {
     pub const METADATA: &str = "metadata";
     /// Folder of the calibrations that the mount file names.
     pub const CALIBRATIONS: &str = "calibrations";
-    /// Space kept back for closing the session on a full disk; gone once it is closed.
+    /// Space reserved for closing the session on a full disk; gone once it is closed.
     pub(super) const RESERVE: &str = ".reserve";
 }
 
@@ -173,7 +172,7 @@ pub enum SessionError {
         /// Packets that were received and could not be written.
         not_written: u64,
     },
-    /// Files of the session were taken away while it was written.
+    /// Files of the session were removed while it was written.
     #[error("{words}: {deleted} packets are lost with it", deleted = manifest.losses.deleted)]
     Displaced {
         /// What happened.

@@ -27,7 +27,7 @@ pub(super) struct Open {
     pub carried: Vec<Losses>,
     /// The first file that could not be written, and why.
     failure: Option<(&'static str, io::Error)>,
-    /// When the rate was last taken, and the bytes there were then.
+    /// When the rate was last computed, and the bytes there were then.
     rate: Option<(Instant, u64)>,
 }
 
@@ -168,7 +168,7 @@ impl Open {
         Expected { bytes, closed: closed.chain([file::MANIFEST.to_owned()]).collect() }
     }
 
-    /// Closes the session where it lies now, and says where that is not what it was told.
+    /// Closes the session where it lies now, and reports a folder that was moved.
     pub(super) fn close(
         mut self,
         files: &Whereabouts,

@@ -26,9 +26,9 @@ pub(crate) enum PacketError {
 /// Packets in the order of their record.
 pub(crate) struct PacketReader {
     source: Source,
-    /// Bytes taken from a packed file.
+    /// Bytes read from a packed file.
     packed_bytes: Option<Arc<AtomicU64>>,
-    /// A stream that was kept in a file because it holds a bag.
+    /// A stream that was copied to a file because it holds a bag.
     spooled: Cell<Option<NamedTempFile>>,
 }
 
@@ -93,7 +93,7 @@ impl PacketReader {
         Ok(reader)
     }
 
-    /// The file that a bag from a stream was kept in: who opens it again has it.
+    /// The file that a bag from a stream was copied to: who opens it again has it.
     pub fn take_spooled(&self) -> Option<NamedTempFile> {
         self.spooled.take()
     }
@@ -140,7 +140,7 @@ impl PacketReader {
         }
     }
 
-    /// Bytes taken from the file so far (packed ones, if it is packed).
+    /// Bytes read from the file so far (packed ones, if it is packed).
     pub fn position(&self) -> u64 {
         match (&self.source, &self.packed_bytes) {
             (_, Some(count)) => count.load(Ordering::Relaxed),
@@ -167,7 +167,7 @@ pub(crate) fn is_stream(path: &Path) -> bool {
     path.as_os_str() == "-" || std::fs::metadata(path).is_ok_and(|file| !file.is_file() && !file.is_dir())
 }
 
-/// What can be read but once, kept in a temporary file; none of another file.
+/// A temporary copy of what can be read only once; none for another file.
 pub(crate) fn keep_stream(path: &Path) -> io::Result<Option<NamedTempFile>> {
     if !is_stream(path) {
         return Ok(None);

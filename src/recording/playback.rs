@@ -17,7 +17,7 @@ use serde::Serialize;
 use points::Packer;
 pub(crate) use points::{Placement, World};
 
-/// Points kept, bytes.
+/// Size of the cache of points, bytes.
 const CACHE_BYTES: usize = 192 << 20;
 /// Of these, what the pass for the index may fill: the beginning of the recording.
 const FIRST_BYTES: usize = 48 << 20;
@@ -113,7 +113,7 @@ struct Cached {
 struct State {
     sensors: Vec<Indexed>,
     units: Vec<Unit>,
-    /// By sensor: number of the revolution whose first packet came at this host time.
+    /// By sensor: number of the revolution by the host time of its first packet.
     numbers: Vec<HashMap<u64, usize>>,
     names: Vec<String>,
     is_whole: bool,
@@ -310,7 +310,7 @@ impl Player {
                 }
             }
             if is_missing(&self.state()) {
-                self.keep(wanted.0, wanted.1, Vec::new()); // nobody waits for it for ever
+                self.keep(wanted.0, wanted.1, Vec::new()); // no caller waits for it for ever
             }
         }
     }

@@ -28,7 +28,7 @@ impl Session {
         Ok(Self::of(dir, Manifest::read(dir)?))
     }
 
-    /// The same of a folder whose manifest was read already.
+    /// The same of a folder and its manifest.
     pub(crate) fn of(dir: &Path, manifest: Manifest) -> Self {
         let mut problems: Vec<String> = manifest.ended_early().into_iter().collect();
         problems.extend(manifest.uncovered());
@@ -62,8 +62,8 @@ impl Session {
         &self.manifest
     }
 
-    /// Sensors that the mount file of the session has, and that nobody listened to.
-    pub(crate) fn unheard(&self) -> Vec<String> {
+    /// Sensors that the mount file of the session has, but that were not recorded.
+    pub(crate) fn unrecorded(&self) -> Vec<String> {
         let mount = match self.mount() {
             Ok(mount) => mount,
             Err(error) => return vec![error.to_string()],
@@ -72,7 +72,7 @@ impl Session {
         let mounted = mount.iter().flat_map(|mount| &mount.sensors);
         let absent = mounted.filter(|sensor| !is_recorded(&sensor.name));
         absent
-            .map(|sensor| format!("{}: {} has it, and it was not listened to", sensor.name, file::MOUNT))
+            .map(|sensor| format!("{}: {} has it, and it was not recorded", sensor.name, file::MOUNT))
             .collect()
     }
 

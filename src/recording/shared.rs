@@ -20,7 +20,7 @@ impl Shared {
     }
 
     /// Flushes, syncs, and looks at the free space and whether the files still lie where they were made. False once the
-    /// session is closed. A slow disk holds up nobody: it is waited for outside the lock.
+    /// session is closed. A slow disk blocks no other thread: it is waited for outside the lock.
     pub(super) fn tick(&self) -> bool {
         let expected = {
             let mut guard = self.lock();

@@ -11,7 +11,7 @@ use super::shared::Shared;
 /// Half of the second that a crash may cost at most.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// Ends, and waits for a flush under way, when dropped.
+/// Ends, and waits for a running flush, when dropped.
 #[derive(Debug)]
 pub(super) struct Ticker {
     end: Option<mpsc::Sender<()>>,

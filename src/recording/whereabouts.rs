@@ -19,7 +19,7 @@ pub(super) struct Whereabouts {
     dir: PathBuf,
     folder: File,
     files: [File; 3],
-    /// Some file systems number a file anew whenever they are asked: nothing can be concluded there.
+    /// Some file systems give a file a new number at each request: nothing can be concluded there.
     has_stable_numbers: bool,
 }
 
@@ -31,7 +31,7 @@ pub(super) struct Expected {
     pub closed: Vec<String>,
 }
 
-/// What was taken away from a session while it was being written.
+/// Files that were removed from a session while it was being written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Displaced {
     /// What happened, in words.
@@ -72,7 +72,7 @@ impl Whereabouts {
         self.files.iter().try_for_each(File::sync_data)
     }
 
-    /// What was taken away, if anything was.
+    /// The files that were removed, if any were.
     pub(crate) fn check(&self, expected: &Expected) -> Option<Displaced> {
         if !self.has_stable_numbers {
             return None;

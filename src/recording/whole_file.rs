@@ -1,4 +1,4 @@
-//! A file of pieces (packet blocks, lines) that are in it whole or not at all, with its SHA-256 kept while it grows.
+//! A file of pieces (packet blocks, lines) that are in it whole or not at all, with its SHA-256 updated while it grows.
 
 use std::fs::File;
 use std::io::{self, Write};
@@ -20,7 +20,7 @@ pub(super) struct WholeFile<F> {
     lost: Vec<Vec<u8>>,
 }
 
-/// What a [`WholeFile`] asks of its file beside writing: to be cut back.
+/// What a [`WholeFile`] needs from its file besides writing: truncation.
 pub(super) trait Cut: Write {
     /// Cuts the file back to a length and goes on writing there.
     fn cut(&mut self, length: u64) -> io::Result<()>;
@@ -62,7 +62,7 @@ impl<F: Cut> WholeFile<F> {
         crate::base::files::hexadecimal(&self.hash.clone().finalize())
     }
 
-    /// Pieces that were taken and then not written, first bytes only, since the last call.
+    /// Pieces that were accepted and then not written, first bytes only, since the last call.
     pub(super) fn take_lost(&mut self) -> Vec<Vec<u8>> {
         std::mem::take(&mut self.lost)
     }

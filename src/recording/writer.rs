@@ -22,17 +22,17 @@ use crate::live::receive::{Datagram, Listen, Tally};
 use crate::rig::{CalibrationFile, MountFile};
 use crate::world::trajectory::Trajectory;
 
-/// Kept back on the disk for closing the session: statistics, manifest and some lines need far less.
+/// Reserved on the disk for closing the session: statistics, manifest and some lines need far less.
 const RESERVE_BYTES: usize = 256 << 10;
 
-/// What a session is told about a sensor.
+/// What a session records about a sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SensorInfo {
     /// Name: letters, digits, `.`, `_`, `-`; unique.
     pub name: String,
     /// Where it is received.
     pub address: Option<SocketAddr>,
-    /// The only sender taken.
+    /// The only sender accepted.
     pub source: Option<IpAddr>,
     /// Ouster metadata, JSON.
     pub metadata: Option<String>,
@@ -83,7 +83,7 @@ impl SessionWriter {
     fn begin(dir: &Path, sensors: &[SensorInfo], clock: ClockSource) -> Result<Self, SessionError> {
         let full = |error| no_space(dir, 0, 0, error);
         match disk::write_whole(&dir.join(file::RESERVE), &vec![0xff; RESERVE_BYTES]) {
-            // a limit on the size of each file, not on the space: nothing has to be kept back
+            // a limit on the size of each file, not on the space: nothing has to be reserved
             Err(SessionError::Io { source, .. }) if source.kind() == io::ErrorKind::FileTooLarge => {}
             outcome => outcome.map_err(full)?,
         }
@@ -192,7 +192,7 @@ impl SessionWriter {
         self.shared.lock().as_ref().map_or_else(Vec::new, words)
     }
 
-    /// Keeps a copy of the mounts, and one of each calibration that they name: a session is read wherever it is taken.
+    /// Keeps a copy of the mounts, and one of each calibration that they name: a session can be read anywhere.
     pub fn put_mount(&self, mount: &MountFile, calibrations: &[CalibrationFile]) -> Result<(), SessionError> {
         let mut mount = mount.clone();
         mount.calibrations = None;
@@ -218,13 +218,13 @@ impl SessionWriter {
         self.put(file::CONFIG, text.as_bytes())
     }
 
-    /// What was taken away from the session, once anything was: go on in another one.
+    /// The files removed from the session, once any were: go on in another one.
     pub fn displaced(&self) -> Option<&Displaced> {
         self.shared.displaced.get()
     }
 
-    /// Closes another session in the place of which this one goes on; how that was closed. Where something was taken away
-    /// from it, the manifest here says so, and has what was lost without a manifest that says so there.
+    /// Closes another session in the place of which this one goes on; how that was closed. Where files were removed
+    /// from it, the manifest here says so, and holds what was lost unless a manifest there does.
     pub fn succeed(&self, before: &Self, received: Option<&Tally>) -> Result<Manifest, SessionError> {
         let closed = before.close(received);
         let Some(displaced) = before.displaced() else { return closed };
@@ -262,7 +262,7 @@ impl SessionWriter {
     /// full disk) is closed as far as possible, `complete` stays false, and the failure is returned.
     pub fn close(&self, received: Option<&Tally>) -> Result<Manifest, SessionError> {
         let ticker = self.ticker.lock().unwrap_or_else(PoisonError::into_inner).take();
-        drop(ticker); // waits for a flush under way
+        drop(ticker); // waits for a running flush
         let Shared { files, displaced, .. } = &*self.shared;
         let dir = files.dir();
         let open = self.shared.lock().take().ok_or_else(|| SessionError::Closed { dir: dir.to_owned() })?;

@@ -97,7 +97,7 @@ impl Report {
         let _ = write!(self.body, "<h2>{}</h2>", escape(text));
     }
 
-    /// A section that a reader opens: details, or what is as it should be. `note` stands beside the heading.
+    /// A section that a reader opens: details, or what is as it should be. `note` stands next to the heading.
     pub(crate) fn fold(&mut self, heading: &str, note: &str) {
         self.end_fold();
         let _ = write!(
@@ -201,7 +201,7 @@ impl Report {
             }
             false => String::new(),
         };
-        let time = crate::recording::rfc3339(crate::live::receive::now_ns());
+        let time = crate::base::times::rfc3339(crate::live::receive::now_ns());
         format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\

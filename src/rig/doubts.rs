@@ -1,4 +1,4 @@
-//! Whether a mount can be meant: millimetres taken for metres, another origin, a sensor under the ground.
+//! Whether a mount can be meant: millimetres read as metres, another origin, a sensor under the ground.
 
 /// A rig is what one platform carries: nothing sits farther from its origin, m.
 const FARTHEST_M: f64 = 20.0;
@@ -85,7 +85,7 @@ pub(super) fn of_rig(sensors: &[Doubted<'_>]) -> Vec<String> {
     }
     let angles = sensors.iter().flat_map(|sensor| sensor.angles_deg.map(|angle| (sensor.name, angle)));
     let are_small = angles.clone().all(|(_, (_, angle_deg))| angle_deg.abs() <= std::f64::consts::PI);
-    // nobody sets a servo to a thousandth of a degree
+    // no one sets a servo to a thousandth of a degree
     let is_odd = |angle_deg: f64| (100.0 * angle_deg - (100.0 * angle_deg).round()).abs() > 1e-6;
     let mut odd = angles.filter(|(_, (_, angle_deg))| angle_deg.abs() > 0.15 && is_odd(*angle_deg));
     if let Some((name, (field, angle_deg))) = odd.next().filter(|_| are_small) {

@@ -73,7 +73,7 @@ fn as_frame_name(name: &str) -> String {
 /// The sensors of a mount file with their frames.
 ///
 /// # Errors
-/// Two sensors whose frames would have one name, in words.
+/// Two sensors with frames of one name, in words.
 pub(crate) fn framed(file: &MountFile, units: &[Unit]) -> Result<Vec<FramedSensor>, String> {
     let mut framed: Vec<FramedSensor> = Vec::new();
     for ((mounted, unit), entry) in file.rig_of(units).sensors.into_iter().zip(units).zip(&file.sensors) {

@@ -6,7 +6,7 @@ use sensors::catalogue;
 
 use super::{Unit, UnitChoice, UnitError};
 
-/// Whose limits and housing a table of beams has that comes with no model.
+/// The model that gives limits and housing to a table of beams without a model.
 const LIKE: &str = "vlp-16";
 
 impl Unit {

@@ -13,9 +13,9 @@ use super::tf::plain;
 use super::{FramedSensor, Mount};
 use crate::base::geometry::Pose;
 
-/// Speed that a joint is said to have where nobody states it, rad/s: 30 degrees a second.
+/// Speed of a joint where the mount file states none, rad/s: 30 degrees a second.
 const SPEED_RAD_S: f64 = std::f64::consts::FRAC_PI_6;
-/// Torque that a joint is said to have, N m: URDF wants a number, and no mount file has one.
+/// Torque of a joint, N m: URDF wants a number, and no mount file has one.
 const TORQUE_N_M: f64 = 10.0;
 
 /// What turns the sensors.

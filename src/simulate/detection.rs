@@ -4,7 +4,7 @@
 ///
 /// The power that comes back from a matt (Lambertian) surface which fills the beam goes with reflectivity, the cosine
 /// of the angle of incidence, and one over the range squared (the lidar equation; Wagner et al. 2006,
-/// doi:10.1016/j.isprsjprs.2005.12.001). A sensor's greatest range is taken as that at which half of the returns from
+/// doi:10.1016/j.isprsjprs.2005.12.001). A sensor's maximum range is that at which half of the returns from
 /// a surface of [`REFERENCE_REFLECTIVITY`], met square on, are detected: Ouster's data sheet of the OS1 states 120 m at
 /// 80 % and 40 m at 10 %, this law gives 42 m for the latter. Around the threshold the share of detected returns is a
 /// logistic function of the power in decibels; its width is an assumption: nine in ten come back from a range at which
@@ -15,7 +15,7 @@ pub struct Detection {
     pub reflectivity: f64,
 }
 
-/// Reflectivity of the target of which data sheets state the greatest range.
+/// Reflectivity of the target for which data sheets state the maximum range.
 pub const REFERENCE_REFLECTIVITY: f64 = 0.8;
 
 /// Decibels of power from an even chance to odds of e to one: 20 log10(1.2) / ln 9.

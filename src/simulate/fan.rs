@@ -27,7 +27,7 @@ const TILE: usize = 4;
 pub struct BeamFan {
     /// Least range that counts, m.
     pub min_range_m: f64,
-    /// Greatest range that counts, m.
+    /// Maximum range that counts, m.
     pub max_range_m: f64,
     /// Revolutions per second.
     pub rate_hz: f64,

@@ -1,4 +1,4 @@
-//! What stands in the way of a rig's own beams: the other sensors' housings and the person who carries it.
+//! What blocks a rig's own beams: the other sensors' housings and the person who carries it.
 
 use glam::DVec3;
 

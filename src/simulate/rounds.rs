@@ -1,4 +1,4 @@
-//! The order in which a way is scanned where the order is free: spread over the whole way, so that most of what there is
+//! The order of a path's scans where the order is free: spread over the whole path, so that most of what there is
 //! to find is found early.
 
 const ROUNDS: u64 = 16;

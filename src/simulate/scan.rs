@@ -23,7 +23,7 @@ pub struct Spin {
     pub columns: u32,
     /// Encoder azimuth at the start of the trajectory, rad.
     pub phase_rad: f64,
-    /// Seen from above, as Ouster and Velodyne sensors turn; the other way otherwise.
+    /// Seen from above, as Ouster and Velodyne sensors turn; else the reverse.
     pub clockwise: bool,
 }
 
@@ -58,7 +58,7 @@ impl Spin {
 pub struct SensorErrors {
     /// Replaces the model's least range, m.
     pub min_range_m: Option<f64>,
-    /// Replaces the model's greatest range, m.
+    /// Replaces the model's maximum range, m.
     pub max_range_m: Option<f64>,
     /// Standard deviation of a range, m.
     pub range_noise_m: f64,
@@ -68,7 +68,7 @@ pub struct SensorErrors {
     pub drop_out: f64,
     /// Returns lost because too little light comes back.
     pub detection: Option<Detection>,
-    /// Rays spread over the model's divergence beside the central one; the median range is reported.
+    /// Rays spread over the model's divergence around the central one; the median range is reported.
     pub sub_rays: u32,
 }
 
@@ -109,7 +109,7 @@ pub struct SimulatedColumn {
 pub struct Scanner<'a> {
     /// What is scanned.
     pub scene: &'a Scene,
-    /// Way of the body.
+    /// Trajectory of the body.
     pub trajectory: &'a Trajectory,
     /// Sensors.
     pub rig: &'a Rig,
@@ -124,7 +124,7 @@ pub struct Scanner<'a> {
 }
 
 impl<'a> Scanner<'a> {
-    /// Perfect sensors that all spin the same way; the other sensors' housings stop beams.
+    /// Perfect sensors that all spin in one direction; the other sensors' housings stop beams.
     pub fn new(scene: &'a Scene, trajectory: &'a Trajectory, rig: &'a Rig, spin: Spin) -> Self {
         let sensors = rig.sensors.len();
         Self {
@@ -305,7 +305,7 @@ mod tests {
         };
         let all = count(&|scanner| scanner.occluders = vec![Vec::new(); 2]);
         assert_eq!(all, 2 * 361 * 16);
-        assert!(count(&|_| ()) < all, "the other housing is in the way");
+        assert!(count(&|_| ()) < all, "the other housing blocks rays");
         assert!(count(&|scanner| scanner.sensor_errors.max_range_m = Some(3.0)) < all / 2);
         assert!(count(&|scanner| scanner.sensor_errors.max_incidence_rad = Some(1.0)) < all * 9 / 10);
         let dropped = count(&|scanner| {

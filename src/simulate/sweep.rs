@@ -17,7 +17,7 @@ use crate::world::scene::Hit;
 /// Columns, and beams of each, that are cast together: neighbours on the sphere.
 const TILE: usize = 4;
 
-/// Beams of a revolution that are kept rather than made again: 40 MiB.
+/// Beams of a revolution that are stored rather than made again: 40 MiB.
 const MAX_SAVED: usize = 1 << 19;
 
 /// One sensor of a scanner, made ready.

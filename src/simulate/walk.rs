@@ -1,4 +1,4 @@
-//! Trajectories through a scene that nobody has recorded yet: along given corners, or planned through the free floor, at the
+//! Trajectories through a scene without a recording: along given corners, or planned through the free floor, at the
 //! height of a backpack above it.
 
 mod planned;

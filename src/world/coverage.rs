@@ -1,4 +1,4 @@
-//! Which cells of space were hit, by which sensor. [`Coverage::add`] is the only way in, for predicted and recorded
+//! Which cells of space were hit, by which sensor. [`Coverage::add`] alone adds points, for predicted and recorded
 //! points alike.
 
 mod ply;
@@ -31,7 +31,7 @@ impl VoxelGrid {
         Self { origin_m: bounds_m[0] - DVec3::splat(0.5 * voxel_m), voxel_m, cells }
     }
 
-    /// A grid from the least corner of `bounds_m` on: that of a map, whose bounds lie on the faces of its voxels.
+    /// A grid from the least corner of `bounds_m` on: for a map, the bounds of which lie on faces of its voxels.
     pub(crate) fn from_corner([low_m, high_m]: [DVec3; 2], voxel_m: f64) -> Self {
         let cells = ((high_m - low_m) / voxel_m - 1e-6).ceil().max(DVec3::ONE);
         Self { origin_m: low_m, voxel_m, cells: cells.to_array().map(|count| count as usize) }
@@ -97,7 +97,7 @@ impl VoxelGrid {
     }
 }
 
-/// Cells hit by each sensor. Bit `index` of a bitmap is bit `index % 64` of word `index / 64`. Small grids are kept as
+/// Cells hit by each sensor. Bit `index` of a bitmap is bit `index % 64` of word `index / 64`. Small grids are stored as
 /// whole bitmaps; of large ones only the bricks of 8 x 8 x 8 cells that were hit, so that memory grows with the surface.
 #[derive(Clone, Debug)]
 pub struct Coverage {
@@ -106,7 +106,7 @@ pub struct Coverage {
     outside: u64,
 }
 
-/// Grids up to this many cells are kept whole (8 MiB per sensor).
+/// Grids up to this many cells are stored whole (8 MiB per sensor).
 const WHOLE_CELLS: usize = 1 << 26;
 
 #[derive(Clone, Debug)]
@@ -266,7 +266,7 @@ impl Coverage {
 }
 
 impl PartialEq for Coverage {
-    /// The same grid, the same cells for every sensor, as many points outside; however they are kept.
+    /// The same grid, the same cells for every sensor, as many points outside; however they are stored.
     fn eq(&self, other: &Self) -> bool {
         self.grid == other.grid
             && self.outside == other.outside

@@ -14,7 +14,7 @@ const FAR_M: f64 = 10_000.0;
 pub struct LocalOrigin(DVec3);
 
 impl LocalOrigin {
-    /// Near the middle of a box (least and greatest corner, m); none where it is near the origin itself.
+    /// Near the middle of a box (minimum and maximum corner, m); none where it is near the origin itself.
     pub(crate) fn of_box([low_m, high_m]: [DVec3; 2]) -> Self {
         Self::near(0.5 * (low_m + high_m))
     }

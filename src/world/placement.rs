@@ -8,7 +8,7 @@ use super::trajectory::Trajectory;
 
 /// Coordinates of a scene and of a path in it differ by rounding up to this, m.
 const SLACK_M: f64 = 1e-6;
-/// Share of the path that may lie where nobody walks: doors and gaps of a mesh.
+/// Share of the path that may lie off the floor: doors and gaps of a mesh.
 const MOST_MISPLACED: f64 = 0.5;
 /// A path this far above everything is of another frame, m.
 const FARTHEST_ABOVE_M: f64 = 100.0;

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use outrigger::mock::rig::{MockConfig, MockRig};
 use outrigger::mock::sensor::MockSensor;
 use outrigger::rig::Mount;
+use sensors::ouster::{Metadata, Profile, Synthetic};
 use serde_json::Value;
 
 use super::program::{Bench, has_problem};
@@ -56,6 +57,33 @@ pub fn a_sensor_starts_again() {
     second.unplug();
     assert_eq!(daemon.end().0, Some(0));
     assert!(events_of(&bench).contains(&"sensor_restarted".to_owned()));
+}
+
+pub fn a_sensor_comes_back_in_another_mode() {
+    let bench = Bench::new(&["left"], "");
+    let daemon = bench.start(&["--record"]);
+    // from one address: of two at once the daemon takes the first
+    let from = Some(UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
+    let sensor = MockSensor::ouster(metadata(SERIAL, 1));
+    let first = Sending::start(sensor, daemon.sensor(0), Mount::default(), 0, from);
+    daemon.wait("the sensor sends", sends);
+    std::thread::sleep(Duration::from_millis(500));
+    first.unplug();
+    let wanted = Synthetic::new("os1-16", SERIAL, Profile::Rng19Rfl8Sig16Nir16).columns(1024, 16);
+    let other = Metadata::synthetic(&Synthetic { init_id: 2, ..wanted }).unwrap();
+    let second = Sending::start(MockSensor::ouster(other), daemon.sensor(0), Mount::default(), 0, from);
+    let named = |status: &Value| {
+        let events = status["events"].as_array().unwrap();
+        events.iter().any(|event| {
+            event["event"] == "sensor_settings"
+                && event["words"].as_str().unwrap().contains("lidar_mode changed from 512x10 to 1024x10")
+        })
+    };
+    let status = daemon.wait("the change is named", named);
+    assert_eq!(status["sensors"][0]["losses"]["malformed"], 0, "{status}");
+    second.unplug();
+    assert_eq!(daemon.end().0, Some(0));
+    assert!(events_of(&bench).contains(&"sensor_settings".to_owned()));
 }
 
 pub fn a_clock_jumps() {

@@ -85,15 +85,12 @@ pub fn a_sensor_that_was_silent_all_along_is_named_when_read() {
     let (code, text) = inspect(&dir);
     assert!(code == Some(3) && text.contains("right: not one packet"), "{text}");
     assert!(!text.contains("left: not one packet") && !text.contains("has 0 packets"), "{text}");
-    // one that the mount file has, and nobody listened to
+    // one that the mount file has, and that was not recorded
     let writer = SessionWriter::create(&folder.path().join("rear"), &[]).unwrap();
     writer.put_mount(&MountFile::new(vec![entry("rear")]), &[]).unwrap();
     writer.close(None).unwrap();
     let (code, text) = inspect(&folder.path().join("rear"));
-    assert!(
-        code == Some(3) && text.contains("rear: mount.json has it, and it was not listened to"),
-        "{text}"
-    );
+    assert!(code == Some(3) && text.contains("rear: mount.json has it, and it was not recorded"), "{text}");
 }
 
 type Change = fn(&mut Value);

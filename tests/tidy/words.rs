@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-const REPLACED: [&str; 32] = [
+const REPLACED: [&str; 33] = [
     "told",
     "nobody",
     "stranger",
@@ -34,6 +34,7 @@ const REPLACED: [&str; 32] = [
     "promised",
     "promise",
     "whose",
+    "way",
     "beside",
 ];
 

@@ -88,7 +88,7 @@ impl std::fmt::Display for ZeroTail {
     }
 }
 
-/// What was met on the way. Everything that was not delivered as a UDP packet has a name here.
+/// Counts of everything in the capture that was not delivered as a UDP packet.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 #[non_exhaustive]
 pub struct CaptureCounters {
@@ -104,7 +104,7 @@ pub struct CaptureCounters {
     pub other_link_type: u64,
     /// Frames cut short by the recorder's snap length: their payload is useless.
     pub cut_by_snap_length: u64,
-    /// Frames whose Ethernet, IP or UDP headers contradict themselves.
+    /// Frames with contradictory Ethernet, IP or UDP headers.
     pub malformed: u64,
     /// IP fragments.
     pub fragments: u64,

@@ -20,8 +20,8 @@ const MAX_CAPTURED: u32 = 1 << 20;
 /// Longest descriptive block that is read whole; longer ones are passed over.
 const MAX_DESCRIPTION: u32 = 1 << 20;
 
-/// How pcap files start: stamps in microseconds or nanoseconds, either byte order. `pcap-parser` takes Kuznetzov's
-/// modified pcap as well, whose records are longer.
+/// How pcap files start: stamps in microseconds or nanoseconds, either byte order. `pcap-parser` also reads
+/// Kuznetzov's modified pcap, which has longer records.
 const CLASSIC_MAGICS: [[u8; 4]; 4] =
     [[0xd4, 0xc3, 0xb2, 0xa1], [0x4d, 0x3c, 0xb2, 0xa1], [0xa1, 0xb2, 0xc3, 0xd4], [0xa1, 0xb2, 0x3c, 0x4d]];
 

@@ -78,7 +78,7 @@ pub(super) fn is_read(kind: u32) -> bool {
     matches!(kind, SHB_MAGIC | IDB_MAGIC | OLD_PACKET | SPB_MAGIC | ISB_MAGIC | EPB_MAGIC)
 }
 
-/// Reads a whole block, whose two lengths agree with that of the slice. The error says what was found and what was
+/// Reads a whole block; its two lengths must agree with that of the slice. The error says what was found and what was
 /// expected. Packets without options cost no allocation; `pcap-parser` collects options in a vector, which grows
 /// with the bytes that are there.
 pub(super) fn parse(kind: u32, order: Bytes, whole: &[u8]) -> Result<Body, (String, String)> {

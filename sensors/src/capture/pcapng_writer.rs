@@ -53,7 +53,7 @@ impl<W: Write> PcapngWriter<W> {
     }
 
     /// Writes the description of one more interface and returns its number. A sensor's name belongs here: readers
-    /// show it (`if_name`). At most 65535 bytes of it are kept.
+    /// show it (`if_name`). At most 65535 bytes of it are written.
     pub fn add_interface(&mut self, name: &str) -> io::Result<u32> {
         let number = u32::try_from(self.interfaces.len()).map_err(io::Error::other)?;
         self.begin(INTERFACE_DESCRIPTION);

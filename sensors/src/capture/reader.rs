@@ -48,7 +48,7 @@ pub struct CaptureReader {
     is_packed: bool,
 }
 
-/// A datagram whose bytes lie still while it is handed out.
+/// A datagram; its bytes do not move while it is handed out.
 struct Found {
     source: SocketAddr,
     destination: SocketAddr,
@@ -144,7 +144,7 @@ impl CaptureReader {
         self.framing.interfaces().get(self.interface)
     }
 
-    /// Bytes taken from the file so far (packed ones, if it is packed), to show progress.
+    /// Bytes read from the file so far (packed ones, if it is packed), to show progress.
     pub fn position(&self) -> u64 {
         self.position.load(Ordering::Relaxed)
     }

@@ -8,9 +8,9 @@ use std::net::IpAddr;
 
 use crate::Link;
 
-/// Datagrams under way at once; Linux allows for fewer bytes.
+/// Most datagrams open at once; Linux allows for fewer bytes.
 const SLOTS: usize = 64;
-/// A datagram whose last fragment is older than this is given up. Fragments of one datagram leave a sensor back to
+/// A datagram is given up when its last fragment is older than this. Fragments of one datagram leave a sensor back to
 /// back; a 16-bit identification comes round after 51 s at the 1280 packets per second of an OS1-128.
 const LIFETIME_NS: u64 = 2_000_000_000;
 /// A datagram has at most 65535 bytes and fragments begin at multiples of 8.
@@ -95,7 +95,7 @@ struct Slot {
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum State {
     Free,
-    /// Delivered; kept to recognise fragments that come twice.
+    /// Delivered; remembered to recognise fragments that come twice.
     Complete,
     Waiting,
 }
@@ -145,7 +145,7 @@ impl Reassembly {
         found.map(|(at, _)| at).filter(|at| matches(&self.slots[*at])).max_by_key(|at| self.slots[*at].begun)
     }
 
-    /// Gives up everything under way: the capture is over.
+    /// Gives up every open datagram: the capture is over.
     pub(super) fn finish(&mut self) {
         self.incomplete += self.slots.iter().filter(|slot| slot.state == State::Waiting).count() as u64;
         self.slots.clear();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_datagram_with_the_same_identification_is_kept_apart() {
+    fn two_datagrams_with_one_identification_are_not_mixed() {
         let (first, second) = (vec![1; 50], vec![2; 50]);
         let mut pool = Reassembly::default();
         assert_eq!(pool.add(&pieces(&first)[0], 0), Added::Waiting);

@@ -60,26 +60,26 @@ fn read_all(bytes: Vec<u8>) -> (Vec<Read1>, CaptureCounters) {
     let mut reader = CaptureReader::new(std::io::Cursor::new(bytes), "test").unwrap();
     let mut packets = Vec::new();
     while let Some(packet) = reader.next().unwrap() {
-        let way = format!("{} {}", packet.source, packet.destination);
-        packets.push((packet.host_time_ns, way, packet.payload.to_vec()));
+        let addresses = format!("{} {}", packet.source, packet.destination);
+        packets.push((packet.host_time_ns, addresses, packet.payload.to_vec()));
     }
     assert!(reader.next().unwrap().is_none(), "the end stays the end");
     (packets, reader.counters().clone())
 }
 
-const WAY: &str = "10.5.6.101:40000 10.5.6.1:7502";
+const ADDRESSES: &str = "10.5.6.101:40000 10.5.6.1:7502";
 
 #[test]
 fn what_the_writers_write_is_read_again() {
     let long = vec![7; 65507];
     let (packets, counters) = read_all(written(&[b"one", &long, b""]));
     assert_eq!(packets.iter().map(|(_, _, payload)| payload.len()).collect::<Vec<_>>(), [3, 65507, 0]);
-    assert!(packets.iter().all(|(time, way, _)| *time == TIME_NS && way == WAY));
+    assert!(packets.iter().all(|(time, addresses, _)| *time == TIME_NS && addresses == ADDRESSES));
     assert_eq!((counters.datagrams, counters.dropped_by_recorder), (3, 5));
     let mut writer = PcapWriter::new(Vec::new()).unwrap();
     writer.write(&packet(&long)).unwrap();
     let (packets, _) = read_all(writer.close().unwrap());
-    assert_eq!(packets, [(TIME_NS, WAY.to_owned(), long)]);
+    assert_eq!(packets, [(TIME_NS, ADDRESSES.to_owned(), long)]);
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn both_byte_orders_and_both_resolutions() {
         let frame = frame(&packet(b"abc"));
         let (packets, _) = read_all(classic(big, nanoseconds, 1, &[(frame.clone(), frame.len())]));
         let expected = if nanoseconds { TIME_NS } else { TIME_NS / 1000 * 1000 };
-        assert_eq!(packets, [(expected, WAY.to_owned(), b"abc".to_vec())]);
+        assert_eq!(packets, [(expected, ADDRESSES.to_owned(), b"abc".to_vec())]);
     }
 }
 
@@ -127,7 +127,7 @@ fn every_link_type_leads_to_the_same_datagram() {
     for (link_type, frame) in cases {
         let length = frame.len();
         let (packets, _) = read_all(classic(false, true, link_type, &[(frame, length)]));
-        assert_eq!(packets, [(TIME_NS, WAY.to_owned(), b"abc".to_vec())], "link type {link_type}");
+        assert_eq!(packets, [(TIME_NS, ADDRESSES.to_owned(), b"abc".to_vec())], "link type {link_type}");
     }
 }
 

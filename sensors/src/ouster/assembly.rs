@@ -38,7 +38,7 @@ pub(super) struct Assembly {
     pub(super) came: Vec<u64>,
     /// Slots of the window that came.
     pub(super) expected_came: usize,
-    /// Packets that were refused while the frame was open, and of these the ones after the last taken packet: they
+    /// Packets that were refused while the frame was open, and of these the ones after the last accepted packet: they
     /// explain as many missing slots.
     rejected: u64,
     rejected_since: u64,

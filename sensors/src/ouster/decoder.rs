@@ -4,10 +4,11 @@ use std::net::SocketAddr;
 
 use super::assembly::{Output, Place};
 use super::claim::Claim;
-use super::evidence::{Correction, Evidence, Mode};
+use super::evidence::{Correction, Evidence};
 use super::imu;
 use super::metadata::{ImuProfile, Metadata};
 use super::profile::Profile;
+use super::segments::Held;
 use super::stream::Stream;
 use super::wire::{Header, HeaderKind, PacketKind, check_crc};
 use super::zones::{self, ZoneReport};
@@ -24,8 +25,12 @@ pub struct OusterDecoder {
     completed: Completed,
     nmea: Option<(u64, String)>,
     pub(super) evidence: Evidence,
-    /// Mode of the metadata as they were given.
-    pub(super) given: Mode,
+    /// The metadata as they were given.
+    pub(super) given: Box<Metadata>,
+    /// Lidar packets after a pause or a change, until a revolution of them shows how the sensor is set.
+    pub(super) held: Held,
+    /// No more is learned ahead of decoding.
+    pub(super) has_learned: bool,
     pub(super) corrections: Vec<Correction>,
     /// A packet of the sensor has been looked at: its header is laid out as that one's.
     pub(super) is_met: bool,
@@ -56,7 +61,9 @@ impl OusterDecoder {
             completed: Completed::default(),
             nmea: None,
             evidence: Evidence::default(),
-            given: Mode::of(&metadata),
+            given: Box::new(metadata.clone()),
+            held: Held::default(),
+            has_learned: false,
             corrections: Vec::new(),
             is_met: false,
             metadata,
@@ -68,7 +75,7 @@ impl OusterDecoder {
         &self.metadata
     }
 
-    /// Whether its lidar packets say whose they are.
+    /// Whether its lidar packets name their sensor.
     pub(crate) fn names_sensor(&self) -> bool {
         self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some()
     }
@@ -190,7 +197,7 @@ impl OusterDecoder {
         Ok((first_id / self.metadata.columns_per_packet, time_ns))
     }
 
-    /// First column, last valid one (or the first) and time of a lidar packet whose columns follow one another from a packet
+    /// First column, last valid one (or the first) and time of a lidar packet with consecutive columns from a packet
     /// boundary, in whatever mode.
     pub(super) fn ensure_columns(&self, bytes: &[u8]) -> Result<(usize, usize, u64), Rejected> {
         let format = self.metadata.packet_format();
@@ -274,7 +281,40 @@ impl OusterDecoder {
 
 impl Decoder for OusterDecoder {
     fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
+        if self.is_held(packet) {
+            return Ok(());
+        }
         self.look(packet.payload);
+        self.decode(packet)
+    }
+
+    fn end(&mut self) {
+        self.release();
+        let (stream, mut output) = self.stream_and_output();
+        stream.finish(&mut output);
+    }
+
+    fn completed(&self) -> &Completed {
+        &self.completed
+    }
+
+    fn completed_mut(&mut self) -> &mut Completed {
+        &mut self.completed
+    }
+
+    fn stats(&self) -> &DecodeStats {
+        &self.stats
+    }
+
+    /// That of the metadata.
+    fn model(&self) -> Option<&SensorModel> {
+        Some(&self.metadata.model)
+    }
+}
+
+impl OusterDecoder {
+    /// Decodes a packet of whatever kind, in the mode that is known.
+    pub(super) fn decode(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
         let kind = self.identify(packet).map_err(|rejected| self.count(rejected))?;
         self.stats.packets += 1;
         match kind {
@@ -312,31 +352,7 @@ impl Decoder for OusterDecoder {
         Ok(())
     }
 
-    fn end(&mut self) {
-        let (stream, mut output) = self.stream_and_output();
-        stream.finish(&mut output);
-    }
-
-    fn completed(&self) -> &Completed {
-        &self.completed
-    }
-
-    fn completed_mut(&mut self) -> &mut Completed {
-        &mut self.completed
-    }
-
-    fn stats(&self) -> &DecodeStats {
-        &self.stats
-    }
-
-    /// That of the metadata.
-    fn model(&self) -> Option<&SensorModel> {
-        Some(&self.metadata.model)
-    }
-}
-
-impl OusterDecoder {
-    fn stream_and_output(&mut self) -> (&mut Stream, Output<'_>) {
+    pub(super) fn stream_and_output(&mut self) -> (&mut Stream, Output<'_>) {
         let Self { metadata, stats, completed, stream, .. } = self;
         (stream, Output { metadata, stats, completed })
     }

@@ -19,6 +19,8 @@ const MOST_TURNS: usize = 8;
 const RATE_TOLERANCE: f64 = 0.04;
 /// How far the time between columns may be from the metadata's: the next mode is a factor of two away.
 const PERIOD_TOLERANCE: f64 = 0.25;
+/// Packets that are farther apart in time have a pause between them, ns.
+const LONGEST_GAP_NS: f64 = 1e9;
 /// Words of a bitmap of columns.
 const WORDS: usize = COLUMNS[3] / 64;
 
@@ -31,6 +33,18 @@ pub struct Correction {
     pub stated: String,
     /// What the packets show.
     pub found: String,
+    /// Host time from which they show it, UTC ns; `None` where that is so from the first packet on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub since_ns: Option<u64>,
+}
+
+/// How a packet does not continue what the sensor sent before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Break {
+    /// After a pause or another initialization, or its columns follow each other at another pace.
+    Segment,
+    /// The revolution before had another number of columns.
+    Turn,
 }
 
 /// Columns per revolution and revolutions per second.
@@ -51,8 +65,10 @@ impl Mode {
 pub(super) struct Evidence {
     init_id: Option<u32>,
     last: Option<Seen>,
-    /// Time between neighbouring columns, ns.
+    /// Times between neighbouring columns, ns.
     periods_ns: Vec<f64>,
+    /// The time that most of them agree on, ns.
+    period_ns: Option<f64>,
     /// From a packet to the first of the next revolution: time, ns, and how far its column is behind.
     turns: Vec<[f64; 2]>,
     max_column: usize,
@@ -64,11 +80,19 @@ pub(super) struct Evidence {
     whole_frames: usize,
 }
 
+/// Where a lidar packet begins.
 #[derive(Clone, Copy, Debug)]
-struct Seen {
-    frame_id: u32,
+pub(super) struct Seen {
+    pub frame_id: u32,
     column: usize,
     time_ns: u64,
+}
+
+impl Seen {
+    pub(crate) fn of(format: &PacketFormat, frame_id: u32, packet: &[u8]) -> Self {
+        let first = format.read_column(format.column(packet, 0));
+        Self { frame_id, column: usize::from(first.measurement_id), time_ns: first.time_ns }
+    }
 }
 
 impl Default for Evidence {
@@ -77,6 +101,7 @@ impl Default for Evidence {
             init_id: None,
             last: None,
             periods_ns: Vec::new(),
+            period_ns: None,
             turns: Vec::new(),
             max_column: 0,
             frames: 0,
@@ -98,13 +123,50 @@ impl Evidence {
         self.frames > 0
     }
 
+    /// How a packet does not continue those before it, once a revolution of them was seen.
+    pub(crate) fn broken(&self, metadata: &Metadata, init_id: u32, seen: &Seen) -> Option<Break> {
+        let (Some(last), Some(period_ns), true) = (self.last, self.period_ns, self.is_decided()) else {
+            return None;
+        };
+        let known = metadata.columns_per_frame;
+        let elapsed_ns = seen.time_ns.wrapping_sub(last.time_ns) as i64 as f64;
+        if self.init_id != Some(init_id) || seen.column >= known || elapsed_ns.abs() > LONGEST_GAP_NS {
+            return Some(Break::Segment);
+        }
+        let columns = seen.column as f64 - last.column as f64;
+        if last.frame_id == seen.frame_id {
+            let is_off = || (elapsed_ns / (columns * period_ns) - 1.0).abs() >= PERIOD_TOLERANCE;
+            return (columns > 0.0 && elapsed_ns > 0.0 && is_off()).then_some(Break::Segment);
+        }
+        // through column 0 the counter may step at either end of the window
+        let [first, end] = metadata.column_window;
+        let frame_ids = metadata.packet_format().header.frame_ids();
+        let is_next = (u64::from(last.frame_id) + 1) % frame_ids == u64::from(seen.frame_id);
+        let other = || nearest_columns(elapsed_ns / period_ns - columns).is_some_and(|turn| turn != known);
+        (is_next && first <= end && other()).then_some(Break::Turn)
+    }
+
+    /// A packet that shows nothing new: the next is held against it.
+    pub(crate) fn follow(&mut self, seen: Seen) {
+        self.last = Some(seen);
+    }
+
+    /// The revolution before this packet had another number of columns than those before it.
+    pub(crate) fn forget_turns(&mut self) {
+        let Self { init_id, last, periods_ns, period_ns, .. } = std::mem::take(self);
+        *self = Self { init_id, last, periods_ns, period_ns, ..Self::default() };
+    }
+
+    /// Whether the mode is known: by a revolution's end, and by the time between columns.
+    pub(crate) fn is_decided(&self) -> bool {
+        self.has_turned() && self.period_ns.is_some()
+    }
+
     /// Takes a lidar packet whose columns follow one another.
-    pub(crate) fn take(&mut self, format: &PacketFormat, frame_id: u32, init_id: u32, packet: &[u8]) {
+    pub(crate) fn take(&mut self, format: &PacketFormat, seen: Seen, init_id: u32, packet: &[u8]) {
         if self.init_id != Some(init_id) {
             *self = Self { init_id: Some(init_id), ..Self::default() };
         }
-        let first = format.read_column(format.column(packet, 0));
-        let seen = Seen { frame_id, column: usize::from(first.measurement_id), time_ns: first.time_ns };
         if seen.column + format.columns_per_packet > COLUMNS[3] {
             return;
         }
@@ -128,8 +190,8 @@ impl Evidence {
         let elapsed_ns = seen.time_ns.wrapping_sub(last.time_ns) as i64 as f64;
         let columns = seen.column as f64 - last.column as f64;
         let is_next = (u64::from(last.frame_id) + 1) % frame_ids == u64::from(seen.frame_id);
-        if elapsed_ns <= 0.0 || elapsed_ns > 1e9 {
-            return last.frame_id == seen.frame_id && elapsed_ns.abs() <= 1e9;
+        if elapsed_ns <= 0.0 || elapsed_ns > LONGEST_GAP_NS {
+            return last.frame_id == seen.frame_id && elapsed_ns.abs() <= LONGEST_GAP_NS;
         }
         if is_next {
             if self.turns.len() < MOST_TURNS {
@@ -147,29 +209,18 @@ impl Evidence {
             return last.frame_id == seen.frame_id;
         }
         let fits = self
-            .period_ns()
+            .period_ns
             .is_none_or(|period_ns| (elapsed_ns / (columns * period_ns) - 1.0).abs() < PERIOD_TOLERANCE);
         if fits && self.periods_ns.len() < MOST_PERIODS {
             self.periods_ns.push(elapsed_ns / columns);
+            self.period_ns = agreed(&self.periods_ns);
         }
         fits
     }
 
-    /// Time from one column to the next, where several packets agree on it.
-    fn period_ns(&self) -> Option<f64> {
-        if self.periods_ns.len() < LEAST_PERIODS {
-            return None;
-        }
-        let mut sorted = self.periods_ns.clone();
-        sorted.sort_by(f64::total_cmp);
-        let median_ns = sorted[sorted.len() / 2];
-        let near = sorted.iter().filter(|period_ns| (*period_ns / median_ns - 1.0).abs() < 0.05).count();
-        (3 * near >= 2 * sorted.len()).then_some(median_ns)
-    }
-
     /// The mode of the packets, where it is not that of the metadata, which were given with another perhaps.
     pub(crate) fn other_mode(&self, metadata: &Metadata, given: Mode) -> Option<Mode> {
-        let period_ns = self.period_ns()?;
+        let period_ns = self.period_ns?;
         let known = Mode::of(metadata);
         let turned = self.columns_by_turns(period_ns);
         let fits = (period_ns * known.columns as f64 * known.rate_hz * 1e-9 - 1.0).abs() < PERIOD_TOLERANCE
@@ -201,10 +252,7 @@ impl Evidence {
 
     /// Columns of a revolution, by how long it took: windows and losses do not matter.
     fn columns_by_turns(&self, period_ns: f64) -> Option<usize> {
-        let of_turn = |[elapsed_ns, behind]: &[f64; 2]| {
-            let columns = elapsed_ns / period_ns - behind;
-            COLUMNS.into_iter().find(|set| (columns / *set as f64 - 1.0).abs() < RATE_TOLERANCE)
-        };
+        let of_turn = |[elapsed_ns, behind]: &[f64; 2]| nearest_columns(elapsed_ns / period_ns - behind);
         let counts: Vec<usize> = self.turns.iter().filter_map(of_turn).collect();
         let votes = |columns: &usize| counts.iter().filter(|other| *other == columns).count();
         COLUMNS.into_iter().filter(|columns| votes(columns) > 0).max_by_key(votes)
@@ -216,7 +264,7 @@ impl Evidence {
         if is_full { None } else { self.other_window(metadata) }
     }
 
-    /// The window of the packets, where it is not that of the metadata, whose mode is right.
+    /// The window of the packets, if it differs from that of the metadata while the mode agrees.
     pub(crate) fn other_window(&self, metadata: &Metadata) -> Option<[usize; 2]> {
         let all = metadata.columns_per_frame;
         let came = |column: usize| self.columns[column / 64] >> (column % 64) & 1 == 1;
@@ -242,6 +290,23 @@ impl Evidence {
         };
         (window != metadata.column_window).then_some(window)
     }
+}
+
+/// The time between columns that most pairs of packets agree on, ns, where they are several.
+fn agreed(periods_ns: &[f64]) -> Option<f64> {
+    if periods_ns.len() < LEAST_PERIODS {
+        return None;
+    }
+    let mut sorted = periods_ns.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median_ns = sorted[sorted.len() / 2];
+    let near = sorted.iter().filter(|period_ns| (*period_ns / median_ns - 1.0).abs() < 0.05).count();
+    (3 * near >= 2 * sorted.len()).then_some(median_ns)
+}
+
+/// The number of columns of a revolution that can be set, and is this one.
+fn nearest_columns(columns: f64) -> Option<usize> {
+    COLUMNS.into_iter().find(|set| (columns / *set as f64 - 1.0).abs() < RATE_TOLERANCE)
 }
 
 /// Where the longest run of columns begins that never came, around the circle, and its length.

@@ -1,7 +1,7 @@
 //! Packets held against metadata before they are decoded: what contradicts is corrected and reported.
 
 use super::decoder::OusterDecoder;
-use super::evidence::{Correction, Evidence};
+use super::evidence::{Break, Correction, Evidence, Mode, Seen};
 use super::profile::Profile;
 use super::stream::Stream;
 use super::wire::{Header, PacketKind, check_crc};
@@ -17,6 +17,10 @@ impl OusterDecoder {
 
     /// Looks at a packet before any is decoded.
     pub(crate) fn learn(&mut self, bytes: &[u8]) {
+        self.has_learned |= self.broken(bytes) == Some(Break::Segment);
+        if self.has_learned {
+            return; // the sensor may be set otherwise from here on
+        }
         self.look(bytes);
         self.doubt_window();
     }
@@ -24,6 +28,7 @@ impl OusterDecoder {
     /// What was learned holds for the first packets, which come again.
     pub(crate) fn end_learning(&mut self) {
         self.evidence = Evidence::default();
+        self.has_learned = true;
     }
 
     /// Holds a packet against the metadata; what contradicts is corrected before it is decoded.
@@ -36,8 +41,32 @@ impl OusterDecoder {
             }
             self.doubt_columns_per_packet(bytes);
         }
-        if bytes.len() != self.lidar_bytes || self.lidar_bytes == 0 {
+        let Some((init_id, seen)) = self.sight(bytes) else { return };
+        if !self.evidence.is_open_to(init_id) {
+            self.evidence.follow(seen);
             return;
+        }
+        if self.is_damaged(bytes) {
+            return;
+        }
+        if !std::mem::replace(&mut self.is_met, true) && self.metadata.init_id != 0 && init_id != 0 {
+            let stated = self.metadata.init_id;
+            self.correct("initialization_id", stated.to_string(), init_id.to_string(), None);
+        }
+        self.evidence.take(&self.metadata.packet_format(), seen, init_id, bytes);
+        self.stream.is_settled = self.evidence.has_turned();
+        if let Some(mode) = self.evidence.other_mode(&self.metadata, Mode::of(&self.given)) {
+            self.set_mode(mode, None);
+        }
+        if let Some(window) = self.evidence.wider_window(&self.metadata) {
+            self.set_window(window, None);
+        }
+    }
+
+    /// Where a lidar packet of this sensor begins, and its initialization id.
+    pub(super) fn sight(&self, bytes: &[u8]) -> Option<(u32, Seen)> {
+        if bytes.len() != self.lidar_bytes || self.lidar_bytes == 0 {
+            return None;
         }
         let format = self.metadata.packet_format();
         let (frame_id, init_id) = match self.metadata.profile {
@@ -48,43 +77,41 @@ impl OusterDecoder {
                 {
                     (frame_id, init_id)
                 }
-                _ => return,
+                _ => return None,
             },
         };
-        let is_damaged = || {
-            let has_crc = format.profile != Profile::Legacy;
-            self.ensure_columns(bytes).is_err() || (has_crc && check_crc(bytes).is_err())
-        };
-        if !self.evidence.is_open_to(init_id) || is_damaged() {
-            return;
-        }
-        if !std::mem::replace(&mut self.is_met, true) && self.metadata.init_id != 0 && init_id != 0 {
-            let stated = self.metadata.init_id;
-            self.correct("initialization_id", stated.to_string(), init_id.to_string());
-        }
-        self.evidence.take(&format, frame_id, init_id, bytes);
-        self.stream.is_settled = self.evidence.has_turned();
-        if let Some(mode) = self.evidence.other_mode(&self.metadata, self.given) {
-            let stated = self.metadata.mode();
-            self.metadata.set_mode(mode.columns, mode.rate_hz);
-            self.correct("lidar_mode", stated, self.metadata.mode());
-            self.stream.follow(&self.metadata);
-        }
-        if let Some(window) = self.evidence.wider_window(&self.metadata) {
-            self.set_window(window);
-        }
+        Some((init_id, Seen::of(&format, frame_id, bytes)))
+    }
+
+    pub(super) fn is_damaged(&self, bytes: &[u8]) -> bool {
+        let has_crc = self.metadata.profile != Profile::Legacy;
+        self.ensure_columns(bytes).is_err() || (has_crc && check_crc(bytes).is_err())
+    }
+
+    /// How a whole lidar packet does not continue what came before it.
+    pub(super) fn broken(&self, bytes: &[u8]) -> Option<Break> {
+        let (init_id, seen) = self.sight(bytes)?;
+        let broken = self.evidence.broken(&self.metadata, init_id, &seen)?;
+        (!self.is_damaged(bytes)).then_some(broken)
+    }
+
+    pub(super) fn set_mode(&mut self, mode: Mode, since_ns: Option<u64>) {
+        let before = self.metadata.mode();
+        self.metadata.set_mode(&self.given, mode.columns, mode.rate_hz);
+        self.correct("lidar_mode", before, self.metadata.mode(), since_ns);
+        self.stream.follow(&self.metadata);
     }
 
     /// A window that is narrower than that of the metadata shows after some revolutions only.
     fn doubt_window(&mut self) {
         if let Some(window) = self.evidence.other_window(&self.metadata) {
-            self.set_window(window);
+            self.set_window(window, None);
         }
     }
 
-    fn set_window(&mut self, window: [usize; 2]) {
-        let stated = std::mem::replace(&mut self.metadata.column_window, window);
-        self.correct("column_window", format!("{stated:?}"), format!("{window:?}"));
+    pub(super) fn set_window(&mut self, window: [usize; 2], since_ns: Option<u64>) {
+        let before = std::mem::replace(&mut self.metadata.column_window, window);
+        self.correct("column_window", format!("{before:?}"), format!("{window:?}"), since_ns);
         self.stream.follow(&self.metadata);
     }
 
@@ -104,20 +131,24 @@ impl OusterDecoder {
             if format.packet_bytes() == bytes.len() && self.ensure_columns(bytes).is_ok() {
                 self.lidar_bytes = bytes.len();
                 self.stream = Stream::new(&self.metadata);
-                self.correct("columns_per_packet", stated.to_string(), columns_per_packet.to_string());
+                self.correct("columns_per_packet", stated.to_string(), columns_per_packet.to_string(), None);
                 return;
             }
         }
         self.metadata.columns_per_packet = stated;
     }
 
-    fn correct(&mut self, setting: &'static str, stated: String, found: String) {
-        if stated == found {
+    /// Notes a setting that changed, from the first packet on or from a later one.
+    fn correct(&mut self, setting: &'static str, before: String, found: String, since_ns: Option<u64>) {
+        if before == found {
             return;
         }
-        match self.corrections.iter_mut().find(|known| known.setting == setting) {
-            Some(known) => known.found = found,
-            None => self.corrections.push(Correction { setting, stated, found }),
+        let known = self.corrections.iter_mut().rfind(|known| known.setting == setting);
+        match known {
+            // what only the first packets seemed to show
+            Some(known) if since_ns.is_none() => known.found = found,
+            _ => self.corrections.push(Correction { setting, stated: before, found, since_ns }),
         }
+        self.corrections.retain(|known| known.stated != known.found);
     }
 }

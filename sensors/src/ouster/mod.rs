@@ -16,6 +16,9 @@ mod decoder;
 mod evidence;
 mod kernels;
 mod look;
+#[cfg(test)]
+mod segment_tests;
+mod segments;
 mod stream;
 mod strays;
 #[cfg(test)]

@@ -82,7 +82,7 @@ pub struct Layout {
     pub first: ReturnLayout,
     /// Second return; all fields absent in single-return profiles.
     pub second: ReturnLayout,
-    /// The block is also kept as five 32-bit words.
+    /// The block is also stored as five 32-bit words.
     pub raw_words: bool,
 }
 
@@ -97,7 +97,7 @@ impl Bits {
         if self.width >= 32 { u32::MAX } else { (1 << self.width) - 1 }
     }
 
-    /// The greatest value the field can say, scaled.
+    /// The maximum value of the field, scaled.
     pub const fn maximum(self) -> u32 {
         self.mask() * self.scale as u32
     }
@@ -131,7 +131,7 @@ impl Profile {
         &LAYOUTS[self as usize]
     }
 
-    /// Packets have a header and a footer, and columns are framed the newer way.
+    /// Packets have a header and a footer, and columns have the newer framing.
     pub(crate) fn has_packet_header(self) -> bool {
         self != Self::Legacy
     }

@@ -1,8 +1,8 @@
-//! Packets to frames: which frame a packet belongs to, when a frame is finished, and what was lost on the way.
+//! Packets to frames: which frame a packet belongs to, when a frame is finished, and which packets were lost.
 //!
 //! Two frames are under construction at most: the current one, and the next one while packets of both arrive. A
-//! packet whose initialization id, frame counter and clock do not continue what came before is held until enough
-//! packets in a row agree with it; then the stream goes on from there and the held packets are taken. A damaged
+//! packet is held while its initialization id, frame counter and clock do not continue what came before, until enough
+//! packets in a row agree with it; then the stream goes on from there and the held packets are used. A damaged
 //! counter can so neither split a frame nor merge two, and a restarted sensor loses nothing.
 
 use super::assembly::{Assembly, End, Output, Place, has};
@@ -10,14 +10,16 @@ use super::kernels::{Kernels, kernels};
 use super::metadata::Metadata;
 use super::strays::{Stray, Strays};
 use super::wire::PacketFormat;
-use crate::DecodeStats;
+use crate::{DecodeStats, Frame};
 
 /// Frames a packet may be behind and still be called late: 1.6 s at 10 Hz.
 const LATE_FRAMES: i64 = 16;
 /// Packets of the next frame that end the wait for the rest of the current one.
 const MOST_EARLY_PACKETS: usize = 8;
-/// Closed frames whose packets are remembered, to tell a packet that came twice from one that came late.
+/// Number of closed frames to remember the packets of, to tell a packet that came twice from one that came late.
 const REMEMBERED_FRAMES: usize = 4;
+/// Packets after which another pace of columns shows.
+const FIRST_PACKETS: usize = 2;
 /// How far the clock may be from where the counter puts it: this part of a revolution, and of the time passed.
 const CLOCK_TOLERANCE: (f64, f64) = (0.5, 0.05);
 
@@ -28,7 +30,7 @@ pub(super) struct Stream {
     next: Assembly,
     /// Newest frame that was opened.
     newest: Option<u32>,
-    /// The packet taken last: where counter and clock stand.
+    /// The last accepted packet: where counter and clock stand.
     last: Option<Place>,
     closed: [Closed; REMEMBERED_FRAMES],
     closed_count: usize,
@@ -113,6 +115,31 @@ impl Stream {
         self.restart();
     }
 
+    /// The sensor is set otherwise from a packet of this frame on: what is under construction ends, but for a frame of which
+    /// no more than its first packets came before that showed.
+    pub(super) fn end_segment(&mut self, output: &mut Output<'_>, init_id: Option<u32>, frame_id: u32) {
+        let before = self.last.map(|last| last.init_id);
+        self.forget_strays(output.stats);
+        let begins = |assembly: &Assembly| {
+            let Frame { frame_id: own, packets, .. } = assembly.frame;
+            assembly.open && own == frame_id && packets as usize <= FIRST_PACKETS && before == init_id
+        };
+        if begins(&self.next) {
+            self.close_current(output, End::Followed);
+            self.promote();
+        }
+        let is_begun = begins(&self.current);
+        if !is_begun {
+            self.close_all(output, End::CutOff);
+        }
+        self.restart();
+        self.newest = is_begun.then_some(frame_id);
+        if before.is_some() && before != init_id {
+            self.old_init_id = before;
+            output.stats.init_id_changes += 1;
+        }
+    }
+
     /// For sensors without lidar packets: a revolution known by its IMU and zone packets only.
     pub(super) fn note_revolution(&mut self, output: &mut Output<'_>, place: &Place) {
         if self.current.open && self.current.frame.frame_id != place.frame_id {
@@ -145,7 +172,7 @@ impl Stream {
         }
     }
 
-    /// Frames from one counter value to another, the short way round.
+    /// Frames from one counter value to another, in the shorter direction.
     fn distance(&self, from: u32, to: u32) -> i64 {
         let modulus = self.format.header.frame_ids() as i64;
         let ahead = (i64::from(to) - i64::from(from)).rem_euclid(modulus);
@@ -264,7 +291,7 @@ impl Stream {
         output.completed.add_frame(std::mem::take(&mut self.current.frame));
     }
 
-    /// Ends both frames, the newer one in the given way.
+    /// Ends both frames, the newer one as `end` says.
     fn close_all(&mut self, output: &mut Output<'_>, end: End) {
         self.close_current(output, if self.next.open { End::Followed } else { end });
         self.promote();
@@ -325,7 +352,7 @@ impl Stream {
                 Stray::Restart if of_before => stats.late += 1,
                 Stray::Jump if behind => stats.late += 1,
                 Stray::Clock | Stray::Jump | Stray::Restart => {
-                    stats.packets -= 1; // taken too early
+                    stats.packets -= 1; // counted too early
                     stats.malformed += 1;
                     self.note_rejected();
                 }

@@ -67,7 +67,7 @@ fn random_frame(metadata: &Metadata, frame_id: u32, start_ns: u64, rng: &mut Tes
         fill(second, &layout.second, &valid, rng);
     }
     if layout.raw_words {
-        tie_to_raw_words(&mut frame, &valid, rng);
+        match_raw_words(&mut frame, &valid, rng);
     }
     frame
 }
@@ -101,7 +101,7 @@ fn fill(layer: &mut Layer, layout: &ReturnLayout, valid: &[bool], rng: &mut Test
 }
 
 /// In the raw profile the words say everything, the other fields repeat parts of them.
-fn tie_to_raw_words(frame: &mut Frame, valid: &[bool], rng: &mut TestRng) {
+fn match_raw_words(frame: &mut Frame, valid: &[bool], rng: &mut TestRng) {
     let second = frame.second.as_mut().unwrap();
     for (at, valid) in valid.iter().enumerate() {
         let w: [u32; 5] = std::array::from_fn(|_| if *valid { rng.next_u32() } else { 0 });
@@ -245,14 +245,14 @@ fn imu_and_zone_packets_come_back() {
 #[test]
 fn the_serial_number_settles_the_header() {
     let wanted = Synthetic::new("os1-16", 0x12_3456_7890, Profile::Rng15Rfl8Nir8);
-    let said = Metadata::synthetic(&wanted).unwrap();
+    let specified = Metadata::synthetic(&wanted).unwrap();
     let spoken = Metadata::synthetic(&Synthetic { header: HeaderKind::Fusa, ..wanted }).unwrap();
     let mut rng = TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha);
     let frame = random_frame(&spoken, 70_000, 1, &mut rng);
     let mut payloads = Vec::new();
     OusterEncoder::new(spoken).frame(&frame, &mut |payload| payloads.push(payload.to_vec()));
-    assert_eq!(OusterDecoder::new(said.clone()).claim(&packet(&payloads[0])), Claim::Certain);
-    let (frames, _) = decode(&said, &payloads);
+    assert_eq!(OusterDecoder::new(specified.clone()).claim(&packet(&payloads[0])), Claim::Certain);
+    let (frames, _) = decode(&specified, &payloads);
     assert!(frames == [frame]);
 }
 

@@ -48,7 +48,7 @@ pub fn sample_ray(model: &SensorModel, frame: &Frame, column: usize, channel: us
 }
 
 /// Points of one layer in the sensor frame, m: one per sample in the order of the layer, [`DVec3::ZERO`] where
-/// nothing came back. `out` is cleared first. Exact: this is the reference for every faster way.
+/// nothing came back. `out` is cleared first. Exact: this is the reference for every faster version.
 pub fn points_f64(model: &SensorModel, frame: &Frame, layer: &Layer, out: &mut Vec<DVec3>) {
     out.clear();
     out.reserve(layer.range_mm.len());
@@ -79,7 +79,7 @@ impl Projector {
         Self { double: Tables::new(model), single: Tables::new(model), model: model.clone() }
     }
 
-    /// Goes on with another model, if it is another: that of a sensor that learns its calibration on the way.
+    /// Goes on with another model, if it differs: a sensor may learn its calibration during the recording.
     pub fn follow(&mut self, model: &SensorModel) {
         if self.model != *model {
             *self = Self::new(model);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fast_way_agrees_with_the_exact_one() {
+    fn fast_points_agree_with_the_exact_ones() {
         for model in models() {
             let name = &model.name;
             let mut projector = Projector::new(&model);

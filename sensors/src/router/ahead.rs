@@ -39,12 +39,12 @@ impl Ahead {
         }
     }
 
-    /// Every unit that was met has said all.
+    /// Every unit found so far has sent its whole status.
     pub(crate) fn is_done(&self) -> bool {
         self.units.iter().all(|unit| unit.status.is_some())
     }
 
-    /// What the unit of this sender and port said.
+    /// The status that the unit of this sender and port sent.
     pub(crate) fn status(&self, source: IpAddr, port: u16) -> Option<UnitStatus> {
         self.units.iter().find(|unit| unit.source == source && unit.port == port)?.status.clone()
     }

@@ -35,7 +35,7 @@ impl Sensor {
     pub fn mixed(&self) -> Option<String> {
         let Family::Velodyne(decoder) = &self.family else { return None };
         let how = if decoder.has_second_clock() {
-            "go by two clocks: those of the second were taken as another sensor's"
+            "use two clocks: those of the second count as another sensor's"
         } else if decoder.sends_too_often() {
             "come at twice the rate of one: their points are mixed"
         } else {
@@ -81,7 +81,7 @@ pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
     if packet.payload.len() == LEGACY_BYTES {
         return format!(
             "{count} sensors send inertial packets like this one without a serial number, and neither its sender nor the \
-             udp_port_imu of their metadata tells whose it is; give only the metadata of sensors that are in the recording, or \
+             udp_port_imu of their metadata identifies the sensor; give only the metadata of sensors in the recording, or \
              say who sends: --meta ADDRESS=FILE.json"
         );
     }
@@ -92,7 +92,7 @@ pub(super) fn ambiguous(count: usize, packet: &Packet<'_>) -> String {
     )
 }
 
-/// Why packets that claim to be a sensor's are not taken: they come from two places at once.
+/// Why packets that claim to be a sensor's are rejected: they come from two places at once.
 fn two_sources(sensor: &Sensor, Rival { accepted, other, .. }: &Rival) -> String {
     let applies_to = match (sensor.serial(), sensor.metadata_name.as_deref()) {
         ("", name) => format!("of packets that fit {}", name.unwrap_or("one sensor")),
@@ -133,7 +133,7 @@ pub(super) fn of_one_of_several(sensor: &Sensor) -> String {
 pub(super) fn position_of_several(units: &[Stream]) -> String {
     format!(
         "Velodyne position packet of one of several behind its address ({}), and nothing says of which; a \
-         session says it: record each with --listen NAME-aside=PORT",
+         session does: record each with --listen NAME-aside=PORT",
         listed(units)
     )
 }
@@ -277,7 +277,7 @@ fn foreign_beams(beams: Beams<'_>, frames: u64) -> Option<String> {
         ),
         Beams::Unit { after_frames } if after_frames > 0 => {
             format!(
-                "its first {after_frames} frames are placed by nominal beams: the unit had not said its own yet"
+                "its first {after_frames} frames are placed by nominal beams: the unit had not sent its own yet"
             )
         }
         _ => return None,

@@ -8,7 +8,7 @@ use crate::velodyne::wire::{DATA_PACKET_BYTES, POSITION_PACKET_BYTES};
 /// Pixels per column and columns per packet that Ouster sensors are built with or can be set to.
 const PIXELS: [usize; 4] = [128, 64, 32, 16];
 const COLUMNS: [usize; 5] = [16, 8, 4, 2, 1];
-/// Columns of the greatest lidar mode (4096x5).
+/// Columns of the largest lidar mode (4096x5).
 const MOST_COLUMNS: u16 = 4096;
 /// Most samples an ACCEL32_GYRO32_NMEA packet is tried with.
 const MOST_IMU_SAMPLES: usize = 128;
@@ -26,7 +26,7 @@ pub enum Guess {
     OusterLidar {
         /// Absent in LEGACY packets.
         header: Option<Header>,
-        /// Every format of this size whose columns make sense.
+        /// Every format of this size with plausible columns.
         formats: Vec<PacketFormat>,
     },
     /// An Ouster IMU packet; LEGACY ones carry no header.
@@ -36,7 +36,7 @@ pub enum Guess {
     },
     /// An Ouster zone packet.
     OusterZone {
-        /// Whose.
+        /// Sensor that the packet names.
         header: Header,
     },
     /// A Velodyne data packet.
@@ -69,7 +69,7 @@ impl Guess {
         if formats.is_empty() { Self::Unknown } else { Self::OusterLidar { header: None, formats } }
     }
 
-    /// Whether a payload looks like a Velodyne's; that is told at once.
+    /// Whether a payload looks like a Velodyne's: one packet is enough.
     pub(super) fn of_velodyne(payload: &[u8]) -> Option<Self> {
         let is_flag = |at: usize| {
             payload.get(at) == Some(&VELODYNE_FLAG)
@@ -160,7 +160,7 @@ fn ouster_header(payload: &[u8]) -> Option<Header> {
     })
 }
 
-/// Formats with packet header whose size is this and whose columns follow one another.
+/// Formats with a packet header that have this size and consecutive columns.
 fn framed(payload: &[u8]) -> Vec<PacketFormat> {
     let profiles = Profile::all().filter(|profile| !matches!(profile, Profile::Legacy | Profile::Off));
     of_size(payload, profiles)

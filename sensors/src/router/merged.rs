@@ -1,5 +1,5 @@
-//! Datagrams that a network card or a kernel has put together (generic receive offload): a capture shows them as one, whose
-//! payload is that of several of one length.
+//! Datagrams merged by a network card or a kernel (generic receive offload): a capture shows them as one, with a
+//! payload made of several of one length.
 
 use super::Router;
 use super::guess::{Guess, has_weight};

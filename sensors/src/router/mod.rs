@@ -32,7 +32,7 @@ use streams::{Stream, stream_of};
 
 /// Most Velodyne sensors that are distinguished; a recording with more senders is no rig.
 const MOST_SENSORS: usize = 64;
-/// Most kinds of unclaimed packets that are kept apart; the rest is counted together under port 0.
+/// Most kinds of unclaimed packets that are counted separately; the rest is counted together under port 0.
 const MOST_KINDS: usize = 256;
 
 /// Hands packets to decoders.
@@ -46,7 +46,7 @@ pub struct Router {
     ahead: ahead::Ahead,
     /// Everything was looked at that is looked at before decoding: who was not met is not there, or late.
     has_learned: bool,
-    /// Where lidar packets of Ousters came from in that look whose metadata were not given.
+    /// Sources of Ouster lidar packets without metadata, found in that look.
     unknown_sources: Vec<IpAddr>,
     /// Where data packets of Velodynes came from and went to.
     velodynes: Vec<Stream>,
@@ -64,7 +64,7 @@ pub struct Unclaimed {
     pub length: usize,
     /// How many.
     pub packets: u64,
-    /// Why the first of them was not taken, and what would help.
+    /// Why the first of them was rejected, and what would help.
     pub reason: String,
     /// Someone's sensor data, as far as is known: the loss matters.
     pub is_sensor_data: bool,
@@ -79,11 +79,11 @@ pub struct Unclaimed {
 /// What became of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Routed {
-    /// Taken by the sensor of this number.
+    /// Assigned to the sensor of this number.
     Assigned(usize),
     /// From the sensor of this number, but damaged; its decoder counted it.
     Damaged(usize),
-    /// Taken by none.
+    /// Assigned to no sensor.
     Unclaimed,
 }
 
@@ -98,7 +98,7 @@ impl Router {
         self.add_ouster_from(metadata, name, None);
     }
 
-    /// The same of one whose packets are said to have something in common.
+    /// The same, limited to the packets that a source filter accepts.
     pub fn add_ouster_from(
         &mut self,
         metadata: Metadata,
@@ -117,7 +117,7 @@ impl Router {
         self.names = names;
     }
 
-    /// Says which product a Velodyne is whose packets do not say it.
+    /// Names the product of a Velodyne when its packets do not.
     pub fn add_model(&mut self, model: GivenModel) {
         self.models.push(model);
     }
@@ -127,7 +127,7 @@ impl Router {
         self.calibrations.push(calibration);
     }
 
-    /// Calibrations that no sensor of the recording has taken, in words.
+    /// Calibrations that no sensor of the recording used, in words.
     pub fn unused_calibrations(&self) -> Vec<String> {
         let takes = |sensor: &Sensor, given: &GivenCalibration| {
             sensor.is_meant(&given.applies_to) && sensor.beams() == Beams::Given(&given.name)
@@ -177,7 +177,7 @@ impl Router {
         self.ahead.is_done() && self.sensors.iter().all(is_known)
     }
 
-    /// Ends the look before decoding: packets that say nothing of whose they are go to sensors that were met in it.
+    /// Ends the look before decoding: packets that name no sensor go to sensors found in it.
     pub fn end_learning(&mut self) {
         self.has_learned = true;
         self.sensors.iter_mut().for_each(Sensor::end_learning);
@@ -310,7 +310,7 @@ impl Router {
         }
         match best {
             Some((_, claim)) if !is_evidence(claim, packet) => {
-                let met = || self.has_learned.then(|| self.of_who_is_met(packet, claim)).flatten();
+                let met = || self.has_learned.then(|| self.match_by_known_source(packet, claim)).flatten();
                 let by_port = || (count > 1).then(|| self.by_port_of_auxiliary(packet, claim)).flatten();
                 by_port().or_else(met).unwrap_or((best, count))
             }
@@ -318,7 +318,7 @@ impl Router {
         }
     }
 
-    /// Of several sensors that send from one place, an inertial packet is of the one whose port it goes to.
+    /// Of several sensors that send from one place, an inertial packet belongs to the one that owns its port.
     fn by_port_of_auxiliary(
         &self,
         packet: &Packet<'_>,
@@ -333,8 +333,8 @@ impl Router {
         }
     }
 
-    /// Whether a packet that does not say whose it is, and that this sensor alone claims, can be no other unit's: one unit
-    /// sends from one address to one port. Where nobody looked before, the first to come counts.
+    /// Whether a packet that names no sensor, and that this sensor alone claims, can belong to no other unit: one unit
+    /// sends from one address to one port. Without a look before decoding, the first to come counts.
     fn is_its_own(&mut self, at: usize, packet: &Packet<'_>) -> bool {
         let sensor = &mut self.sensors[at];
         if sensor.streams.of_several().is_some() {
@@ -349,8 +349,12 @@ impl Router {
         sensor.imu_streams() == [stream_of(packet)]
     }
 
-    /// An inertial packet that does not say whose it is comes from a sensor whose lidar packets are there.
-    fn of_who_is_met(&self, packet: &Packet<'_>, claim: Claim) -> Option<(Option<(usize, Claim)>, usize)> {
+    /// An inertial packet that names no sensor comes from a sensor with lidar packets in the recording.
+    fn match_by_known_source(
+        &self,
+        packet: &Packet<'_>,
+        claim: Claim,
+    ) -> Option<(Option<(usize, Claim)>, usize)> {
         let claims = |sensor: &Sensor| sensor.source_is_known && sensor.claim(packet) == claim;
         let met = self.sensors.iter().enumerate().filter(|(_, sensor)| claims(sensor));
         match met.map(|(at, _)| at).collect::<Vec<_>>()[..] {

@@ -1,10 +1,10 @@
-//! Two units that claim to be one: packets of both, taken as one's, would count as thousands lost.
+//! Two units that claim to be one: packets of both, assigned to one, would count as thousands lost.
 
 use std::net::SocketAddr;
 
 use crate::Packet;
 
-/// A unit that sent nothing for so long may be back from elsewhere, ns; where two were heard, only after much longer: on a busy
+/// A unit that sent nothing for so long may be back from elsewhere, ns; with two known senders, much longer: on a busy
 /// host packets come in bursts.
 const GONE_NS: u64 = 1_000_000_000;
 const GONE_WITH_RIVAL_NS: u64 = 10_000_000_000;
@@ -31,7 +31,7 @@ struct Sender {
 /// Another source of packets that claim to be this sensor's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rival {
-    /// Whose packets were taken.
+    /// The sender that is accepted.
     pub accepted: SocketAddr,
     /// The first other.
     pub other: SocketAddr,

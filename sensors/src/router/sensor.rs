@@ -1,4 +1,4 @@
-//! One sensor of a recording: its decoder and what is said about it.
+//! One sensor of a recording: its decoder and what the user specified for it.
 
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
@@ -27,12 +27,12 @@ pub struct Sensor {
     pub(super) streams: Streams,
     pub(super) senders: Senders,
     pub(super) paths: Paths,
-    /// Another sensor whose packets come as this one's, told from them by its clock.
+    /// Another sensor with the same source and destination; only its clock differs.
     pub(super) twin: Option<usize>,
     pub(super) is_twin: bool,
     /// Position packets that came.
     pub position_packets: u64,
-    /// Where what it sends beside its lidar packets goes, where somebody says.
+    /// Port of its auxiliary stream, if specified.
     auxiliary_port: Option<u16>,
     pub(super) first_damage: Option<String>,
     pub(super) misread_bytes: Option<usize>,
@@ -53,7 +53,7 @@ pub struct GivenCalibration {
 /// The product of a Velodyne, as given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GivenModel {
-    /// The Velodynes that it holds for; every one where nothing is said.
+    /// The Velodynes that it holds for; every one without a filter.
     pub source_filter: Option<SourceFilter>,
     /// What they are.
     pub product: Product,
@@ -64,7 +64,7 @@ pub struct GivenModel {
 pub enum AppliesTo {
     /// Every one.
     Everyone,
-    /// Those whose packets have this in common.
+    /// Those that the filter accepts.
     From(SourceFilter),
     /// The one that is called so.
     Named(String),
@@ -87,7 +87,7 @@ pub enum Beams<'a> {
     Metadata,
     /// From the calibration of this name.
     Given(&'a str),
-    /// From what the unit itself sends along; so many frames were complete, with nominal beams, before it had said all.
+    /// From what the unit itself sends along; so many frames were complete before that was, with nominal beams.
     Unit {
         /// None where it was read before.
         after_frames: u64,
@@ -268,12 +268,12 @@ impl Sensor {
         self.misread_bytes
     }
 
-    /// Another source whose packets claim to be its own.
+    /// Another source that sends under its serial number.
     pub fn rival(&self) -> Option<&Rival> {
         self.senders.rival()
     }
 
-    /// What its packets are said to have in common.
+    /// The source filter that the user specified for it.
     pub fn source_filter(&self) -> Option<SourceFilter> {
         self.source_filter
     }
@@ -297,7 +297,7 @@ impl Sensor {
         }
     }
 
-    /// Whether a packet could be of this Ouster, were it not said to send from or to elsewhere.
+    /// Whether only the source filter rejects this packet.
     pub(super) fn is_filtered_out(&self, packet: &Packet<'_>) -> bool {
         let Family::Ouster(decoder) = &self.family else { return false };
         let holds =
@@ -306,7 +306,7 @@ impl Sensor {
         holds == Some(false) && (self.has_anonymous(packet) || decoder.claim(packet) != Claim::No)
     }
 
-    /// Whether this is a lidar packet of its length, and such do not say whose they are.
+    /// Whether this is a lidar packet of its length that names no sensor.
     fn has_anonymous(&self, packet: &Packet<'_>) -> bool {
         let Family::Ouster(decoder) = &self.family else { return false };
         !decoder.names_sensor() && packet.payload.len() == decoder.lidar_bytes()

@@ -1,4 +1,4 @@
-//! Where a sensor is said to send from or to: tells units apart whose packets do not say whose they are.
+//! Where a sensor sends from or to, as specified: separates units when their packets name no sensor.
 
 use std::fmt;
 use std::net::{IpAddr, SocketAddr};
@@ -81,7 +81,7 @@ pub struct Named {
     pub source: Option<IpAddr>,
     /// Port that its lidar packets go to.
     pub port: Option<u16>,
-    /// Port that what it sends beside them goes to, where that is another.
+    /// Port of the auxiliary stream, if it is another.
     pub auxiliary_port: Option<u16>,
 }
 

@@ -1,11 +1,11 @@
-//! Packets that do not say whose they are, by where they come from and go to: one unit sends its lidar packets from one
+//! Packets that name no sensor, by source and destination: one unit sends its lidar packets from one
 //! address to one port, and its inertial packets too.
 
 use std::net::IpAddr;
 
 use crate::Packet;
 
-/// Most streams that are kept apart for one sensor.
+/// Most streams of one sensor that are counted separately.
 const MOST_STREAMS: usize = 16;
 
 /// Sender and destination port.

@@ -43,7 +43,7 @@ fn velodynes_are_found_by_sender_and_port() {
 }
 
 #[test]
-fn sensors_of_one_format_are_told_apart_by_serial_number() {
+fn sensors_of_one_format_are_separated_by_serial_number() {
     let mut router = Router::new();
     let ours: Vec<Metadata> =
         [11, 22].map(|serial| metadata("os1-64", serial, Profile::Rng15Rfl8Nir8)).into();
@@ -89,7 +89,7 @@ fn packets_without_a_serial_number_go_by_their_sender() {
 
 /// Two units of one model, whose packets do not say of which they are: by sender, by port, and by neither.
 #[test]
-fn units_without_a_serial_number_are_tied_to_their_packets() {
+fn units_without_a_serial_number_are_assigned_by_source() {
     let ours = [11, 22].map(|serial| metadata("os1-64", serial, Profile::Legacy));
     let payloads = ouster_packets(&ours[0]);
     let routed = |ties: [Option<SourceFilter>; 2], sender: [u8; 4], port: u16| {
@@ -163,10 +163,10 @@ fn inertial_packets_of_two_senders_are_not_merged() {
     assert_eq!(accepted, [unclaimed; 2]);
     assert!(reason.contains("of 2 sensors") && reason.contains("--meta ADDRESS=one.json"), "{reason}");
     assert_eq!(routed(&[(1, 7505), (2, 7503)], true).0, [unclaimed, ours], "the metadata know the port");
-    assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, unclaimed], "the first is taken");
+    assert_eq!(routed(&[(1, 7503), (2, 7503)], false).0, [ours, unclaimed], "the first counts");
 }
 
-/// Packets of two units fit the metadata of one of them: neither is taken for it.
+/// Packets of two units fit the metadata of one of them: neither is assigned to it.
 #[test]
 fn of_two_units_without_a_serial_number_none_is_picked() {
     let metadata = metadata("os1-64", 11, Profile::Legacy);
@@ -257,7 +257,11 @@ fn inertial_packets_go_to_who_is_met() {
     router.end_learning();
     assert_eq!(router.push(&local(7503, &imu), &mut ignore), Routed::Unclaimed);
     let elsewhere = packet(1, 7503, &imu);
-    assert_eq!(router.push(&elsewhere, &mut ignore), Routed::Assigned(0), "no stranger sends from there");
+    assert_eq!(
+        router.push(&elsewhere, &mut ignore),
+        Routed::Assigned(0),
+        "no unknown source sends from there"
+    );
 }
 
 #[test]
@@ -354,7 +358,7 @@ fn from_two(turns: &[(u16, u64)]) -> (Router, usize) {
 }
 
 #[test]
-fn two_units_of_one_serial_number_are_named_and_not_taken_as_one() {
+fn two_units_of_one_serial_number_are_named_and_not_merged() {
     let one = metadata("os1-64", 11, Profile::Rng15Rfl8Nir8);
     let mut router = Router::new();
     router.add_ouster(one.clone(), "one.json");

@@ -45,7 +45,7 @@ impl Router {
         Ok(at)
     }
 
-    /// The one whose data packets come by this path.
+    /// The one that sends its data packets by this path.
     fn velodyne_by_path(
         &mut self,
         packet: &Packet<'_>,

@@ -7,7 +7,7 @@ use super::wire::{AZIMUTH_COUNTS, BANK_FLAGS, BLOCK_BYTES, DATA_PACKET_BYTES, Da
 
 /// An azimuth between two that lie closer than this cannot be elsewhere, counts: no field-of-view window is so narrow.
 const CLOSE_COUNTS: f64 = 400.0;
-/// How far an azimuth may be beside those of its neighbours, counts.
+/// How far an azimuth may be from those of its neighbours, counts.
 const JITTER_COUNTS: f64 = 20.0;
 
 /// Which blocks of a packet cannot be used, one bit each.
@@ -54,7 +54,7 @@ fn azimuth(data: DataPacket<'_>, group: &Range<usize>, bad: BadBlocks) -> Option
     group.clone().find(|block| !bad.has(*block)).map(|block| data.azimuth(block))
 }
 
-/// These, and those whose azimuth is none, or far from both of its neighbours, which are close to each other.
+/// These, and those with an invalid azimuth, or with one far from both neighbours while these are close to each other.
 pub(crate) fn with_bad_azimuths(data: DataPacket<'_>, layout: &Layout, bad: BadBlocks) -> BadBlocks {
     let mut bad = bad;
     for block in 0..layout.blocks {

@@ -29,7 +29,7 @@ impl Building {
         self.frame.column_time_ns.capacity() == 0
     }
 
-    /// Takes the buffers of a frame that nobody looks at any more.
+    /// Reuses the buffers of a frame that is no longer needed.
     pub(crate) fn fill_with(&mut self, spent: Frame) {
         self.frame = spent;
     }

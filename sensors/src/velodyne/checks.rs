@@ -8,7 +8,7 @@ use super::product::{Family, Product};
 use super::stream::Stream;
 use super::wire::{AZIMUTH_COUNTS, BANK_FLAGS, BLOCKS, DATA_PACKET_BYTES, DataPacket, POSITION_PACKET_BYTES};
 
-/// Why a payload of another length is not taken.
+/// Why a payload of another length is rejected.
 pub(super) fn refuse_length(payload: &[u8]) -> Rejected {
     let length = payload.len();
     let begins_with_flag =
@@ -139,7 +139,7 @@ fn check_factory_bytes(
 fn of_another_model(other: &str, product: Product) -> Rejected {
     foreign(format!(
         "a packet of a {other}, and those before from its sender to this port are of a {product}: models behind one address \
-         and one port are not told apart"
+         and one port cannot be separated"
     ))
 }
 

@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_whose_clock_is_set_moves_nothing() {
+    fn setting_the_host_s_clock_moves_nothing() {
         let mut clock = HourClock::default();
         let start = clock.resolve(stamp(1_000_000, HOST_NS)).unwrap();
         for (at, host_ns) in [(1, HOST_NS + 100 * SECOND_NS), (2, HOST_NS - 7 * SECOND_NS)] {

@@ -60,7 +60,7 @@ pub struct VelodyneDecoder {
     /// Byte 1205 of the packets before; it does not change.
     pub(super) model_byte: Option<u8>,
     pub(super) clock: HourClock,
-    /// Packets whose stamps are not believed yet, in the order they came.
+    /// Packets with stamps that are not believed yet, in the order they came.
     pub(super) doubted: Vec<Doubted>,
     pub(super) second_clock: SecondClock,
     /// Where the packet ended that came last, and how far its blocks are apart, counts.
@@ -119,17 +119,17 @@ impl VelodyneDecoder {
         self.stream.as_ref().map(|stream| &stream.identity)
     }
 
-    /// Which returns the latest packet carried; none for HDL-64E, whose packets do not say.
+    /// Which returns the latest packet carried; none for HDL-64E: its packets do not report it.
     pub fn return_mode(&self) -> Option<ReturnMode> {
         self.mode
     }
 
-    /// What an HDL-64E S2 or S3 said of itself, its calibration included, once it has said all (about 1.2 s).
+    /// What an HDL-64E S2 or S3 reported about itself, its calibration included, once complete (about 1.2 s).
     pub fn unit_status(&self) -> Option<&UnitStatus> {
         self.status.as_ref()
     }
 
-    /// How many frames were complete before the unit had said how it is calibrated; none where it has not.
+    /// How many frames were complete before the unit had sent its calibration; none where it has not.
     pub(crate) fn calibrated_after_frames(&self) -> Option<u64> {
         self.calibrated_after_frames
     }
@@ -204,7 +204,7 @@ impl VelodyneDecoder {
         }
         self.decide(identity);
         for undecided in std::mem::take(&mut self.undecided) {
-            // nobody waits for the answer any more
+            // the answer is no longer needed
             match self.accept(&undecided.payload, undecided.host_ns) {
                 Ok(()) => {}
                 Err(Rejected::Foreign { .. }) => self.stats.foreign += 1,
@@ -272,7 +272,7 @@ impl VelodyneDecoder {
         held.or(self.recent.back().map(|recent| recent.time_ns))
     }
 
-    /// Puts a packet in its place, whose time is known.
+    /// Puts a packet with a known time in its place.
     pub(super) fn place(
         &mut self,
         time_ns: u64,

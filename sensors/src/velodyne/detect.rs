@@ -37,7 +37,7 @@ pub(crate) fn identify<'a>(
                 .map(|period_ns| period_ns / sequences)
                 .filter(|cycle_ns| (45_000.0..70_000.0).contains(cycle_ns));
             let remark = cycle_ns.is_none().then(|| {
-                "VLS-128: the packet period does not give the firing cycle; 55.28 us taken".to_owned()
+                "VLS-128: the packet period does not give the firing cycle; 55.28 us assumed".to_owned()
             });
             let cycle_ns = cycle_ns.unwrap_or(Product::Vls128.cycle_ns());
             Some(Identity { product: Product::Vls128, cycle_ns, remark })
@@ -70,7 +70,7 @@ pub(crate) fn identify<'a>(
                 }
                 None => {
                     remark = Some(
-                        "model byte 0x21 taken as HDL-32E: too few packets to check the period".to_owned(),
+                        "model byte 0x21 read as HDL-32E: too few packets to check the period".to_owned(),
                     );
                 }
             }
@@ -137,7 +137,7 @@ pub(crate) fn claimed_product(model_byte: u8) -> Option<(Product, Option<String>
     match model_byte {
         0x23 => Some((
             Product::Vlp32b,
-            Some("model byte 0x23 is sent by VLP-32A and VLP-32B alike; VLP-32B taken".to_owned()),
+            Some("model byte 0x23 is sent by VLP-32A and VLP-32B alike; VLP-32B assumed".to_owned()),
         )),
         // the VLP-16 manual 63-9243 revision D lists the VLS-128 so
         0x63 => Some((Product::Vls128, None)),
@@ -203,7 +203,7 @@ fn identify_hdl_64e<'a>(packets: impl Iterator<Item = DataPacket<'a>> + Clone) -
         period_ns => {
             let found = period_ns.map_or("unknown".to_owned(), |ns| format!("{:.0} us", ns / 1e3));
             let remark = format!(
-                "HDL-64E with a packet period ({found}) of neither S2 (288 us) nor S3 (346 us): S2 taken"
+                "HDL-64E with a packet period ({found}) of neither S2 (288 us) nor S3 (346 us): S2 assumed"
             );
             identity(Product::Hdl64eS2, Some(remark))
         }

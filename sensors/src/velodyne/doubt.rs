@@ -1,4 +1,4 @@
-//! Packets whose time stamp contradicts those before it: one odd stamp moves nothing, several that agree do.
+//! Packets with a time stamp that contradicts those before it: one odd stamp moves nothing, several that agree do.
 
 use crate::decoder::Rejected;
 
@@ -15,7 +15,7 @@ const AGREEING: usize = 4;
 const LAST_AHEAD_US: i64 = 1_000_000;
 
 impl VelodyneDecoder {
-    /// Holds a packet back whose stamp is odd, until those after it say what it is.
+    /// Holds back a packet with an odd stamp until those after it decide.
     pub(super) fn doubt(
         &mut self,
         stamp: Stamp,

@@ -188,7 +188,7 @@ impl VelodyneEncoder {
         let channels = usize::from(part.channel)..usize::from(part.channel + part.lasers);
         for (slot, channel) in slots.zip(channels) {
             let (range_mm, reflectivity) = sample(channel);
-            // a range beyond the field cannot be said: no return
+            // a range beyond the field cannot be encoded: no return
             let distance = u16::try_from(range_mm.saturating_add(unit_mm / 2) / unit_mm).unwrap_or(0);
             slot[..2].copy_from_slice(&distance.to_le_bytes());
             slot[2] = reflectivity;

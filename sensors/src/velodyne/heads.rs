@@ -61,7 +61,7 @@ pub(crate) fn step_counts(from: u16, to: u16) -> f64 {
     f64::from(if step >= turn - MOST_BACK { step - turn } else { step })
 }
 
-/// Greatest jitter against the spin, counts.
+/// Most jitter against the spin, counts.
 const MOST_BACK: i32 = 100;
 
 /// Whether a step between neighbours is a gap: much wider than the usual one.
@@ -72,14 +72,14 @@ pub(crate) fn is_gap(step: f64, usual: f64) -> bool {
 /// When and where a packet starts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Start {
-    /// Device time of its first sequence (of its stamp, until the lead of the stamp is taken off), ns.
+    /// Device time of its first sequence (of its stamp, until the lead of the stamp is subtracted), ns.
     pub time_ns: u64,
     /// Azimuth of its first block, counts.
     pub azimuth_counts: u16,
 }
 
 impl Heads {
-    /// Fills in the heads of a packet whose first sequence began at `time_ns`. `spin` is what is known of the rate
+    /// Fills in the heads of a packet with its first sequence at `time_ns`. `spin` is what is known of the rate
     /// from before; `following` dates the sequences behind an azimuth gap exactly, because a packet has one stamp
     /// and the sensor's clock runs on while no laser fires. A gap never makes heads run backward,
     /// nor brings them past `following`.

@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_said() {
+    fn damage_is_reported() {
         for (sentence, word) in [
             ("GPRMC", "begin"),
             ("$GPRMC,1", "checksum"),

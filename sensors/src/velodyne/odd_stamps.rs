@@ -1,4 +1,4 @@
-//! What is kept of packets whose time stamps contradict those before them.
+//! Counts of packets with time stamps that contradict those before them.
 
 use super::blocks::BadBlocks;
 use super::clock::{HourClock, Stamp};

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// A sensor whose packets are decoded and encoded here.
+/// A sensor that is decoded and encoded here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Product {

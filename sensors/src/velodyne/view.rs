@@ -9,7 +9,7 @@ use super::wire::AZIMUTH_COUNTS;
 pub(crate) struct ViewWindows {
     /// Last azimuth before and first azimuth behind each dark sector, counts.
     dark: Vec<[u16; 2]>,
-    /// Jumps between packets that were taken for losses, and how many packets.
+    /// Jumps between packets that count as losses, and how many packets.
     suspects: Vec<([u16; 2], u64)>,
 }
 
@@ -39,7 +39,7 @@ impl ViewWindows {
         }
     }
 
-    /// How much of the way from `from` over `travelled` counts (whole turns included) is dark, counts.
+    /// How much of the turn from `from` over `travelled` counts (whole turns included) is dark, counts.
     pub(crate) fn dark_counts(&self, from: u16, travelled: f64) -> f64 {
         let turn = f64::from(AZIMUTH_COUNTS);
         let of_one = |[start, end]: [u16; 2]| {
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn dark_way_counts_each_crossing() {
+    fn dark_counts_include_each_crossing() {
         let mut windows = ViewWindows::default();
         windows.learn([9000, 27000]);
         assert_eq!(windows.dark_counts(8990, 18_020.0), 18_000.0);

@@ -95,7 +95,7 @@ pub(crate) struct Part {
 /// Where one firing sequence lies in a packet.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sequence {
-    /// Block whose azimuth is the sequence's.
+    /// Block that holds the sequence's azimuth.
     pub block: u8,
     /// Sequences since the one that the block's azimuth belongs to (1 for the second half of a VLP-16 block).
     pub after_azimuth: u8,

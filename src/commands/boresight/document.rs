@@ -43,11 +43,11 @@ pub(super) fn words(found: &RelativeMount) -> String {
     let [first, second] = &found.sensors;
     match (&found.tilt, &found.cannot_tell) {
         (Some(tilt), _) => format!(
-            "{first} against {second}: pitch is {} ± {:.3}° (95 %) off its nominal value, {}{}",
+            "{first} against {second}: pitch {} +- {:.3} degrees (95 %) from nominal, {}{}",
             signed(tilt.error_deg, 3),
             tilt.u95_deg,
             values::p_value(tilt.p_value),
-            if is_off(found) { "" } else { ": nominal within the uncertainty" }
+            if is_off(found) { "" } else { ": as specified, within the uncertainty" }
         ),
         (None, why) => format!("{first} against {second}: {}", why.as_deref().unwrap_or("cannot tell here")),
     }
@@ -62,12 +62,12 @@ pub(super) fn text(document: &Document) -> String {
         }
         let [roll, tilt, yaw] = [0, 1, 2].map(|axis| values::estimate(found.rotation_deg[axis], 3));
         let [x, y, z] = [0, 1, 2].map(|axis| values::estimate(found.translation_mm[axis], 1));
-        let _ = writeln!(text, "  turn      roll {roll}, tilt {tilt}, yaw {yaw} deg");
-        let _ = writeln!(text, "  shift     x {x}, y {y}, z {z} mm");
-        let _ = writeln!(text, "  range     {} mm", values::estimate(found.range_offset_mm, 1));
+        let _ = writeln!(text, "  turn        roll {roll}, pitch {tilt}, yaw {yaw} deg");
+        let _ = writeln!(text, "  shift       x {x}, y {y}, z {z} mm");
+        let _ = writeln!(text, "  range       {} mm", values::estimate(found.range_offset_mm, 1));
         let _ = writeln!(
             text,
-            "  observable {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
+            "  observable  {}; condition number {}; {} points in {} windows, {:.1} mm from the planes",
             if found.observable.is_empty() { "nothing".into() } else { found.observable.join(" ") },
             found.condition_number.map_or("-".into(), |number| format!("{number:.0}")),
             found.pairs,

@@ -23,7 +23,7 @@ pub struct Document {
     pub servo_zero: Vec<ZeroOffer>,
     /// What is odd or was lost.
     pub problems: Vec<String>,
-    /// Where the trajectory lies in the scene; null where its frame was taken to be the scene's.
+    /// Where the trajectory lies in the scene; null where its frame is the scene's.
     pub alignment: Option<Alignment>,
     pub time_offset_s: f64,
     /// With how sure it is, where it was looked for.
@@ -53,7 +53,7 @@ pub struct ZeroOffer {
 }
 
 impl ZeroOffer {
-    /// For every sensor on a measured axis of which the tilt could be told.
+    /// For every sensor on a measured axis with an observable pitch.
     pub(crate) fn of(axes: &[AxisSummary], mount: &[SensorCheck]) -> Vec<Self> {
         let offer = |axis: &AxisSummary| {
             let check = mount.iter().find(|check| check.sensor == axis.sensor)?;

@@ -73,9 +73,7 @@ pub(super) fn write(
     if let Some(path) = &args.corrected_mount {
         let found_offset = document.comparison.mount.iter().any(|check| check.tilt_error_deg.is_some());
         if !found_offset {
-            output::say_notice(
-                "no corrected mount is written: the recording does not tell the tilt of any sensor",
-            );
+            output::say_notice("no corrected mount is written: the pitch of no sensor is observable");
             return Ok(false);
         }
         for (entry, check) in file.sensors.iter_mut().zip(&document.comparison.mount) {

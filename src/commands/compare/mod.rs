@@ -1,4 +1,4 @@
-//! `outrigger compare`: does a recording cover what was predicted, and are the mounts the nominal ones.
+//! `outrigger compare`: does a recording cover what was predicted, and are the mounts as specified.
 
 mod document;
 mod files;
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::recorded::{Recorded, RecordedArgs, hearing};
+use super::recorded::{Recorded, RecordedArgs, data_gaps};
 use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
 use super::{Context, Outcome};
@@ -25,20 +25,20 @@ use replaying::{grid, patches, planned, replayed};
 #[derive(clap::Args, Debug)]
 #[command(
     group = clap::ArgGroup::new("place").required(true),
-    after_help = "Every recorded ray is cast into the scene from the nominal mount (the measured one, where a session holds what \
+    after_help = "Every recorded ray is cast into the scene from the nominal mount (as measured, where a session holds what \
                   its axes measured) and the trajectory: it agrees, ends short or long, is dropped or extra. Coverage counts \
                   the predicted ends of the rays that agree, so that noise and wrong poses can only lower it.\n\
                   A trajectory in a frame of its own is placed in the scene with --align; without one, odometry finds one and it \
                   is placed.\n\
-                  Exit codes: 0 the recording covers what was predicted (a tilt that it cannot tell is no failure, \
-                  and is named), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
+                  Exit codes: 0 the recording covers what was predicted (a pitch that is not observable is no failure, \
+                  and is named separately), 1 failed, 3 it does not, too little was recorded to tell, or data was lost."
 )]
 pub struct Args {
     #[command(flatten)]
     recorded: RecordedArgs,
     #[command(flatten)]
     place: PlaceArgs,
-    /// The planned trajectory (TUM): what it covers with the nominal mounts is compared with what was driven.
+    /// The planned trajectory (TUM): its coverage with nominal mounts is compared with that of the driven one.
     #[arg(long, value_name = "FILE")]
     planned: Option<PathBuf>,
     /// Edge of a voxel.
@@ -47,7 +47,7 @@ pub struct Args {
     /// A recorded and a predicted range agree within this.
     #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = crate::commands::ranges::within(1e-3, 1000.0))]
     gate: f64,
-    /// Healthy runs that are simulated beside the recording: where it stands no worse than 1 in 20 of them, it is healthy,
+    /// Healthy runs that are simulated as the reference of the recording: where it stands no worse than 1 in 20 of them, it is healthy,
     /// which fewer than 19 cannot tell.
     #[arg(long, value_name = "N", default_value_t = 19, value_parser = clap::value_parser!(u16).range(0..=999))]
     nulls: u16,
@@ -80,9 +80,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let grid = grid(args, scene)?;
     let patches = patches(args, scene, rig, trajectory);
     let (replayed, mut pass) = replayed(args, &recorded, &place, &grid, patches.as_ref())?;
-    let walked_ns =
+    let trajectory_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
-    pass.faults.extend(hearing::silences(rig, &pass.data_spans, walked_ns));
+    pass.faults.extend(data_gaps::data_gaps(rig, &pass.data_spans, trajectory_ns));
     let planned = planned(args, scene, rig, &grid, place.origin)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge(

@@ -335,7 +335,7 @@ impl Document {
         self.data_lost
     }
 
-    /// What the user should know beside the result.
+    /// What the user should know besides the result.
     pub(crate) fn notices(&self) -> &[String] {
         &self.notices
     }

@@ -22,9 +22,9 @@ use self::frames::FrameRange;
 use self::output::Output;
 use self::placing::Placing;
 use self::points::PointArgs;
-use super::given::SensorArgs;
 use super::output::{print_json, print_text, say_notice};
 use super::recording::Recording;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, sensor_ids, signals};
 use crate::recording::export::{FileFrame, Format};
 use crate::recording::registered::Registration;
@@ -35,8 +35,8 @@ missing: the file is cut off or damaged, datagrams lack fragments, or packets of
 failed their checksum; 1 when nothing could be decoded. A recording that merely begins or ends in the middle of a \
 revolution is whole: its first or last frame says \"complete\": false.";
 
-const INTERRUPTED: &str = "interrupted: files that were whole are kept, others are not";
-/// Time after Ctrl-C in which a file under way may still be closed.
+const INTERRUPTED: &str = "interrupted: whole files stay, unfinished ones are removed";
+/// Time after Ctrl-C in which an unfinished file may still be closed.
 const TO_END_WITHIN: Duration = Duration::from_secs(5);
 
 /// Arguments of `decode`.
@@ -48,7 +48,7 @@ pub struct Args {
     capture: PathBuf,
     #[command(flatten)]
     sensors: SensorArgs,
-    /// Write points in this format; taken from the extension of --out where that says it.
+    /// Write points in this format; by default from the extension of --out.
     #[arg(long)]
     format: Option<Format>,
     /// File for all points, or folder (one that is there, or a name that ends in / or has no extension): one file per sensor
@@ -69,12 +69,12 @@ pub struct Args {
 }
 
 impl Args {
-    /// The format that was asked for: one of the rig.toml gives way to one that the typed name of a file says.
+    /// The format that was asked for: the extension of a typed file name overrides the one of the rig.toml.
     fn format(&self, context: Context) -> Option<Format> {
         let is_stated =
             self.out.as_deref().is_some_and(|out| !out.is_dir() && Format::of_path(out).is_some());
-        let gives_way = is_stated && context.is_typed("out") && !context.is_typed("format");
-        self.format.filter(|_| !gives_way)
+        let is_overridden = is_stated && context.is_typed("out") && !context.is_typed("format");
+        self.format.filter(|_| !is_overridden)
     }
 }
 

@@ -17,7 +17,7 @@ use crate::commands::recording::Recording;
 use crate::commands::sensor_ids;
 use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
 
-/// Point files under way.
+/// Point files being written.
 pub struct Output {
     format: Format,
     place: Place,
@@ -31,7 +31,7 @@ pub struct Output {
 }
 
 enum Place {
-    /// One file; a bag is one, too, with its metadata beside it in its folder.
+    /// One file; a bag is one, too, with its metadata in its folder.
     File {
         path: PathBuf,
         export: Option<Export>,
@@ -273,7 +273,7 @@ fn is_folder_name(out: &Path) -> bool {
     out.is_dir() || out.as_os_str().as_encoded_bytes().ends_with(b"/") || out.extension().is_none()
 }
 
-/// Beside nothing: in the current folder, named after the recording; and whether it is a file.
+/// In the current folder, named after the recording; and whether it is a file.
 fn default_place(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
     let name = PathBuf::from(recording.name());
     let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());

@@ -35,7 +35,7 @@ pub struct PointArgs {
     /// One point per voxel of this edge: the first that was measured.
     #[arg(long, value_name = "M", value_parser = within(1e-3, 1000.0))]
     voxel: Option<f64>,
-    /// Only points in this box: its least and its greatest corner, m, in the frame of the points; behind @ the angle by which
+    /// Only points in this box: its minimum and its maximum corner, m, in the frame of the points; behind @ the angle by which
     /// it is turned about the vertical through its middle, degrees.
     #[arg(long, value_name = "X,Y,Z,X,Y,Z[@YAW]", allow_hyphen_values = true)]
     clip: Option<ClipBox>,

@@ -5,7 +5,7 @@ use anyhow::{Context as _, ensure};
 
 use crate::commands::recorded::axes::{AxisSummary, summaries, tilts};
 use crate::commands::recorded::axis_zeros::AxisZeros;
-use crate::commands::recorded::hearing::silences;
+use crate::commands::recorded::data_gaps::data_gaps;
 use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::commands::recorded::session::{MountedSession, feed_session};
 use crate::commands::stage::Stage;
@@ -59,7 +59,7 @@ pub(crate) fn compare(
         let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
         replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
     })?;
-    summary.faults.extend(silences(rig, &summary.data_spans, trajectory.time_span_ns()));
+    summary.faults.extend(data_gaps(rig, &summary.data_spans, trajectory.time_span_ns()));
     let replayed = replay.finish();
     let compare = judge(
         Inputs {

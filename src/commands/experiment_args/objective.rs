@@ -10,8 +10,8 @@ use crate::simulate::published::{Experiment, ExperimentError, Preset, Roll, Simu
 const MAX_COLUMNS: usize = 8192;
 
 impl ExperimentArgs {
-    /// What is not said here as the score in a mount file was made; a mount found in another experiment than that which is
-    /// asked for says nothing.
+    /// What is not specified here comes from the score in a mount file; a mount found in another experiment than that which is
+    /// asked for gives nothing.
     fn or_as_found(&self, file: &MountFile) -> Self {
         let asked = self.clone();
         let (Some(found), Some(names)) = (&file.found_with, &file.preset) else { return asked };
@@ -38,7 +38,7 @@ impl ExperimentArgs {
         self.made(None, roll).map_err(refused)
     }
 
-    /// The same for the sensors of a mount file, which says what is not said here.
+    /// The same for the sensors of a mount file, which gives what is not specified here.
     pub(crate) fn objective_for(
         &self,
         file: &MountFile,

@@ -8,8 +8,8 @@ use sensors::catalogue;
 use sensors::ouster::Metadata;
 use sensors::router::{Router, Sensor};
 
-use crate::commands::given::SensorArgs;
 use crate::commands::recording::Recording;
+use crate::commands::sensor_args::SensorArgs;
 use crate::commands::sensor_ids;
 
 /// Where Velodynes send position packets, as they are delivered.

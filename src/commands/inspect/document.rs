@@ -33,7 +33,7 @@ pub struct Document {
     fragments_incomplete: u64,
     capture_counters: CaptureCounters,
     losses: Vec<String>,
-    /// What is not as it was said or as one expects, and costs nothing.
+    /// What differs from the specification or from what one expects, and costs nothing.
     notes: Vec<String>,
     advice: Vec<String>,
 }
@@ -74,7 +74,7 @@ impl Document {
         let mut losses = ending.losses();
         // a session knows what its files held
         let session = recording.checked_session();
-        let problems = |session: &Session| [session.problems(), &session.unheard()].concat();
+        let problems = |session: &Session| [session.problems(), &session.unrecorded()].concat();
         let damage = session.iter().flat_map(problems);
         losses.extend(damage.filter(|words| !ending.losses().contains(words)));
         let mut notes = Vec::new();
@@ -302,7 +302,7 @@ fn advice(recording: &Recording, router: &Router) -> Vec<String> {
         })
         .collect();
     for path in unread::nearby_metadata(recording, router) {
-        advice.push(format!("{} lies beside the recording: try --meta {}", path.display(), path.display()));
+        advice.push(format!("{} lies next to the recording: try --meta {}", path.display(), path.display()));
     }
     advice.extend(recording.ensure_given_fits(router).err().map(|error| error.to_string()));
     advice.extend(unread::beam_notices(router));

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::live::watch::rate_hz;
 
-/// Streams kept apart; the packets of more are counted together.
+/// Streams counted separately; the packets of more are counted together.
 const MOST_FLOWS: usize = 1000;
 
 /// Streams by sender, receiver and length.
@@ -138,10 +138,10 @@ impl Flows {
 }
 
 impl FlowReport {
-    /// Whose packets they are, in words; nothing where nobody knows.
+    /// The sensors of the packets, in words; nothing where unknown.
     pub(crate) fn assignment(&self) -> String {
         if self.sensors.is_empty() {
-            let of_none = ", of no sensor whose metadata were given";
+            let of_none = ", of no sensor with metadata";
             return if self.lacks_metadata { of_none.into() } else { String::new() };
         }
         let files = match self.metadata.is_empty() {
@@ -150,7 +150,7 @@ impl FlowReport {
         };
         let rest = match self.unassigned {
             0 => String::new(),
-            packets => format!(", {packets} of nobody"),
+            packets => format!(", {packets} unassigned"),
         };
         format!(", of {}{files}{rest}", self.sensors.join(" and "))
     }

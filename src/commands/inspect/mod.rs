@@ -7,16 +7,16 @@ use std::path::PathBuf;
 
 use self::document::Document;
 use self::flows::Flows;
-use super::given::SensorArgs;
 use super::output::{print_json, print_text};
 use super::recording::Recording;
+use super::sensor_args::SensorArgs;
 use super::{Context, Outcome};
 use crate::live::watch::Watch;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
 recording is whole; 3 when data is missing (cut off or damaged file, lost, late or malformed packets, fragments that \
-never came, a sensor that was silent all along, a session whose manifest contradicts its packets); 1 when the file cannot be read, or a calibration does not fit its sensor. Ctrl-C ends it by the signal (a \
+never came, a sensor that was silent all along, a session with a manifest that contradicts its packets); 1 when the file cannot be read, or a calibration does not fit its sensor. Ctrl-C ends it by the signal (a \
 shell says 130): nothing is half written.";
 
 /// Arguments of `inspect`.

@@ -20,7 +20,8 @@ pub(super) struct Document {
     pub(super) voxel_m: f64,
     pub(super) registration: Option<RegistrationQuality>,
     /// Sweeps along which a direction was a guess.
-    pub(super) loose_sweeps: usize,
+    #[serde(rename = "loose_sweeps")]
+    pub(super) degenerate_sweeps: usize,
     pub(super) steps: Vec<Step>,
     /// Where the walk lies in the scene; null without one.
     pub(super) alignment: Option<Alignment>,

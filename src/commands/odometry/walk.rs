@@ -4,10 +4,10 @@ use std::path::Path;
 
 use super::Args;
 use crate::base::geometry::Pose;
-use crate::commands::placing::{self, Placed, Walk};
 use crate::commands::recorded::{Recorded, RecordedArgs};
 use crate::commands::recorded_odometry::{OdometryResult, of_one, of_rig, remarks};
 use crate::commands::recording::Recording;
+use crate::commands::scene_placement::{self, Placed, Walk};
 use crate::commands::{Context, scene_file};
 use crate::world::trajectory::Trajectory;
 
@@ -63,7 +63,7 @@ pub(super) fn in_scene(
         time_offset_ns: 0,
         drifts: true,
     };
-    let mut placed = placing::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
+    let mut placed = scene_placement::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
     placed.trajectory = placed.trajectory.map(|local| local.moved(read.origin.world_m()));
     problems.extend(placed.notices.iter().cloned());
     if placed.trajectory.is_none() {

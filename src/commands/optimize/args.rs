@@ -54,7 +54,7 @@ pub struct Args {
     /// Rolls that the plate allows, where roll is free: "low,high" in degrees, within -180 to 180.
     #[arg(long, value_name = "RANGE", default_value = "-90,90", allow_hyphen_values = true, value_parser = tilts)]
     pub(super) roll_limits: Range,
-    /// Where masters may sit: "x,x,y,y,z,z", least and greatest of each, m [default: as published].
+    /// Where masters may sit: "x,x,y,y,z,z", minimum and maximum of each, m [default: as published].
     #[arg(long, value_name = "BOX", allow_hyphen_values = true)]
     pub(super) space: Option<Corners>,
     /// Pitch and roll are whole multiples of this: the step of a servo.
@@ -76,15 +76,15 @@ pub struct Args {
     /// metre) and give the best of these, not the highest J as searched [default: on for staged as planned, else off].
     #[arg(long, value_enum, conflicts_with_all = ["robust", "certify"])]
     pub(super) final_look: Option<Switch>,
-    /// auto: search with four poses per metre whose phases differ, then look at the best mounts ever more finely until the
-    /// choice can lose no more than --regret [default: auto with --voxel and nothing said about columns, poses or phase,
+    /// auto: search with four poses per metre in different phases, then look at the best mounts ever more finely until the
+    /// choice can lose no more than --regret [default: auto with --voxel without flags for columns, poses or phase,
     /// unless --robust or --certify asks for something else; given for a published experiment].
     #[arg(long, value_enum)]
     pub(super) fidelity: Option<FidelityArg>,
     /// Share of J that the choice may lose, %.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.1, value_parser = percent)]
     pub(super) regret: f64,
-    /// End when so many rays are cast (the batch under way is finished).
+    /// End when so many rays are cast (the running batch is finished).
     #[arg(long, value_name = "N")]
     pub(super) max_rays: Option<u64>,
     /// Then bound the J of all rigs of one master in at most N regions of mounts: a proof of how much better any could be.
@@ -132,7 +132,7 @@ impl FromStr for Range {
     }
 }
 
-/// Degrees by which something may be turned: beyond half a turn each way there are but the same angles again.
+/// Degrees by which something may be turned: beyond half a turn in each direction there are but the same angles again.
 fn tilts(text: &str) -> Result<Range, String> {
     let Range(low, high) = text.parse()?;
     match low >= -180.0 && high <= 180.0 {
@@ -141,7 +141,7 @@ fn tilts(text: &str) -> Result<Range, String> {
     }
 }
 
-/// Least and greatest x, y and z.
+/// Minimum and maximum x, y and z.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Corners(pub [f64; 6]);
 
@@ -170,7 +170,7 @@ fn numbers(text: &str) -> Result<Vec<f64>, String> {
     parts.collect::<Option<_>>().ok_or_else(|| "every part must be a finite number".into())
 }
 
-/// How far apart sensors are kept.
+/// The minimum distance between sensors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ClearanceArg(pub KeepApart);
 
@@ -201,12 +201,12 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl Args {
-    /// How far apart sensors are kept in a published experiment.
+    /// The minimum distance between sensors in a published experiment.
     pub(super) fn keep_apart(&self) -> KeepApart {
         self.clearance.map_or(KeepApart::None, |clearance| clearance.0)
     }
 
-    /// Errors with which a mount is taken to be built, m and degrees.
+    /// Assumed errors of a built mount, m and degrees.
     pub(super) fn mount_errors(&self) -> (f64, f64) {
         self.tolerance.map_or((0.01, 1.0), |Range(position_m, angle_deg)| (position_m, angle_deg))
     }

@@ -44,7 +44,7 @@ pub struct SceneSearchArgs {
     /// session, or a point cloud (.ply without faces, .pcd, .las or .laz).
     #[arg(long, value_name = "PATH", help_heading = "Scene")]
     pub(super) scene: Option<PathBuf>,
-    /// A closed room instead: "x,y,z,x,y,z" of its least and greatest corner, m.
+    /// A closed room instead: "x,y,z,x,y,z" of its minimum and maximum corner, m.
     #[arg(
         long,
         allow_hyphen_values = true,
@@ -85,7 +85,7 @@ pub struct SceneSearchArgs {
     /// Coefficients of the score: the published ones as shares of the voxels that can be seen here, or as they are.
     #[arg(long, value_enum, default_value_t, help_heading = "Model")]
     pub(super) weights: WeightRule,
-    /// The mount that there is: it is judged beside the best one.
+    /// The present mount: it is judged with the best one.
     #[arg(long, value_name = "MOUNT.json", help_heading = "Scene")]
     pub(super) present: Option<PathBuf>,
 }

@@ -81,7 +81,7 @@ pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<R
 pub(crate) fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Result<bool> {
     match args.final_look {
         Some(Switch::On) if is_refined => {
-            refuse!("--fidelity auto looks again in a way of its own: leave out --final-look")
+            refuse!("--fidelity auto has a final look of its own: leave out --final-look")
         }
         Some(switch) => Ok(switch == Switch::On),
         None => Ok(kind == Kind::Staged && !is_refined && args.robust.is_none() && args.certify.is_none()),

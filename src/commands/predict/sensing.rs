@@ -20,7 +20,7 @@ pub struct SensingArgs {
     /// Least range that is reported [default: the model's].
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(0.0, 10_000.0))]
     min_range: Option<f64>,
-    /// Greatest range that is reported [default: the model's].
+    /// Maximum range that is reported [default: the model's].
     #[arg(long, value_name = "M", value_parser = crate::commands::ranges::within(1e-3, 10_000.0))]
     max_range: Option<f64>,
     /// Standard deviation of a range.

@@ -6,8 +6,8 @@ use anyhow::ensure;
 
 use super::axis_zeros::AxisZeros;
 use crate::base::files::is_same;
-use crate::commands::given::SensorArgs;
 use crate::commands::output;
+use crate::commands::sensor_args::SensorArgs;
 
 /// Which recording, and where its sensors sit: the arguments that `compare`, `boresight` and `odometry` share.
 #[derive(clap::Args, Debug, Default)]
@@ -17,7 +17,7 @@ pub struct RecordedArgs {
     pub recording: PathBuf,
     #[command(flatten)]
     pub sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own. A session's sensors are told by their names; those of a capture
+    /// Where the sensors sit; without it the session's own. A session's sensors are identified by name; those of a capture
     /// by their order: that of --meta, then of their first packets.
     #[arg(long, value_name = "FILE")]
     pub mount: Option<PathBuf>,

@@ -21,7 +21,7 @@ pub struct AxisSummary {
     pub measured_pitch_deg: f64,
     /// What was typed to be added to it.
     pub zero_deg: f64,
-    /// Greatest minus least of that.
+    /// Maximum minus minimum of that.
     pub measured_span_deg: f64,
     /// Readings at those times.
     pub reports: usize,
@@ -31,7 +31,7 @@ pub struct AxisSummary {
 /// session's own mount file, wherever another file of the same sensors may list it.
 pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<ServoReport>> {
     let mut reports: Vec<ServoReport> = session.servo()?;
-    // a session whose copy is gone can still be held against a file that is named
+    // a session without its copy can still be compared with a named file
     let own = session.mount().ok().flatten();
     let slots: Option<Vec<usize>> =
         own.and_then(|own| own.sensors.iter().map(|sensor| rig.slot(&sensor.name).ok()).collect());
@@ -47,7 +47,7 @@ pub(crate) fn reports_of(session: &Session, rig: &Rig) -> anyhow::Result<Vec<Ser
 /// What a session's axes measured.
 #[derive(Default)]
 pub struct Tilts {
-    /// Pitches of each sensor of the rig, zeros added; of one whose axis measured nothing, none.
+    /// Pitches of each sensor of the rig, zeros added; none for a sensor on an axis that measured nothing.
     pub histories: Vec<TiltHistory>,
     /// Axes that were not homed, in words.
     pub notices: Vec<String>,
@@ -92,7 +92,7 @@ pub(crate) fn summaries(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Ve
     rig.sensors.iter().zip(pitches).filter_map(summary).collect()
 }
 
-/// Mounts whose pitch is none that their axis measured: the axis counts, whatever the mount file says. Whoever typed a zero
+/// Mounts with a pitch that their axis never measured: the axis counts, whatever the mount file says. Whoever typed a zero
 /// knows.
 pub(crate) fn contradicted(rig: &Rig, zeros: &AxisZeros, pitches: &[Pitches]) -> Vec<String> {
     let words = |(sensor, pitches): (&MountedSensor, &Pitches)| {

@@ -30,8 +30,8 @@ impl<'a> Slot<'a> {
         if is_open { self.velodyne_beams(found) } else { found }
     }
 
-    /// The beams of a Velodyne whose packets are those of `found`: as calibrated, where the mount file names a
-    /// calibration; of the product that it names, where packets do not tell that from `found`; otherwise `found`.
+    /// The beams of a Velodyne that sends the packets of `found`: as calibrated, where the mount file names a
+    /// calibration; of the product that it names, where packets do not distinguish that from `found`; otherwise `found`.
     fn velodyne_beams(&self, found: &'a SensorModel) -> &'a SensorModel {
         let nominal = &self.mounted.model;
         // of its own product the packets know more than the nominal model: their cycle, or the unit's calibration
@@ -78,7 +78,7 @@ mod tests {
     #[test]
     fn packets_know_best_but_where_they_cannot_tell() {
         for (nominal, found, is_nominal, is_wrong) in [
-            (nominal("vlp-16"), raised("vlp-16"), false, false), // as the unit said of itself
+            (nominal("vlp-16"), raised("vlp-16"), false, false), // as the unit reported of itself
             (raised("vlp-16"), nominal("vlp-16"), true, false),  // a calibration was named
             (nominal("puck-lite"), nominal("vlp-16"), true, false),
             (raised("puck-lite"), nominal("vlp-16"), true, false),

@@ -11,7 +11,7 @@ use crate::commands::unread;
 use crate::rig::{MountedSensor, Rig};
 use crate::verify::compare::Fault;
 
-/// Every frame of a capture. Sensors get their slots in the order of the mount file: Ousters in the order of their
+/// Every frame of a capture. Sensors take their slots in the order of the mount file: Ousters in the order of their
 /// metadata, Velodynes as they first appear.
 pub(crate) fn feed_capture(
     recording: &Recording,
@@ -85,6 +85,6 @@ impl PassSummary {
 
 fn without_metadata(sensor: &MountedSensor, entry: &Unclaimed) -> Fault {
     let (name, packets, reason) = (&sensor.name, entry.packets, &entry.reason);
-    let words = format!("nothing of {name} was decoded; {packets} packets are unassigned: {reason}");
+    let words = format!("{name}: no packets decoded; {packets} packets are unassigned: {reason}");
     Fault::new("metadata_missing", vec![name.clone()], words)
 }

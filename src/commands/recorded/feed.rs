@@ -6,7 +6,7 @@ use crate::base::geometry::Pose;
 use crate::rig::{Mount, MountedSensor};
 use crate::verify::compare::FramePitch;
 
-/// A frame on its way to be compared.
+/// A frame with its mount.
 pub struct MountedFrame<'a> {
     /// Sensor of the rig.
     pub sensor: usize,
@@ -24,7 +24,7 @@ impl MountedFrame<'_> {
         self.pitch.unwrap_or(FramePitch::constant(nominal.pitch_rad))
     }
 
-    /// Where it sat on the body at each time of its sensor's clock, the mount nominal but for the pitch.
+    /// Where it sat on the body at each time of its sensor's clock, the nominal mount but for the pitch.
     pub(crate) fn body_from_sensor(&self, nominal: &Mount) -> impl Fn(u64) -> Pose + use<> {
         body_from_sensor_over(*nominal, self.pitch_or(nominal))
     }

@@ -71,7 +71,7 @@ fn doubt_before_homing(own: &mut [&mut ServoReport]) {
 }
 
 /// An encoder that counts from where it was switched on reads nothing until the axis moves. A rig that was never armed, and
-/// whose mount file says another angle, is most likely such a one.
+/// with another angle in its mount file, is most likely such a one.
 fn doubt_idle_at_nothing(own: &mut [&mut ServoReport], sensor: &MountedSensor) {
     let is_nothing = |report: &&mut ServoReport| {
         matches!(report.state.as_str(), "boot" | "idle") && report.position_urad.abs() <= NOTHING_URAD

@@ -22,7 +22,7 @@ pub struct Inferred {
     pub host_ns: u64,
     /// How far forward, s.
     pub step_s: f64,
-    /// Sensors whose clocks ran on.
+    /// Sensors with clocks that ran on.
     pub sensors: Vec<String>,
 }
 
@@ -90,7 +90,7 @@ pub(crate) fn settle(session: &mut Session, rig: &Rig) -> anyhow::Result<Vec<Str
     session.undo_clock_steps(steps.iter().map(|step| (step.step_s * 1e9).round() as i64).collect());
     let removed = |step: &Inferred| {
         format!(
-            "{}; it was removed from them, as the rig's readings are on a clock that was not set",
+            "{}; the step is removed, as the rig's readings are on a clock that was not set",
             step.words(begin_ns)
         )
     };

@@ -6,7 +6,7 @@ pub mod beams;
 mod args;
 mod capture;
 pub mod feed;
-pub mod hearing;
+pub mod data_gaps;
 pub mod host_clock;
 mod homing;
 mod open;
@@ -87,7 +87,7 @@ impl Recorded {
         }
     }
 
-    /// The way that it holds itself.
+    /// The trajectory that it holds itself.
     pub(crate) fn own_trajectory(&self) -> anyhow::Result<Option<Trajectory>> {
         match &self.source {
             Source::Session { session, .. } => Ok(session.trajectory()?),
@@ -133,7 +133,7 @@ impl Recorded {
         Ok(*self.span_ns.get_or_init(|| span))
     }
 
-    /// The way of a rig that does not move.
+    /// The trajectory of a rig that does not move.
     pub(crate) fn still(&self) -> anyhow::Result<Trajectory> {
         let [first_ns, last_ns] = self.span_ns()?.context("the recording holds no frame")?;
         Ok(Trajectory::new(vec![(first_ns, Pose::IDENTITY), (last_ns + 1, Pose::IDENTITY)])?)

@@ -8,9 +8,9 @@ use sensors::router::{AppliesTo, GivenCalibration, SourceFilter};
 use super::axes::{Tilts, tilts};
 use super::{Recorded, RecordedArgs, Source, host_clock};
 use crate::commands::Context;
-use crate::commands::given::ensure_named;
 use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::registered::bag_mount;
+use crate::commands::sensor_args::ensure_named;
 use crate::recording::Session;
 use crate::recording::bags::is_bag_at;
 use crate::recording::packet_reader::PacketReader;
@@ -28,7 +28,7 @@ impl Recorded {
         })
     }
 
-    /// The same; none where nobody says where the sensors sit.
+    /// The same; none without mounts.
     pub(crate) fn open_if_mounted(args: &RecordedArgs, context: Context) -> anyhow::Result<Option<Self>> {
         let RecordedArgs { recording: path, sensors, mount, zeros } = args;
         let sensors = &sensors.of(context, path);

@@ -5,7 +5,7 @@ use sensors::router::{Router, Sensor, Unclaimed};
 use serde::Serialize;
 
 use super::beams::Slot;
-use super::hearing::DataSpan;
+use super::data_gaps::DataSpan;
 use super::pitches::Pitches;
 use crate::commands::unread;
 use crate::rig::{MountedSensor, Rig};
@@ -15,7 +15,7 @@ use crate::verify::compare::Fault;
 #[derive(Debug, Default, Serialize)]
 pub struct SensorSummary {
     pub sensor: String,
-    /// By the demo's mock sensors; 0 where nobody knows.
+    /// By the demo's mock sensors; 0 where unknown.
     #[serde(skip_serializing_if = "is_zero")]
     pub packets_sent: u64,
     pub packets_recorded: u64,

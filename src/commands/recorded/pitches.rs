@@ -24,7 +24,7 @@ impl Pitches {
         let device_ns = frame.time_span_ns().unwrap_or_default();
         let Some(pitch) = tilt.pitch_over(frame.host_time_ns, device_ns) else {
             if frame.host_time_ns.iter().any(|time_ns| tilt.lacks_zero(*time_ns)) {
-                return None; // said once for the axis
+                return None; // reported once for the axis
             }
             if self.unknown == 0 {
                 self.nearest_ns = tilt.nearest_ns(frame.host_time_ns[0]).unwrap_or(0);
@@ -46,7 +46,7 @@ impl Pitches {
         Some(pitch)
     }
 
-    /// Frames whose angle nobody knows, in words; none where all are known.
+    /// Frames with an unknown angle, in words; none where all are known.
     pub(crate) fn unknown(&self, sensor: &str) -> Option<String> {
         (self.unknown > 0).then(|| {
             format!(

@@ -13,7 +13,7 @@ use crate::recording::{SensorEntry, Session};
 use crate::rig::{MountedSensor, NoSlot, Rig};
 use crate::verify::compare::TiltHistory;
 
-/// A session, and what is known of its sensors beside their packets.
+/// A session, and what is known of its sensors besides their packets.
 pub struct MountedSession<'a> {
     pub session: &'a Session,
     pub rig: &'a Rig,
@@ -81,7 +81,7 @@ pub(crate) fn feed_session(
     Ok(pass)
 }
 
-/// Place in the rig of each sensor of a session, by name; none for what sensors send beside their lidar packets.
+/// Slot in the rig of each sensor of a session, by name; none for auxiliary streams.
 fn places(session: &Session, rig: &Rig) -> Result<Vec<Option<usize>>, NoSlot> {
     let manifest = session.manifest();
     let place = |entry: &SensorEntry| {

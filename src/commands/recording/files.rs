@@ -9,8 +9,8 @@ use crate::recording::Session;
 use crate::recording::bags::is_bag_folder;
 use crate::recording::packet_reader::keep_stream;
 
-/// Packets looked at before decoding, where several sensors have to be told apart by their senders, or where an HDL-64E
-/// has not said yet how it is calibrated.
+/// Packets looked at before decoding, where several sensors have to be separated by sender, or where an HDL-64E
+/// has not sent its calibration yet.
 const LEARN_PACKETS: usize = 20_000;
 
 /// Packets within which every sensor of a recording has sent something.
@@ -51,10 +51,10 @@ pub(crate) fn look_first(mut look: impl FnMut() -> Option<bool>) {
     }
 }
 
-/// What can be read but once, kept in a temporary file; none of another file.
+/// A temporary copy of what can be read only once; none for another file.
 pub(crate) fn spool(path: &Path) -> anyhow::Result<Option<NamedTempFile>> {
     keep_stream(path)
-        .with_context(|| format!("{} cannot be stored in a temporary file (TMPDIR)", name_of(path)))
+        .with_context(|| format!("{} cannot be copied to a temporary file (TMPDIR)", name_of(path)))
 }
 
 /// What messages call a file that is read.

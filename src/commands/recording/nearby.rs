@@ -7,7 +7,7 @@ use sensors::ouster::Metadata;
 use super::{Recording, look_first};
 use crate::commands::assigned_file::AssignedFile;
 use crate::commands::found_metadata::OustersMet;
-use crate::commands::given::{Given, as_decoded, json_files, metadata_of};
+use crate::commands::sensor_args::{MetadataFile, as_decoded, json_files, metadata_of};
 use crate::recording::packet_reader::PacketReader;
 
 /// Metadata files looked at when none was given.
@@ -57,8 +57,8 @@ impl Recording {
         files.into_iter().take(MAX_NEARBY_FILES).filter(|path| describes(path)).collect()
     }
 
-    /// Metadata that lie beside it and describe its sensors, where none were given.
-    pub(super) fn metadata_found(&self) -> Vec<Given> {
+    /// Metadata that lie next to it and describe its sensors, where none were given.
+    pub(super) fn metadata_found(&self) -> Vec<MetadataFile> {
         let is_looked_for = self.metadata.is_empty() && self.session.is_none();
         if !is_looked_for || !(self.path.is_file() || self.bag.is_some()) {
             return Vec::new();

@@ -6,7 +6,9 @@ use std::sync::atomic::AtomicBool;
 
 use super::{BagAbout, Recording, ensure_recording, inside_of, name_of, packets_of, spool};
 use crate::commands::assigned_file::AssignedFile;
-use crate::commands::given::{Given, SensorArgs, ensure_named, metadata_of, recorded_from, session_metadata};
+use crate::commands::sensor_args::{
+    MetadataFile, SensorArgs, ensure_named, metadata_of, recorded_from, session_metadata,
+};
 use crate::recording::bags::{BagPackets, is_bag_at, metadata_in, names_in};
 use crate::recording::packet_reader::{PacketReader, is_stream};
 use crate::recording::{Manifest, Session};
@@ -77,7 +79,7 @@ impl Recording {
         })
     }
 
-    /// The same for who reads it more than once: standard input and pipes are kept in a temporary file.
+    /// The same for who reads it more than once: standard input and pipes are copied to a temporary file.
     pub(crate) fn open_to_reread(capture: &Path, sensors: &SensorArgs) -> anyhow::Result<Self> {
         Self::open_for(capture, sensors, true)
     }
@@ -111,14 +113,14 @@ impl BagAbout {
     fn read(
         packets: &BagPackets,
         name: &str,
-        metadata: &mut Vec<Given>,
+        metadata: &mut Vec<MetadataFile>,
         unreadable: &mut Vec<String>,
     ) -> Self {
         let serials: Vec<_> = metadata.iter().map(|given| given.metadata.serial_number()).collect();
         let (own, cannot_be_read) = metadata_in(packets, name, &serials);
         unreadable.extend(cannot_be_read);
         let names = names_in(packets, &own);
-        metadata.extend(own.into_iter().map(|of| Given {
+        metadata.extend(own.into_iter().map(|of| MetadataFile {
             source_filter: of.source_filter(),
             metadata: of.metadata,
             text: of.text,

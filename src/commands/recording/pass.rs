@@ -13,7 +13,7 @@ use crate::recording::packet_reader::{PacketError, PacketReader};
 
 /// How a pass over the packets ended.
 pub struct Ending {
-    /// What the file holds beside datagrams.
+    /// What the file holds besides datagrams.
     pub counters: CaptureCounters,
     /// Why reading stopped before the end.
     pub damage: Option<PacketError>,

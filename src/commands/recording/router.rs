@@ -6,8 +6,8 @@ use anyhow::{bail, ensure};
 use sensors::router::{Named, Router, SourceFilter};
 
 use super::{Recording, look_first};
-use crate::commands::given::Given;
 use crate::commands::output::say_notice;
+use crate::commands::sensor_args::MetadataFile;
 use crate::live::receive::auxiliary_name;
 use crate::recording::SensorEntry;
 use crate::recording::packet_reader::PacketReader;
@@ -17,10 +17,10 @@ impl Recording {
     pub(crate) fn router(&self) -> anyhow::Result<Router> {
         let mut router = Router::new();
         router.set_names(self.names());
-        for Given { metadata, name, source_filter, .. } in &self.metadata {
+        for MetadataFile { metadata, name, source_filter, .. } in &self.metadata {
             router.add_ouster_from(metadata.clone(), name.clone(), *source_filter);
         }
-        for Given { metadata, name, .. } in self.metadata_found() {
+        for MetadataFile { metadata, name, .. } in self.metadata_found() {
             if !self.is_reported.swap(true, Ordering::Relaxed) {
                 say_notice(&format!("{name} lies next to the recording and is used; --meta names others"));
             }
@@ -53,7 +53,7 @@ impl Recording {
         Ok(())
     }
 
-    /// The same, and metadata tied to who sends nothing.
+    /// The same, and metadata assigned to a sender that sends nothing.
     pub(crate) fn ensure_given_fits(&self, router: &Router) -> anyhow::Result<()> {
         Self::ensure_calibrations_fit(router)?;
         for sensor in router.sensors() {

@@ -47,7 +47,7 @@ impl Mounts {
         notices.extend(measured.notices);
         if rig.is_none() {
             notices.push(
-                "no mount is known: the sensor's frame counts as the rig's (--mount names another)".into(),
+                "no mount is known: the sensor's frame is used as the rig's (--mount names another)".into(),
             );
         }
         let pitches = vec![Pitches::default(); measured.histories.len()];
@@ -96,7 +96,7 @@ impl Mounts {
         Ok((slot, Box::new(body_from_sensor_over(mounted.mount, pitch))))
     }
 
-    /// Frames whose axis measured nothing near them, in words.
+    /// Frames with no measurement of their axis near them, in words.
     pub(crate) fn losses(&self) -> Vec<String> {
         let sensors = self.rig.iter().flat_map(|rig| &rig.sensors);
         sensors.zip(&self.pitches).filter_map(|(sensor, pitches)| pitches.unknown(&sensor.name)).collect()

@@ -100,7 +100,7 @@ fn by_revolution(
         );
     }
     notices.push(format!(
-        "{name}: poses without times: each counts for the middle of its revolution, {count} of {count}"
+        "{name}: poses without times: each is used for the middle of its revolution, {count} of {count}"
     ));
     let stamped = middles_ns.into_iter().zip(poses.stamped().map(|(_, pose)| pose));
     let trajectory = Trajectory::of_revolutions(stamped.collect()).with_context(|| name.to_string())?;

@@ -50,7 +50,7 @@ impl Sent {
             let list: Vec<String> = senders.iter().map(ToString::to_string).collect();
             self.notices.push(format!(
                 "the packets of {} senders ({}) go to port {port} from one address: sensors without a serial number in their packets \
-                 become one there",
+                 cannot be separated there",
                 senders.len(),
                 list.join(", ")
             ));

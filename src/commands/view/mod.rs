@@ -8,9 +8,9 @@ mod play;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use super::given::SensorArgs;
 use super::scene_args::MeshArgs;
 use super::scene_file::MapArgs;
+use super::sensor_args::SensorArgs;
 
 /// Arguments of `view`.
 #[derive(clap::Args, Debug)]

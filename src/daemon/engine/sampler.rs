@@ -175,7 +175,7 @@ impl Sampler {
             kernel_dropped,
             queue_dropped,
             // what was dropped on this host is missing in the sensor's own counting too
-            on_the_way: decoder.lost_packets.saturating_sub(kernel_dropped + queue_dropped + picture_dropped),
+            in_network: decoder.lost_packets.saturating_sub(kernel_dropped + queue_dropped + picture_dropped),
             malformed: decoder.malformed,
             crc_errors: decoder.crc_errors,
             late: decoder.late,

@@ -128,7 +128,7 @@ fn of_losses(sensor: &SensorStatus, list: &mut List) {
             "Record to a faster disk.",
         ),
         (
-            recent.on_the_way,
+            recent.in_network,
             "lost_on_the_way",
             "packets were lost between the sensor and this computer",
             "Look at cable, switch and network card; a link of 100 Mbit/s is too slow for most sensors.",

@@ -32,7 +32,7 @@ pub(super) const COOKIE: &str = "outrigger_token";
 pub(super) const STOPS: [&str; 2] = ["/api/v1/rig/hold", "/api/v1/rig/e-stop"];
 /// Where pages of other sites may listen, if they were named.
 const FOXGLOVE: &str = "/api/v1/foxglove";
-/// What needs no token beside the page itself, where one is typed: it tells nothing.
+/// Paths that need no token, besides the page itself, while tokens are typed: they disclose nothing.
 const OPEN: [&str; 2] = ["/healthz", "/api/v1/login"];
 
 fn is_open(path: &str) -> bool {

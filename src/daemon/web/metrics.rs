@@ -44,7 +44,7 @@ pub(super) fn text(status: &Status, picture: &[Percentiles], missed: u64) -> Str
         [
             ("kernel", of.kernel_dropped),
             ("queue", of.queue_dropped),
-            ("on_the_way", of.on_the_way),
+            ("on_the_way", of.in_network),
             ("malformed", of.malformed),
             ("checksum", of.crc_errors),
             ("late", of.late),

@@ -3,7 +3,7 @@
 //! Coverage is counted with finitely many rays and grows with them. Each level of a [`Ladder`] takes about twice the
 //! rays of the one before, so what is still missing shrinks by a ratio that the levels themselves show; the sum of the
 //! geometric series that is left down to the finest level is added (Richardson, doi:10.1098/rsta.1911.0009). What that sum turned out to be
-//! wrong by, from each level to the next, is the error that is stated. Two questions are told apart: which candidate is
+//! wrong by, from each level to the next, is the stated error. Two questions are separate: which candidate is
 //! best ([`rank`]: errors that all candidates share do not matter), and how much one is worth ([`settle`]: they do).
 
 mod mount;
@@ -36,7 +36,7 @@ pub trait Ladder: Sync {
     /// What a level is, in words.
     fn name(&self, level: usize) -> String;
 
-    /// Score at a level: larger is better. `kept` is what the levels before have left, or nothing; the score is the same.
+    /// Score at a level: larger is better. `memo` holds what earlier levels stored, or nothing; the score is the same.
     ///
     /// # Errors
     /// Why the candidate cannot be looked at.

@@ -15,7 +15,7 @@ pub struct BoxLadder {
 }
 
 impl BoxLadder {
-    /// The levels of an objective's experiment, whose own azimuths and poses are the coarsest.
+    /// The levels of an objective's experiment; its own azimuths and poses are the coarsest.
     ///
     /// # Errors
     /// A level that cannot be made: too many azimuths or poses.

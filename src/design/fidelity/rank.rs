@@ -65,7 +65,7 @@ pub struct Ranking {
     pub rays: u64,
 }
 
-/// Share of candidates whose errors are believed; the rest may be further off.
+/// Share of candidates with errors within the stated one; the rest may be further off.
 const BELIEVED: f64 = 0.95;
 /// Fewer than this say nothing about those that stayed behind.
 const LEAST_TO_LEARN_FROM: usize = 3;
@@ -151,7 +151,7 @@ impl<'a, L: Ladder> State<'a, L> {
         let (ladder, candidates) = (self.ladder, self.candidates);
         let removed: Vec<(usize, L::Memo)> =
             self.left.iter().map(|index| (*index, std::mem::take(&mut self.memo[*index]))).collect();
-        // what is kept of others is of no more use
+        // what is stored of others is of no more use
         self.memo.iter_mut().for_each(|memo| *memo = L::Memo::default());
         let looked = removed.into_par_iter().map(|(index, mut memo)| {
             ladder.score(level, &candidates[index], &mut memo).map(|score| (index, score, memo))

@@ -29,7 +29,7 @@ pub struct SceneLadder {
 const AZIMUTHS: usize = 1800;
 /// Parts into which its columns and its revolutions are dealt.
 const PARTS: usize = 8;
-/// The order in which parts are taken: each in the largest gap of those before it.
+/// The order in which parts are added: each in the largest gap of those before it.
 const ORDER: [usize; PARTS] = [0, 4, 2, 6, 1, 5, 3, 7];
 /// Parts of the columns and of the revolutions, level by level. Rays are first spread over more revolutions, because
 /// a pattern misses the same cells from places close by.
@@ -51,7 +51,7 @@ impl SceneLadder {
         Self { scene, trajectory, grid, model: model.clone(), finest }
     }
 
-    /// Columns per revolution, and revolutions spread evenly over the time of the way: so many per metre, at least one.
+    /// Columns per revolution, and revolutions spread evenly over the trajectory's time: so many per metre, at least one.
     pub(crate) fn fan(&self, azimuths: usize, per_metre: f64, phase: Phase) -> BeamFan {
         fan(&self.trajectory, &self.model, azimuths, per_metre, phase)
     }
@@ -61,7 +61,7 @@ impl SceneLadder {
         fan.coverage(&self.scene, &self.trajectory, mounts, &self.grid).0.union_count()
     }
 
-    /// The same way with other voxels.
+    /// The same trajectory with other voxels.
     pub(crate) fn with_voxels(&self, voxel_m: f64) -> Self {
         Self { grid: VoxelGrid::centred_on(self.scene.bounds_m(), voxel_m), ..self.clone() }
     }

@@ -21,8 +21,8 @@ pub(crate) struct SingleScore {
     pub gain_voxels: i64,
 }
 
-/// One level sensor and the best single one, in the middle of the given ones; of a mixed rig both are of the type whose best
-/// one scores higher.
+/// One level sensor and the best single one, in the middle of the given ones; of a mixed rig both are of the type with
+/// the single sensor that scores higher.
 pub(crate) fn baselines(
     objective: &Objective,
     sensors: &[Placement],

@@ -1,8 +1,8 @@
-//! Bayesian optimization: a Gaussian process of the scores so far, and the point of greatest expected improvement.
+//! Bayesian optimization: a Gaussian process of the scores so far, and the point of maximum expected improvement.
 //!
 //! Jones, Schonlau, Welch 1998 (doi:10.1023/A:1008306431147); logarithm of the improvement: Ament et al. 2023
 //! (arXiv:2310.20708); the guard against over-exploitation is the "plus" of Bull 2011
-//! (<https://www.jmlr.org/papers/v12/bull11a.html>): a point whose deviation is small beside the noise is refused, the
+//! (<https://www.jmlr.org/papers/v12/bull11a.html>): a point with a deviation far below the noise is refused, the
 //! length scales are shortened and the question is asked again. Equal designs are one point to the model: symmetries are
 //! folded, inactive variables are parked.
 

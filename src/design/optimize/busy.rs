@@ -1,15 +1,15 @@
-//! How long at least one call was under way: the objective's share of a search, however many threads call it.
+//! How long at least one call ran: the objective's share of a search, however many threads call it.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Counts calls under way.
+/// Counts calls that run.
 #[derive(Debug, Default)]
 pub(crate) struct Busy(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    under_way: usize,
+    running: usize,
     since: Option<Instant>,
     total: Duration,
 }
@@ -19,15 +19,15 @@ impl Busy {
     pub(crate) fn during<T>(&self, call: impl FnOnce() -> T) -> T {
         {
             let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            if state.under_way == 0 {
+            if state.running == 0 {
                 state.since = Some(Instant::now());
             }
-            state.under_way += 1;
+            state.running += 1;
         }
         let result = call();
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        state.under_way -= 1;
-        if state.under_way == 0
+        state.running -= 1;
+        if state.running == 0
             && let Some(since) = state.since.take()
         {
             state.total += since.elapsed();
@@ -35,7 +35,7 @@ impl Busy {
         result
     }
 
-    /// Seconds during which a call was under way.
+    /// Seconds during which a call ran.
     pub(crate) fn seconds(&self) -> f64 {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).total.as_secs_f64()
     }

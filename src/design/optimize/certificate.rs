@@ -1,7 +1,7 @@
 //! How much better than what was found any mount of one master could be: branch and bound over regions of mounts.
 //!
 //! In a region no rig sees more voxels than its placements could see between them, nor fewer twice than what all of them
-//! are certain to see ([`Region`]); that bounds J. The region with the greatest bound is cut in two until the work allowed
+//! are certain to see ([`Region`]); that bounds J. The region with the highest bound is cut in two until the work allowed
 //! is done (Land, Doig 1960, doi:10.2307/1910129). Bounds fall slowly: a region of a millimetre and a hundredth of a degree
 //! may still see almost every voxel.
 
@@ -169,7 +169,7 @@ fn bound(objective: &Objective, region: &Region, is_mirrored: bool) -> f64 {
     let least_twice = both(&one.certain, &other.certain).max(each - most_seen);
     let most_twice = both(&one.possible, &other.possible);
     let (low, high) = (least_twice / most_seen, (most_twice / least_seen).min(1.0));
-    // the term rises, has a step up and a step down, and falls: within a range it is greatest at an end or in the window
+    // the term rises, has a step up and a step down, and falls: within a range its maximum is at an end or in the window
     let window =
         (low <= weights.overlap_max && high >= weights.overlap_min).then_some(weights.overlap_reward);
     let overlap = [weights.overlap_term(low), weights.overlap_term(high)].into_iter().chain(window);
@@ -178,7 +178,7 @@ fn bound(objective: &Objective, region: &Region, is_mirrored: bool) -> f64 {
     most_seen + overlap + angular - 2.0 * objective.prices()[0] + rewards
 }
 
-/// The greatest angle between the spin axes of a pair whose pitch lies in this range, degrees: twice the pitch, and what
+/// The maximum angle between the spin axes of a pair with a pitch in this range, degrees: twice the pitch, and what
 /// is missing to a whole turn.
 fn widest_deg(low_deg: f64, high_deg: f64) -> f64 {
     let apart = |pitch_deg: f64| {

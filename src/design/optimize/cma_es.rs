@@ -14,7 +14,7 @@ const FIRST_SIGMA: f64 = 0.25;
 const LAST_SIGMA: f64 = 1e-6;
 const CONDITION_MAX: f64 = 1e14;
 const REDRAWS: usize = 20;
-/// A run whose best of so many generations (more with dimension) does not move is over.
+/// A run is over when its best does not move for so many generations (more with dimension).
 const STALL_GENERATIONS: usize = 20;
 /// Populations double at each restart up to this factor.
 const GROWTH_MAX: usize = 16;

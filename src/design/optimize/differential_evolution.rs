@@ -14,7 +14,7 @@ const MEMORY: usize = 6;
 const BEST_SHARE: f64 = 0.11;
 const ARCHIVE_SHARE: f64 = 2.6;
 const LEAST_MEMBERS: usize = 4;
-/// Generations planned if the population kept its first size.
+/// Generations planned if the population stayed at its first size.
 const GENERATIONS: usize = 20;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -1,8 +1,8 @@
 //! The best mounts of a search, judged again as they would be built.
 //!
 //! The highest of thousands of scores under one sampling is in part luck: a needle that neither a built rig nor a finer
-//! sampling meets again. A few mounts that lie apart are therefore judged over mount errors in a model whose phases are
-//! free, which orders mounts far better than the published pattern does.
+//! sampling meets again. A few mounts that lie apart are therefore judged over mount errors in a model with free
+//! phases, which orders mounts far better than the published pattern does.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;

@@ -9,7 +9,7 @@ use crate::base::instructions::{Instructions, Level};
 
 /// Right sides at once.
 pub const WIDTH: usize = 8;
-/// Columns whose products leave a row before it is written back.
+/// Number of columns with products that leave a row before it is written back.
 const COLUMNS: usize = 4;
 
 /// Replaces the right sides `b` (rows by elements) by the solutions of `lower x = b`. `lower` is square, as many rows as

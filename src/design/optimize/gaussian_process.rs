@@ -56,7 +56,7 @@ pub struct Data {
 }
 
 impl Data {
-    /// At least one point; all points as long as `roles`, whose numbers are below `role_count`.
+    /// At least one point; all points as long as `roles`; its numbers are below `role_count`.
     pub(crate) fn new(roles: Vec<usize>, role_count: usize, points: Vec<Vec<f64>>, values: Vec<f64>) -> Self {
         Self { roles, role_count, points, values: DVector::from_vec(values) }
     }

@@ -104,7 +104,7 @@ impl Genes {
         }
     }
 
-    /// Integers are truncated up or down at random; what leaves the bounds is drawn anew, as MI-LXPM does.
+    /// Integers are truncated up or down at random; what leaves the bounds is drawn again, as MI-LXPM does.
     fn repair(&self, child: &mut [f64], rng: &mut Rng) {
         for (value, variable) in child.iter_mut().zip(self.space.variables()) {
             if variable.integer && value.fract() != 0.0 {

@@ -1,6 +1,6 @@
 //! Local searches from many points at once, the worse half given up in each round.
 //!
-//! Objectives over mounts are a smooth hill under needles whose width differs from variable to variable: steps have all
+//! Objectives over mounts are a smooth hill under needles of a width that differs by variable: steps have all
 //! sizes, log-uniform for each variable, so that none has to be right. Optima often lie on a border or on a plane of
 //! symmetry (across which an objective has no slope), which steps alone never hit: some moves go there. Halving: Karnin,
 //! Koren, Somekh 2013, <https://proceedings.mlr.press/v28/karnin13.html>; moves along the difference of two other
@@ -14,14 +14,14 @@ use crate::base::rng::Rng;
 /// One search for so many evaluations, within bounds: with fewer each, the first rounds would judge starts, not searches.
 const EVALUATIONS_PER_LINE: usize = 150;
 const LINES: (usize, usize) = (2, 24);
-/// Least and greatest step, shares of a variable's range.
+/// Minimum and maximum step, shares of a variable's range.
 const STEPS: (f64, f64) = (1e-4, 0.1);
 /// Least distance between the starts of two searches, each variable in lengths over which the objective changes: with
 /// less, all start on the widest hill, and a higher one that is narrow gets none.
 const APART: f64 = 0.5;
 /// That length where no model knows it, as a share of the variable's range.
 pub const TYPICAL_LENGTH: f64 = 0.1;
-/// Variables that move beside the sure one, on average; at most this share of them.
+/// Variables that move in addition to the sure one, on average; at most this share of them.
 const MOVED: f64 = 1.2;
 const MOVED_SHARE: f64 = 0.4;
 /// Chance that a variable which moves goes to one of its bounds.
@@ -33,7 +33,7 @@ const EXCHANGE: f64 = 0.1;
 /// Evaluations that one batch holds at least.
 const BATCH: usize = 8;
 
-/// Searches under way.
+/// Running searches.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Lines {
     /// Best point of each search, the best first at the start of each round.
@@ -121,7 +121,7 @@ impl Lines {
         values
     }
 
-    /// What is seen adds up over groups: what is good beside one may be good beside another. Where there is one group
+    /// What is seen adds up over groups: what is good with one may be good with another. Where there is one group
     /// only, a step as any other.
     fn with_a_group_of_another(&self, space: &Space, from: &[f64], rng: &mut Rng) -> Vec<f64> {
         let other = &self.bests[rng.below(self.bests.len() as u64) as usize].candidate.values;
@@ -150,7 +150,7 @@ impl Lines {
     }
 }
 
-/// A point near another: each free variable moves by chance (one does for certain), by a normal step whose size is
+/// A point near another: each free variable moves by chance (one does for certain), by a normal step with a size that is
 /// log-uniform within `steps`, shares of its range, or to one of its bounds; integers move by one.
 pub(crate) fn vary(space: &Space, from: &[f64], steps: (f64, f64), rng: &mut Rng) -> Vec<f64> {
     let mut values = from.to_vec();

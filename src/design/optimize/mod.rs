@@ -1,6 +1,6 @@
 //! Ask/tell search methods. Scores are maximised.
 //!
-//! A method proposes candidates and is told what they are worth; [`Search`] owns the loop, the budget and the history.
+//! A method proposes candidates and receives their scores; [`Search`] owns the loop, the budget and the history.
 //! Methods draw random numbers from the seed and the number of the batch only, so that their whole state is plain data:
 //! a search can be written to disk after any evaluation and goes on as if it had never stopped, on any number of threads.
 

@@ -7,7 +7,7 @@ use crate::design::objective::Objective;
 use crate::design::robustness::{Criterion, Robustness, Spread};
 use crate::simulate::published::{Experiment, ExperimentError, Phase, Placement, Roll};
 
-/// Greatest number of masters of the published space.
+/// Maximum number of masters of the published space.
 pub const PUBLISHED_MASTERS_MAX: u32 = 5;
 
 /// Where a master may sit and how far it may tilt.
@@ -204,7 +204,7 @@ impl MountProblem {
         Self::with_search(objective, search, keep_apart)
     }
 
-    /// Searches what is said.
+    /// The space with the given search settings.
     pub(crate) fn with_search(objective: Objective, search: MountSearch, keep_apart: KeepApart) -> Self {
         Self { objective, search, keep_apart, robust: None }
     }

@@ -17,12 +17,12 @@ const COGNITIVE: f64 = 1.4;
 const SOCIAL: f64 = 1.4;
 /// Neighbours on either side that a particle looks at on the ring.
 const NEIGHBOURS: usize = 2;
-/// Greatest speed at the start, as a share of the range.
+/// Maximum speed at the start, as a share of the range.
 const FIRST_SPEED: f64 = 0.5;
 /// With fewer evaluations classes of equal points are folded into one; with more, a ring has leaders enough to follow several
 /// of them.
 const FEW: usize = 100;
-/// Share of a long budget that is kept for local searches: a ring gains longest by itself.
+/// Share of a long budget that is reserved for local searches: a ring gains longest by itself.
 const LOCAL_SHARE_WHEN_LONG: f64 = 0.3;
 
 /// The swarm, then pattern search.
@@ -70,7 +70,7 @@ impl ParticleSwarm {
 }
 
 impl Swarm {
-    /// Whose best draws a particle.
+    /// The particle that draws another by its best.
     fn leader_of(&self, particle: usize) -> usize {
         let size = self.bests.len();
         match self.neighbours {

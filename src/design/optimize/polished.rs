@@ -8,7 +8,7 @@ use super::{Candidate, Optimizer, Settings, Space, Trial, generator};
 
 /// Mesh of the closing pattern search at its start, as a share of each variable's range.
 const POLISH_STEP: f64 = 0.02;
-/// Share of the budget kept for local searches where the published rule does not end the population.
+/// Share of the budget reserved for local searches where the published rule does not end the population.
 const LOCAL_SHARE: f64 = 0.5;
 /// From so many evaluations on a search is long: its population finds its hills early.
 const LONG: usize = 1000;
@@ -140,7 +140,7 @@ pub(super) fn is_long(settings: Settings) -> bool {
     settings.budget >= LONG && !settings.early_stop
 }
 
-/// Share of the budget kept for local searches, where a method has one of its own for long searches.
+/// Share of the budget reserved for local searches, where a method has one of its own for long searches.
 pub(super) fn local_share(settings: Settings, when_long: f64) -> f64 {
     if is_long(settings) { when_long } else { LOCAL_SHARE }
 }

@@ -10,7 +10,7 @@ use crate::design::fidelity::{BoxLadder, Judged, Ladder as _, Rules, Stopped, ra
 use crate::design::objective::Objective;
 use crate::simulate::published::ExperimentError;
 
-/// Level of the ladder at which is searched: the published number of azimuths at four poses per metre whose phases
+/// Level of the ladder for the search: the published number of azimuths at four poses per metre with phases that
 /// differ, which orders mounts far better than the published pattern does.
 const SEARCH_LEVEL: usize = 2;
 /// Scores this far below the best, as a share of it, may still be the best under a finer model.

@@ -1,4 +1,4 @@
-//! A search for mounts under way: budgets of evaluations and rays, the state file, the time of the objective.
+//! A running search for mounts: budgets of evaluations and rays, the state file, the time of the objective.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

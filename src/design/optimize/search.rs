@@ -45,7 +45,7 @@ pub enum SearchError {
     NotFinite {
         /// What came back.
         score: f64,
-        /// The violation beside it.
+        /// The violation that came with it.
         violation: f64,
         /// The point, variable by variable.
         point: String,
@@ -55,12 +55,12 @@ pub enum SearchError {
     Objective {
         /// The point, variable by variable.
         point: String,
-        /// What it said.
+        /// Its error message.
         message: String,
     },
 }
 
-/// A search under way: all of its state, as plain data.
+/// A running search: all of its state, as plain data.
 ///
 /// ```
 /// use outrigger::design::optimize::{Kind, Measured, Search, Settings, Space, Variable};
@@ -73,7 +73,7 @@ pub enum SearchError {
 /// let score = |values: &[f64]| Ok::<_, String>(Measured { score: -(values[0] - 25.0).powi(2), violation: 0.0, rays: 0 });
 /// search.run(15, score, |_| (), &AtomicBool::new(false))?;
 ///
-/// // written down and taken up again, it goes on as if nothing had happened
+/// // saved and loaded again, it goes on as if nothing had happened
 /// let mut resumed: Search = serde_json::from_str(&serde_json::to_string(&search)?)?;
 /// for search in [&mut search, &mut resumed] {
 ///     search.run(30, score, |_| (), &AtomicBool::new(false))?;
@@ -90,7 +90,7 @@ pub struct Search {
     method: Method,
     /// Asked, not evaluated.
     pending: VecDeque<Candidate>,
-    /// Evaluated, not told.
+    /// Evaluated, not yet passed to the method.
     evaluated: Vec<Trial>,
     evaluations: usize,
     rays: u64,
@@ -223,7 +223,7 @@ impl Search {
         self.kind
     }
 
-    /// What the method was told at the start.
+    /// The settings of the method.
     pub(crate) fn settings(&self) -> Settings {
         self.settings
     }

@@ -4,7 +4,7 @@ use std::num::NonZeroUsize;
 
 use serde::{Deserialize, Serialize};
 
-/// What every method is told at the start.
+/// The settings that every method starts with.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Source of all random numbers.
@@ -33,7 +33,7 @@ impl Settings {
     }
 }
 
-/// What a model's next point is the greatest of. "Plus" is the guard against over-exploitation of Bull 2011.
+/// The quantity that a model's next point maximizes. "Plus" is the guard against over-exploitation of Bull 2011.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Acquisition {
@@ -49,7 +49,7 @@ pub enum Acquisition {
 }
 
 impl Acquisition {
-    /// Whether a point whose deviation is small beside the noise is refused.
+    /// Whether a point with a deviation far below the noise is refused.
     pub(super) fn is_guarded(self) -> bool {
         matches!(self, Self::LogEiPlus | Self::EiPlus)
     }

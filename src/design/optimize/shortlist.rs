@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::lines::TYPICAL_LENGTH;
 use super::{Space, Trial};
 
-/// Trials kept.
+/// Trials held.
 const CAPACITY: usize = 32;
 /// Least distance of two of them, each variable in lengths over which an objective typically changes.
 const APART: f64 = 0.5;

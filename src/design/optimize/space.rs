@@ -12,7 +12,7 @@ pub struct Variable {
     pub name: String,
     /// Least value, inclusive.
     pub low: f64,
-    /// Greatest value, inclusive.
+    /// Maximum, inclusive.
     pub high: f64,
     /// Whole numbers only.
     pub integer: bool,
@@ -56,13 +56,13 @@ pub enum SpaceError {
         name: String,
         /// Its least value.
         low: f64,
-        /// Its greatest value.
+        /// Its maximum.
         high: f64,
     },
     /// A variable depends on variable 0, which is no count.
     #[error("variable {0} is active from a count, but variable 0 is not an integer that is always active")]
     NoCount(String),
-    /// A symmetry whose canonical half leaves the bounds, or that names no variable.
+    /// A symmetry with a canonical half outside the bounds, or that names no variable.
     #[error("a symmetry of variable {0} would leave the bounds")]
     Symmetry(usize),
 }
@@ -127,7 +127,7 @@ impl Space {
         self
     }
 
-    /// The same space without the greatest values of variable 0 that cannot exceed `score`, whatever the rest.
+    /// The same space less the top values of variable 0 that cannot exceed `score`, whatever the rest.
     pub(crate) fn that_can_exceed(&self, score: f64) -> Self {
         let mut rest = self.clone();
         if self.ceilings.len() as f64 == self.variables[0].high - self.variables[0].low + 1.0 {

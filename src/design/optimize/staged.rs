@@ -29,7 +29,7 @@ pub struct Staged {
     space: Space,
     settings: Settings,
     step: u64,
-    /// Count whose seed points come next.
+    /// Count for the next seed points.
     next_count: f64,
     trials: Vec<Trial>,
     model: Option<Bayesian>,

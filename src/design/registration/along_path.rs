@@ -1,4 +1,4 @@
-//! How well scans are tied down along the path of a scanner.
+//! Registration strength along the path of a scanner.
 
 use serde::Serialize;
 

@@ -1,4 +1,4 @@
-//! What is known of the best rig beside its score: what others see, how sure that is, how flat it lies.
+//! The answer for the best rig: its score, what others see, how sure that is, how flat it lies.
 
 use serde::Serialize;
 
@@ -20,7 +20,7 @@ const EQUAL_SHARE: f64 = 0.5;
 /// How far from the winner a coordinate is tried, in sixtieths of its range.
 const TRIED: [f64; 10] = [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 27.0, 40.0, 60.0];
 
-/// A rig whose every beam was cast.
+/// A rig with every beam cast.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Judged {
     pub objective: f64,

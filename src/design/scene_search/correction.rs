@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::rig::Mount;
 
-/// Terms of one master beside the constant.
+/// Terms of one master without the constant.
 const TERMS: usize = 5;
 /// Weight of a term of size one against the data, in observations.
 const RIDGE: f64 = 0.05;
@@ -33,7 +33,7 @@ pub(crate) struct ModelError {
     pub uncorrected_mean: f64,
 }
 
-/// Inward tilts (x and pitch of opposite sign) are under-rated, and heights are kept in layers.
+/// Inward tilts (x and pitch of opposite sign) are under-rated, and heights are stored in layers.
 fn terms(mounts: &[Mount]) -> Vec<f64> {
     let of_master = |mount: &Mount| -> [f64; TERMS] {
         let (x, y, z) = (mount.x_m / LENGTH_M, mount.y_m / LENGTH_M, mount.z_m / LENGTH_M);

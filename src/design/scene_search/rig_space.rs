@@ -31,7 +31,7 @@ pub(crate) struct RigSpace {
 }
 
 impl RigSpace {
-    /// Masters of a list of units: two of a kind are a mirrored pair, unless told otherwise.
+    /// Masters of a list of units: two of a kind are a mirrored pair, unless `is_mirrored` is false.
     pub(crate) fn masters_of(units: &[usize], is_mirrored: bool) -> Vec<Master> {
         let mut masters: Vec<Master> = Vec::new();
         let mut single: Vec<usize> = Vec::new();

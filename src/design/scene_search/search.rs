@@ -63,7 +63,7 @@ impl Plan {
     }
 }
 
-/// A rig whose every beam was cast.
+/// A rig with every beam cast.
 #[derive(Clone, Debug)]
 pub(crate) struct Exact {
     pub values: Vec<f64>,
@@ -96,7 +96,7 @@ struct Tried {
     violation_m: f64,
 }
 
-/// A search under way.
+/// A running search.
 pub(crate) struct SceneSearch<'a> {
     pub rigs: &'a RigSpace,
     pub model: &'a mut CellView,
@@ -176,7 +176,7 @@ impl<'a> SceneSearch<'a> {
         &self.found
     }
 
-    /// Searches until the plan is done or `stop` is set; the best exact one is there either way.
+    /// Searches until the plan is done or `stop` is set; the best exact one is there in both cases.
     pub(crate) fn run(&mut self, progress: &dyn Fn(&Self, &str), stop: &AtomicBool) -> SearchEnd {
         let is_stopped = || stop.load(Ordering::Relaxed);
         let Plan { evaluations, spread, local, correcting, finalists, seed } = self.plan;
@@ -308,8 +308,8 @@ impl<'a> SceneSearch<'a> {
         }
     }
 
-    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy whose parents are the best
-    /// of all, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
+    /// Steps from the best mounts, ever shorter, until so many are looked at: an evolution strategy with the best as
+    /// parents, with differences between parents for directions (Storn, Price 1997, doi:10.1023/A:1008202821328).
     fn search_locally(
         &mut self,
         limit: usize,

@@ -7,7 +7,7 @@ use crate::simulate::view::Seen;
 /// Voxels that can be hit in the published room, for which the published weights were made.
 const PUBLISHED_REACHABLE: f64 = 35_048.0;
 
-/// How the published weights are taken.
+/// How the published weights are scaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum WeightRule {

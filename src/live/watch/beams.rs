@@ -49,7 +49,7 @@ impl BeamWatch {
             let above = (*at + 1..channels).find(|at| !is_silent(at));
             match (below, above) {
                 (Some(below), Some(above)) => share(below) > BETWEEN && share(above) > BETWEEN,
-                // the outermost beam alone: several beside each other may look over everything
+                // the outermost beam alone: several neighbours may look over everything
                 (Some(only), None) | (None, Some(only)) => {
                     [0, channels - 1].contains(at) && only.abs_diff(*at) == 1 && share(only) > AT_EDGE
                 }

@@ -3,15 +3,35 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use sensors::ouster::Metadata;
-use sensors::router::{Family, Guess, Routed, Router, Unclaimed};
+use sensors::ouster::{Correction, Metadata};
+use sensors::router::{Family, Guess, Routed, Router, Sensor, Unclaimed};
 use sensors::velodyne::Product;
 use sensors::{Packet, catalogue};
 
 use super::is_model;
+use crate::base::times::rfc3339;
 
 /// Packets that tell every product.
 const ENOUGH_PACKETS: u32 = 64;
+
+/// What was corrected, in words.
+pub(crate) fn correction_words(sensor: &Sensor, correction: &Correction) -> String {
+    let Correction { setting, stated, found, since_ns } = correction;
+    let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
+    match (*setting, since_ns) {
+        // says that settings may differ, and is none
+        ("initialization_id", _) => format!(
+            "{file} is of initialization {stated}, the packets of {found}: settings may have changed in between"
+        ),
+        (_, None) => {
+            format!("{file} says {setting} {stated}, its packets have {found}: decoded as the packets are")
+        }
+        (_, Some(since_ns)) => format!(
+            "its {setting} changed from {stated} to {found} at {}: decoded as the packets are from there on",
+            rfc3339(*since_ns)
+        ),
+    }
+}
 
 /// A look at the first packets of one sensor.
 pub struct FirstLook {
@@ -91,13 +111,9 @@ impl FirstLook {
     fn corrections(&self) -> Vec<String> {
         let sensors = self.router.sensors().iter();
         let all = sensors.flat_map(|sensor| sensor.corrections().iter().map(move |found| (sensor, found)));
-        let words = all.filter(|(_, found)| found.setting != "initialization_id").map(|(sensor, found)| {
-            let file = sensor.metadata_name.as_deref().unwrap_or("its metadata");
-            format!(
-                "{file} says {} {}, its packets have {}: they are decoded as they are",
-                found.setting, found.stated, found.found
-            )
-        });
+        let words = all
+            .filter(|(_, found)| found.setting != "initialization_id")
+            .map(|(sensor, found)| correction_words(sensor, found));
         words.collect()
     }
 

@@ -3,6 +3,7 @@
 mod beams;
 mod first_look;
 
+pub(crate) use first_look::correction_words;
 pub use first_look::{FirstLook, FirstLooks};
 
 use self::beams::BeamWatch;

@@ -7,11 +7,11 @@ pub enum Encoding {
     Ros1,
     /// ROS 2: CDR, each number aligned to its size, counted from behind the first four bytes.
     Cdr,
-    /// In another way: its messages are not read.
+    /// Another encoding: its messages are not read.
     Other,
 }
 
-/// Reads one message; nothing where it ends too early or is written in a way that is not known.
+/// Reads one message; nothing where it ends too early or its encoding is unknown.
 pub(crate) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -52,7 +52,7 @@ impl Db3 {
                 let at = folder.path().join(COPY);
                 Connection::open_with_flags(uri(&at, ""), flags | OpenFlags::SQLITE_OPEN_READ_WRITE)
             }
-            // nothing is written beside a recording
+            // nothing is written next to a recording
             None => Connection::open_with_flags(
                 uri(path, "?immutable=1"),
                 flags | OpenFlags::SQLITE_OPEN_READ_ONLY,
@@ -185,7 +185,7 @@ fn sql(name: &str, error: &rusqlite::Error) -> BagError {
 /// Name of a copy.
 const COPY: &str = "bag.db3";
 
-/// A copy of a file beside which lies what is not yet in it: a write-ahead log, or the journal of a killed recorder.
+/// A copy of a file with what is not yet in it: a write-ahead log, or the journal of a killed recorder.
 fn with_log(path: &Path) -> std::io::Result<Option<TempDir>> {
     let neighbour = |suffix: &str| {
         let mut name = path.as_os_str().to_owned();

@@ -12,7 +12,7 @@ use super::unpack::{self, Lz4Frames};
 use super::{BagError, Losses};
 use crate::base::files::{self, inside, read_text};
 
-/// What rosbag2 writes beside the files of a bag.
+/// What rosbag2 writes next to the files of a bag.
 const METADATA: &str = "metadata.yaml";
 /// Files of one bag.
 const MOST_FILES: usize = 100_000;
@@ -76,7 +76,7 @@ impl Packed {
     }
 }
 
-/// Bytes by which formats are told apart.
+/// Number of bytes that identify a format.
 pub(crate) const START_BYTES: usize = 16;
 
 /// The first bytes of a stream.
@@ -250,7 +250,7 @@ fn bags_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// A name whose numbers sort as numbers.
+/// A name as a key that sorts its numbers as numbers.
 fn by_number(name: &str) -> Vec<(String, u64)> {
     let mut parts = vec![(String::new(), 0_u64)];
     let mut in_number = false;

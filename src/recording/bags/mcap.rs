@@ -237,7 +237,7 @@ impl Mcap {
         Some((topic, log_time_ns))
     }
 
-    /// Unpacks the chunk whose record has so many bytes behind its head; what cannot be had is counted.
+    /// Unpacks the chunk of a record with so many bytes behind its head; what cannot be had is counted.
     fn load_chunk(&mut self, at: u64, there: u64) {
         self.chunk.records.clear();
         (self.chunk.next, self.chunk.at) = (0, at);
@@ -247,7 +247,7 @@ impl Mcap {
             Err(error) => return self.lose(at, format_args!("a chunk that cannot be read: {error}")),
         };
         let Some(packing) = header.packing else {
-            return self.lose(at, "a chunk packed in a way that is not known; expected none, lz4 or zstd");
+            return self.lose(at, "a chunk of unknown compression; expected none, lz4 or zstd");
         };
         let ChunkHeader { unpacked_bytes, crc, packed_bytes, bytes, .. } = header;
         if unpacked_bytes > MOST_MESSAGE_BYTES as u64 {
@@ -266,7 +266,7 @@ impl Mcap {
         let outcome = unpack(packing, record.take(packed_bytes), unpacked_bytes as usize, records);
         let found = self.chunk.records.len() as u64;
         let lost = match outcome {
-            _ if self.is_ended => None, // what the end of the file cuts off has been told of
+            _ if self.is_ended => None, // what the end of the file cuts off was reported
             Err(error) => Some(error.to_string()),
             Ok(()) if found < unpacked_bytes => Some("its data end too early".into()),
             Ok(()) if crc != 0 && crc32fast::hash(&self.chunk.records) != crc => {

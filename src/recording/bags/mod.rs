@@ -130,7 +130,7 @@ trait Container: Send {
     fn losses(&self) -> &Losses;
 }
 
-/// What is missing, in words; of very many only the first are kept.
+/// What is missing, in words; of very many only the first are listed.
 #[derive(Default)]
 struct Losses {
     words: Vec<String>,

@@ -13,7 +13,7 @@ pub enum Role {
     VelodyneScan,
     /// One packet of a Velodyne.
     VelodynePacket,
-    /// Packets of a maker whose packets are not read.
+    /// Packets of a maker that are not read.
     OtherPackets(&'static str),
     /// A cloud of points.
     Cloud,

@@ -1,4 +1,4 @@
-//! What a bag says beside its packets and clouds: how frames sit on each other, and where the platform went.
+//! What a bag states besides packets and clouds: how frames sit on each other, and where the platform went.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::base::geometry::Pose;
 use crate::rig::NamedFrame;
 use crate::world::trajectory::Trajectory;
 
-/// The frame whose poses messages give that do not name it.
+/// The frame of poses in messages that name none.
 pub(crate) const PLATFORM_FRAME: &str = "base_link";
 /// Links between frames that are followed.
 const MOST_LINKS: usize = 32;
@@ -218,7 +218,7 @@ impl Surroundings {
         Ok((trajectory, notices))
     }
 
-    /// The trajectory of a frame: the first whose child sits fixed to it, and how.
+    /// The trajectory of a frame: the first with a child fixed to it, and how.
     pub fn trajectory_of(&self, frame: &str) -> Option<(&RecordedTrajectory, Pose)> {
         self.trajectories.iter().find_map(|of| Some((of, self.frames.a_from_b(&of.child, frame)?)))
     }

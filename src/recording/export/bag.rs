@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{ExportError, Written};
 use crate::base::files;
 
-/// Writes `metadata.yaml` beside `mcap_name`, the finished file in `folder`.
+/// Writes `metadata.yaml` next to `mcap_name`, the finished file in `folder`.
 pub fn write_metadata(folder: &Path, mcap_name: &str, written: &Written) -> Result<(), ExportError> {
     let path = folder.join("metadata.yaml");
     files::write_whole(&path, metadata(mcap_name, written).as_bytes())

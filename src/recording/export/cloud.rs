@@ -94,7 +94,7 @@ pub(crate) fn place(points: &mut Vec<Point>, to_from_points: impl Fn(u64) -> Opt
 
 /// The points of one frame; samples without a return are left out.
 pub struct Cloud {
-    /// Whose.
+    /// The sensor of the points.
     pub source: Arc<Source>,
     /// The sensor's frame counter.
     pub frame_id: u32,
@@ -153,7 +153,7 @@ impl Cloud {
     pub fn fill(&mut self, model: &SensorModel, frame: &Frame) {
         self.points.clear();
         self.points_in = None;
-        // an HDL-64E may say on the way how its beams lie
+        // an HDL-64E may send its beam angles during the recording
         self.rings = rings(&self.source, model);
         self.frame_id = frame.frame_id;
         self.start_time_ns = frame.time_span_ns().map_or(0, |[first, _]| first);
@@ -182,8 +182,8 @@ impl Cloud {
         self.scale.unwrap_or_default()
     }
 
-    /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return whose
-    /// first one is missing is the first of one.
+    /// Every point with its place among the returns of its firing, as LAS and E57 count them: a second return
+    /// without a first is the first of one.
     pub(crate) fn echoes(&self) -> impl Iterator<Item = (&Point, Echo)> {
         let same = |a: Option<&Point>, b: &Point| a.is_some_and(|a| (a.column, a.ring) == (b.column, b.ring));
         self.points.iter().enumerate().map(move |(at, point)| {
@@ -228,7 +228,7 @@ impl Cloud {
     }
 }
 
-/// Places the samples of one sensor's frames, also of one that learns its calibration on the way.
+/// Places the samples of one sensor's frames, also of one that learns its calibration during the recording.
 pub struct Placer {
     projector: Projector,
     positions_m: Vec<[f64; 3]>,

@@ -145,7 +145,7 @@ pub struct Kind {
     pub encoding: &'static str,
 }
 
-/// What a topic has taken so far.
+/// What a topic holds so far.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Topic {
     /// With its leading slash.
@@ -179,7 +179,7 @@ pub enum ExportError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What was said.
+        /// The writer's error.
         cause: Cause,
     },
 }
@@ -213,7 +213,7 @@ pub struct Written {
     pub topics: Vec<Topic>,
 }
 
-/// A point file under way.
+/// A point file being written.
 pub struct Export {
     path: PathBuf,
     temporary: tempfile::NamedTempFile,

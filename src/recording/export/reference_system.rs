@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_systems_are_refused_with_a_way_out() {
+    fn unknown_systems_are_refused_with_advice() {
         for (wrong, words) in
             [("EPSG:2056", "projinfo EPSG:2056"), ("EPSG:x", "a number"), ("no-such-file", "expected EPSG:N")]
         {

@@ -1,4 +1,4 @@
-//! Which time a sensor's stamps are in: by what it was told, held against the host's clock.
+//! The time scale of a sensor's stamps: by its configuration, checked against the host's clock.
 
 use std::fmt;
 
@@ -24,7 +24,7 @@ pub enum TimeScale {
 }
 
 impl TimeScale {
-    /// That of a sensor that was told so, by the stamps of sensor and host at one moment, ns since 1970; no host time is 0.
+    /// That of a sensor in this mode, by the stamps of sensor and host at one moment, ns since 1970; no host time is 0.
     pub fn of(mode: Option<TimestampMode>, device_ns: u64, host_ns: u64) -> Self {
         if device_ns < FIRST_DATE_NS {
             return Self::Host;

@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use super::Cause;
 
 /// Takes everything from the first error on, and keeps that error: some writers end their file when they are dropped, and
-/// panic where the disk is still full then; others do not say what the disk said.
+/// panic where the disk is still full then; others do not pass on the disk's error.
 pub(super) struct Sink {
     file: BufWriter<File>,
     place: u64,

@@ -98,7 +98,7 @@ impl Kind {
     }
 }
 
-/// A message under way.
+/// A message being written.
 pub(super) struct Message {
     dialect: Dialect,
     pub bytes: Vec<u8>,

@@ -83,7 +83,7 @@ enum Sink {
     Messages(Box<Messages>),
 }
 
-/// A file of packets under way.
+/// A file of packets being written.
 pub(crate) struct PacketWriter {
     path: PathBuf,
     temporary: NamedTempFile,

@@ -28,7 +28,7 @@ pub(crate) struct Placement {
     pub world: Option<Arc<World>>,
 }
 
-/// A trajectory, and the whole metres that are taken off its positions so that 32 bits hold them.
+/// A trajectory, and the whole metres that are subtracted from its positions so that 32 bits hold them.
 pub(crate) struct World {
     pub trajectory: Trajectory,
     pub origin_m: DVec3,

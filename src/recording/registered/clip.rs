@@ -24,7 +24,7 @@ impl ClipBox {
 impl FromStr for ClipBox {
     type Err = String;
 
-    /// `x,y,z,x,y,z` or `x,y,z,x,y,z@yaw_deg`: least and greatest corner before it is turned.
+    /// `x,y,z,x,y,z` or `x,y,z,x,y,z@yaw_deg`: minimum and maximum corner before it is turned.
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong =
             || format!("{text:?}: expected x,y,z,x,y,z in metres, or x,y,z,x,y,z@YAW in metres and degrees");

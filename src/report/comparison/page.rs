@@ -105,7 +105,7 @@ fn coverage_section(report: &mut Report, comparison: &Comparison) {
 
 fn tilt_section(report: &mut Report, comparison: &Comparison) {
     report.fold("Where the sensors really sit", "measured mounts against nominal ones");
-    let header = ["sensor", "tilt above nominal", "if there were none", "observable", "condition"];
+    let header = ["sensor", "pitch above nominal", "if there were none", "observable", "condition"];
     report.table(&header, &tilt_rows(comparison));
     let mut rows = Vec::new();
     for check in &comparison.mount {
@@ -121,14 +121,14 @@ fn tilt_section(report: &mut Report, comparison: &Comparison) {
         "y ahead, mm",
         "z up, mm",
         "roll, deg",
-        "tilt, deg",
+        "pitch, deg",
         "yaw, deg",
         "range, mm",
     ];
     report.table(&header, &rows);
     report.paragraph(
         "What both sensors share may as well be the trajectory's attitude error; what sets them apart is the mount. If \
-         the trajectory was made from one of the sensors, its own tilt error has gone into the trajectory. Beam \
+         the trajectory was made from one of the sensors, its own pitch error has gone into the trajectory. Beam \
          calibration and flat walls limit real recordings to a few hundredths of a degree.",
     );
 }
@@ -140,7 +140,7 @@ fn prediction_section(report: &mut Report, comparison: &Comparison) {
     report.fold("Against healthy runs", &format!("{} simulated", prediction.healthy.runs));
     let healthy = &prediction.healthy;
     report.paragraph(&format!(
-        "{} simulated runs of {} rays with nominal mounts, a trajectory that is off by {:.0} mm and {:.2} degrees over \
+        "{} simulated runs of {} rays with the nominal mounts, a trajectory that is off by {:.0} mm and {:.2} degrees over \
          {:.1} s, a range deviation of {:.0} mm and {:.0} % of the returns lost: share of agreeing rays {} on average, {} \
          in the recording (p {}).",
         healthy.runs,

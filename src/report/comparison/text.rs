@@ -62,7 +62,7 @@ pub(crate) fn text(comparison: &Comparison, zeros: &[String]) -> String {
         );
     }
     for row in tilt_rows(comparison) {
-        let _ = writeln!(text, "tilt      {}", row.join("  "));
+        let _ = writeln!(text, "pitch     {}", row.join("  "));
     }
     for zero in zeros {
         let _ = writeln!(text, "zero      {zero}");

@@ -9,7 +9,7 @@ use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
-/// The observable voxels by who saw them, with trajectory and rig. `others` are solids of the body beside the housings.
+/// The observable voxels by who saw them, with trajectory and rig. `others`: solids of the body other than housings.
 pub(crate) fn seen(
     scene: &Scene,
     trajectory: &Trajectory,

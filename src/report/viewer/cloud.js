@@ -178,7 +178,7 @@ class CloudView {
     });
   }
 
-  // a row of a cloud anew: 1 values, 2 ranges
+  // rewrites a row of a cloud: 1 values, 2 ranges
   setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;

@@ -94,7 +94,7 @@ class Scene extends CloudView {
     this.ask();
   }
 
-  // least and greatest value of what is on the picture
+  // minimum and maximum of what is on the picture
   spread() {
     let [low, high] = [Infinity, -Infinity];
     for (const cloud of this.clouds.values()) {

@@ -44,7 +44,7 @@ fn is_shown(plane: Plane, is_upright: bool) -> bool {
     }
 }
 
-/// How many lines stand beside each other.
+/// How many lines stand next to each other.
 pub(super) fn levels(solids: &[Solid<'_>], plane: Plane, is_upright: bool) -> usize {
     let lines = |is_positive| values(solids, plane, is_upright, is_positive).len();
     lines(true).max(lines(false))
@@ -95,7 +95,7 @@ fn measure(sheet: &Sheet, from: DVec2, to: DVec2, line_at: DVec2, is_upright: bo
     let is_wide = value.abs() > width + sheet.paper(6.0);
     let gap = sheet.paper(0.8);
     let mut parts = Vec::new();
-    // witness lines begin beside what they measure and end beyond the line
+    // witness lines begin next to what they measure and end beyond the line
     for (point, foot) in [(from, start), (to, end)] {
         let down = (foot - point).normalize_or_zero();
         parts.push(Shape::Line(point + down * sheet.paper(1.5), foot + down * sheet.paper(1.2)));

@@ -15,7 +15,7 @@ const AROUND_MM: f64 = 22.0;
 /// The upper right has the pictures of signs at least, mm on paper.
 const SIGNS_MM: DVec2 = DVec2::new(150.0, 66.0);
 
-/// What the views need beside the sensors themselves.
+/// What the views need around the sensors.
 struct Needs {
     /// Extent of the rig with the platform's origin in it, mm.
     low: DVec3,
@@ -68,7 +68,7 @@ impl Needs {
     }
 }
 
-/// The largest scale at which all stands beside each other, third angle: top above front, side to the right of it.
+/// The largest scale at which all views fit next to each other, third angle: top above front, side to the right of it.
 fn places(needs: &Needs, strip_mm: f64) -> Places {
     let size = needs.high - needs.low;
     let room = PAPER_MM - 2.0 * MARGIN_MM - DVec2::new(0.0, strip_mm);

@@ -143,7 +143,7 @@ impl Sheet {
         self.put(layer, Shape::Text { at, height, anchor, is_upright: false, text: text.into() });
     }
 
-    /// A filled arrow head whose tip points along a direction.
+    /// A filled arrow head that points along a direction.
     fn arrow(&mut self, layer: Layer, tip: DVec2, direction: DVec2) {
         self.put(layer, arrow_head(tip, direction, self.scale));
     }

@@ -8,7 +8,7 @@ use crate::base::geometry::BODY_FROM_MOUNT_FRAME;
 use crate::rig::FramedSensor;
 use crate::rig::frames::bottom_plane_m;
 
-/// Which way one looks.
+/// The direction of view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Plane {
     /// From above: right and forward.

@@ -1,4 +1,4 @@
-//! The picture of signs: which way a positive pitch, roll and yaw turn a sensor.
+//! The picture of signs: the direction in which a positive pitch, roll and yaw turn a sensor.
 
 use glam::DVec2;
 

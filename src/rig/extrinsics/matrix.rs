@@ -73,9 +73,7 @@ fn doubt(rotation: DMat3) -> Result<Option<String>, String> {
         });
     }
     if rotation.determinant() < 0.0 {
-        return Err(
-            "its determinant is -1: one axis points the other way, a mirror image and no rotation".into()
-        );
+        return Err("its determinant is -1: one axis is reversed, a mirror image and no rotation".into());
     }
     Ok((off > ROUNDED)
         .then(|| format!("its rotation was rounded (off by {off:.1e}) and is made whole again")))

@@ -35,7 +35,7 @@ pub(crate) struct Extrinsics {
     pub notices: Vec<String>,
 }
 
-/// What a file says of a sensor beside its place.
+/// What a file states of a sensor in addition to its pose.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Known {
     name: Option<String>,
@@ -128,7 +128,7 @@ impl Extrinsics {
     /// a name, of all.
     ///
     /// # Errors
-    /// Frames that do not hang together, no sensor among them, or one whose model nobody says.
+    /// Frames that do not hang together, no sensor among them, or one without a model.
     pub(crate) fn mount_file(
         &self,
         models: &[(Option<String>, String)],

@@ -13,7 +13,7 @@ use crate::base::rng::Rng;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
-/// A sensor on its way through a scene.
+/// A sensor on its path through a scene.
 #[derive(Clone, Copy)]
 pub struct Scan<'a> {
     /// What it sees.

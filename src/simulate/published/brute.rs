@@ -1,4 +1,4 @@
-//! The definition, ray by ray: what every faster way is compared with.
+//! The definition, ray by ray: the reference for every faster method.
 
 use super::{BoxPose, Simulator};
 

@@ -4,7 +4,7 @@ use super::Placement;
 
 pub use crate::rig::{Path, Phase};
 
-/// Presets of the types beside the first.
+/// Presets of the types after the first.
 pub type MoreTypes = [Option<&'static Preset>; 3];
 
 /// Sensor types on one rig at most.
@@ -15,7 +15,7 @@ pub const MOST_TYPES: usize = 1 + size_of::<MoreTypes>() / size_of::<Option<&'st
 pub struct Preset {
     /// Name on the command line.
     pub name: &'static str,
-    /// Sensor model whose housing counts.
+    /// Sensor model that gives the housing.
     pub model: &'static str,
     /// Beams, evenly spaced.
     pub beams: usize,
@@ -25,7 +25,7 @@ pub struct Preset {
     pub azimuths: usize,
     /// Least corner of the box, m.
     pub box_min_m: [f64; 3],
-    /// Greatest corner of the box, m.
+    /// Maximum corner of the box, m.
     pub box_max_m: [f64; 3],
     /// Length of the walk, centred in the box, m.
     pub path_length_m: f64,
@@ -91,7 +91,7 @@ impl Preset {
 pub enum Roll {
     /// Replaced by this angle, degrees.
     Fixed(f64),
-    /// Taken as it is.
+    /// No change.
     Free,
 }
 
@@ -138,7 +138,7 @@ impl Phase {
 pub struct Experiment {
     /// What stays; its sensor is type 0.
     pub preset: Preset,
-    /// Presets whose sensors are types 1, 2 ... of the same rig, in box and walk of the first.
+    /// Presets of the sensor types 1, 2 ... of the same rig, in box and walk of the first.
     pub more_types: MoreTypes,
     /// Direction of the walk.
     pub path: Path,
@@ -196,7 +196,7 @@ impl Experiment {
         Ok(experiment)
     }
 
-    /// The presets whose sensors may stand on the rig, by type.
+    /// The presets of the sensors that the rig may carry, by type.
     pub(crate) fn types(&self) -> impl Iterator<Item = &Preset> {
         std::iter::once(&self.preset).chain(self.more_types.iter().flatten().copied())
     }
@@ -211,7 +211,7 @@ impl Experiment {
         self.type_count() > 1
     }
 
-    /// The preset whose sensor a placement has; the first where there is no such type.
+    /// The preset of a placement's sensor; the first where there is no such type.
     pub(crate) fn preset_of(&self, sensor: &Placement) -> &Preset {
         self.types().nth(sensor.sensor_type).unwrap_or(&self.preset)
     }
@@ -337,7 +337,7 @@ pub enum ExperimentError {
         /// Which.
         what: String,
     },
-    /// A sensor would leave the box on its way.
+    /// A sensor would leave the box on its path.
     #[error("sensor {sensor} does not stay inside the box along the whole walk")]
     OutsideBox {
         /// Position in the list, from 1.

@@ -7,7 +7,7 @@ use crate::base::instructions::Instructions;
 use crate::world::coverage::Coverage;
 
 impl Simulator {
-    /// The simulator whose beams a placement has. The placement must have been checked.
+    /// The simulator of a placement's beams. The placement must have been checked.
     pub(super) fn of(&self, sensor: &Placement) -> &Self {
         match sensor.sensor_type {
             0 => self,
@@ -15,7 +15,7 @@ impl Simulator {
         }
     }
 
-    /// What each sensor sees on the fast way, in their order. Pairs stay together: both are of one type.
+    /// What each sensor sees by the fast method, in their order. Pairs stay together: both are of one type.
     pub(super) fn shells(&self, sensors: &[Placement], instructions: Instructions) -> Vec<Shell> {
         let see = |alike: &[Placement]| {
             let simulator = self.of(&alike[0]);

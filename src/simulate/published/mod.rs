@@ -5,7 +5,7 @@
 //! Configurations for Mapping Systems", section 4.2, and its released program where the two differ). Coordinates are
 //! the mount frame's. A ray's hit is the exit point of the box, each coordinate clamped to a quarter voxel inside;
 //! the voxel is `floor(coordinate / voxel)`. A ray with a world direction component that is exactly zero is lost: a
-//! quirk of the released slab test, kept here ([`Preset::loses_axis_parallel_rays`]) and nowhere else in the program.
+//! quirk of the released slab test, reproduced here ([`Preset::loses_axis_parallel_rays`]) and nowhere else.
 
 mod anywhere;
 mod brute;
@@ -43,9 +43,9 @@ pub struct Simulator {
     elevations: Vec<[f64; 2]>,
     /// Place of each pose on the walk, m from its middle.
     stations_m: Vec<f64>,
-    /// Tables of the fast way, where the experiment allows it.
+    /// Tables of the fast method, where the experiment allows it.
     plan: Option<fast::Plan>,
-    /// Tables of the way for any poses, where the numbers fit.
+    /// Tables of the method for any poses, where the numbers fit.
     faces: Option<anywhere::Faces>,
     /// The same box and walk with the beams of types 1, 2 ...; all else here is about type 0.
     more_types: Vec<Simulator>,
@@ -375,7 +375,7 @@ mod tests {
 
     /// Poses between metres, odd numbers of azimuths, free phases: what no published number covers.
     #[test]
-    fn the_fast_way_is_the_definition_wherever_it_goes() {
+    fn the_fast_method_equals_the_definition_where_it_applies() {
         let masters = [[0.0604, 0.21, -0.08, 32.7, 0.0], [0.07, 0.17, -0.05, -41.3, 7.0], [0.0; 5]];
         for path in [Path::Lateral, Path::Forward] {
             for (sub_poses, phase, azimuths) in [

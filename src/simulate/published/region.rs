@@ -14,7 +14,7 @@ const ROUNDING_M: f64 = 1e-9;
 /// Of a component of a direction.
 const ROUNDING: f64 = 1e-14;
 
-/// Least and greatest value.
+/// Minimum and maximum.
 type Interval = [f64; 2];
 
 /// All placements between two corners, component by component.
@@ -22,7 +22,7 @@ type Interval = [f64; 2];
 pub struct Region {
     /// Least components.
     pub low: Placement,
-    /// Greatest components.
+    /// Maximum components.
     pub high: Placement,
 }
 
@@ -66,7 +66,7 @@ struct Caster<'a> {
     simulator: &'a Simulator,
     /// In the box, but for the walk.
     mount_m: [Interval; 3],
-    /// No way through the box is longer, and directions have length 1.
+    /// No ray through the box is longer, and directions have length 1.
     longest_m: f64,
 }
 
@@ -135,7 +135,7 @@ impl Caster<'_> {
         let others = [(axis + 1) % 3, (axis + 2) % 3];
         let mut cells = [[if is_high { self.simulator.cells[axis] - 1 } else { 0 }; 2]; 3];
         let mut origin_m = self.mount_m;
-        // a wall beside the walk is as far from every pose
+        // a wall along the walk is as far from every pose
         let steady = if axis == along {
             None
         } else {
@@ -173,13 +173,13 @@ impl Caster<'_> {
     ) -> Option<Interval> {
         let preset = &self.simulator.experiment.preset;
         let ([low, high], [first_m, last_m]) = (direction[axis], origin_m[axis]);
-        let (speed, way_m) = if is_high {
+        let (speed, gap_m) = if is_high {
             ([low.max(0.0), high], [preset.box_max_m[axis] - last_m, preset.box_max_m[axis] - first_m])
         } else {
             ([(-high).max(0.0), -low], [first_m - preset.box_min_m[axis], last_m - preset.box_min_m[axis]])
         };
-        let nearest_m = way_m[0] / speed[1];
-        let farthest_m = (way_m[1] / speed[0]).min(self.longest_m);
+        let nearest_m = gap_m[0] / speed[1];
+        let farthest_m = (gap_m[1] / speed[0]).min(self.longest_m);
         (speed[1] > 0.0 && nearest_m <= self.longest_m).then_some([nearest_m, farthest_m])
     }
 

@@ -15,7 +15,7 @@ pub(super) struct ShellSize {
 }
 
 impl ShellSize {
-    /// Rows along the walk: floor, ceiling, side at w = 0, side at the greatest w.
+    /// Rows along the walk: floor, ceiling, side at w = 0, side at the maximum w.
     pub(crate) fn rows(&self) -> usize {
         2 * self.cells_w + 2 * self.cells_z
     }
@@ -283,8 +283,8 @@ mod tests {
     #[test]
     fn edges_settle_where_single_voxels_go() {
         let mut by_face = Shell::new(SIZE);
-        by_face.row_words_mut(0)[2 * SIZE.cells_w] = 1; // u 0, w 0, z 0 by way of a side
-        by_face.end_row_mut(1, SIZE.cells_z - 1)[0] = 1 << 5; // by way of an end wall
+        by_face.row_words_mut(0)[2 * SIZE.cells_w] = 1; // u 0, w 0, z 0 through a side
+        by_face.end_row_mut(1, SIZE.cells_z - 1)[0] = 1 << 5; // through an end wall
         by_face.end_row_mut(0, 4).copy_from_slice(&[1, 1 << 5]);
         by_face.settle();
         let mut one_by_one = Shell::new(SIZE);

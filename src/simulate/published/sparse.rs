@@ -1,4 +1,4 @@
-//! Some of the rays of one pose, with what they hit: enough to say how well a scan is tied down.
+//! Some of the rays of one pose, with what they hit: enough for the registration strength of a scan.
 
 use super::{Placement, Simulator, brute};
 

@@ -11,7 +11,7 @@ use crate::world::coverage::Coverage;
 pub const PUBLISHED_SPREAD_DEG: f64 = 0.09;
 
 impl Simulator {
-    /// What the sensors see when normal noise of `spread_deg` (taken in radians) is added to each component of every
+    /// What the sensors see when normal noise of `spread_deg` (converted to radians) is added to each component of every
     /// ray's direction, which is then made a unit again. One stream of the seed per sensor.
     ///
     /// # Errors
@@ -73,7 +73,7 @@ mod tests {
             let score = |seed| {
                 let seen = simulator.see_spread(&sensors, PUBLISHED_SPREAD_DEG, seed).unwrap();
                 let counts = seen.coverage.counts();
-                // J of a pair whose axes are far enough apart
+                // J of a pair with axes far enough apart
                 counts.union as f64 - 600.0 * (counts.overlap_ratio() - 0.1) + 100.0 - 4000.0
             };
             let mean = (0..4).map(score).sum::<f64>() / 4.0;

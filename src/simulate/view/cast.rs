@@ -1,4 +1,4 @@
-//! Every beam cast, and no more kept of it than the bit of its voxel.
+//! Every beam cast; only the bit of its voxel is stored.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -371,7 +371,7 @@ fn columns(fan: &Fan, mount: &Mount, poses: &[(DMat3, DVec3)]) -> Vec<(DMat3, DV
     poses.iter().enumerate().map(column).collect()
 }
 
-/// The column whose beam of this shift points where an unstaggered one of `column` does.
+/// The column with a beam of this shift that points where an unstaggered one of `column` does.
 fn shifted(column: usize, shift: usize, columns: usize) -> usize {
     let moved = column + columns - shift;
     if moved >= columns { moved - columns } else { moved }

@@ -24,7 +24,7 @@ pub struct Sampling {
     pub scan_stride: u32,
     /// Least range that counts, m; the model's where none.
     pub min_range_m: Option<f64>,
-    /// Greatest range that counts, m; the model's where none.
+    /// Maximum range that counts, m; the model's where none.
     pub max_range_m: Option<f64>,
     /// How far the first column is turned on, in columns.
     pub phase: f64,
@@ -74,7 +74,7 @@ pub struct Fan {
     pub scan_stride: u64,
     /// Least range that counts, m.
     pub min_range_m: f64,
-    /// Greatest range that counts, m.
+    /// Maximum range that counts, m.
     pub max_range_m: f64,
     is_ideal: bool,
     /// Sensor from the frame in which columns turn.

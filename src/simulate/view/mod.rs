@@ -42,7 +42,7 @@ pub struct Shades {
     pub operator: Option<Occluder>,
 }
 
-/// Voxels of a grid whose bitmaps are held whole (32 MiB each).
+/// Most voxels of a grid with bitmaps held whole (32 MiB each).
 const MOST_VOXELS: usize = 1 << 28;
 
 impl ViewSite {
@@ -127,9 +127,9 @@ pub enum ViewError {
     Ranges {
         /// Of which sensor.
         model: String,
-        /// Least, m.
+        /// Minimum, m.
         min_range_m: f64,
-        /// Greatest, m.
+        /// Maximum, m.
         max_range_m: f64,
     },
     /// Nothing of the scene lies within the sensors' ranges.

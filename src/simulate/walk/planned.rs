@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_wall_with_a_door_is_gone_through_at_the_door() {
-        // two floors of 6 x 6 m beside each other, a wall between them with a gap of 1.2 m at one end
+        // two adjacent floors of 6 x 6 m, a wall between them with a gap of 1.2 m at one end
         let mut vertices = Vec::new();
         let mut triangles: Vec<[u32; 3]> = Vec::new();
         let mut quad = |corners: [[f64; 3]; 4]| {

@@ -1,4 +1,4 @@
-//! A placed walk laid against the scene piece by piece: what its trajectory drifted is taken out.
+//! A placed walk compared with the scene piece by piece: corrects the drift of its trajectory.
 
 use glam::DVec3;
 use rayon::prelude::*;

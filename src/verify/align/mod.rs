@@ -42,7 +42,7 @@ const REFINED: usize = 12;
 const GUESSES_APART: [f64; 2] = [1.0, 0.2];
 /// Placements nearer than this are one, m and rad.
 const APART: [f64; 2] = [0.3, 0.05];
-/// Placements whose share is so far below the best are not compared return by return.
+/// Placements with a share so far below the best are not compared return by return.
 const FAR_BELOW: f64 = 0.1;
 /// A walk in another building fits to 0.6 (measured on ten pairs), in its own to 0.7 even with furniture moved.
 const LEAST_INLIERS: f64 = 0.65;
@@ -295,7 +295,7 @@ impl Candidate {
     }
 }
 
-/// The longest stretch whose blocks fit far worse than most.
+/// The longest stretch of blocks that fit far worse than most.
 fn misfit(target: &Target<'_>, returns: &[WalkReturn], pose: &Pose) -> Option<Misfit> {
     let returns = evenly(returns, COMPARED);
     let fits = target.fits(pose, &returns);
@@ -329,8 +329,8 @@ fn share(fits: &[bool]) -> f64 {
 }
 
 /// Whether two placements of a walk lie apart, m and rad.
-fn apart(a: &Pose, b: &Pose, middle_m: DVec3, [way_m, turn_rad]: [f64; 2]) -> bool {
-    a.transform_point(middle_m).distance(b.transform_point(middle_m)) > way_m
+fn apart(a: &Pose, b: &Pose, middle_m: DVec3, [shift_m, turn_rad]: [f64; 2]) -> bool {
+    a.transform_point(middle_m).distance(b.transform_point(middle_m)) > shift_m
         || a.rotation.angle_between(b.rotation) > turn_rad
 }
 

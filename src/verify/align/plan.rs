@@ -19,7 +19,7 @@ const MOST_SLICES: usize = 12;
 const YAWS: usize = 120;
 /// Walls farther from the middle of the walk are left out, m: a turn between two that are tried moves them too far.
 const FARTHEST_M: f64 = 25.0;
-/// Best peaks that are kept of each turn and height, and of all.
+/// Number of best peaks held of each turn and height, and of all.
 const PEAKS: usize = 8;
 const MOST_GUESSES: usize = 60;
 /// Two guesses nearer than this in place and turn are one.
@@ -127,7 +127,7 @@ impl Grid {
             let Some(slice) = self.slice(at_m.z - height_m) else { continue };
             let cell = ((at_m.truncate() - self.low_m) / self.cell_m).floor();
             let [x, y] = [cell.x as usize, cell.y as usize];
-            // half as much beside a wall as in it
+            // half as much next to a wall as in it
             for (dx, dy) in (0..9).map(|n| (n % 3, n / 3)) {
                 let (Some(x), Some(y)) = ((x + dx).checked_sub(1), (y + dy).checked_sub(1)) else { continue };
                 if x >= self.scene[0] || y >= self.scene[1] {

@@ -38,7 +38,7 @@ const SMALL_STEP: f64 = 2e-5;
 const OF_GUESS: f64 = 1e-6;
 /// Fewer returns that meet a surface say nothing.
 const LEAST_MET: usize = 30;
-/// Blocks of the walk whose scatter tells how sure the result is.
+/// Blocks of the walk; their scatter gives the uncertainty of the result.
 const BLOCKS: usize = 20;
 
 /// What is searched and laid against.
@@ -49,7 +49,7 @@ pub(super) struct Target<'a> {
     pub map: &'a PointMap,
 }
 
-/// A return beside the first surface on its ray.
+/// A return and the first surface on its ray.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Met {
     /// Measured less predicted, m.

@@ -1,4 +1,4 @@
-//! Surfaces of a walk and of a scene as points that know which way they face.
+//! Surfaces of a walk and of a scene as points with the direction that they face.
 
 use std::collections::HashMap;
 
@@ -10,14 +10,14 @@ use crate::verify::compare::box_points;
 use crate::verify::odometry::{Cells, Moments, PointMap};
 use crate::world::scene::Scene;
 
-/// Edge of the cells whose points, with those around them, make a plane, m.
+/// Edge of the cells in which points, with those around them, make a plane, m.
 const CELL_M: f64 = 0.2;
 /// Samples of a scene per square metre, and their bounds.
 const SAMPLES_PER_M2: f64 = 80.0;
 const SAMPLES: [f64; 2] = [60_000.0, 500_000.0];
 /// Of the samples.
 const SEED: u64 = 1;
-/// A surface whose normal leans so far from the vertical is a floor or a ceiling; from there on it is a wall.
+/// Up to this lean of its normal from the vertical a surface is a floor or a ceiling; from there on it is a wall.
 const LEVEL: f64 = 0.94;
 const STEEP: f64 = 0.7;
 
@@ -25,7 +25,7 @@ const STEEP: f64 = 0.7;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     pub at_m: DVec3,
-    /// Unit, either way; none where the surface is not flat.
+    /// Unit, of either sign; none where the surface is not flat.
     pub normal: Option<DVec3>,
 }
 

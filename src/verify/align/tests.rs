@@ -60,8 +60,8 @@ fn off(found: &Pose, truth: &Pose, start: &Pose) -> [f64; 2] {
 
 fn is_right(alignment: &Alignment, truth: &Pose, start: &Pose) {
     assert_eq!(alignment.answer, Answer::Placed, "{alignment:?}");
-    let [way_m, turn_deg] = off(&alignment.placed().unwrap(), truth, start);
-    assert!(way_m < 0.005 && turn_deg < 0.05, "{way_m} m {turn_deg} deg, {alignment:?}");
+    let [shift_m, turn_deg] = off(&alignment.placed().unwrap(), truth, start);
+    assert!(shift_m < 0.005 && turn_deg < 0.05, "{shift_m} m {turn_deg} deg, {alignment:?}");
 }
 
 const ROOM: [[f64; 3]; 2] = [[-4.0, -2.5, 0.0], [4.0, 2.5, 2.8]];
@@ -151,8 +151,8 @@ fn a_jump_of_the_trajectory_is_noticed_and_drift_is_removed() {
     let followed = follow(&drifted, &own, &scene, &placed).unwrap();
     for (time_ns, pose) in followed.trajectory.stamped().filter(|(at, _)| (0.05..0.95).contains(&share(*at)))
     {
-        let [way_m, turn_deg] = off(&pose, &truth.at(time_ns).unwrap(), &Pose::IDENTITY);
-        assert!(way_m < 0.015 && turn_deg < 0.3, "{way_m} m {turn_deg} deg at {}", share(time_ns));
+        let [shift_m, turn_deg] = off(&pose, &truth.at(time_ns).unwrap(), &Pose::IDENTITY);
+        assert!(shift_m < 0.015 && turn_deg < 0.3, "{shift_m} m {turn_deg} deg at {}", share(time_ns));
     }
     assert!(followed.unsure == 0 && followed.drift_m > 0.05, "{followed:?}");
     let jump = |share: f64| match share > 0.75 {

@@ -1,4 +1,4 @@
-//! Which way is up for a walk, and how high it lies in a scene.
+//! The up direction of a walk, and how high it lies in a scene.
 
 use glam::{DQuat, DVec3};
 

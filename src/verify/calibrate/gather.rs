@@ -95,7 +95,7 @@ pub struct Scan {
     pub time_s: f64,
     /// Equations.
     pub rows: Vec<Row>,
-    /// Returns by sensor whose ray meets a surface, near to where they ended or not.
+    /// Returns by sensor with a ray that meets a surface, near to where they ended or not.
     pub met: Vec<u64>,
 }
 

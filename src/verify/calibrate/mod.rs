@@ -94,17 +94,17 @@ impl Estimate {
 pub struct SensorCheck {
     /// Name.
     pub sensor: String,
-    /// Servo axis: how much farther the sensor is tilted than said, degrees; none where the scene does not tell.
+    /// Servo axis: pitch above nominal, degrees; none where it is not observable.
     pub tilt_error_deg: Option<f64>,
     /// Its standard deviation, degrees.
     pub sd_deg: Option<f64>,
     /// Half of its 95 % interval, degrees.
     pub u95_deg: Option<f64>,
-    /// Chance of such a tilt error if there were none.
+    /// Chance of such a pitch error if there were none.
     pub p_value: Option<f64>,
-    /// Unknowns that the scene tells: of `x, y, z, roll, tilt, yaw, range`.
+    /// Observable unknowns: of `x, y, z, roll, tilt, yaw, range`.
     pub observable: Vec<&'static str>,
-    /// Of the normalised unknowns; none where some direction is not tied down at all.
+    /// Of the normalised unknowns; none where some direction is not observable at all.
     pub condition_number: Option<f64>,
     /// Turns about the mount frame's axes (x right: roll, y forward: tilt, z up: yaw), degrees, in the order x, y, z.
     pub rotation_deg: [Option<Estimate>; 3],
@@ -114,7 +114,7 @@ pub struct SensorCheck {
     pub range_offset_mm: Option<Estimate>,
     /// Rays used.
     pub rays: u64,
-    /// Why nothing is known of the tilt here.
+    /// Why the pitch is not observable here.
     pub cannot_tell: Option<String>,
     /// Whether that is because the scene is another one, or of another size.
     #[serde(skip)]
@@ -126,7 +126,7 @@ pub struct SensorCheck {
 
 impl SensorCheck {
     /// Nothing is known of a sensor, and its mount is nominal.
-    pub(crate) fn untold(sensor: &str, mount: Mount) -> Self {
+    pub(crate) fn undetermined(sensor: &str, mount: Mount) -> Self {
         Self {
             sensor: sensor.to_owned(),
             tilt_error_deg: None,
@@ -184,7 +184,7 @@ const SMALL_STEP: f64 = 0.05;
 /// Least of revolutions and rays per sensor to say anything.
 const LEAST_RAYS: u64 = 500;
 
-/// Least share of the returns whose rays meet a surface that end near to it. In the place that was recorded all but
+/// Minimum share of the returns that end near the surface on their ray. In the place that was recorded all but
 /// people and furniture do, and seven in ten where its ceiling is wrong; of a hall in a house or in other rooms 0 to 28 %
 /// do, which fit some mount to a tenth of a degree.
 const LEAST_NEAR: f64 = 0.5;
@@ -237,7 +237,7 @@ pub fn check(field: &Field<'_>, settings: &Settings) -> MountCheck {
 fn nothing(field: &Field<'_>, why: &str) -> MountCheck {
     let silent = |sensor: &MountedSensor| SensorCheck {
         cannot_tell: Some(why.to_owned()),
-        ..SensorCheck::untold(&sensor.name, sensor.mount)
+        ..SensorCheck::undetermined(&sensor.name, sensor.mount)
     };
     MountCheck {
         mount: field.sensors.iter().map(silent).collect(),
@@ -293,7 +293,7 @@ fn report(
             if offset.range_m > 0.0 { "long" } else { "short" }
         )),
         (true, true, true) => None,
-        (true, true, false) => Some("cannot tell here: the surfaces it saw leave the tilt open".to_owned()),
+        (true, true, false) => Some("cannot tell here: the surfaces it saw leave the pitch open".to_owned()),
         (true, false, _) => Some(format!(
             "cannot tell here: only {:.0} % of the returns end within {} m of where the scene has a surface, from the best mount, \
              too: is the scene another place, or the trajectory in another frame?",

@@ -1,28 +1,28 @@
-//! Which unknowns of a mount the surfaces it saw tie down, the attitude of the body known.
+//! Which unknowns of a mount are observable from the surfaces it saw, with the attitude of the body known.
 
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 
 /// Names of the unknowns, in order: shifts along and turns about the mount frame's axes, range offset.
 pub const UNKNOWNS: [&str; 7] = ["x", "y", "z", "roll", "tilt", "yaw", "range"];
 
-/// Share of the largest information below which a direction counts as loose: exact simulated planes give 0 for it.
-const LOOSE: f64 = 1e-4;
+/// Share of the largest information below which a direction counts as degenerate: exact simulated planes give 0 for it.
+const DEGENERATE: f64 = 1e-4;
 /// Least information per ray about an unknown, of at most 1, the other unknowns free.
 const LEAST_INFORMATION: f64 = 3e-4;
-/// Part of an unknown that may lie in a loose direction, squared.
-const MOST_LOOSE_PART: f64 = 0.01;
+/// Part of an unknown that may lie in a degenerate direction, squared.
+const MAX_DEGENERATE_PART: f64 = 0.01;
 
-/// What is tied down of one sensor.
+/// What is observable of one sensor.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Observed {
     /// By unknown.
     pub is_observable: [bool; 7],
-    /// Largest over least eigenvalue; none where a direction is loose.
+    /// Largest over least eigenvalue; none where a direction is degenerate.
     pub condition_number: Option<f64>,
-    /// Directions that are tied down, in the unknowns' own units: columns of 7 numbers.
+    /// Observable directions, in the unknowns' own units: columns of 7 numbers.
     pub basis: Vec<[f64; 7]>,
     /// Loose directions, normalised.
-    loose: Vec<SVector<f64, 7>>,
+    degenerate: Vec<SVector<f64, 7>>,
     /// Size of a unit of each unknown when normalised.
     scale: [f64; 7],
 }
@@ -40,11 +40,11 @@ impl Observed {
         });
         let eigen = SymmetricEigen::new(normalised);
         let largest = eigen.eigenvalues.max();
-        let (mut basis, mut loose, mut least) = (Vec::new(), Vec::new(), f64::INFINITY);
+        let (mut basis, mut degenerate, mut least) = (Vec::new(), Vec::new(), f64::INFINITY);
         for place in 0..7 {
             let direction: SVector<f64, 7> = eigen.eigenvectors.column(place).into();
-            if eigen.eigenvalues[place] < LOOSE * largest {
-                loose.push(direction);
+            if eigen.eigenvalues[place] < DEGENERATE * largest {
+                degenerate.push(direction);
             } else {
                 least = least.min(eigen.eigenvalues[place]);
                 basis.push(std::array::from_fn(|unknown| direction[unknown] / scale[unknown]));
@@ -54,15 +54,15 @@ impl Observed {
         let mut variance = SVector::<f64, 7>::zeros();
         for place in 0..7 {
             let value = eigen.eigenvalues[place];
-            if value >= LOOSE * largest {
+            if value >= DEGENERATE * largest {
                 variance += eigen.eigenvectors.column(place).map(|part| part * part) / value;
             }
         }
         let mut observed = Self {
             is_observable: [false; 7],
-            condition_number: (loose.is_empty() && least > 0.0).then(|| largest / least),
+            condition_number: (degenerate.is_empty() && least > 0.0).then(|| largest / least),
             basis,
-            loose,
+            degenerate,
             scale,
         };
         observed.is_observable = std::array::from_fn(|place| {
@@ -73,12 +73,13 @@ impl Observed {
         observed
     }
 
-    /// Whether a combination of the unknowns has next to no part in a loose direction.
+    /// Whether a combination of the unknowns has next to no part in a degenerate direction.
     pub(crate) fn tells(&self, weights: &[f64; 7]) -> bool {
         let normalised = SVector::<f64, 7>::from_fn(|place, _| weights[place] * self.scale[place].max(1e-12));
         let length = normalised.norm_squared();
-        let loose: f64 = self.loose.iter().map(|direction| direction.dot(&normalised).powi(2)).sum();
-        !self.basis.is_empty() && loose < MOST_LOOSE_PART * length
+        let degenerate: f64 =
+            self.degenerate.iter().map(|direction| direction.dot(&normalised).powi(2)).sum();
+        !self.basis.is_empty() && degenerate < MAX_DEGENERATE_PART * length
     }
 
     /// Names of what is observable.

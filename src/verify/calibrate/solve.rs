@@ -46,13 +46,13 @@ pub struct Solution {
     pub poses: Vec<[f64; 6]>,
     /// Of every part of a revolution, with the last weights.
     pub sums: Vec<Sums>,
-    /// Unknowns of all sensors from the directions that are tied down.
+    /// Unknowns of all sensors from the observable directions.
     pub from_observable: DMatrix<f64>,
     /// Inverse of the information about those.
     pub inverse: DMatrix<f64>,
 }
 
-/// Solves; none when no direction of any sensor is tied down. `known` are the pose errors from which the rays were cast.
+/// Solves; none when no direction of any sensor is observable. `known` are the pose errors from which the rays were cast.
 pub(crate) fn solve(
     scans: &[Scan],
     sensors: usize,

@@ -1,11 +1,11 @@
 //! Stand test: what a servo really does, from a rig that stands still while an axis goes through settings.
 //!
 //! The points of each setting are laid into the planes of a reference setting (as one sensor into another's,
-//! [`relative_mount`]), with what the axis measured as the guess: what is left over is how far the sensor turned beside
+//! [`relative_mount`]), with what the axis measured as the guess: what is left over is the sensor's turn less
 //! what was measured. Nothing of the scene is known beforehand, and the body's pose is no unknown: it stands. Over all
 //! settings the angles that were found are regressed on those that were measured: a factor other than 1 is a wrong gear
 //! or a wrong scale, a step between settings reached from below and from above is play that the reading does not see. The
-//! turns between settings have a common axis, which is the servo's as the sensor sees it. Where zero is cannot be told by
+//! turns between settings have a common axis, which is the servo's as the sensor sees it. Where zero is cannot be determined by
 //! turns alone.
 
 use glam::DVec3;
@@ -53,14 +53,14 @@ pub struct Setting {
     pub rays: Vec<RecordedRay>,
 }
 
-/// One setting beside the reference.
+/// One setting against the reference.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FoundSetting {
     /// What the axis measured, degrees.
     pub measured_deg: f64,
     /// From which side it was reached.
     pub reached: Option<Reached>,
-    /// The setting that the others are held against: its angle is taken as measured.
+    /// The setting that the others are held against: its angle counts as measured.
     pub is_reference: bool,
     /// The angle found less the angle measured, degrees; none where the surfaces do not tell.
     pub error_deg: Option<Estimate>,
@@ -69,7 +69,7 @@ pub struct FoundSetting {
     turn_rad: Option<DVec3>,
     /// Points that met a plane of the reference.
     pub pairs: usize,
-    /// Why nothing can be said.
+    /// Why there is no result.
     pub cannot_tell: Option<String>,
 }
 
@@ -95,7 +95,7 @@ pub struct StandTest {
     pub axis_sd_deg: Option<f64>,
 }
 
-/// Lays every setting against the one in the middle. `said` is the sensor as mounted, its pitch of no account.
+/// Lays every setting against the one in the middle. The pitch of `nominal` is not used.
 pub(crate) fn stand_test(nominal: &MountedSensor, settings: &[Setting], revolution_ns: u64) -> StandTest {
     let reference = middle(settings);
     let found: Vec<FoundSetting> = settings
@@ -213,7 +213,7 @@ impl StandTest {
         let rows: Vec<([f64; 3], f64, f64)> = self
             .settings
             .iter()
-            // with play, an angle reached from nobody knows where lies anywhere in it
+            // with play, an angle reached from an unknown side lies anywhere in it
             .filter(|found| !has_both || found.reached.is_some())
             .filter_map(|found| {
                 let error = found.error_deg?;

@@ -16,7 +16,7 @@ pub const INCIDENCE_BINS: usize = 9;
 pub enum RayClass {
     /// Recorded where predicted.
     Agree,
-    /// Recorded nearer: something stood in the way.
+    /// Recorded nearer: something blocked the ray.
     Short,
     /// Recorded farther: glass, an opened door, a wrong scene.
     Long,
@@ -26,7 +26,7 @@ pub enum RayClass {
     Extra,
     /// Neither predicted nor recorded.
     Nothing,
-    /// Taken outside the trajectory's time: cannot be placed.
+    /// Recorded outside the trajectory's time: cannot be placed.
     Unplaced,
 }
 
@@ -67,7 +67,7 @@ impl RayClass {
 pub struct RayClasses {
     /// Recorded where predicted.
     pub agree: u64,
-    /// Recorded nearer: something stood in the way.
+    /// Recorded nearer: something blocked the ray.
     pub short: u64,
     /// Recorded farther: glass, an opened door, a wrong scene.
     pub long: u64,
@@ -77,7 +77,7 @@ pub struct RayClasses {
     pub extra: u64,
     /// Neither predicted nor recorded.
     pub nothing: u64,
-    /// Taken outside the trajectory's time: cannot be placed.
+    /// Recorded outside the trajectory's time: cannot be placed.
     pub unplaced: u64,
 }
 
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn every_way_of_counting_counts_every_ray() {
+    fn each_count_covers_every_ray() {
         let mut breakdown = Breakdown::default();
         for n in 0..1000_u32 {
             let recorded_m = (n % 3 != 0).then_some(1.02 + f64::from(n % 7) * 0.05);

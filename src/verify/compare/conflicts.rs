@@ -23,7 +23,7 @@ const BLOCK_M: f64 = 2.0;
 pub struct Conflicts {
     /// Edge of a cell, m.
     pub cell_m: f64,
-    /// Occupied by the scene, and hit by the recording there or beside.
+    /// Occupied by the scene, and hit by the recording there or next to it.
     pub agree: u64,
     /// Occupied by the scene; the recording looked through.
     pub gone: Found,

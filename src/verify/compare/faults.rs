@@ -1,4 +1,4 @@
-//! Faults with a name: readings of the recording under which it would agree far better than as it was said to be.
+//! Faults with a name: readings of the recording under which it would agree far better than as specified.
 
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ pub struct Fault {
     pub sensors: Vec<String>,
     /// In plain words.
     pub words: String,
-    /// Share of the rays that agree as the recording was said to be; none where rays say nothing about it.
+    /// Share of the rays that agree with the recording as specified; none where rays cannot decide.
     pub agree_share: Option<f64>,
     /// The same if the fault is as named.
     pub explained_share: Option<f64>,
@@ -124,7 +124,7 @@ fn readings(sensors: &[MountedSensor]) -> Vec<Reading> {
         let mut reading = Reading::named(sensors, "yaw_180", of, words);
         of.iter().for_each(|sensor| reading.turned[*sensor] = true);
         readings.push(reading);
-        let words = format!("{names}: tilted the other way, the sign of the pitch is mirrored");
+        let words = format!("{names}: tilted in the opposite direction, the sign of the pitch is mirrored");
         let mut reading = Reading::named(sensors, "mirrored_sign", of, words);
         of.iter().for_each(|sensor| reading.mirrored[*sensor] = true);
         readings.push(reading);

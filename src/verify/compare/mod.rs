@@ -1,4 +1,4 @@
-//! Predicted against recorded: three coverages by one line of code, and every recorded ray told apart.
+//! Predicted against recorded: three coverages by one line of code, and a class for every recorded ray.
 //!
 //! *Planned* is the optimal mount on the planned path. *As driven* is cast here, for exactly the columns that were
 //! recorded, from the measured mounts and the recorded trajectory. *Recorded* is where the recorded rays end as

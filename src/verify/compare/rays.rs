@@ -19,7 +19,7 @@ pub struct Gate {
     /// A recorded and a predicted range agree within this, m. Source: max(3 sigma, 0.10 m) for a range sd of at most
     /// 3 cm.
     pub agree_within_m: f64,
-    /// So many rays are kept to be cast again.
+    /// So many rays are held to be cast again.
     pub keep_rays: usize,
     /// Added to the recording's times to get those of the trajectory, ns.
     pub time_offset_ns: i64,

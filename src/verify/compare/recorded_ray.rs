@@ -21,7 +21,7 @@ pub struct RecordedRay {
     pub time_ns: u64,
     /// Encoder azimuth, rad.
     pub azimuth_rad: f64,
-    /// Pitch of the mount when it was taken, rad.
+    /// Pitch of the mount at its time, rad.
     pub pitch_rad: f64,
     /// As the sensor reported it, m; none where nothing came back.
     pub range_m: Option<f64>,
@@ -39,7 +39,7 @@ pub struct PlacedRay {
 }
 
 impl RecordedRay {
-    /// Mount of its sensor when it was taken.
+    /// Mount of its sensor at its time.
     pub(crate) fn mount(&self, sensors: &[MountedSensor]) -> Mount {
         Mount { pitch_rad: self.pitch_rad, ..sensors[self.sensor].mount }
     }
@@ -97,7 +97,7 @@ impl Thinning {
         Self { most: most.max(2), mask: 0, rays: Vec::new() }
     }
 
-    /// Whether a ray would be kept: asked before the work of making one.
+    /// Whether a ray would be held: asked before the work of making one.
     #[inline]
     pub(crate) fn wants(&self, sensor: usize, channel: usize, time_ns: u64) -> bool {
         scatter(sensor, channel, time_ns) & self.mask == 0

@@ -23,7 +23,7 @@ const CORNER_M: f64 = 0.0707;
 /// Patches of fewer observable points say nothing.
 const LEAST_POINTS: u32 = 5;
 
-/// Edge of a block whose coverage varies for itself, m: as in [`super::intervals`].
+/// Edge of a block with coverage that varies by itself, m: as in [`super::intervals`].
 const BLOCK_M: f64 = 2.0;
 
 type Key = ([i32; 3], u8);

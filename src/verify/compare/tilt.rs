@@ -5,7 +5,7 @@ const STANDS_WITHIN_RAD: f64 = 1e-3;
 
 /// How far from the nearest reading an angle is still known, ns: a line to a rig is called lost before.
 const KNOWN_WITHIN_NS: u64 = 5_000_000_000;
-/// Times within a revolution at which the angle is taken: an axis turns by degrees in one.
+/// Times within a revolution at which the angle is sampled: an axis turns by degrees in one.
 const KNOTS: usize = 5;
 
 /// One reading.
@@ -148,7 +148,7 @@ impl FramePitch {
         self.knots_rad.iter().sum::<f64>() / KNOTS as f64
     }
 
-    /// Least and greatest, rad.
+    /// Minimum and maximum, rad.
     pub(crate) fn span_rad(&self) -> [f64; 2] {
         let fold = |pick: fn(f64, f64) -> f64| self.knots_rad.iter().copied().fold(self.knots_rad[0], pick);
         [fold(f64::min), fold(f64::max)]
@@ -210,7 +210,7 @@ mod tests {
             held(200, 0.2000),
             held(300, 0.2004),
             held(400, 0.2004),
-            // pushed aside: another stand
+            // pushed away: another stand
             held(500, 0.2100),
             held(600, 0.2100),
         ]);

@@ -41,7 +41,7 @@ pub struct TimeOffset {
     pub rays: usize,
 }
 
-/// Why none is told.
+/// Why there is none.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoTimeOffset {
     /// Too few returns.

@@ -34,9 +34,9 @@ pub struct Comparison {
     pub mount: Vec<SensorCheck>,
     pub relative_tilt: Option<RelativeTilt>,
     pub mount_check: Option<CheckReport>,
-    /// Cells that are free in the recording and occupied in the scene, or the other way round.
+    /// Cells that are free in the recording and occupied in the scene, or the reverse.
     pub conflicts: Option<Conflicts>,
-    /// Healthy simulated runs beside the recording.
+    /// Healthy simulated runs, as the reference of the recording.
     pub prediction: Option<NullTest>,
 }
 
@@ -73,7 +73,7 @@ impl Comparison {
             }
             false => String::new(),
         };
-        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.untold())
+        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.undetermined())
     }
 
     /// What to do, in one sentence.
@@ -100,10 +100,10 @@ impl Comparison {
         }
     }
 
-    /// What a match leaves open: coverage as promised does not promise tilts.
-    fn untold(&self) -> String {
-        let untold = self.mount.iter().filter(|check| check.cannot_tell.is_some());
-        let names: Vec<&str> = untold.map(|check| check.sensor.as_str()).collect();
+    /// What a match leaves open: predicted coverage does not confirm pitches.
+    fn undetermined(&self) -> String {
+        let undetermined = self.mount.iter().filter(|check| check.cannot_tell.is_some());
+        let names: Vec<&str> = undetermined.map(|check| check.sensor.as_str()).collect();
         match names[..] {
             [_, ..] if self.verdict == Verdict::Matches => {
                 format!("; the pitch of {} is not observable", names.join(" and "))

@@ -17,8 +17,8 @@ use crate::world::trajectory::Trajectory;
 /// Rays of each healthy run.
 const NULL_RAYS: usize = 200_000;
 
-/// Share of a sensor's returns beyond the scene from which what is told to hundredths of a degree is not to be believed:
-/// with half of a furnished house taken away a relative tilt was off by 15 times its interval.
+/// From this share of a sensor's returns beyond the scene on, hundredths of a degree are not to be believed:
+/// with half of a furnished house removed a relative pitch was off by 15 times its interval.
 const HOLES_SHARE: f64 = 0.3;
 
 /// What is being worked on.
@@ -140,7 +140,7 @@ fn surface_report(patches: Option<&Patches>, replayed: &Replayed) -> Option<Surf
     })
 }
 
-/// What a sensor's mount is off by is not told where its returns made the trajectory: a part of it went there.
+/// The error of a mount is not observable where its returns made the trajectory: a part of it went there.
 fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
     let why = "the trajectory was found with this mount, and took up what all sensors share; what one differs from another by \
                is left";
@@ -148,7 +148,7 @@ fn shared(check: SensorCheck, sensor: &MountedSensor) -> SensorCheck {
         cannot_tell: check.cannot_tell.or_else(|| Some(why.to_owned())),
         is_of_another_scene: check.is_of_another_scene,
         rays: check.rays,
-        ..SensorCheck::untold(&sensor.name, sensor.mount)
+        ..SensorCheck::undetermined(&sensor.name, sensor.mount)
     }
 }
 

@@ -52,7 +52,7 @@ pub(crate) fn words(
     words.extend(off(comparison));
     for check in &comparison.mount {
         if let Some(why) = &check.cannot_tell {
-            words.push(format!("tilt of {}: {why}", check.sensor));
+            words.push(format!("pitch of {}: {why}", check.sensor));
         }
     }
     words.extend(comparison.mount.iter().filter_map(off_in_range));
@@ -155,7 +155,7 @@ fn of_rays(name: &str, total: &RayClasses, strip: &[RayClasses], cause: Option<&
     words
 }
 
-/// Why rays of a sensor that sits as said end early or late.
+/// Why rays of a sensor at its nominal mount end early or late.
 fn ends_elsewhere(name: &str, total: &RayClasses, strip: &[RayClasses]) -> Vec<String> {
     let mut words = Vec::new();
     let percent = |count: u64| 100.0 * count as f64 / total.informative() as f64;

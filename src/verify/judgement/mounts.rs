@@ -1,4 +1,4 @@
-//! Where a recording shows that a sensor sits otherwise than said.
+//! Sensors that a recording shows away from their nominal mount.
 
 use super::comparison::Comparison;
 use crate::verify::calibrate::{Estimate, SensorCheck};
@@ -13,7 +13,7 @@ const TURN_P: f64 = 0.001;
 /// Shifts of a mount below this are not worth a word, mm, nor are half as large ones of ranges: plates are not measured better.
 const SHIFT_MATTERS_MM: f64 = 30.0;
 
-/// Nobody mounts a sensor so far from its nominal mount, mm.
+/// No sensor is mounted so far from its nominal mount, mm.
 const NO_MOUNT_MM: f64 = 500.0;
 
 /// Whether an estimate is no chance and large enough to be felt.
@@ -25,7 +25,7 @@ fn shift_matters(shift: &Estimate) -> bool {
     matters(shift.value, shift.u95, SHIFT_MATTERS_MM, shift.p_value, TURN_P)
 }
 
-/// How a sensor surely sits otherwise than said.
+/// How a sensor surely differs from its nominal mount.
 pub(crate) fn off_its_slot(check: &SensorCheck) -> Vec<String> {
     let mut words = Vec::new();
     let sensor = &check.sensor;
@@ -52,7 +52,7 @@ pub(crate) fn off_its_slot(check: &SensorCheck) -> Vec<String> {
     words
 }
 
-/// Whether the shifts are rather those of the way or the scene: every sensor has the same, or one has more than any mount.
+/// Whether trajectory or scene rather have the shifts: every sensor has the same, or one has more than any mount.
 fn shifts_are_shared(checks: &[SensorCheck]) -> bool {
     let Some((first, others)) = checks.split_first() else { return false };
     (0..3).any(|axis| {
@@ -71,8 +71,8 @@ pub(crate) fn off(comparison: &Comparison) -> Vec<String> {
     let mut words: Vec<String> = comparison.mount.iter().flat_map(off_its_slot).collect();
     if shifts_are_shared(&comparison.mount) {
         words.push(
-            "rather than the mounts, the way or the scene is shifted by that: do both begin at one point (an odometry \
-             begins at its own), and do the clocks agree (--time-offset search tells)?"
+            "rather than the mounts, the trajectory or the scene is shifted by that: do both begin at one point (an \
+             odometry begins at its own), and do the clocks agree (--time-offset search tells)?"
                 .into(),
         );
     }
@@ -105,7 +105,7 @@ mod tests {
         let estimate = |value| Estimate { value, sd: 5.0, u95: 10.0, p_value: 1e-9 };
         SensorCheck {
             translation_mm: [Some(estimate(right_mm)), ahead_mm.map(estimate), None],
-            ..SensorCheck::untold("a", Default::default())
+            ..SensorCheck::undetermined("a", Default::default())
         }
     }
 

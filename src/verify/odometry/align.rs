@@ -17,7 +17,7 @@ const PIECE: usize = 256;
 /// where the sensor sampled, not where the surface is.
 const OFF_PLANE: f64 = 0.05;
 /// The kernel narrows to so many times what the points are off by, but no farther than the last, m: at first outliers cannot
-/// be told, at last they must not count.
+/// be recognised, at last they must not count.
 const NARROWED: f64 = 3.0;
 const NARROWEST_M: f64 = 0.03;
 /// Iterations after which it does.
@@ -196,7 +196,7 @@ impl Sums {
             self.information.add(from_body_m, plane.normal);
         } else {
             let off_m = point_m - near_m;
-            // points of the map are some way apart themselves
+            // points of the map are some distance apart themselves
             let wide_m2 = width_m2.max(0.25 * map.voxel_m() * map.voxel_m());
             let weight = OFF_PLANE * (wide_m2 / (wide_m2 + off_m.length_squared())).powi(2);
             for axis in [DVec3::X, DVec3::Y, DVec3::Z] {

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, SymmetricEigen};
 use super::SweepPoint;
 use crate::base::geometry::Pose;
 
-/// Points of a cell; later ones are not taken.
+/// Points of a cell; later ones are not added.
 const POINTS_PER_CELL: usize = 20;
 /// Points that a plane needs.
 const LEAST_OF_PLANE: f64 = 6.0;
@@ -26,7 +26,7 @@ type Key = u64;
 pub struct PlaneFit {
     /// Mean of the points, m.
     pub centre_m: DVec3,
-    /// Unit, either way.
+    /// Unit, of either sign.
     pub normal: DVec3,
     /// Mean square distance of the points from the plane, m^2.
     pub across_m2: f64,
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn the_nearest_point_is_that_of_a_search_through_all() {
         let (map, mut any) = scattered(3, 400);
-        // what lies too near another was not taken
+        // what lies too near another was not added
         let held: Vec<DVec3> = map.cells.held.values().flat_map(|cell| cell.points_m.clone()).collect();
         assert!(held.len() > 300);
         for _ in 0..200 {

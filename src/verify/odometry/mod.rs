@@ -3,12 +3,12 @@
 //! Returns of all sensors are cut into sweeps of one revolution. Each sweep is undone of the motion within it (constant
 //! velocity, every return at its own time), laid against the map of those before by iterated closest points with a kernel
 //! as wide as the motion has lately been mispredicted, and added to the map. The plan is that of KISS-ICP (Vizzo et al.
-//! 2023, doi:10.1109/LRA.2023.3236571); what differs: residuals are taken across the surface where the map has one, the
+//! 2023, doi:10.1109/LRA.2023.3236571); what differs: residuals are measured across the surface where the map has one, the
 //! velocity within a sweep is that found by its own registration and not that of the sweep before, and the
-//! first two sweeps are taken together, as the first has no velocity yet.
+//! first two sweeps are registered together, as the first has no velocity yet.
 //!
-//! How well the surfaces tie each pose down is reported beside it ([`crate::design::registration`]): in a straight corridor the
-//! distance walked is a guess, and that is said.
+//! The registration strength of each pose is reported with it ([`crate::design::registration`]): in a straight corridor the
+//! distance travelled is a guess, and that is reported.
 
 mod align;
 mod map;
@@ -31,7 +31,7 @@ pub use sweeps::{Limits, Sweep, SweepPoint, Sweeps};
 
 /// Sweeps of fewer returns say nothing.
 const LEAST_POINTS: usize = 100;
-/// Times a sweep's own velocity is found anew; at most so far apart it counts as found, m/s and rad/s.
+/// Rounds that find a sweep's own velocity; at most so far apart it counts as converged, m/s and rad/s.
 const VELOCITY_ROUNDS: usize = 4;
 const SETTLED: f64 = 2e-3;
 /// Edge of the cells that a sweep is thinned by before it is laid against the map, in cells of the map; halved so often, or
@@ -41,7 +41,7 @@ const MOST_HALVED: usize = 3;
 const LEAST_LAID: usize = 4000;
 /// The same before it is added to the map.
 const MAPPED: f64 = 0.5;
-/// Before the first sweep and after the last the body is taken to go on as it did for so long, ns: two revolutions.
+/// Before the first sweep and after the last the body is assumed to go on as it did for so long, ns: two revolutions.
 const LONGEST_REST_NS: u64 = 200_000_000;
 /// Sweeps after which the map forgets what is out of reach.
 const FORGET_EVERY: usize = 16;
@@ -72,7 +72,7 @@ pub struct Step {
     pub matched_share: Option<f64>,
     /// Of those across their surface, root of the mean square, m.
     pub residual_m: Option<f64>,
-    /// Least eigenvalue per return of the information about the position: loose below 0.003.
+    /// Least eigenvalue per return of the information about the position: degenerate below 0.003.
     pub least_translation: Option<f64>,
     /// Along which that is, world.
     pub weakest_direction: Option<[f64; 3]>,
@@ -83,8 +83,8 @@ pub struct Step {
 }
 
 impl Step {
-    /// Nothing ties the position down in some direction.
-    pub(crate) fn is_loose(&self) -> bool {
+    /// The surfaces leave the position open in some direction.
+    pub(crate) fn is_degenerate(&self) -> bool {
         self.least_translation.is_some_and(|least| least < DEGENERATE)
     }
 }
@@ -92,7 +92,7 @@ impl Step {
 /// Constant velocity in the axes of the body.
 #[derive(Clone, Copy, Debug, Default)]
 struct Motion {
-    way_m_s: DVec3,
+    velocity_m_s: DVec3,
     turn_rad_s: DVec3,
 }
 
@@ -100,17 +100,20 @@ impl Motion {
     /// From one pose to another, as seen from the latter.
     fn between(from: &Pose, to: &Pose, seconds: f64) -> Self {
         let back = to.inverse() * *from;
-        Self { way_m_s: -back.translation_m / seconds, turn_rad_s: -back.rotation.to_scaled_axis() / seconds }
+        Self {
+            velocity_m_s: -back.translation_m / seconds,
+            turn_rad_s: -back.rotation.to_scaled_axis() / seconds,
+        }
     }
 
     /// Where the body is then, from where it is now.
     fn over(&self, seconds: f64) -> Pose {
-        Pose::new(DQuat::from_scaled_axis(self.turn_rad_s * seconds), self.way_m_s * seconds)
+        Pose::new(DQuat::from_scaled_axis(self.turn_rad_s * seconds), self.velocity_m_s * seconds)
     }
 
     /// How far from another, m/s and rad/s mixed.
     fn distance(&self, other: &Self) -> f64 {
-        (self.way_m_s - other.way_m_s).length() + (self.turn_rad_s - other.turn_rad_s).length()
+        (self.velocity_m_s - other.velocity_m_s).length() + (self.turn_rad_s - other.turn_rad_s).length()
     }
 }
 
@@ -143,7 +146,7 @@ pub struct Walked {
     pub trajectory: Trajectory,
     /// By sweep.
     pub steps: Vec<Step>,
-    /// How well the sweeps but the first were tied down.
+    /// Registration strength of the sweeps but the first.
     pub quality: Option<RegistrationQuality>,
     /// Edge of a cell of the map, m.
     pub voxel_m: f64,
@@ -151,7 +154,7 @@ pub struct Walked {
     pub problems: Vec<String>,
 }
 
-/// Why there is no way.
+/// Why there is no trajectory.
 #[derive(Debug, thiserror::Error)]
 pub enum OdometryError {
     /// One sweep has nothing to be laid against.
@@ -161,7 +164,7 @@ pub enum OdometryError {
         sweeps: usize,
     },
     /// The second sweep did not fit the first.
-    #[error("no way was found: {reason}")]
+    #[error("no trajectory was found: {reason}")]
     Lost {
         /// In words.
         reason: String,
@@ -227,7 +230,7 @@ impl Odometry {
     }
 
     /// The trajectory. Where the recording begins before the first sweep and ends after the last, as with parts of a
-    /// revolution, the body is taken to have moved on as it did; `recorded_ns`: from the first firing to the end of the last.
+    /// revolution, the body is assumed to have moved on as it did; `recorded_ns`: from the first firing to the end of the last.
     ///
     /// # Errors
     /// Fewer than two sweeps with returns, or a second one that does not fit the first.
@@ -270,7 +273,7 @@ impl Odometry {
         })
     }
 
-    /// The first two sweeps together: the first is laid out anew with every velocity found.
+    /// The first two sweeps together: the first is laid out again with every velocity found.
     fn begin(&mut self, sweep: &Sweep, seconds: f64) -> Option<(Aligned, Pose)> {
         let first = self.first.take()?;
         let mut motion = Motion::default();

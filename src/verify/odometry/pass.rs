@@ -1,4 +1,4 @@
-//! Odometry over a stream of frames, and what is to be said of its result.
+//! Odometry over a stream of frames, and the notes on its result.
 
 use sensors::{Frame, SensorModel};
 
@@ -73,7 +73,7 @@ impl Walked {
     /// Says so where the surfaces left a direction of the trajectory open.
     pub(crate) fn open_direction(&self) -> Option<String> {
         let start_ns = self.trajectory.time_span_ns()[0];
-        let open: Vec<&Step> = self.steps.iter().filter(|step| step.is_loose()).collect();
+        let open: Vec<&Step> = self.steps.iter().filter(|step| step.is_degenerate()).collect();
         let (first, last) = (open.first()?, open.last()?);
         let seconds = |step: &Step| step.time_ns.saturating_sub(start_ns) as f64 * 1e-9;
         let worst = open.iter().filter_map(|step| Some((step.least_translation?, step.weakest_direction?)));
@@ -81,7 +81,7 @@ impl Walked {
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(String::new(), |(_, [x, y, z])| format!(" along ({x:.2}, {y:.2}, {z:.2})"));
         Some(format!(
-            "cannot tell the way{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
+            "cannot determine the motion{along} in {} of {} revolutions, between {:.1} and {:.1} s: the surfaces leave it open, the \
              last velocity was held",
             open.len(),
             self.steps.len(),

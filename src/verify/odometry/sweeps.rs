@@ -50,7 +50,7 @@ impl Sweep {
 pub struct Limits {
     /// Least range, m; that of the sensor where that is greater.
     pub nearest_m: f64,
-    /// Greatest range, m.
+    /// Maximum range, m.
     pub farthest_m: f64,
 }
 

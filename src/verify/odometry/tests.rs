@@ -41,9 +41,9 @@ fn walked(model: &str, pitches_deg: &[f64], scene: BoxScene, walk: &Trajectory, 
 /// Greatest distance and angle from the truth, m and degrees, both laid together at the start.
 fn off(walked: &Walked, truth: &Trajectory) -> [f64; 2] {
     let start = truth.at(truth.time_span_ns()[0]).unwrap();
-    walked.trajectory.stamped().fold([0.0, 0.0], |[way_m, turn_deg], (time_ns, pose)| {
+    walked.trajectory.stamped().fold([0.0, 0.0], |[shift_m, turn_deg], (time_ns, pose)| {
         let off = pose.inverse() * (start.inverse() * truth.at(time_ns).unwrap());
-        [off.translation_m.length().max(way_m), angle(&off).to_degrees().max(turn_deg)]
+        [off.translation_m.length().max(shift_m), angle(&off).to_degrees().max(turn_deg)]
     })
 }
 
@@ -69,8 +69,8 @@ fn a_walk_on_an_arc_is_found() {
     {
         let truth = arc();
         let found = walked(model, pitches_deg, room(), &truth, 0.01);
-        let [way_m, turn_deg] = off(&found, &truth);
-        assert!(way_m < most_m && turn_deg < most_deg, "{model}: {way_m:.4} m {turn_deg:.3} deg");
+        let [shift_m, turn_deg] = off(&found, &truth);
+        assert!(shift_m < most_m && turn_deg < most_deg, "{model}: {shift_m:.4} m {turn_deg:.3} deg");
         assert_eq!((found.steps.len(), found.problems.len()), (20, 0));
         let quality = found.quality.unwrap();
         // after one sweep of a sparse sensor few planes are known
@@ -84,8 +84,8 @@ fn a_rig_that_stands_still_stays() {
     let here = Pose::from_translation(DVec3::new(0.3, 0.2, 1.4));
     let still = Trajectory::new(vec![(0, here), (1_500_000_000, here)]).unwrap();
     let found = walked("vlp-16", &[38.0, -38.0], room(), &still, 0.02);
-    let [way_m, turn_deg] = off(&found, &still);
-    assert!(way_m < 0.02 && turn_deg < 0.15, "{way_m:.4} m {turn_deg:.3} deg");
+    let [shift_m, turn_deg] = off(&found, &still);
+    assert!(shift_m < 0.02 && turn_deg < 0.15, "{shift_m:.4} m {turn_deg:.3} deg");
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn in_a_corridor_the_direction_along_it_is_degenerate() {
     corridor.faces[0] = [false; 2];
     let truth = Trajectory::straight(DVec3::new(0.0, 0.2, 1.4), DVec3::new(1.2, 0.2, 1.4), 1.2, 0);
     let found = walked("os1-64", &[25.0], corridor, &truth, 0.01);
-    let loose = found.steps[1..].iter().filter(|step| step.is_loose()).count();
-    assert!(loose >= found.steps.len() - 2, "{:?}", found.steps);
+    let degenerate = found.steps[1..].iter().filter(|step| step.is_degenerate()).count();
+    assert!(degenerate >= found.steps.len() - 2, "{:?}", found.steps);
     let quality = found.quality.unwrap();
     assert!(
         quality.degenerate_share > 0.8 && quality.weakest_direction.unwrap()[0].abs() > 0.99,
@@ -104,7 +104,7 @@ fn in_a_corridor_the_direction_along_it_is_degenerate() {
 }
 
 #[test]
-fn the_same_way_on_any_number_of_threads() {
+fn the_same_trajectory_on_any_number_of_threads() {
     let truth = arc();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

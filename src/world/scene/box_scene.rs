@@ -7,9 +7,9 @@ use super::Hit;
 /// A box of up to six faces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxScene {
-    /// Least corner, m.
+    /// Minimum corner, m.
     pub min_m: DVec3,
-    /// Greatest corner, m.
+    /// Maximum corner, m.
     pub max_m: DVec3,
     /// Which faces exist: `[[-x, +x], [-y, +y], [-z, +z]]`.
     pub faces: [[bool; 2]; 3],

@@ -7,7 +7,7 @@ use glam::DVec3;
 pub(crate) const EDGE: i32 = 8;
 /// Cells of a brick, and bricks of a region.
 pub(crate) const CELLS: usize = 512;
-/// Region coordinates are kept in 21 bits each.
+/// Region coordinates are stored in 21 bits each.
 const REACH: i32 = 1 << 20;
 const FREE: u64 = u64::MAX;
 const NONE: u32 = u32::MAX;
@@ -89,7 +89,7 @@ impl Numbers {
     }
 }
 
-/// Apart, so that walks along a surface, whose regions have tables, stay short.
+/// A function of its own, so that walks along a surface, where regions have tables, stay short.
 #[inline(never)]
 fn listed(list: &[(u16, u32); LISTED], place: usize) -> u32 {
     list.iter().find(|(listed, _)| usize::from(*listed) == place).map_or(NONE, |(_, number)| *number)

@@ -10,10 +10,10 @@ use super::mesh_file::plausible_units;
 use super::{LoadedMesh, MapSummary, Mesh, MeshFileError, MeshUnit, Scene, UpAxis, load_mesh};
 use crate::world::local_origin::LocalOrigin;
 
-/// A mesh higher than this, m, whose unit is not stated may be in another one.
+/// A mesh higher than this, m, may be in another unit where none is stated.
 const HIGH_M: f64 = 100.0;
 
-/// A scene and what is to be said of it.
+/// A scene and the notes on it.
 pub(crate) struct LoadedScene {
     /// In the local frame.
     pub scene: Scene,

@@ -22,7 +22,7 @@ pub(crate) struct MapSummary {
     points: u64,
     occupied_cells: u64,
     free_cells: u64,
-    /// Points whose sensor position is unknown: no voxel before them is known to be free.
+    /// Points with an unknown sensor position: no voxel before them is known to be free.
     points_from_nowhere: u64,
     /// Where the frame of the computation begins in that of the points.
     local_origin_m: [f64; 3],

@@ -174,7 +174,7 @@ impl Mesh {
         }
     }
 
-    /// Whether a surface lies on the straight way from an origin to each point, more than `tolerance_m` before the
+    /// Whether a surface lies between an origin and each point, more than `tolerance_m` before the
     /// point. `report` gets the index of each point and whether it is hidden.
     pub(crate) fn occluded_many(
         &self,
@@ -307,7 +307,7 @@ mod tests {
         }
         assert_eq!(mesh.cast(DVec3::new(3.0, 0.0, 0.0), DVec3::X), None);
         assert_eq!(mesh.cast(DVec3::new(3.0, 1.5, 0.0), -DVec3::X), None);
-        // along the plane and beside it
+        // along the plane and next to it
         assert_eq!(mesh.cast(DVec3::new(0.1, -3.0, 0.0), DVec3::Y), None);
     }
 

@@ -1,5 +1,5 @@
 //! A map of cells that are occupied, free or unknown, built from recorded rays: what the recording itself can say about
-//! a place of which nobody has a mesh.
+//! a place without a mesh.
 //!
 //! A ray makes the cells that it crosses free and the cell in which it ends occupied. A cell that was hit often enough
 //! is occupied however many rays grazed it: far floor is crossed at a small angle by every ray that ends behind it.
@@ -24,12 +24,12 @@ pub enum Cell {
     Occupied,
 }
 
-/// What a ray meets that nobody has cast yet.
+/// Where a ray ends, before a range is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sight {
     /// An occupied cell.
     Surface([i32; 3]),
-    /// A cell beside an occupied one into which nobody has looked; the ray meets no occupied one.
+    /// A cell next to an occupied one, itself unseen; the ray meets no occupied one.
     Frontier([i32; 3]),
 }
 
@@ -42,7 +42,7 @@ pub struct VoxelMap {
     index: BrickIndex,
     bricks: Vec<Brick>,
     bricks_with_ends: usize,
-    /// Least and greatest cell that was hit.
+    /// Minimum and maximum cell that was hit.
     hit_cells: Option<[[i32; 3]; 2]>,
     rejected: u64,
     is_full: bool,
@@ -113,7 +113,7 @@ impl VoxelMap {
         }
     }
 
-    /// A return of which nobody knows where the sensor was: occupied at the point, unknown before it.
+    /// A return from an unknown sensor position: occupied at the point, unknown before it.
     pub(crate) fn add_point(&mut self, point_m: DVec3) {
         if self.cross(point_m, point_m) {
             self.occupy(point_m);
@@ -158,7 +158,7 @@ impl VoxelMap {
         self.state(self.cell_at(point_m), &mut LastRegion::default())
     }
 
-    /// Whether the cell around a point, or one of the 6 beside it, is occupied.
+    /// Whether the cell around a point, or one of its 6 neighbours, is occupied.
     pub(crate) fn is_at_surface(&self, point_m: DVec3) -> bool {
         let (cell, mut last) = (self.cell_at(point_m), LastRegion::default());
         self.state(cell, &mut last) == Cell::Occupied || self.touches_surface(cell, &mut last)
@@ -249,7 +249,7 @@ impl VoxelMap {
         None
     }
 
-    /// What a ray (unit direction) meets within a range; unknown cells away from surfaces are taken for air.
+    /// What a ray (unit direction) meets within a range; unknown cells away from surfaces count as air.
     pub(crate) fn look(&self, origin_m: DVec3, direction: DVec3, range_m: f64) -> Option<Sight> {
         let [low, high] = self.bounds_m();
         let (enter_m, leave_m) = clip(origin_m, direction, [low - self.voxel_m, high + self.voxel_m])?;
@@ -367,9 +367,9 @@ impl Brick {
 struct CellWalk {
     cell: [i32; 3],
     step: [i32; 3],
-    /// Way to the next face of each axis, m.
+    /// Distance to the next face of each axis, m.
     to_face_m: [f64; 3],
-    /// Way between two faces of each axis, m.
+    /// Distance between two faces of each axis, m.
     between_m: [f64; 3],
 }
 
@@ -391,7 +391,7 @@ impl CellWalk {
         walk
     }
 
-    /// Way to where the ray leaves the cell, m.
+    /// Distance to where the ray leaves the cell, m.
     fn next_m(&self) -> f64 {
         self.to_face_m[0].min(self.to_face_m[1]).min(self.to_face_m[2])
     }

@@ -16,7 +16,7 @@ pub const THRESHOLDS_M: [f64; 3] = [0.02, 0.05, 0.10];
 #[derive(Debug)]
 pub struct Completeness {
     thresholds_m: Vec<f64>,
-    /// Number of each point as given, in the order in which they are kept here.
+    /// Number of each point as given, in the order in which they are stored here.
     order: Vec<u32>,
     points_m: Vec<DVec3>,
     /// Smallest threshold with a hit, by point; the number of thresholds when there is none.

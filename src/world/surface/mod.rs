@@ -1,7 +1,7 @@
 //! How much of a surface was seen: sample points that have a return within 2, 5 or 10 cm, of all points and of those
 //! that can be seen from the path at all.
 //!
-//! Hits stream in and are not kept. Each threshold holds the points it still misses in a hash of cells; a hit looks
+//! Hits stream in and are not stored. Each threshold holds the points it still misses in a hash of cells; a hit looks
 //! into one cell per threshold, and where everything is found already the cell is gone. Distances are exact.
 
 mod completeness;

@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn a_wall_hides_what_is_behind_it() {
-        // a wall at x = 1 from y = -1 to 1, and points on both sides of it and beside it
+        // a wall at x = 1 from y = -1 to 1, and points on both sides of it and past its edge
         let corners = vec![
             DVec3::new(1.0, -1.0, -1.0),
             DVec3::new(1.0, 1.0, -1.0),

@@ -38,9 +38,9 @@ pub enum SuspicionKind {
 pub struct WalkLimits {
     /// Longest time between poses, s.
     pub gap_s: f64,
-    /// Greatest speed, m/s.
+    /// Maximum speed, m/s.
     pub speed_m_s: f64,
-    /// Greatest turn rate, rad/s.
+    /// Maximum turn rate, rad/s.
     pub turn_rad_s: f64,
 }
 

@@ -61,7 +61,7 @@ impl Trajectory {
         Self::new(stamped)
     }
 
-    /// Reads the KITTI format, whose poses have no times: they are `1 / rate_hz` apart, the first at 0.
+    /// Reads the KITTI format. Its poses have no times: they are `1 / rate_hz` apart, the first at 0.
     ///
     /// # Errors
     /// The line of anything that is not twelve finite numbers with a rotation in them, or a rate that is not above 0.

@@ -20,7 +20,7 @@ pub struct Gait {
     pub sway_m: f64,
     /// Up and down, m.
     pub bob_m: f64,
-    /// About the way's direction, rad.
+    /// About the direction of travel, rad.
     pub roll_rad: f64,
     /// About the lateral axis, rad.
     pub pitch_rad: f64,
@@ -42,7 +42,7 @@ impl Default for Gait {
 }
 
 impl Gait {
-    /// The same way at the same times, walked: poses every 10 ms and at the end.
+    /// The same path at the same times, walked: poses every 10 ms and at the end.
     pub(crate) fn walk(&self, path: &Trajectory) -> Trajectory {
         let [start_ns, end_ns] = path.time_span_ns();
         let step_ns = (1e9 / POSES_PER_S) as u64;
@@ -55,7 +55,7 @@ impl Gait {
         Trajectory::new(stamped.collect()).unwrap_or_else(|_| path.clone())
     }
 
-    /// Body on the way from body as walked, s after the first step.
+    /// Body on the path from body as walked, s after the first step.
     fn swayed(&self, seconds: f64) -> Pose {
         let stride = (TAU * self.step_hz / 2.0 * seconds).sin();
         // a quarter of a stride apart, as the trunk turns ahead of its sway
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_walk_keeps_to_its_way() {
+    fn a_walk_follows_its_path() {
         let path = Trajectory::straight(DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), 2.0, 5_000);
         let walked = Gait::default().walk(&path);
         assert_eq!(walked.time_span_ns(), path.time_span_ns());

@@ -44,7 +44,7 @@ struct Reader {
 }
 
 impl Trajectory {
-    /// Reads TUM, EuRoC and any other table of stamped poses whose header names them, stamped matrices, and KITTI, whose poses
+    /// Reads TUM, EuRoC and any other table of stamped poses with a header, stamped matrices, and KITTI. KITTI poses
     /// have no times: they are `1 / rate_hz` apart, the first at 0.
     ///
     /// # Errors

@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn the_body_looks_along_its_way() {
+    fn the_body_looks_along_its_path() {
         let walk = Trajectory::polyline(&CORNERS_M, 1.0, 1.0, 0).unwrap();
         // 4 m, a quarter turn, then half of the 3 m
         let time_ns = ((4.0 + std::f64::consts::FRAC_PI_2 + 1.5) * 1e9) as u64;

@@ -13,7 +13,7 @@ const LONG_PATH_M: f64 = 5.0;
 /// Share of the path that climbs or falls steeper than 45 degrees, from which on z is not up.
 const STEEP_SHARE: f64 = 0.8;
 
-/// Turns poses whose frame another reading explains, and says so; says what nothing explains.
+/// Turns poses if another reading explains their frame, and says so; reports what nothing explains.
 pub(super) fn settle(stamped: &mut [(u64, Pose)], is_order_stated: bool) -> Vec<String> {
     let mut notes = Vec::new();
     let as_read = median_up(stamped, |rotation| rotation * DVec3::Z);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_goes_up_all_the_way_is_doubted() {
+    fn a_path_that_only_climbs_is_doubted() {
         let climbing = |n: u64| (n, Pose::new(DQuat::IDENTITY, DVec3::new(0.1, 0.0, 1.0) * n as f64));
         let mut stamped: Vec<_> = (0..20).map(climbing).collect();
         let notes = settle(&mut stamped, false);

@@ -61,7 +61,7 @@ fn sorted_words<const BYTES: usize>(blocks: &[u8]) -> [__m512i; MOST_WORDS] {
     words
 }
 
-/// Which elements are taken when a register is merged into the words of one place: the merged ones keep theirs.
+/// Which elements are replaced when a register is merged into the words of one column: the others stay.
 struct Order<const BYTES: usize>;
 
 impl<const BYTES: usize> Order<BYTES> {

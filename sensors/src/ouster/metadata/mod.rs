@@ -53,7 +53,7 @@ pub struct Metadata {
     pub destination: Option<String>,
     /// The clock behind the time stamps, where stated.
     pub timestamp_mode: Option<TimestampMode>,
-    /// IMU packets in one revolution (ACCEL32 profile), 0 when they are not tied to it.
+    /// IMU packets in one revolution (ACCEL32 profile), 0 when their rate is independent of it.
     pub imu_packets_per_frame: usize,
     /// Samples in one IMU packet (ACCEL32 profile).
     pub imu_samples_per_packet: usize,
@@ -79,7 +79,7 @@ pub enum ImuProfile {
 pub enum TimestampMode {
     /// Since power-on.
     InternalOscillator,
-    /// Sync pulse and GPS sentence: UTC with the leap seconds the sensor was told.
+    /// Sync pulse and GPS sentence: UTC with the leap seconds configured in the sensor.
     SyncPulseIn,
     /// PTP: TAI, 37 s ahead of UTC since 2017; a sensor that lost its master goes on from its own epoch.
     Ptp1588,
@@ -124,8 +124,9 @@ impl Metadata {
         }
     }
 
-    /// The same sensor set to another mode: what counts columns counts those of the new one.
-    pub(crate) fn set_mode(&mut self, columns: usize, rate_hz: f64) {
+    /// The same sensor set to another mode: what counts columns counts those of the new one. The shifts are made of those
+    /// that were given: they lose nothing when the mode changes again.
+    pub(crate) fn set_mode(&mut self, given: &Self, columns: usize, rate_hz: f64) {
         let before = self.columns_per_frame;
         let is_full = self.column_window == [0, before - 1];
         let [first, last] = self.column_window;
@@ -133,9 +134,9 @@ impl Metadata {
             true => [0, columns - 1],
             false => [first * columns / before, ((last + 1) * columns / before).saturating_sub(1)],
         };
-        let scale = columns as f64 / before as f64;
-        for shift in &mut self.pixel_shift_by_row {
-            *shift = (f64::from(*shift) * scale).round() as i32;
+        let scale = columns as f64 / given.columns_per_frame as f64;
+        for (shift, given) in self.pixel_shift_by_row.iter_mut().zip(&given.pixel_shift_by_row) {
+            *shift = (f64::from(*given) * scale).round() as i32;
         }
         (self.columns_per_frame, self.frame_rate_hz) = (columns, rate_hz);
     }

@@ -90,7 +90,7 @@ impl<'a> Document<'a> {
         let missing: Vec<_> = SECTIONS.into_iter().filter(|section| !top.contains_key(*section)).collect();
         if !missing.is_empty() {
             let mixed = top.contains_key("prod_line") || top.contains_key("beam_altitude_angles");
-            let hint = if mixed { ", and fields of the flat shape beside the nested ones" } else { "" };
+            let hint = if mixed { ", and fields of the flat shape next to the nested ones" } else { "" };
             let expected = format!("the sections {} of nested metadata", missing.join(", "));
             return Err(whole.error(missing[0], expected, format!("nothing{hint}")));
         }

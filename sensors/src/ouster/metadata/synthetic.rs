@@ -96,7 +96,7 @@ pub(super) fn metadata(wanted: &Synthetic<'_>) -> Result<Metadata, MetadataError
         return Err(error("frame_rate_hz", "a positive rate", wanted.frame_rate_hz.to_string()));
     }
     if wanted.profile == Profile::Legacy && wanted.imu_profile == ImuProfile::Accel32Gyro32Nmea {
-        let expected = "LEGACY or OFF beside LEGACY lidar packets";
+        let expected = "LEGACY or OFF with LEGACY lidar packets";
         return Err(error("imu_profile", expected, wanted.imu_profile.name().to_owned()));
     }
     let header = HeaderKind::of(wanted.profile).unwrap_or(wanted.header);

@@ -1,4 +1,4 @@
-//! Lanes in the registers of AVX-512. Everything here is inlined into a function that is compiled for it, and called from
+//! Vector elements in the registers of AVX-512. Everything is inlined into a function compiled for it, and called from
 //! nowhere else.
 
 #![allow(unsafe_code)] // instructions of AVX-512, for functions that run only once the CPU was asked for them

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said_with_its_line() {
+    fn errors_name_their_line() {
         let refused = |text: &str, words: &[&str]| {
             let error = Calibration::from_db_xml(text).unwrap_err().to_string();
             assert!(words.iter().all(|word| error.contains(word)), "{error}");

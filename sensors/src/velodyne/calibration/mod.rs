@@ -43,7 +43,7 @@ pub struct LaserCalibration {
     pub focal_distance_m: f64,
     /// Slope of the intensity compensation.
     pub focal_slope: f64,
-    /// Least and greatest intensity.
+    /// Minimum and maximum intensity.
     pub intensity_limits: [u8; 2],
     /// Whether the laser is in use.
     pub enabled: bool,

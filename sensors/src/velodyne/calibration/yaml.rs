@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_said() {
+    fn errors_name_what_is_wrong() {
         let refused = |text: &str, words: &[&str]| {
             let error = Calibration::from_yaml(text).unwrap_err().to_string();
             assert!(words.iter().all(|word| error.contains(word)), "{error}");

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::commands::Context;
-use crate::commands::placing::Near;
 use crate::commands::recorded_odometry::OdometryArgs;
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, MapArgs};
+use crate::commands::scene_placement::Near;
 
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
@@ -16,7 +16,7 @@ pub struct PlaceArgs {
     /// trajectory's frame (.ply without faces, .pcd, .las, .laz, .e57 or text).
     #[arg(long, group = "place", value_name = "PATH")]
     pub(super) scene: Option<PathBuf>,
-    /// A closed room instead: "x,y,z,x,y,z" of its min and max corner, m.
+    /// A closed room instead: "x,y,z,x,y,z" of its minimum and maximum corner, m.
     #[arg(long, group = "place", allow_hyphen_values = true, value_name = "CORNERS")]
     pub(super) room: Option<Room>,
     /// A map instead, made of these frames of the recording (A..B, from 0, B not included); the others are compared.

@@ -4,15 +4,15 @@ use anyhow::{Context as _, bail};
 
 use super::args::PlaceArgs;
 use crate::base::geometry::Pose;
-use crate::commands::placing::{self, Placed, Walk};
 use crate::commands::recorded::Recorded;
 use crate::commands::recorded_odometry::{self as odometry, OdometryResult};
+use crate::commands::scene_placement::{self, Placed, Walk};
 use crate::commands::trajectory_args::read_trajectory;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
-/// A trajectory, and what odometry kept of the recording.
+/// A trajectory, and what odometry read of the recording.
 pub(super) enum Found {
     Elsewhere(Trajectory),
     Odometry(Box<OdometryResult>),
@@ -85,15 +85,15 @@ pub(super) fn placed(
         drifts,
     };
     match found {
-        Found::Odometry(result) => placing::in_scene(
+        Found::Odometry(result) => scene_placement::in_scene(
             &walk(&result.rays[..], &result.mounted[..], true),
             scene,
             origin,
             args.align_near,
         ),
         Found::Elsewhere(_) => {
-            let sample = recorded.rays(placing::RAYS)?;
-            placing::in_scene(
+            let sample = recorded.rays(scene_placement::RAYS)?;
+            scene_placement::in_scene(
                 &walk(&sample.rays[..], &sample.sensors[..], false),
                 scene,
                 origin,

@@ -1,4 +1,4 @@
-//! The point of greatest acquisition: looked for all over the space, near the best points, and then around what was found.
+//! The point of maximum acquisition: searched all over the space, near the best points, and then around what was found.
 
 use rayon::prelude::*;
 
@@ -7,7 +7,7 @@ use crate::design::optimize::forward_substitution::WIDTH;
 use crate::design::optimize::gaussian_process::{Data, GaussianProcess, Hyper, Prediction};
 use crate::design::optimize::{Acquisition, Space, normal};
 
-/// Least deviation of the next point beside the noise's.
+/// Minimum deviation of the next point, as a ratio to the noise's.
 const EXPLORATION_RATIO: f64 = 0.4;
 const EXPLORATION_TRIES: usize = 5;
 const GLOBAL_CANDIDATES: usize = 500;
@@ -59,7 +59,7 @@ pub(super) struct Known<'a> {
     /// Of the unit cube.
     pub points: Vec<Vec<f64>>,
     pub merits: Vec<f64>,
-    /// Greatest merit that was observed.
+    /// Maximum merit that was observed.
     pub max: f64,
     /// The best points, as values.
     pub centres: Vec<Vec<f64>>,
@@ -70,7 +70,7 @@ impl Known<'_> {
         Data::new(self.view.roles.clone(), self.view.role_count, self.points.clone(), self.merits.clone())
     }
 
-    /// The point of greatest acquisition that the guard lets pass; none where no process can be made.
+    /// The point of maximum acquisition that the guard lets pass; none where no process can be made.
     pub(crate) fn most_promising(
         &self,
         mut hyper: Hyper,
@@ -95,7 +95,7 @@ impl Known<'_> {
     }
 }
 
-/// The search for the point of greatest acquisition.
+/// The search for the point of maximum acquisition.
 struct Hunt<'a> {
     known: &'a Known<'a>,
     process: &'a GaussianProcess,

@@ -1,4 +1,4 @@
-//! Where packets lie in messages, and what a bag does not say of them: whose they are, and to which port they went.
+//! Where packets lie in messages, and what a bag does not state: their sensor and port.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ pub(super) const VELODYNE_POSITION_PORT: u16 = 8308;
 /// Data of one packet of a Velodyne.
 pub(super) const VELODYNE_BYTES: usize = 1206;
 
-/// What a sensor is called whose topic this is: topics of one Ouster share a namespace.
+/// The name of the sensor of this topic: topics of one Ouster share a namespace.
 pub(super) fn sensor_name(topic: &Topic, role: Role) -> String {
     let name = topic.name.trim_matches('/');
     match (name.rsplit_once('/'), role) {

@@ -38,7 +38,7 @@ pub struct BagSensor {
     pub address: IpAddr,
     /// Where its lidar packets seem to go to.
     pub port: u16,
-    /// Its metadata as text and the topic of it, for an Ouster whose driver recorded them.
+    /// Metadata as text and its topic, for an Ouster if the driver recorded them.
     pub metadata: Option<(String, String)>,
 }
 
@@ -48,7 +48,7 @@ impl BagSensor {
         self.port == OUSTER_LIDAR_PORT
     }
 
-    /// Where what it sends beside its lidar packets seems to go to.
+    /// The port that its auxiliary stream seems to use.
     pub fn auxiliary_port(&self) -> u16 {
         if self.is_ouster() { OUSTER_IMU_PORT } else { VELODYNE_POSITION_PORT }
     }
@@ -94,7 +94,7 @@ pub struct BagPackets {
     reader: BagReader,
     roles: Vec<Role>,
     sensors: Vec<BagSensor>,
-    /// Metadata of no sensor whose packets share its namespace: text and topic.
+    /// Metadata with no packets in their namespace: text and topic.
     unassigned: Vec<(String, String)>,
     counts: Vec<TopicCount>,
     holds_clouds_only: bool,
@@ -150,7 +150,7 @@ impl BagPackets {
         &self.sensors
     }
 
-    /// Metadata whose namespace has no packets: text and topic.
+    /// Metadata with no packets in their namespace: text and topic.
     pub fn unassigned_metadata(&self) -> &[(String, String)] {
         &self.unassigned
     }
@@ -320,7 +320,7 @@ impl BagPackets {
         self.sensors.iter().all(|sensor| !sensor.is_ouster() || sensor.metadata.is_some())
     }
 
-    /// Takes over the metadata of a sensor; others that come later are told of.
+    /// Stores the metadata of a sensor; later ones that differ are reported.
     fn check_metadata(&mut self, topic: usize) {
         let Some(text) = self.text(topic) else {
             self.counts[topic].malformed += 1;

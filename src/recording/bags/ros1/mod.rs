@@ -1,4 +1,4 @@
-//! ROS 1 bags, format 2.0: records from front to back, also of a bag without index whose recorder was killed.
+//! ROS 1 bags, format 2.0: records from front to back, also of a bag without index after its recorder was killed.
 //! <https://wiki.ros.org/Bags/Format/2.0>
 
 mod record;
@@ -14,7 +14,7 @@ use super::{BagError, BagFile, Container, Encoding, Losses, Topic};
 
 /// Longest header of a record: the fields of a connection.
 const MOST_HEADER_BYTES: u32 = 1 << 20;
-/// Message definitions are the longest that is read beside chunks and messages.
+/// Message definitions are the longest records after chunks and messages.
 const MOST_CONNECTION_BYTES: u32 = 16 << 20;
 
 pub(super) struct Ros1 {
@@ -186,7 +186,7 @@ impl Ros1 {
     }
 
     fn seek(&mut self, to: u64) -> Result<(), BagError> {
-        // what is buffered already is kept
+        // what is buffered already is not read again
         let here = self.file.stream_position().map_err(|source| self.read_error(source))?;
         let by = to.cast_signed() - here.cast_signed();
         self.file.seek_relative(by).map_err(|source| self.read_error(source))
@@ -200,7 +200,7 @@ impl Ros1 {
         BagError::Damaged { name: self.name.clone(), offset, found: found.into(), expected }
     }
 
-    /// Unpacks the chunk whose header was read; what of it cannot be had is counted, and the next is found all the same.
+    /// Unpacks the chunk behind the header just read; what cannot be had is counted, and the next is found all the same.
     fn load_chunk(&mut self, fields: &Fields<'_>, data_bytes: u32, data_at: u64) -> Result<(), BagError> {
         let at = self.at;
         let packing = match fields.text("compression") {
@@ -251,7 +251,7 @@ impl Ros1 {
             let chunk = std::mem::take(&mut self.chunk);
             let found = record(&chunk, self.chunk_at);
             let Some((fields, content)) = found else {
-                // what a cut chunk lacks has been told of
+                // what a cut chunk lacks was reported
                 if !self.is_ended {
                     self.losses.push(format!(
                         "{}: the chunk at byte {}: no whole record at {} of its {} bytes; its rest is lost",

@@ -114,7 +114,7 @@ fn look<const FUSED: bool>(faces: &Faces, view: &View<'_>, ends: &mut Ends) {
                 let dx = fused_f32::<FUSED>(*tangent, slope_x, levels_x[element]);
                 let dy = fused_f32::<FUSED>(*tangent, slope_y, levels_y[element]);
                 let dz = fused_f32::<FUSED>(*tangent, slope_z, levels_z[element]);
-                // share of the way to the face ahead, by axis: the greatest is the face that is hit
+                // share of the distance to the face ahead, by axis: the largest is the face that is hit
                 let sx = greater(dx * x_low, dx * x_high);
                 let sy = greater(dy * y_low, dy * y_high);
                 let sz = greater(dz * z_low, dz * z_high);

@@ -31,7 +31,7 @@ pub(super) struct Faces {
     tangents: Vec<f32>,
     /// Tangents where the blocks begin, and of the last beam.
     ends: Vec<f32>,
-    /// Greatest size of a tangent.
+    /// Largest size of a tangent.
     steepest: f64,
     beams: usize,
 }

@@ -278,12 +278,12 @@ fn place<const FUSED: bool, const IN_FACE: bool>(
     /// Adding this leaves the nearest whole number in the low bits of an f32 (1.5 * 2^23).
     const TO_WHOLE: f32 = 12_582_912.0;
     let bits = |whole: f32| whole.to_bits().wrapping_sub(TO_WHOLE.to_bits());
-    let (way, [first, second]) = face.crossing::<FUSED>(levels, tangent);
+    let (reach, [first, second]) = face.crossing::<FUSED>(levels, tangent);
     let (whole_first, whole_second) = (first + TO_WHOLE, second + TO_WHOLE);
     let (in_row, row) = (whole_first - TO_WHOLE, whole_second - TO_WHOLE);
-    let room = face.room::<FUSED>(way);
+    let room = face.room::<FUSED>(reach);
     // false for what is no number
-    let mut is_here = (way > 0.0) & ((first - in_row).abs() < room) & ((second - row).abs() < room);
+    let mut is_here = (reach > 0.0) & ((first - in_row).abs() < room) & ((second - row).abs() < room);
     if IN_FACE {
         is_here &= (bits(whole_first) < face.cells[0]) & (bits(whole_second) < face.cells[1]);
     }

@@ -2,20 +2,20 @@
 //!
 //! With the tangent t of a beam's elevation, the directions of a column are `level + t * slope` in each axis: a
 //! direction divided by the cosine of its elevation. Lengths are in voxels. A face lies across axis a at the signed
-//! distance D; `way = D / (level_a + t * slope_a)`, and the ray crosses the plane of the face at
-//! `origin_b + way * (level_b + t * slope_b)`.
+//! distance D; `reach = D / (level_a + t * slope_a)`, and the ray crosses the plane of the face at
+//! `origin_b + reach * (level_b + t * slope_b)`.
 //!
 //! Bound of the error, with u = 2^-24, the relative error of a rounding, and n the most voxels along an edge. A
 //! component of a direction is a sum of two terms, made of numbers that were rounded once, rounded at most twice more:
 //! off by at most `e = 4 u (|level| + |t * slope|)`. The divisor is that of axis a with D divided out of its numbers
 //! before they are rounded: off by `e_a / |D|`. A ray that stays in the box moves along b by no more than there is room
-//! on the longer side, m, so to first order the place is off by at most `way * (e_b + m * e_a / |D|) + 4 u n`: the
-//! component, the relative error of `way`, and the rounding of division, product, origin and sum. A quarter is added,
-//! which covers the terms of second order where the relative error of `way` is below a tenth (above it the bound
+//! on the longer side, m, so to first order the place is off by at most `reach * (e_b + m * e_a / |D|) + 4 u n`: the
+//! component, the relative error of `reach`, and the rounding of division, product, origin and sum. A quarter is added,
+//! which covers the terms of second order where the relative error of `reach` is below a tenth (above it the bound
 //! exceeds half a voxel, with n >= 8 and m >= n / 2, and nothing is decided) and the rounding of the definition itself,
 //! 1e-11 voxel.
 //!
-//! The bound grows linearly with the way, and so does the way along a straight line on a face: if the ends of a block
+//! The bound grows linearly with the reach, and so does the reach along a straight line on a face: if the ends of a block
 //! are within their bounds of a face, so is every beam between them, and a beam that is further from every voxel's face
 //! than its bound is inside.
 
@@ -49,9 +49,9 @@ pub(super) struct FaceView {
     slopes: [f32; 3],
     /// Origin along the rows of the face and from row to row, less half a voxel.
     starts: [f32; 2],
-    /// Half a voxel less the part of the bound that does not grow with the way.
+    /// Half a voxel less the part of the bound that does not grow with the reach.
     room: f32,
-    /// Growth of the bound with the way.
+    /// Growth of the bound with the reach.
     growth: f32,
     /// Voxels along a row, and rows.
     pub cells: [u32; 2],
@@ -111,22 +111,22 @@ impl<'a> View<'a> {
 }
 
 impl FaceView {
-    /// The way to the face's plane and where it is crossed, less half a voxel. `levels` are those of the face's axes,
+    /// The reach of the face's plane and where it is crossed, less half a voxel. `levels` are those of the face's axes,
     /// the first divided by the distance.
     #[inline(always)]
     pub(crate) fn crossing<const FUSED: bool>(&self, levels: [f32; 3], tangent: f32) -> (f32, [f32; 2]) {
-        let way = 1.0 / fused_f32::<FUSED>(tangent, self.slopes[0], levels[0]);
+        let reach = 1.0 / fused_f32::<FUSED>(tangent, self.slopes[0], levels[0]);
         let along = |axis: usize| {
             let direction = fused_f32::<FUSED>(tangent, self.slopes[axis + 1], levels[axis + 1]);
-            fused_f32::<FUSED>(direction, way, self.starts[axis])
+            fused_f32::<FUSED>(direction, reach, self.starts[axis])
         };
-        (way, [along(0), along(1)])
+        (reach, [along(0), along(1)])
     }
 
     /// How far from a voxel's middle a crossing may lie to be surely in that voxel.
     #[inline(always)]
-    pub(crate) fn room<const FUSED: bool>(&self, way: f32) -> f32 {
-        fused_f32::<FUSED>(-self.growth, way, self.room)
+    pub(crate) fn room<const FUSED: bool>(&self, reach: f32) -> f32 {
+        fused_f32::<FUSED>(-self.growth, reach, self.room)
     }
 }
 
@@ -143,13 +143,13 @@ mod tests {
         tangent: f64,
         exact: [f64; 2],
     ) -> (f64, f64) {
-        let (way, places) = face.crossing::<FUSED>(levels, tangent as f32);
-        let bound = 0.5 - f64::from(face.room::<FUSED>(way));
+        let (reach, places) = face.crossing::<FUSED>(levels, tangent as f32);
+        let bound = 0.5 - f64::from(face.room::<FUSED>(reach));
         let error = (0..2).map(|b| (f64::from(places[b]) - exact[b]).abs()).fold(0.0, f64::max);
-        (error, if way > 0.0 && bound < 0.5 { bound } else { f64::INFINITY })
+        (error, if reach > 0.0 && bound < 0.5 { bound } else { f64::INFINITY })
     }
 
-    /// Crossings of random poses beside the same in f64: never further off than the bound, and not so much nearer that
+    /// Crossings of random poses against the same in f64: never further off than the bound, and not so much nearer that
     /// the bound could be a tenth of what it is.
     #[test]
     fn crossings_are_within_their_bound() {
@@ -180,12 +180,12 @@ mod tests {
                         let direction = |axis: usize| levels[axis] + tangent * pose.rows[axis][2];
                         let is_far = face.per_distance > 0.0;
                         let wall = if is_far { faces.cells[axis] as f64 } else { 0.0 };
-                        let way = (wall - origin[axis]) / direction(axis);
-                        let exact = [first, second].map(|axis| origin[axis] + way * direction(axis) - 0.5);
+                        let reach = (wall - origin[axis]) / direction(axis);
+                        let exact = [first, second].map(|axis| origin[axis] + reach * direction(axis) - 0.5);
                         let inside = |along: usize, place: f64| {
                             (-0.5..=faces.cells[along] as f64 - 0.5).contains(&place)
                         };
-                        if way < 0.0 || !inside(first, exact[0]) || !inside(second, exact[1]) {
+                        if reach < 0.0 || !inside(first, exact[0]) || !inside(second, exact[1]) {
                             continue;
                         }
                         let levels = [

@@ -1,4 +1,4 @@
-//! The fast exact way: on a straight walk a ray that hits floor, ceiling or a side hits the same row at every pose,
+//! The fast exact method: on a straight walk a ray that hits floor, ceiling or a side hits the same row at every pose,
 //! shifted by the same number of voxels, so that all poses are one comb; only end-wall hits need work per pose.
 //!
 //! Exact: whatever comes so close to a voxel's face that rounding could decide is handed to the definition
@@ -16,7 +16,7 @@ use super::{Path, Phase, Placement, Simulator, brute};
 use crate::base::instructions::Instructions;
 use sweep::View;
 
-/// What the fast way prepares once per experiment.
+/// What the fast method prepares once per experiment.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
     size: ShellSize,
@@ -34,7 +34,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// None where the pattern turns from pose to pose, and where the numbers of the fast way would not fit: extremely
+    /// None where the pattern turns from pose to pose, and where the numbers of the fast method would not fit: extremely
     /// many voxels.
     pub(crate) fn new(simulator: &Simulator) -> Option<Self> {
         let experiment = &simulator.experiment;

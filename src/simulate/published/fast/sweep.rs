@@ -163,7 +163,7 @@ struct Rays {
     /// Row along the walk that a ray hits, and where on it from the first pose.
     row: [u32; WIDTH],
     bit: [u32; WIDTH],
-    /// Poses from which it hits an end wall, and its way over that wall in fixed point.
+    /// Poses from which it hits an end wall, and its path over that wall in fixed point.
     ends: [u32; WIDTH],
     w: [u32; WIDTH],
     w_step: [u32; WIDTH],

@@ -148,7 +148,7 @@ fn sum_anywhere(layers: &[Layer], voxels: &[u32], rigs: &[Vec<Eye<'_>>]) -> Vec<
     let mut sums: Vec<Sums> = rigs.iter().map(|eyes| Sums::nothing(eyes.len())).collect();
     for voxel in voxels {
         for (eyes, sums) in rigs.iter().zip(&mut sums) {
-            // chance that nobody sees it, and that exactly one does
+            // chance that no sensor sees it, and that exactly one does
             let (mut none, mut one) = (1.0_f64, 0.0_f64);
             for (sensor, eye) in eyes.iter().enumerate() {
                 let unseen = f64::from(unseen(layers, *voxel as usize, eye));

@@ -1,9 +1,9 @@
 //! A model of coverage from the voxels' side.
 //!
-//! From each of some places along the trajectory everything around is cast once and kept by voxel: where it lies in the frame
+//! From each of some places along the trajectory everything around is cast once, by voxel: its place in the frame
 //! of the body, and how large it looks. What a sensor sees of a voxel then takes no ray: for each record of it, is there a beam
 //! near enough to its direction? The search through a voxel's records ends when it is seen for certain. Directions are exact;
-//! only visibility is borrowed from the place between the sensors, so heights are kept in layers: tables and shelves hide by
+//! only visibility is borrowed from the place between the sensors, so heights are in layers: tables and shelves hide by
 //! height.
 
 mod build;
@@ -25,18 +25,18 @@ const CHUNK: usize = 1024;
 /// Candidates of a pass over the voxels, which costs memory traffic: more of them, more is shared.
 const BATCH: usize = 16;
 
-/// How finely a site is kept.
+/// Resolution at which a site is stored.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Fineness {
     /// Places along the trajectory, at most.
     pub views: u64,
-    /// Heights above the body's origin at which visibility is kept, m: least, greatest.
+    /// Heights above the body's origin at which visibility is stored, m: minimum, maximum.
     pub heights_m: (f64, f64),
     /// Layers between them, at least 1.
     pub layers: usize,
     /// Neighbouring rays of a view are apart by this share of a voxel where 95 % of the surface is nearer.
     pub step_share: f64,
-    /// Bound of the memory, bytes: fewer views are kept where it binds.
+    /// Bound of the memory, bytes: fewer views are stored where it binds.
     pub most_bytes: usize,
 }
 

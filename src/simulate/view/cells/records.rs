@@ -1,4 +1,4 @@
-//! What is kept of each view of a voxel, 16 to a block, and where a voxel's blocks lie.
+//! What is stored of each view of a voxel, 16 to a block, and where a voxel's blocks lie.
 
 /// Records of a block.
 pub(super) const WIDTH: usize = 16;
@@ -41,7 +41,7 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Packs records whose voxels are numbers of a list of `voxels`; the widest first, so that most searches end with them.
+    /// Packs records with voxels numbered in a list of `voxels`; the widest first, so that most searches end with them.
     pub(crate) fn pack(mut records: Vec<Record>, voxels: usize) -> Self {
         let max = |value: fn(&Record) -> f32| records.iter().map(value).fold(1e-3_f32, f32::max);
         let reach_m = max(|record| record.at_m.iter().fold(0.0, |most, value| value.abs().max(most)));

@@ -5,9 +5,9 @@
 //! nominal; what is left over is regressed on the first sensor's seven unknowns (shift, turn, range offset; the second
 //! stays). The body's pose is an unknown of every revolution with a prior that lets it drift (eliminated in its window);
 //! a point's distance from its own sensor's planes says nothing about the mounts but holds these poses. Planes are made
-//! anew from the corrected mount and poses in each round, with cells and gates that shrink.
+//! again from the corrected mount and poses in each round, with cells and gates that shrink.
 //!
-//! Windows are short beside the memory of a pose error, and all of it that two windows share cancels, as both sensors
+//! Windows are short against the memory of a pose error, and all of it that two windows share cancels, as both sensors
 //! ride the same body: what differs between windows is what the estimate scatters by. It is left out by turns
 //! (jackknife, doi:10.1214/aos/1176345462), and the interval is Student's. What all windows get wrong alike is not in it:
 //! in a simulated room of 9 by 6 m tilts came out 0.015 to 0.045 degrees low, up to twice the interval; in the furnished
@@ -73,11 +73,11 @@ pub struct RelativeMount {
     pub rotation_deg: [Option<Estimate>; 3],
     /// Shifts along the mount frame's axes, mm.
     pub translation_mm: [Option<Estimate>; 3],
-    /// What is added to every range of the first beside that of the second, mm.
+    /// Range offset of the first less that of the second, mm.
     pub range_offset_mm: Option<Estimate>,
     /// Unknowns that the scene tells.
     pub observable: Vec<&'static str>,
-    /// Of the normalised unknowns; none where some direction is not tied down at all.
+    /// Of the normalised unknowns; none where some direction is not observable at all.
     pub condition_number: Option<f64>,
     /// Points that met a plane of the other sensor.
     pub pairs: usize,
@@ -195,7 +195,7 @@ fn spread_m(window_sums: &[WindowSums]) -> Option<f64> {
     robust_deviation(&mut sizes).map(|deviation_m| deviation_m.max(LEAST_SCALE_M))
 }
 
-/// What the pairs tie down, the noise of the normals taken away. `weight_m` made the weights.
+/// What is observable from the pairs, less the noise of the normals. `weight_m` made the weights.
 fn observed(window_sums: &[WindowSums], weight_m: f64) -> Observed {
     let pairs = window_sums.iter().map(|window_sums| window_sums.across_m.len()).sum::<usize>() as f64;
     let pretended: Block77 = window_sums.iter().map(|window_sums| window_sums.pretended).sum();
@@ -205,7 +205,7 @@ fn observed(window_sums: &[WindowSums], weight_m: f64) -> Observed {
     Observed::of(&seen, pairs, lever_m)
 }
 
-/// Step in the directions that are tied down.
+/// Step in the observable directions.
 fn solve((information, right): &(Block77, Column7), basis: &[[f64; 7]]) -> Option<Column7> {
     if basis.is_empty() {
         return None;
@@ -303,7 +303,7 @@ fn report(
     let along = [0.0, 0.0, 0.0, axis.x, axis.y, axis.z, 0.0];
     if !observed.tells(&along) || !observed.is_observable[4] {
         found.cannot_tell =
-            Some("cannot tell here: the surfaces that both saw leave the tilt between them open".to_owned());
+            Some("cannot tell here: the surfaces that both saw leave the pitch between them open".to_owned());
     } else if !converged {
         found.cannot_tell = Some(format!(
             "cannot tell here: after {rounds} rounds of laying the maps together they still move"

@@ -15,7 +15,7 @@ use crate::world::trajectory::PoseError;
 pub const MOST_TURNS: usize = 8;
 /// Points of one sensor and window that are laid into planes, at most; all points make planes.
 const QUERIES: usize = 40_000;
-/// Of the distances from a sensor's own planes, which hold the poses and nothing else, one in so many is taken.
+/// Of the distances from a sensor's own planes, which hold the poses and nothing else, one in so many is used.
 const OWN_EVERY: usize = 8;
 /// Points that a plane is made of, at least.
 const LEAST_POINTS: f64 = 8.0;

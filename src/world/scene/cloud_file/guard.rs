@@ -7,7 +7,7 @@ use std::sync::Once;
 use super::Fault;
 
 /// What a crate makes of damage that no count shows: an error, also where it panics. A panic on this thread in the
-/// meantime is not told on stderr.
+/// meantime is not printed on stderr.
 pub(super) fn guarded<T, E: std::fmt::Display>(
     format: &str,
     work: impl FnOnce() -> Result<T, E>,

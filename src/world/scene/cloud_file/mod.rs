@@ -155,7 +155,7 @@ fn ply_without_faces(path: &Path) -> bool {
 /// Numbers of a point, as files name them.
 const NAMES: [&str; 9] = ["x", "y", "z", "vp_x", "vp_y", "vp_z", "timestamp", "time", "gps_time"];
 
-/// Which of the numbers a property is; other programs write some of them in their own way.
+/// Which of the numbers a property is; other programs write some of them differently.
 fn slot(name: &str) -> Option<usize> {
     let name = name.strip_prefix("scalar_").unwrap_or(name).to_ascii_lowercase();
     let name = if name == "gpstime" { "gps_time" } else { &name };

@@ -1,6 +1,6 @@
 //! Mesh files: OBJ, PLY, STL, OFF and glTF to triangles in metres with z up.
 //!
-//! None of the formats but glTF says what its unit is or which way is up. Without word from the user a file is taken
+//! None of the formats but glTF states its unit or its up axis. Unless the user states them, a file is read
 //! as metres, z up (glTF as its standard says: y up), and a size that no building has is refused, in any format.
 
 mod finish;
@@ -28,7 +28,7 @@ use crate::world::local_origin::LocalOrigin;
 /// The axis of a mesh file that points up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum UpAxis {
-    /// x right or ahead, y left or ahead, z up: taken as it is.
+    /// x right or ahead, y left or ahead, z up: not turned.
     Z,
     /// As in glTF and most graphics programs: (x, y, z) of the file becomes (x, -z, y).
     Y,
@@ -55,7 +55,7 @@ pub const MESH_ENDINGS: &str = ".obj, .ply, .stl, .gltf, .glb, .off";
 /// Reads a mesh file; the name's ending says which format. `unit` and `up` are what the user stated.
 ///
 /// # Errors
-/// A file that cannot be read, is malformed (with line, byte or element), holds no triangle with an area, or whose
+/// A file that cannot be read, is malformed (with line, byte or element), holds no triangle with an area, or its
 /// size is implausible while the user did not state the unit.
 pub fn load_mesh(
     path: &Path,

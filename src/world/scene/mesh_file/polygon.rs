@@ -17,7 +17,7 @@ pub(super) struct Fan {
     triangles: usize,
 }
 
-/// Polygons whose triangles do not add up to their own area: they cross themselves.
+/// Polygons with triangles that do not add up to their own area: they cross themselves.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Crossing {
     pub polygons: usize,
@@ -77,7 +77,7 @@ impl Cutter {
         let doubled = twice.length();
         let spread: f64 = fan.iter().map(|[_, b, c]| at(*b).cross(at(*c)).length()).sum();
         if doubled <= 1e-12 * spread || doubled == 0.0 {
-            // nothing, or a figure whose parts cancel
+            // nothing, or a figure with parts that cancel
             if spread > 0.0 {
                 crossing.add(0.5 * doubled, 0.5 * spread);
             }
@@ -121,7 +121,7 @@ fn doubled_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Area of the triangles of one polygon, and what is said of it.
+    /// Area of the triangles of one polygon, and whether it crosses itself.
     fn cut(corners: &[[f64; 3]]) -> (f64, Crossing) {
         let mut soup =
             Soup { vertices: corners.iter().map(|at| DVec3::from(*at)).collect(), ..Soup::default() };

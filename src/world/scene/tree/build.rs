@@ -23,7 +23,7 @@ const BALANCED_LEAF: usize = 4;
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Node {
-    /// Least x, y, z, then greatest, of each child. NaN where there is no child: no comparison with it holds.
+    /// Minimum x, y, z, then maximum, of each child. NaN where there is no child: no comparison with it holds.
     pub planes: [[f32; WIDTH]; 6],
     /// First triangle of a leaf, or the number of an inner node.
     pub first: [u32; WIDTH],
@@ -47,7 +47,7 @@ pub(super) struct Built {
     pub corners: Vec<Corner>,
     /// Number of the triangle behind each corner, as they were given to the builder.
     pub sources: Vec<u32>,
-    /// Greatest coordinate of any box, m.
+    /// Maximum coordinate of any box, m.
     pub reach_m: f32,
 }
 

@@ -43,7 +43,7 @@ pub(super) struct OccluderMemory {
 #[derive(Clone, Debug)]
 pub(super) struct TriangleTree {
     centre_m: DVec3,
-    /// Greatest coordinate of any box, about the centre, m.
+    /// Maximum coordinate of any box, about the centre, m.
     reach_m: f32,
     nodes: Vec<Node>,
     corners: Vec<Corner>,

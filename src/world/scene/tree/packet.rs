@@ -18,7 +18,7 @@ pub(super) struct Packet<const N: usize> {
     origin: [[f32; N]; 3],
     direction: [[f32; N]; 3],
     inverse: [[f32; N]; 3],
-    /// What is taken from `plane * inverse` to get the distance of a near plane, and of a far one: the origin's own
+    /// What is subtracted from `plane * inverse` to get the distance of a near plane, and of a far one: the origin's own
     /// product, moved by what rounding may add.
     near_offset: [[f32; N]; 3],
     far_offset: [[f32; N]; 3],
@@ -26,7 +26,7 @@ pub(super) struct Packet<const N: usize> {
     nearest: [f32; N],
     /// Triangle of the best hit so far, in tree order.
     pub won: [u32; N],
-    /// Greatest of `nearest`.
+    /// Maximum of `nearest`.
     pub farthest: f32,
     hull: Hull,
 }
@@ -41,9 +41,9 @@ struct Hull {
     is_mixed: bool,
     /// Origin of one of the rays.
     origin: [f32; 3],
-    /// Least and greatest inverse; both zero for an axis that says nothing about the packet.
+    /// Minimum and maximum inverse; both zero for an axis that says nothing about the packet.
     inverse: [[f32; 2]; 3],
-    /// Least that is added to a near distance from that origin, and greatest that is added to a far one.
+    /// Least that is added to a near distance from that origin, and most that is added to a far one.
     near_add: [f32; 3],
     far_add: [f32; 3],
 }
@@ -96,7 +96,7 @@ impl<const N: usize> Packet<N> {
         }
     }
 
-    /// Makes ready for boxes. `reach_m` is the greatest coordinate of any box.
+    /// Makes ready for boxes. `reach_m` is the maximum coordinate of any box.
     #[inline(always)]
     pub(crate) fn prepare(&mut self, reach_m: f32) {
         for axis in 0..3 {

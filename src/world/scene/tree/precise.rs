@@ -1,5 +1,5 @@
 //! Rays against triangles in double precision, by the corners as they were given: what a stored hash is compared with. The
-//! walk through the boxes stays in single precision, whose slack covers the rounding.
+//! walk through the boxes stays in single precision, with slack that covers the rounding.
 
 use glam::DVec3;
 

@@ -1,4 +1,4 @@
-//! The bytes of a glTF file: buffers inside it and beside it, accessors into them.
+//! The bytes of a glTF file: buffers inside it and next to it, accessors into them.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -190,7 +190,7 @@ fn whole(bytes: &[u8]) -> u32 {
     bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
-/// The bytes behind a URI: inside it, or a file beside the document.
+/// The bytes behind a URI: inside it, or a file next to the document.
 fn named(uri: &str, folder: &Path) -> Result<Vec<u8>, String> {
     if let Some(inside) = uri.strip_prefix("data:") {
         let Some((kind, text)) = inside.split_once(',') else {

@@ -1,4 +1,4 @@
-//! What is given for the sensors of a recording: metadata of Ousters, calibrations of Velodynes, and whose each is.
+//! Options about the sensors of a recording: metadata of Ousters, calibrations and models of Velodynes, source filters.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use super::assigned_file::{AssignedFile, assigned_model};
 use crate::recording::{Manifest, SensorEntry, Session};
 
 /// Metadata of an Ouster.
-pub struct Given {
+pub struct MetadataFile {
     pub metadata: Metadata,
     /// The same as it was read.
     pub text: String,
@@ -26,15 +26,15 @@ pub struct Given {
 #[derive(clap::Args, Clone, Debug, Default)]
 pub struct SensorArgs {
     /// Metadata of an Ouster sensor; once per sensor. Velodyne sensors need none. Where packets bear no serial number
-    /// (LEGACY), several units of one model are told apart by who sends, 192.168.1.10=front.json, by the port of the lidar
+    /// (LEGACY), several units of one model differ by their sender, 192.168.1.10=front.json, by the port of the lidar
     /// packets, :7502=front.json, or by both, 192.168.1.10:7502=front.json.
     #[arg(long = "meta", value_name = "[[ADDRESS][:PORT]=]META.json", value_parser = AssignedFile::parser())]
     pub meta: Vec<AssignedFile>,
-    /// Calibration of a Velodyne (db.xml or YAML); with several, say whose each is: 192.168.1.201=left.xml, behind one address
+    /// Calibration of a Velodyne (db.xml or YAML); with several, say for which: 192.168.1.201=left.xml, behind one address
     /// :2368=left.xml by the port of the data packets; in a session its name does, left=left.xml.
     #[arg(long, value_name = "[[ADDRESS][:PORT]=|NAME=]FILE", value_parser = AssignedFile::parser())]
     pub calibration: Vec<AssignedFile>,
-    /// Product of a Velodyne whose packets do not say it (blank factory bytes): hdl-32e; with several, 192.168.1.201=hdl-32e
+    /// Product of a Velodyne with blank factory bytes in its packets: hdl-32e; with several, 192.168.1.201=hdl-32e
     /// or :2368=hdl-32e.
     #[arg(long, value_name = "[[ADDRESS][:PORT]=]MODEL", value_parser = assigned_model)]
     pub model: Vec<GivenModel>,
@@ -79,12 +79,12 @@ pub(crate) fn recorded_from(manifest: &Manifest, dir: &Path, file: &Path) -> Opt
     }
 }
 
-/// The metadata in some files; what describes a unit as another file does counts once. What cannot be read is told of.
+/// The metadata in some files; what describes a unit as another file does counts once. What cannot be read is reported.
 pub(crate) fn metadata_of(
     files: &[AssignedFile],
     tell: &mut dyn FnMut(anyhow::Error) -> anyhow::Result<()>,
-) -> anyhow::Result<Vec<Given>> {
-    let mut known: Vec<Given> = Vec::with_capacity(files.len());
+) -> anyhow::Result<Vec<MetadataFile>> {
+    let mut known: Vec<MetadataFile> = Vec::with_capacity(files.len());
     for AssignedFile { source_filter, path } in files {
         let name = path.display().to_string();
         let text = crate::base::files::read_text(path).with_context(|| format!("{name}: cannot be read"));
@@ -95,7 +95,7 @@ pub(crate) fn metadata_of(
                 continue;
             }
         };
-        let same_unit = |other: &&Given| {
+        let same_unit = |other: &&MetadataFile| {
             let serial = metadata.serial_number();
             let is_one = serial.is_some_and(|serial| other.metadata.serial_number() == Some(serial));
             is_one
@@ -110,7 +110,7 @@ pub(crate) fn metadata_of(
                 other.name,
                 metadata.serial
             ),
-            None => known.push(Given { metadata, text, name, source_filter: *source_filter }),
+            None => known.push(MetadataFile { metadata, text, name, source_filter: *source_filter }),
         }
     }
     Ok(known)

@@ -1,4 +1,4 @@
-//! A walk whose trajectory begins in a frame of its own, placed in a scene: what `compare` and `odometry` share.
+//! A walk with a trajectory in a frame of its own, placed in a scene: what `compare` and `odometry` share.
 
 use std::str::FromStr;
 
@@ -82,7 +82,7 @@ pub(crate) fn in_scene(
     let trajectory = if walk.drifts {
         stage.next("laying the walk against the scene, piece by piece");
         let followed = follow(&returns, walk.trajectory, scene, &scene_from_walk)?;
-        notices.push(format!("drift removed by the scene: up to {:.3} m", followed.drift_m));
+        notices.push(format!("drift corrected by the scene: up to {:.3} m", followed.drift_m));
         if followed.unsure as f64 > UNSURE * followed.pieces as f64 {
             notices.push(format!(
                 "{} of {} pieces of the walk fit the scene too badly to be corrected",
