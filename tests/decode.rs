@@ -159,6 +159,13 @@ fn what_is_read_twice_may_be_a_pipe() {
     let still = ["--map-frames", "0..2", "--trajectory", "still", "--mount", &mount, "--json"];
     let compared = run(&[&["compare", &pipe][..], &still].concat());
     assert!(compared["coverage"]["recorded"].as_u64() > Some(1000), "{compared:#}");
+    // a single sensor without a mount is level at the origin, as in that mount file
+    let unmounted = run(&["compare", &pipe, "--map-frames", "0..2", "--trajectory", "still", "--json"]);
+    assert_eq!(unmounted["coverage"], compared["coverage"]);
+    let from_file =
+        outrigger(&["compare", capture.to_str().unwrap(), "--map-frames", "0..2", "--trajectory", "still"]);
+    let said = String::from_utf8_lossy(&from_file.stderr);
+    assert!(said.contains("no mount is given; it is level at the origin of the body"), "{said}");
     let replayed = run(&["replay", &pipe, "--to", "127.0.0.1:9", "--rate", "max", "--json"]);
     assert_eq!(replayed["packets"], 603);
 }

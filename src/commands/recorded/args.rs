@@ -17,8 +17,8 @@ pub struct RecordedArgs {
     pub recording: PathBuf,
     #[command(flatten)]
     pub sensors: SensorArgs,
-    /// Where the sensors sit; without it the session's own. A session's sensors are identified by name; those of a capture
-    /// by their order: that of --meta, then of their first packets.
+    /// Where the sensors sit; without it the session's own, and a single sensor level at the origin. A session's sensors are
+    /// identified by name; those of a capture by their order: that of --meta, then of their first packets.
     #[arg(long, value_name = "FILE")]
     pub mount: Option<PathBuf>,
     #[command(flatten)]

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use anyhow::{Context as _, ensure};
+use anyhow::{Context as _, bail, ensure};
 use sensors::router::{AppliesTo, GivenCalibration, SourceFilter};
 
 use super::axes::{Tilts, tilts};
@@ -10,7 +10,7 @@ use super::{Recorded, RecordedArgs, Source, host_clock};
 use crate::commands::Context;
 use crate::commands::recording::{Recording, ensure_recording};
 use crate::commands::registered::bag_mount;
-use crate::commands::sensor_args::ensure_named;
+use crate::commands::sensor_args::{SensorArgs, ensure_named};
 use crate::recording::Session;
 use crate::recording::bags::is_bag_at;
 use crate::recording::packet_reader::PacketReader;
@@ -18,14 +18,21 @@ use crate::rig::{MountFile, Rig};
 
 impl Recorded {
     /// Opens a session or, where metadata are given too, whatever the path names as a capture. The sensors sit as `--mount`
-    /// says, or as the session does.
+    /// says, or as the recording does; a single sensor without a mount is level at the origin.
     pub(crate) fn open(args: &RecordedArgs, context: Context) -> anyhow::Result<Self> {
-        Self::open_if_mounted(args, context)?.with_context(|| {
-            format!(
-                "{}: give --mount: the recording does not say where its sensors sit",
-                args.recording.display()
-            )
-        })
+        if let Some(recorded) = Self::open_if_mounted(args, context)? {
+            return Ok(recorded);
+        }
+        let (path, sensors) = (&args.recording, &args.sensors.of(context, &args.recording));
+        let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
+        let recording = Recording::open_to_reread(path, sensors)?;
+        let mut notices = Vec::new();
+        match bag_mount::of_only_sensor(&recording, session.as_ref(), &mut notices)? {
+            Some(mount) => Self::mounted(args, sensors, mount, (session, Some(recording)), notices),
+            None => {
+                bail!("{}: give --mount: the recording does not say where its sensors sit", path.display())
+            }
+        }
     }
 
     /// The same; none without mounts.
@@ -55,6 +62,18 @@ impl Recorded {
             zeros.ensure_measured(&Rig { sensors: Vec::new() }, &[])?;
             return Ok(None);
         };
+        Self::mounted(args, sensors, mount, (session, None), notices).map(Some)
+    }
+
+    /// With this mount: the session, where that has its metadata itself, or what was opened as a capture.
+    fn mounted(
+        args: &RecordedArgs,
+        sensors: &SensorArgs,
+        mount: MountFile,
+        (session, opened): (Option<Session>, Option<Recording>),
+        mut notices: Vec<String>,
+    ) -> anyhow::Result<Self> {
+        let RecordedArgs { recording: path, zeros, .. } = args;
         let rig = mount.rig()?;
         let source = match session {
             Some(mut session) if sensors.meta.is_empty() => {
@@ -73,11 +92,12 @@ impl Recorded {
             }
             _ => {
                 zeros.ensure_measured(&rig, &[])?;
-                Source::Capture(Box::new(Recording::open_to_reread(path, sensors)?))
+                let opened = opened.map_or_else(|| Recording::open_to_reread(path, sensors), Ok)?;
+                Source::Capture(Box::new(opened))
             }
         };
         let zeros = zeros.clone();
-        Ok(Some(Self { source, mount, rig, zeros, notices, span_ns: OnceCell::new() }))
+        Ok(Self { source, mount, rig, zeros, notices, span_ns: OnceCell::new() })
     }
 }
 

@@ -1,13 +1,14 @@
-//! The mount of a bag's sensors out of its static transforms.
+//! The mount of a recording's sensors where no mount file is given: a bag's static transforms, or level for a single sensor.
 
 use std::path::Path;
 
 use sensors::catalogue;
-use sensors::router::{Family, Sensor};
+use sensors::router::{Family, Router, Sensor};
 
 use crate::base::geometry::Pose;
 use crate::commands::recording::{Recording, look_first};
 use crate::live::watch::is_model;
+use crate::recording::Session;
 use crate::recording::bags::{FrameTree, PLATFORM_FRAME, Surroundings};
 use crate::recording::packet_reader::PacketReader;
 use crate::rig::{Mount, MountFile, MountedSensor, SensorEntry};
@@ -22,37 +23,72 @@ pub(crate) fn of_bag(recording: &Recording, notices: &mut Vec<String>) -> anyhow
     if frames.is_empty() {
         return Ok(None);
     }
-    let mut router = recording.router()?;
-    let mut reader = PacketReader::open(recording.path(), &recording.name())?;
-    // a Velodyne's packets say which model it is
-    look_first(|| {
-        router.push(&reader.next().ok()??, &mut |_, _, _| {});
-        Some(true)
-    });
+    let router = first_sensors(recording)?;
     let is_only = router.sensors().len() == 1;
     let mut entries = Vec::new();
     for sensor in router.sensors() {
-        let Some((name, model)) = sensor.name.as_ref().zip(sensor.model()) else { return Ok(None) };
+        let Some(name) = &sensor.name else { return Ok(None) };
         let Some((frame, base, base_from_sensor)) = place_of(&frames, sensor, name, is_only) else {
             notices.push(format!(
                 "the static transforms of the bag have no frame of {name} (looked for {name}/os_sensor, {name}_velodyne and the like)"
             ));
             return Ok(None);
         };
-        let product = sensor.product();
-        let mut known = catalogue::names().into_iter();
-        let Some(model) = known.find(|known| is_model(known, &product, &model.name)) else {
-            notices.push(format!("{name}: a {product} is not in the catalogue of sensors: give --mount"));
+        let Some(entry) = entry_of(sensor, name, Mount::from_body(&base_from_sensor), notices)? else {
             return Ok(None);
         };
         notices.push(format!("{name}: mounted as the static transforms say, {frame} in {base}"));
-        let mount = Mount::from_body(&base_from_sensor);
-        let slot =
-            Path::new(name).file_name().map_or(name.clone(), |last| last.to_string_lossy().into_owned());
-        let model = catalogue::nominal(model)?;
-        entries.push(SensorEntry::of(&MountedSensor { name: slot, model, mount }));
+        entries.push(entry);
     }
     Ok((!entries.is_empty()).then(|| MountFile::new(entries)))
+}
+
+/// A single sensor is the body: level at its origin. None where the recording has several.
+pub(crate) fn of_only_sensor(
+    recording: &Recording,
+    session: Option<&Session>,
+    notices: &mut Vec<String>,
+) -> anyhow::Result<Option<MountFile>> {
+    let slots = session.map_or(&[][..], |session| &session.manifest().sensors);
+    let router = first_sensors(recording)?;
+    let ([sensor], [] | [_]) = (router.sensors(), slots) else { return Ok(None) };
+    let slot = slots.first().map(|slot| &slot.name);
+    let name = slot.or(sensor.name.as_ref()).map_or("sensor", String::as_str);
+    let Some(entry) = entry_of(sensor, name, Mount::default(), notices)? else { return Ok(None) };
+    notices.push(format!(
+        "{name}: no mount is given; it is level at the origin of the body (--mount FILE places it otherwise)"
+    ));
+    Ok(Some(MountFile::new(vec![entry])))
+}
+
+/// What a look at the first packets finds: a Velodyne's say which model it is.
+fn first_sensors(recording: &Recording) -> anyhow::Result<Router> {
+    let mut router = recording.router()?;
+    let mut reader = PacketReader::open(recording.path(), &recording.name())?;
+    look_first(|| {
+        router.push(&reader.next().ok()??, &mut |_, _, _| {});
+        Some(true)
+    });
+    Ok(router)
+}
+
+/// A sensor at a mount, as a mount file names it; none where the catalogue does not have it, which goes to `notices`.
+fn entry_of(
+    sensor: &Sensor,
+    name: &str,
+    mount: Mount,
+    notices: &mut Vec<String>,
+) -> anyhow::Result<Option<SensorEntry>> {
+    let Some(model) = sensor.model() else { return Ok(None) };
+    let product = sensor.product();
+    let mut known = catalogue::names().into_iter();
+    let Some(model) = known.find(|known| is_model(known, &product, &model.name)) else {
+        notices.push(format!("{name}: a {product} is not in the catalogue of sensors: give --mount"));
+        return Ok(None);
+    };
+    let last = Path::new(name).file_name().map_or(name.into(), |last| last.to_string_lossy());
+    let model = catalogue::nominal(model)?;
+    Ok(Some(SensorEntry::of(&MountedSensor { name: last.into_owned(), model, mount })))
 }
 
 /// The frame of a sensor, that of the platform, and the one in the other.

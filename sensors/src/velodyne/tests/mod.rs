@@ -1,5 +1,6 @@
 //! What is encoded is decoded; losses are counted as they were made.
 
+mod changes;
 mod losses;
 mod round_trip;
 
