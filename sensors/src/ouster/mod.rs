@@ -14,6 +14,7 @@ mod assembly;
 mod claim;
 mod decoder;
 mod evidence;
+mod held;
 mod kernels;
 mod look;
 #[cfg(test)]

@@ -1,46 +1,18 @@
 //! A sensor may be set otherwise while it is recorded. After a pause, another initialization or another pace of columns its
 //! packets are held until a revolution of them shows the mode; then they are decoded in it, and none counts as lost or damaged.
 
-use std::net::SocketAddr;
-
 use super::decoder::OusterDecoder;
 use super::evidence::{Break, Evidence, Mode};
-use crate::{Link, Packet};
+use crate::Packet;
 
 /// Revolutions of the largest mode that are held at most.
 const MOST_COLUMNS: usize = 2 * 4096;
-
-/// Packets in the order they came.
-#[derive(Default)]
-pub(super) struct Held {
-    packets: Vec<HeldPacket>,
-}
-
-struct HeldPacket {
-    host_time_ns: u64,
-    source: SocketAddr,
-    destination: SocketAddr,
-    link: Link,
-    payload: Box<[u8]>,
-}
-
-impl HeldPacket {
-    fn of(packet: &Packet<'_>) -> Self {
-        let Packet { host_time_ns, source, destination, link, payload } = *packet;
-        Self { host_time_ns, source, destination, link, payload: payload.into() }
-    }
-
-    fn packet(&self) -> Packet<'_> {
-        let Self { host_time_ns, source, destination, link, ref payload } = *self;
-        Packet { host_time_ns, source, destination, link, payload }
-    }
-}
 
 impl OusterDecoder {
     /// Whether a packet is held until more of them show how the sensor is set.
     pub(super) fn is_held(&mut self, packet: &Packet<'_>) -> bool {
         let bytes = packet.payload;
-        if self.held.packets.is_empty() {
+        if self.held.is_empty() {
             match self.broken(bytes) {
                 None => return false,
                 Some(Break::Turn) => {
@@ -51,12 +23,12 @@ impl OusterDecoder {
             }
         }
         let Some((init_id, seen)) = self.sight(bytes) else { return false };
-        self.held.packets.push(HeldPacket::of(packet));
+        self.held.push(packet);
         if !self.is_damaged(bytes) {
             self.evidence.take(&self.metadata.packet_format(), seen, init_id, bytes);
         }
         let most = MOST_COLUMNS / self.metadata.columns_per_packet;
-        if self.evidence.is_decided() || self.held.packets.len() >= most {
+        if self.evidence.is_decided() || self.held.len() >= most {
             self.release();
         }
         true
@@ -64,11 +36,11 @@ impl OusterDecoder {
 
     /// Decodes the held packets in the mode that they show.
     pub(super) fn release(&mut self) {
-        let held = std::mem::take(&mut self.held.packets);
-        let Some(first) = held.first() else { return };
+        let held = std::mem::take(&mut self.held);
+        let Some(first) = held.packets().next() else { return };
         let since_ns = Some(first.host_time_ns);
         if let Some(mode) = self.evidence.other_mode(&self.metadata, Mode::of(&self.given)) {
-            let first = held.iter().find_map(|packet| self.sight(&packet.payload));
+            let first = held.packets().find_map(|packet| self.sight(packet.payload));
             let Some((init_id, first)) = first else { return };
             let (stream, mut output) = self.stream_and_output();
             stream.end_segment(&mut output, Some(init_id), first.frame_id);
@@ -77,8 +49,8 @@ impl OusterDecoder {
         if let Some(window) = self.evidence.wider_window(&self.metadata) {
             self.set_window(window, since_ns);
         }
-        for packet in &held {
-            let _ = self.decode(&packet.packet()); // counted where it is refused
+        for packet in held.packets() {
+            let _ = self.decode(&packet); // counted where it is refused
         }
     }
 }
