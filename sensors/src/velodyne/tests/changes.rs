@@ -25,7 +25,7 @@ fn returns_and_rate_that_change_lose_nothing() {
     for product in PRODUCTS {
         for from in settings {
             for to in settings.into_iter().filter(|to| *to != from) {
-                for pause_ns in [0, 4_000_000_000] {
+                for pause_ns in [0, 6_000_000_000] {
                     let mode = |dual: bool| if dual { ReturnMode::Dual } else { ReturnMode::Strongest };
                     let first = firings_at(product, from.0, from.1, 1_700_000_000_000_000_000);
                     let end_ns = first.last().unwrap().time_ns + product.cycle_ns() as u64;
