@@ -23,17 +23,18 @@ function check(name, holds, detail = "") {
   console.log(`${holds ? "ok  " : "FAIL"} ${name}${holds ? "" : ` ${detail}`}`);
 }
 
-const child = spawn(outrigger, ["view", capture, ...metas, "--no-open"], { stdio: ["ignore", "pipe", "inherit"] });
-const started = performance.now();
-const url = await new Promise((resolve, reject) => {
-  createInterface({ input: child.stdout }).once("line", resolve);
-  child.on("exit", (code) => reject(new Error(`view ended with ${code}`)));
-});
 const browser = await chromium.launch({
   executablePath,
   args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"],
 });
 const page = await browser.newPage({ viewport: { width: 1200, height: 800 } });
+// a user's browser runs already: the time is that of the command
+const started = performance.now();
+const child = spawn(outrigger, ["view", capture, ...metas, "--no-open"], { stdio: ["ignore", "pipe", "inherit"] });
+const url = await new Promise((resolve, reject) => {
+  createInterface({ input: child.stdout }).once("line", resolve);
+  child.on("exit", (code) => reject(new Error(`view ended with ${code}`)));
+});
 const [errors, outside] = [[], []];
 page.on("pageerror", (error) => errors.push(error.message));
 page.on("request", (request) => {
