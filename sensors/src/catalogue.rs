@@ -1,5 +1,7 @@
 //! Sensor models by name: data files in `sensors/models`, compiled in. A new model is a new file there.
 
+use std::sync::OnceLock;
+
 use glam::{DAffine3, DQuat, DVec3};
 use include_dir::{Dir, include_dir};
 
@@ -17,13 +19,33 @@ pub fn names() -> Vec<&'static str> {
 
 /// Names of the models that can be decoded, sorted.
 pub fn decoded_names() -> Vec<&'static str> {
-    names().into_iter().filter(|name| entry(name).is_ok_and(|entry| entry.is_decoded)).collect()
+    headings().iter().filter(|heading| is_decoded(&heading.vendor)).map(|heading| heading.name).collect()
 }
 
 /// Names of all models, those with a star of which something is unverified.
 pub fn marked_names() -> Vec<String> {
-    let mark = |name: &str| entry(name).is_ok_and(|entry| entry.unverified.is_some());
-    names().into_iter().map(|name| format!("{name}{}", if mark(name) { "*" } else { "" })).collect()
+    let mark = |heading: &Heading| if heading.unverified.is_some() { "*" } else { "" };
+    headings().iter().map(|heading| format!("{}{}", heading.name, mark(heading))).collect()
+}
+
+/// What a list of models needs to know of each: every command makes one, and a pattern takes milliseconds to make.
+#[derive(serde::Deserialize)]
+struct Heading {
+    #[serde(skip)]
+    name: &'static str,
+    vendor: String,
+    unverified: Option<String>,
+}
+
+fn headings() -> &'static [Heading] {
+    static HEADINGS: OnceLock<Vec<Heading>> = OnceLock::new();
+    HEADINGS.get_or_init(|| {
+        let heading = |name| {
+            let text = MODELS.get_file(format!("{name}.toml"))?.contents_utf8()?;
+            Some(Heading { name, ..toml::from_str(text).ok()? })
+        };
+        names().into_iter().filter_map(heading).collect()
+    })
 }
 
 /// What the catalogue knows of a sensor.
@@ -168,6 +190,10 @@ struct BeamTable {
 
 /// Makers of the sensors that can be decoded.
 const DECODED: [&str; 2] = ["ouster", "velodyne"];
+fn is_decoded(vendor: &str) -> bool {
+    DECODED.contains(&vendor)
+}
+
 /// Columns per revolution where a sensor's file gives none.
 const OUSTER_COLUMNS: u32 = 1024;
 const OTHER_COLUMNS: u32 = 1800;
@@ -225,7 +251,7 @@ impl ModelFile {
         model.divergence_rad = self.divergence_deg.to_radians();
         model.housing_radius_m = self.housing_radius_m;
         model.housing_height_m = self.housing_height_m;
-        let is_decoded = DECODED.contains(&self.vendor.as_str());
+        let is_decoded = is_decoded(&self.vendor);
         Ok(Entry { model, columns, rate_hz, unverified: self.unverified, is_decoded })
     }
 }
@@ -308,7 +334,14 @@ mod tests {
             assert!(model.max_range_m > model.min_range_m && model.housing_radius_m >= 0.03, "{name}");
             assert!(columns >= 600 && (1.0..=10.0).contains(&rate_hz), "{name}");
         }
-        let decoded = super::decoded_names();
+        let entries: Vec<_> =
+            super::names().into_iter().map(|name| (name, super::entry(name).unwrap())).collect();
+        let decoded: Vec<_> =
+            entries.iter().filter(|(_, entry)| entry.is_decoded).map(|(name, _)| *name).collect();
+        assert_eq!(super::decoded_names(), decoded);
+        let marks = |entry: &super::Entry| if entry.unverified.is_some() { "*" } else { "" };
+        let marked: Vec<_> = entries.iter().map(|(name, entry)| format!("{name}{}", marks(entry))).collect();
+        assert_eq!(super::marked_names(), marked);
         assert!(decoded.contains(&"vlp-16") && !decoded.contains(&"hesai-xt32"), "{decoded:?}");
         assert!(super::marked_names().iter().any(|name| name == "osdome-128*"));
     }
