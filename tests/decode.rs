@@ -164,8 +164,8 @@ fn what_is_read_twice_may_be_a_pipe() {
     assert_eq!(unmounted["coverage"], compared["coverage"]);
     let from_file =
         outrigger(&["compare", capture.to_str().unwrap(), "--map-frames", "0..2", "--trajectory", "still"]);
-    let said = String::from_utf8_lossy(&from_file.stderr);
-    assert!(said.contains("no mount is given; it is level at the origin of the body"), "{said}");
+    let stderr = String::from_utf8_lossy(&from_file.stderr);
+    assert!(stderr.contains("no mount is given; it is level at the origin of the body"), "{stderr}");
     let replayed = run(&["replay", &pipe, "--to", "127.0.0.1:9", "--rate", "max", "--json"]);
     assert_eq!(replayed["packets"], 603);
 }

@@ -183,7 +183,7 @@ struct Live {
     frames_not_drawn: u64,
     /// Restarts and clock jumps that were reported.
     seen: [u64; 2],
-    /// Settings that changed while it was heard, and were reported.
+    /// Settings that changed while it sent, and were reported.
     changes_reported: usize,
 }
 

@@ -28,9 +28,9 @@ pub struct Drive {
     pub speed: f64,
     pub status: u16,
     pub runs: bool,
-    /// When it last heard the host's heartbeat. It counts from there however long it did not watch: stricter than CiA 301,
+    /// When the host's last heartbeat came. It counts from there however long it did not watch: stricter than CiA 301,
     /// by which watching begins with the first heartbeat.
-    pub host_heard: Option<Instant>,
+    pub last_heartbeat: Option<Instant>,
 }
 
 impl Drive {
@@ -66,7 +66,7 @@ impl Drive {
             speed,
             status: 0x0250,
             runs: false,
-            host_heard: None,
+            last_heartbeat: None,
         }
     }
 
@@ -84,7 +84,7 @@ impl Drive {
 
     fn go_on(&mut self, elapsed: Duration) {
         let within_ms = u64::from(self.objects[&(0x1016, 1)] & 0xFFFF);
-        let is_late = self.host_heard.is_some_and(|heard| heard.elapsed() > Duration::from_millis(within_ms));
+        let is_late = self.last_heartbeat.is_some_and(|at| at.elapsed() > Duration::from_millis(within_ms));
         if within_ms > 0 && is_late && self.status == 0x0637 {
             self.status = 0x0638;
         }
@@ -216,7 +216,7 @@ impl Line {
                 said.extend(format!("t{:03X}{}{data}\r", number + node, data.len() / 2).bytes());
             };
             match (number, &data[..]) {
-                (0x77F, _) => drive.host_heard = Some(Instant::now()),
+                (0x77F, _) => drive.last_heartbeat = Some(Instant::now()),
                 (0, [command, to]) if [0, node].contains(&u16::from(*to)) => drive.runs = *command == 1,
                 (0x080, []) if drive.runs => {
                     let position = drive.position.round() as i32;

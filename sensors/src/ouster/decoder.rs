@@ -29,7 +29,7 @@ pub struct OusterDecoder {
     pub(super) given: Box<Metadata>,
     /// Lidar packets after a pause or a change, until a revolution of them shows how the sensor is set.
     pub(super) held: Held,
-    /// No more is learned ahead of decoding.
+    /// What the first packets show of its settings is learned: a later one may be of others.
     pub(super) has_learned: bool,
     pub(super) corrections: Vec<Correction>,
     /// A packet of the sensor has been looked at: its header is laid out as that one's.
@@ -281,10 +281,13 @@ impl OusterDecoder {
 
 impl Decoder for OusterDecoder {
     fn take(&mut self, packet: &Packet<'_>) -> Result<(), Rejected> {
-        if self.is_held(packet) {
-            return Ok(());
+        self.doubt_layout(packet.payload);
+        if let Some((init_id, seen)) = self.sight(packet.payload) {
+            if self.is_held(packet, init_id, seen) {
+                return Ok(());
+            }
+            self.look(packet.payload, init_id, seen);
         }
-        self.look(packet.payload);
         self.decode(packet)
     }
 

@@ -93,6 +93,10 @@ impl Seen {
         let first = format.read_column(format.column(packet, 0));
         Self { frame_id, column: usize::from(first.measurement_id), time_ns: first.time_ns }
     }
+
+    fn is_of_next_frame(&self, last: &Self, frame_ids: u64) -> bool {
+        (u64::from(last.frame_id) + 1) % frame_ids == u64::from(self.frame_id)
+    }
 }
 
 impl Default for Evidence {
@@ -135,13 +139,13 @@ impl Evidence {
         }
         let columns = seen.column as f64 - last.column as f64;
         if last.frame_id == seen.frame_id {
-            let is_off = || (elapsed_ns / (columns * period_ns) - 1.0).abs() >= PERIOD_TOLERANCE;
+            let is_off = || !keeps_pace(elapsed_ns, columns, period_ns);
             return (columns > 0.0 && elapsed_ns > 0.0 && is_off()).then_some(Break::Segment);
         }
         // through column 0 the counter may step at either end of the window
         let [first, end] = metadata.column_window;
         let frame_ids = metadata.packet_format().header.frame_ids();
-        let is_next = (u64::from(last.frame_id) + 1) % frame_ids == u64::from(seen.frame_id);
+        let is_next = seen.is_of_next_frame(&last, frame_ids);
         let other = || nearest_columns(elapsed_ns / period_ns - columns).is_some_and(|turn| turn != known);
         (is_next && first <= end && other()).then_some(Break::Turn)
     }
@@ -189,7 +193,7 @@ impl Evidence {
     fn compare(&mut self, last: Seen, seen: Seen, frame_ids: u64) -> bool {
         let elapsed_ns = seen.time_ns.wrapping_sub(last.time_ns) as i64 as f64;
         let columns = seen.column as f64 - last.column as f64;
-        let is_next = (u64::from(last.frame_id) + 1) % frame_ids == u64::from(seen.frame_id);
+        let is_next = seen.is_of_next_frame(&last, frame_ids);
         if elapsed_ns <= 0.0 || elapsed_ns > LONGEST_GAP_NS {
             return last.frame_id == seen.frame_id && elapsed_ns.abs() <= LONGEST_GAP_NS;
         }
@@ -208,9 +212,7 @@ impl Evidence {
         if last.frame_id != seen.frame_id || columns <= 0.0 {
             return last.frame_id == seen.frame_id;
         }
-        let fits = self
-            .period_ns
-            .is_none_or(|period_ns| (elapsed_ns / (columns * period_ns) - 1.0).abs() < PERIOD_TOLERANCE);
+        let fits = self.period_ns.is_none_or(|period_ns| keeps_pace(elapsed_ns, columns, period_ns));
         if fits && self.periods_ns.len() < MOST_PERIODS {
             self.periods_ns.push(elapsed_ns / columns);
             self.period_ns = agreed(&self.periods_ns);
@@ -302,6 +304,10 @@ fn agreed(periods_ns: &[f64]) -> Option<f64> {
     let median_ns = sorted[sorted.len() / 2];
     let near = sorted.iter().filter(|period_ns| (*period_ns / median_ns - 1.0).abs() < 0.05).count();
     (3 * near >= 2 * sorted.len()).then_some(median_ns)
+}
+
+fn keeps_pace(elapsed_ns: f64, columns: f64, period_ns: f64) -> bool {
+    (elapsed_ns / (columns * period_ns) - 1.0).abs() < PERIOD_TOLERANCE
 }
 
 /// The number of columns of a revolution that can be set, and is this one.

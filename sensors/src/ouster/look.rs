@@ -17,22 +17,24 @@ impl OusterDecoder {
 
     /// Looks at a packet before any is decoded.
     pub(crate) fn learn(&mut self, bytes: &[u8]) {
-        self.has_learned |= self.broken(bytes) == Some(Break::Segment);
-        if self.has_learned {
-            return; // the sensor may be set otherwise from here on
+        self.doubt_layout(bytes);
+        if let Some((init_id, seen)) = self.sight(bytes) {
+            self.has_learned |= self.broken(bytes, init_id, &seen) == Some(Break::Segment);
+            if self.has_learned {
+                return; // the sensor may be set otherwise from here on
+            }
+            self.look(bytes, init_id, seen);
         }
-        self.look(bytes);
         self.doubt_window();
     }
 
     /// What was learned holds for the first packets, which come again.
     pub(crate) fn end_learning(&mut self) {
         self.evidence = Evidence::default();
-        self.has_learned = true;
     }
 
-    /// Holds a packet against the metadata; what contradicts is corrected before it is decoded.
-    pub(super) fn look(&mut self, bytes: &[u8]) {
+    /// Until a packet of the sensor was looked at: its header may be laid out otherwise, and its columns be fewer.
+    pub(super) fn doubt_layout(&mut self, bytes: &[u8]) {
         if self.metadata.profile.has_packet_header() && !self.is_met {
             let header = self.header_kind(bytes);
             if header != self.metadata.header {
@@ -41,7 +43,10 @@ impl OusterDecoder {
             }
             self.doubt_columns_per_packet(bytes);
         }
-        let Some((init_id, seen)) = self.sight(bytes) else { return };
+    }
+
+    /// Holds a lidar packet against the metadata; what contradicts is corrected before it is decoded.
+    pub(super) fn look(&mut self, bytes: &[u8], init_id: u32, seen: Seen) {
         if !self.evidence.is_open_to(init_id) {
             self.evidence.follow(seen);
             return;
@@ -89,9 +94,8 @@ impl OusterDecoder {
     }
 
     /// How a whole lidar packet does not continue what came before it.
-    pub(super) fn broken(&self, bytes: &[u8]) -> Option<Break> {
-        let (init_id, seen) = self.sight(bytes)?;
-        let broken = self.evidence.broken(&self.metadata, init_id, &seen)?;
+    pub(super) fn broken(&self, bytes: &[u8], init_id: u32, seen: &Seen) -> Option<Break> {
+        let broken = self.evidence.broken(&self.metadata, init_id, seen)?;
         (!self.is_damaged(bytes)).then_some(broken)
     }
 

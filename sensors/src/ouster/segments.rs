@@ -2,18 +2,18 @@
 //! packets are held until a revolution of them shows the mode; then they are decoded in it, and none counts as lost or damaged.
 
 use super::decoder::OusterDecoder;
-use super::evidence::{Break, Evidence, Mode};
+use super::evidence::{Break, Evidence, Mode, Seen};
 use crate::Packet;
 
 /// Revolutions of the largest mode that are held at most.
 const MOST_COLUMNS: usize = 2 * 4096;
 
 impl OusterDecoder {
-    /// Whether a packet is held until more of them show how the sensor is set.
-    pub(super) fn is_held(&mut self, packet: &Packet<'_>) -> bool {
+    /// Whether a lidar packet is held until more of them show how the sensor is set.
+    pub(super) fn is_held(&mut self, packet: &Packet<'_>, init_id: u32, seen: Seen) -> bool {
         let bytes = packet.payload;
         if self.held.is_empty() {
-            match self.broken(bytes) {
+            match self.broken(bytes, init_id, &seen) {
                 None => return false,
                 Some(Break::Turn) => {
                     self.evidence.forget_turns();
@@ -22,7 +22,6 @@ impl OusterDecoder {
                 Some(Break::Segment) => self.evidence = Evidence::default(),
             }
         }
-        let Some((init_id, seen)) = self.sight(bytes) else { return false };
         self.held.push(packet);
         if !self.is_damaged(bytes) {
             self.evidence.take(&self.metadata.packet_format(), seen, init_id, bytes);
@@ -39,11 +38,11 @@ impl OusterDecoder {
         let held = std::mem::take(&mut self.held);
         let Some(first) = held.packets().next() else { return };
         let since_ns = Some(first.host_time_ns);
-        if let Some(mode) = self.evidence.other_mode(&self.metadata, Mode::of(&self.given)) {
-            let first = held.packets().find_map(|packet| self.sight(packet.payload));
-            let Some((init_id, first)) = first else { return };
+        if let Some(mode) = self.evidence.other_mode(&self.metadata, Mode::of(&self.given))
+            && let Some((init_id, seen)) = self.sight(first.payload)
+        {
             let (stream, mut output) = self.stream_and_output();
-            stream.end_segment(&mut output, Some(init_id), first.frame_id);
+            stream.end_segment(&mut output, Some(init_id), seen.frame_id);
             self.set_mode(mode, since_ns);
         }
         if let Some(window) = self.evidence.wider_window(&self.metadata) {

@@ -9,7 +9,7 @@ use super::axes::{Tilts, tilts};
 use super::{Recorded, RecordedArgs, Source, host_clock};
 use crate::commands::Context;
 use crate::commands::recording::{Recording, ensure_recording};
-use crate::commands::registered::bag_mount;
+use crate::commands::registered::found_mount;
 use crate::commands::sensor_args::{SensorArgs, ensure_named};
 use crate::recording::Session;
 use crate::recording::bags::is_bag_at;
@@ -27,7 +27,7 @@ impl Recorded {
         let session = Session::is_session(path).then(|| Session::open(path)).transpose()?;
         let recording = Recording::open_to_reread(path, sensors)?;
         let mut notices = Vec::new();
-        match bag_mount::of_only_sensor(&recording, session.as_ref(), &mut notices)? {
+        match found_mount::of_only_sensor(&recording, session.as_ref(), &mut notices)? {
             Some(mount) => Self::mounted(args, sensors, mount, (session, Some(recording)), notices),
             None => {
                 bail!("{}: give --mount: the recording does not say where its sensors sit", path.display())
@@ -52,7 +52,7 @@ impl Recorded {
         let (mut in_bag, mut notices) = (None, Vec::new());
         if mount.is_none() && is_bag_at(path) {
             let recording = Recording::open(path, sensors)?;
-            in_bag = bag_mount::of_bag(&recording, &mut notices)?;
+            in_bag = found_mount::of_bag(&recording, &mut notices)?;
         }
         let Some(mount) = mount.or(in_bag) else {
             // what is no recording at all does not lack a mount; a pipe could be read but once

@@ -1,6 +1,6 @@
 //! What the verbs share that bring the returns of a recording into one frame: mounts, trajectory, and one pass over its frames.
 
-pub mod bag_mount;
+pub mod found_mount;
 pub mod mounts;
 pub mod trajectory;
 

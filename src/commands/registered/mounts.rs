@@ -6,7 +6,7 @@ use anyhow::{bail, ensure};
 use sensors::Frame;
 use sensors::router::Sensor;
 
-use super::bag_mount;
+use super::found_mount;
 use crate::base::geometry::Pose;
 use crate::commands::recorded::axes::{Tilts, tilts};
 use crate::commands::recorded::axis_zeros::AxisZeros;
@@ -37,7 +37,7 @@ impl Mounts {
         let file = match (mount, &session) {
             (Some(path), _) => Some(MountFile::read(path)?),
             (None, Some(session)) => session.mount()?,
-            (None, None) => bag_mount::of_bag(recording, &mut notices)?,
+            (None, None) => found_mount::of_bag(recording, &mut notices)?,
         };
         let rig = file.map(|file| file.rig()).transpose()?;
         let mut measured = Tilts::default();
