@@ -109,6 +109,9 @@ room = "-6,-4,-1.5,6,4,2"
   await page.goto(running.url);
   const sees = (text) => page.getByText(text).first().waitFor().then(() => true, () => false);
   const gone = (text) => page.getByText(text).first().waitFor({ state: "hidden" }).then(() => true, () => false);
+  // what the page says of a button follows with the next status, up to a fifth of a second later
+  const becomesDisabled = (name) =>
+    page.getByRole("button", { name, exact: true, disabled: true }).waitFor().then(() => true, () => false);
   const press = (name) => page.getByRole("button", { name, exact: true }).click();
   const drawn = () => page.evaluate(() => Number(document.getElementById("scene").dataset.drawn ?? 0));
 
@@ -170,12 +173,12 @@ room = "-6,-4,-1.5,6,4,2"
   check("and is told when it ends", await sees(/session-.*: [\d,]+ packets, nothing lost/));
 
   // better pitches
-  check("proposals wait for a recording", await page.getByRole("button", { name: "Propose better pitches" }).isDisabled());
+  check("proposals wait for a recording", await becomesDisabled("Propose better pitches"));
   check("and that is said", await sees(/It needs a recording that goes on/));
 
   // the rig
   check("what is not homed is said", await sees("The rig is not homed"));
-  check("nothing moves unarmed", await page.getByRole("button", { name: "Apply the mount" }).isDisabled());
+  check("nothing moves unarmed", await becomesDisabled("Apply the mount"));
   await press("Arm");
   await page.waitForFunction(() => !document.querySelector("[data-rig=home]").disabled);
   await press("Home");
