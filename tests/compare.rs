@@ -6,6 +6,7 @@ mod recordings;
 mod rig_faults;
 mod stand;
 mod statistics;
+mod verdicts;
 mod units;
 
 use glam::DVec3;
@@ -45,10 +46,28 @@ pub const CASES: &[Case] = &[
     ),
     case("odometry_is_written_in_the_scene_s_frame", align::odometry_is_written_in_the_scene_s_frame),
     with_machine(
-        "walks_are_placed_in_the_public_scenes",
+        "walks_are_placed_in_the_house",
         ASKED,
         statistics::are_wanted,
-        align::walks_are_placed_in_the_public_scenes,
+        align::walks_are_placed_in_the_house,
+    ),
+    with_machine(
+        "walks_are_placed_in_the_bookstore",
+        ASKED,
+        statistics::are_wanted,
+        align::walks_are_placed_in_the_bookstore,
+    ),
+    with_machine(
+        "walks_are_placed_in_the_warehouse",
+        ASKED,
+        statistics::are_wanted,
+        align::walks_are_placed_in_the_warehouse,
+    ),
+    with_machine(
+        "walks_are_placed_in_the_office_floor",
+        ASKED,
+        statistics::are_wanted,
+        align::walks_are_placed_in_the_office_floor,
     ),
     with_machine(
         "walks_in_another_building_are_refused",
@@ -77,6 +96,13 @@ pub const CASES: &[Case] = &[
     case("clocks_apart_are_put_together", rig_faults::clocks_apart_are_put_together),
     case("degenerate_scenes_say_what_they_cannot_tell", degenerate_scenes_say_what_they_cannot_tell),
     case("a_range_bias_is_no_tilt", a_range_bias_is_no_tilt),
+    with_machine(
+        "healthy_walks_are_seldom_called_different",
+        ASKED,
+        statistics::are_wanted,
+        verdicts::healthy_walks_are_seldom_called_different,
+    ),
+    with_machine("faults_are_found", ASKED, statistics::are_wanted, verdicts::faults_are_found),
     with_machine(
         "healthy_walks_raise_few_alarms",
         ASKED,

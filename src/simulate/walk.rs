@@ -107,7 +107,7 @@ pub(crate) fn along(scene: &Scene, waypoints: &[Waypoint]) -> Result<Walk, WalkE
     Ok(Walk { trajectory, corners_m, doubts })
 }
 
-/// Heights of the floors at a place, ascending: surfaces with room for somebody above them.
+/// Heights of the floors at a place, ascending: surfaces with room for somebody above them, roofs left out.
 fn floors_m(scene: &Scene, at_m: DVec2) -> Vec<f64> {
     let [low_m, high_m] = scene.bounds_m();
     if let Scene::Box(_) = scene {
@@ -125,7 +125,12 @@ fn floors_m(scene: &Scene, at_m: DVec2) -> Vec<f64> {
     }
     let is_floor =
         |at: &usize| surfaces_m.get(at + 1).is_none_or(|above_m| above_m - surfaces_m[*at] >= HEADROOM_M);
-    (0..surfaces_m.len()).filter(is_floor).map(|at| surfaces_m[at]).collect()
+    let mut floors_m: Vec<f64> = (0..surfaces_m.len()).filter(is_floor).map(|at| surfaces_m[at]).collect();
+    // what has nothing above it and a floor below it is a roof
+    if floors_m.len() > 1 && floors_m.last() == surfaces_m.last() {
+        floors_m.pop();
+    }
+    floors_m
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What a recording proves: odometry, comparison with a prediction, calibration.
 
-pub(crate) mod judgement;
+pub mod judgement;
 pub mod odometry;
 pub mod compare;
 pub mod calibrate;

@@ -288,6 +288,19 @@ fn cut_by_time() {
     assert!(!expected.is_empty() && captured(&path) == expected);
     // a second time it is there already; nothing of another sensor is in it
     assert_eq!(outrigger(&arguments).status.code(), Some(1));
+    // nothing is left: no empty file
+    let clouds = bag("backpack_room.mcap");
+    let none = folder.path().join("none.mcap");
+    for (recording, more, said) in [
+        (&whole, &["--from", "100", "--to", "200"][..], "packets lies in the part that was asked for"),
+        (&clouds, &[], "the recording holds no packet"),
+    ] {
+        let arguments = [&["cut", text_of(recording), "-o", text_of(&none)], more].concat();
+        let output = outrigger(&arguments);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains(said), "{}", stderr(&output));
+        assert!(!none.exists());
+    }
     let output = outrigger(&["cut", text_of(&whole), "--sensor", "nobody", "--force", "-o", text_of(&path)]);
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("no packet of sensor nobody; there are ouster"), "{}", stderr(&output));

@@ -10,6 +10,7 @@ use sensors::router::Routed;
 use super::Args;
 use super::document::Document;
 use super::sensors::{Needs, SensorsOf};
+use crate::base::times::rfc3339;
 use crate::commands::recording::Recording;
 use crate::commands::{Context, sensor_ids, unread};
 use crate::recording::moment::Moment;
@@ -25,7 +26,9 @@ pub(super) struct Cutting<'a> {
     /// Sensors that sent something, and those of `--sensor` that did not yet.
     met: BTreeSet<String>,
     missing: BTreeSet<&'a str>,
-    start_ns: Option<u64>,
+    /// Times of the first and the last packet that was read.
+    span_ns: Option<[u64; 2]>,
+    written: u64,
 }
 
 impl<'a> Cutting<'a> {
@@ -47,7 +50,8 @@ impl<'a> Cutting<'a> {
             },
             met: BTreeSet::new(),
             missing: args.part.only.iter().map(String::as_str).collect(),
-            start_ns: None,
+            span_ns: None,
+            written: 0,
         }
     }
 
@@ -68,7 +72,7 @@ impl<'a> Cutting<'a> {
             Some(writer) => writer,
             None => PacketWriter::create(&args.out, self.format)?,
         };
-        let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.start_ns.is_none()))?;
+        let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.span_ns.is_none()))?;
         let ending = recording.each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
         if self.needs.sensors {
@@ -83,7 +87,9 @@ impl<'a> Cutting<'a> {
 
     /// Whether a packet lies between `--from` and `--to`.
     fn is_within(&mut self, time_ns: u64) -> bool {
-        let start_ns = *self.start_ns.get_or_insert(time_ns);
+        let [start_ns, end_ns] = self.span_ns.get_or_insert([time_ns; 2]);
+        *end_ns = time_ns.max(*end_ns);
+        let start_ns = *start_ns;
         let at_ns = |moment: Option<Moment>| moment.and_then(|moment| moment.time_ns(start_ns));
         at_ns(self.args.part.from).is_none_or(|from_ns| time_ns >= from_ns)
             && at_ns(self.args.part.to).is_none_or(|to_ns| time_ns < to_ns)
@@ -99,6 +105,7 @@ impl<'a> Cutting<'a> {
         if !self.needs.sensors {
             if is_within {
                 writer.write("", packet)?;
+                self.written += 1;
             } else {
                 self.document.left_out += 1;
             }
@@ -131,7 +138,25 @@ impl<'a> Cutting<'a> {
             writer.add_metadata(name, packet.host_time_ns, text)?;
         }
         *self.document.sensors.entry(name.clone()).or_default() += 1;
+        self.written += 1;
         Ok(writer.write(name, packet)?)
+    }
+
+    /// Why no packet was written.
+    fn why_nothing(&self) -> String {
+        let out = self.args.out.display();
+        let Some([start_ns, end_ns]) = self.span_ns else {
+            return format!(
+                "{out} is not written: the recording holds no packet. `cut` copies packets; `decode` writes the points of clouds, \
+                 --from and --to take a part of them"
+            );
+        };
+        format!(
+            "{out} is not written: none of {} packets lies in the part that was asked for. They last {:.3} s and begin at {}",
+            self.document.left_out + self.document.unassigned,
+            (end_ns - start_ns) as f64 * 1e-9,
+            rfc3339(start_ns),
+        )
     }
 
     /// Completes the file.
@@ -139,6 +164,9 @@ impl<'a> Cutting<'a> {
         if let Some(name) = self.missing.first() {
             let met: Vec<String> = self.met.into_iter().collect();
             bail!("no packet of sensor {name}; there are {}", met.join(", "));
+        }
+        if self.written == 0 {
+            bail!("{}", self.why_nothing());
         }
         let mut document = self.document;
         document.packets = self.writer.map_or(Ok(0), PacketWriter::finish)?;

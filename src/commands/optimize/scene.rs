@@ -112,8 +112,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             end.evaluations
         );
     }
+    let of_answer = warnings.len();
     warnings.extend(answer.doubts());
     warnings.extend(rigs.limits_of(&winner.values));
+    warnings[of_answer..].iter().for_each(|warning| output::say_notice(warning));
     let origin = source.origin;
     let mut document = document(args, &cast, &search, &end, answer, (start, source, warnings));
     document.by_count = by_count;

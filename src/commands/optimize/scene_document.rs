@@ -75,7 +75,6 @@ fn numbers(mount: Mount) -> [f64; 5] {
 }
 
 pub(super) fn write(args: &Args, rigs: &RigSpace, document: &Document, values: &[f64]) -> anyhow::Result<()> {
-    document.warnings.iter().for_each(|warning| output::say_notice(warning));
     if let Some(path) = &args.csv {
         files::write_whole(path, document.csv().as_bytes()).with_context(|| path.display().to_string())?;
     }

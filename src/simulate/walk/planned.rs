@@ -216,6 +216,19 @@ mod tests {
     }
 
     #[test]
+    fn nobody_walks_on_the_roof() {
+        // the roof has no cupboards on it, so more of it is free than of the floor
+        let boxes_m = [
+            [DVec3::ZERO, DVec3::new(10.0, 6.0, 3.0)],
+            [DVec3::new(1.0, 4.0, 0.0), DVec3::new(9.0, 6.0, 2.0)],
+            [DVec3::new(4.0, 0.0, 0.0), DVec3::new(9.5, 1.5, 2.5)],
+        ];
+        let scene = Scene::Mesh(Arc::new(Mesh::of_boxes(&boxes_m).unwrap()));
+        let walk = planned(&scene).unwrap();
+        assert!(walk.corners_m.iter().all(|corner| (corner.z - BODY_HEIGHT_M).abs() < 1e-6));
+    }
+
+    #[test]
     fn a_wall_with_a_door_is_gone_through_at_the_door() {
         // two adjacent floors of 6 x 6 m, a wall between them with a gap of 1.2 m at one end
         let mut vertices = Vec::new();

@@ -10,6 +10,8 @@ use crate::rig::MountedSensor;
 use crate::world::scene::Scene;
 use crate::world::trajectory::{PoseError, Trajectory};
 
+/// A ray that ends this far from where it should met something else, m: poses and mounts are not off by so much.
+const FAR_OFF_M: f64 = 0.5;
 /// Bins of the calibration curve.
 const BINS: usize = 10;
 
@@ -60,6 +62,13 @@ pub struct NullTest {
     pub p_value: Option<f64>,
     /// The same by share of agreeing rays.
     pub agree_p_value: Option<f64>,
+    /// Of the patches that no healthy run misses, the share that the recording misses; none without runs or patches. A patch is
+    /// missed when most of its rays return nothing or end far from it: wrong poses hardly do that, hidden surface does.
+    pub missed_share: Option<f64>,
+    /// The same of the healthy runs, each held against all others: mean and most.
+    pub missed_share_of_runs: Option<[f64; 2]>,
+    /// How often healthy runs miss as much.
+    pub missed_p_value: Option<f64>,
     /// Chance of every patch against what came of it.
     pub calibration: Calibration,
 }
@@ -94,9 +103,10 @@ struct Foreseen {
     patch: Option<u32>,
 }
 
-/// Outcome of one run: by patch whether it is covered, and the share of agreeing rays.
+/// Outcome of one run: by patch whether it is covered or missed, and the share of agreeing rays.
 struct Run {
     covered: Vec<bool>,
+    missed: Vec<bool>,
     iou: Option<f64>,
     agree_share: Option<f64>,
 }
@@ -126,6 +136,13 @@ impl NullTest {
         let (p_value, iou_of_runs) = among(actual.iou, |run| run.iou);
         let (agree_p_value, agree_share_of_runs) = among(actual.agree_share, |run| run.agree_share);
         let foreseen_patches = touched(&foreseen, patches.len());
+        let (missed_share, missed_of_runs) = missed_shares(&foreseen_patches, &runs, &actual);
+        let missed_p_value = missed_share.filter(|_| !missed_of_runs.is_empty()).map(|missed| {
+            let as_much = missed_of_runs.iter().filter(|other| **other >= missed).count();
+            (1 + as_much) as f64 / (1 + missed_of_runs.len()) as f64
+        });
+        let mean = missed_of_runs.iter().sum::<f64>() / missed_of_runs.len() as f64;
+        let most = missed_of_runs.iter().copied().reduce(f64::max);
         Self {
             healthy,
             rays: field.rays.len(),
@@ -135,9 +152,34 @@ impl NullTest {
             agree_share_of_runs,
             p_value,
             agree_p_value,
+            missed_share,
+            missed_share_of_runs: most.map(|most| [mean, most]),
+            missed_p_value,
             calibration: Calibration::of(&foreseen_patches, &runs, &actual),
         }
     }
+}
+
+/// Of the patches that no healthy run misses, the share that the recording misses; and the same for each run, held against all others.
+fn missed_shares(foreseen: &[bool], runs: &[Run], actual: &Run) -> (Option<f64>, Vec<f64>) {
+    let patches: Vec<usize> = (0..foreseen.len()).filter(|patch| foreseen[*patch]).collect();
+    let counts: Vec<usize> =
+        patches.iter().map(|patch| runs.iter().filter(|run| run.missed[*patch]).count()).collect();
+    let share = |run: &Run, is_counted: bool| {
+        let (mut sure, mut missed) = (0_u64, 0_u64);
+        for (patch, count) in patches.iter().zip(&counts) {
+            let is_missed = run.missed[*patch];
+            if count - usize::from(is_counted && is_missed) == 0 {
+                sure += 1;
+                missed += u64::from(is_missed);
+            }
+        }
+        (sure > 0).then(|| missed as f64 / sure as f64)
+    };
+    if runs.is_empty() {
+        return (None, Vec::new());
+    }
+    (share(actual, false), runs.iter().filter_map(|run| share(run, true)).collect())
 }
 
 impl Calibration {
@@ -196,7 +238,7 @@ fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> 
 
 /// A patch is covered by a run when at least half of the rays that should end there do.
 fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], patches: usize) -> Run {
-    let mut tally = vec![[0u32; 2]; patches];
+    let mut tally = vec![[0u32; 3]; patches];
     let (mut agree, mut informative) = (0u64, 0u64);
     for ((foreseen, recorded), ray) in foreseen.iter().zip(recorded).zip(field.rays) {
         let end_m = |range_m| field.place(ray).map(|placed| placed.at_range(range_m));
@@ -206,13 +248,20 @@ fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], pat
         if let Some(patch) = foreseen.patch {
             tally[patch as usize][0] += 1;
             tally[patch as usize][1] += u32::from(class == RayClass::Agree);
+            let is_near = foreseen
+                .range_m
+                .zip(*recorded)
+                .is_some_and(|(foreseen_m, recorded_m)| (recorded_m - foreseen_m).abs() < FAR_OFF_M);
+            tally[patch as usize][2] += u32::from(!is_near);
         }
     }
-    let covered: Vec<bool> = tally.iter().map(|[all, agree]| *agree > 0 && 2 * agree >= *all).collect();
-    let predicted = tally.iter().filter(|[all, _]| *all > 0).count();
+    let covered: Vec<bool> = tally.iter().map(|[all, agree, _]| *agree > 0 && 2 * agree >= *all).collect();
+    let missed = tally.iter().map(|[all, _, far_off]| 2 * far_off > *all).collect();
+    let predicted = tally.iter().filter(|[all, ..]| *all > 0).count();
     let both = covered.iter().filter(|covered| **covered).count();
     Run {
         covered,
+        missed,
         iou: (predicted > 0).then(|| both as f64 / predicted as f64),
         agree_share: (informative > 0).then(|| agree as f64 / informative as f64),
     }

@@ -13,12 +13,15 @@ use crate::verify::compare::{
 /// Predicted against recorded.
 #[derive(Debug, Serialize)]
 pub struct Comparison {
+    /// PASS, DIFFERS or CANNOT TELL.
     pub verdict: Verdict,
     /// The test that decides.
     pub reason: Reason,
     /// What is missing, where, and why most likely.
     pub words: Vec<String>,
+    /// What is broken, the worst first.
     pub faults: Vec<Fault>,
+    /// By sensor.
     pub rays: BTreeMap<String, RayReport>,
     /// As driven against recorded, on the patches that can be seen from the path.
     pub agreement: Option<Measured>,
@@ -30,9 +33,13 @@ pub struct Comparison {
     pub model: Agreement,
     /// Cells.
     pub coverage: CoverageCounts,
+    /// None without a surface to sample.
     pub surface: Option<SurfaceReport>,
+    /// By sensor, in the order of the rig.
     pub mount: Vec<SensorCheck>,
+    /// Of two sensors against each other.
     pub relative_tilt: Option<RelativeTilt>,
+    /// None where no mount was checked.
     pub mount_check: Option<CheckReport>,
     /// Cells that are free in the recording and occupied in the scene, or the reverse.
     pub conflicts: Option<Conflicts>,
@@ -73,13 +80,20 @@ impl Comparison {
             }
             false => String::new(),
         };
-        format!("{}: {}{part}{}", self.verdict.label(), self.verdict.words(), self.undetermined())
+        let what = match self.reason.code {
+            "map_too_coarse" => "the map leaves gaps through which the rays go on",
+            _ => self.verdict.words(),
+        };
+        format!("{}: {what}{part}{}", self.verdict.label(), self.undetermined())
     }
 
     /// What to do, in one sentence.
     pub(crate) fn advice(&self) -> &'static str {
         match (self.verdict, self.reason.code) {
             (Verdict::Matches, _) => "Nothing is to be done: the recording can be used.",
+            (_, "map_too_coarse") => {
+                "Make the map of more revolutions, or of smaller cells (--map-voxel), or give a mesh, and compare again."
+            }
             (Verdict::CannotTell, _) => {
                 "Record longer, or give a trajectory that covers the recording, and compare again."
             }
@@ -116,9 +130,12 @@ impl Comparison {
 /// One sensor's rays.
 #[derive(Debug, Serialize)]
 pub struct RayReport {
+    /// How many ended how.
     #[serde(flatten)]
     pub classes: RayClasses,
+    /// None without informative rays.
     pub agree_share: Option<f64>,
+    /// Counted from 0.
     pub by_channel: Vec<RayClasses>,
     /// Sectors of 5 degrees of the encoder, clockwise from 0.
     pub by_azimuth: Vec<RayClasses>,
@@ -129,6 +146,7 @@ pub struct RayReport {
 /// Agreement with how sure it is.
 #[derive(Debug, Serialize)]
 pub struct Measured {
+    /// Of the patches, by area.
     #[serde(flatten)]
     pub patches: PatchAgreement,
     /// How often healthy simulated runs agree no better.
@@ -138,7 +156,9 @@ pub struct Measured {
 /// Share of the surface's sample points within 5 cm.
 #[derive(Debug, Serialize)]
 pub struct SurfaceReport {
+    /// Of all samples, those with a line of sight from the path.
     pub observable_share: f64,
+    /// As predicted for the columns that were recorded.
     pub as_driven: SurfaceShare,
     /// Snapped to the prediction: errors can only lower it.
     pub recorded: SurfaceShare,
@@ -149,9 +169,13 @@ pub struct SurfaceReport {
 /// How the mount check went.
 #[derive(Debug, Serialize)]
 pub struct CheckReport {
+    /// Of the solver.
     pub rounds: usize,
+    /// Whether its last step was negligible.
     pub converged: bool,
+    /// Of the ranges, along the normals.
     pub residual_sd_mm: f64,
+    /// Revolutions with a pose of their own.
     pub scans: usize,
 }
 

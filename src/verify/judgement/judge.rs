@@ -22,7 +22,7 @@ const NULL_RAYS: usize = 200_000;
 const HOLES_SHARE: f64 = 0.3;
 
 /// What is being worked on.
-pub(crate) enum Step {
+pub enum Step {
     /// So many healthy runs are simulated.
     HealthyRuns(u64),
     /// One of them is done.
@@ -32,26 +32,33 @@ pub(crate) enum Step {
 }
 
 /// What a replayed recording is compared with.
-pub(crate) struct Inputs<'a> {
+pub struct Inputs<'a> {
+    /// As it is known.
     pub scene: &'a Scene,
+    /// As it is believed.
     pub trajectory: &'a Trajectory,
     /// Where the frame of both begins in that of the files.
     pub origin: LocalOrigin,
+    /// The surface that can be seen from the trajectory.
     pub patches: Option<&'a Patches>,
     /// Coverage of the plan; as driven where there was none.
     pub planned: Option<&'a Coverage>,
+    /// What healthy runs are simulated with.
     pub healthy: Healthy,
+    /// Of the sensors; 0 where none is known.
     pub revolution_ns: u64,
     /// The trajectory was found from this recording, with the nominal mounts.
     pub is_own_trajectory: bool,
+    /// A recorded and a predicted range agree within this.
     pub agree_within_m: f64,
     /// Found while decoding.
     pub faults: Vec<Fault>,
+    /// Called at each step.
     pub report: &'a dyn Fn(Step),
 }
 
 /// Everything that the replay shows.
-pub(crate) fn judge(inputs: Inputs<'_>, replayed: &Replayed) -> Comparison {
+pub fn judge(inputs: Inputs<'_>, replayed: &Replayed) -> Comparison {
     let Replayed { sensors, sampled, .. } = replayed;
     let field = Field {
         scene: inputs.scene,
@@ -110,11 +117,11 @@ pub(crate) fn judge(inputs: Inputs<'_>, replayed: &Replayed) -> Comparison {
         conflicts: Conflicts::between(&thinned).map(|conflicts| conflicts.in_world(inputs.origin)),
         prediction,
     };
-    (comparison.verdict, comparison.reason) = decide(&comparison);
     let cell_m = match inputs.scene {
         Scene::Voxels(map) => Some(map.voxel_m()),
         _ => None,
     };
+    (comparison.verdict, comparison.reason) = decide(&comparison, cell_m);
     comparison.words = words(&comparison, replayed, inputs.patches, inputs.origin, cell_m);
     comparison
 }

@@ -1,7 +1,7 @@
 //! What a comparison comes to, and how to say it to somebody who builds rigs.
 
 pub mod comparison;
-pub(crate) mod judge;
+pub mod judge;
 mod mounts;
 mod reason;
 mod silent;

@@ -13,8 +13,40 @@ pub(super) fn is_in_another_frame(comparison: &Comparison) -> bool {
     rays >= LEAST_RAYS && comparison.agree_share().is_some_and(|share| share < NO_FRAME_SHARE)
 }
 
-/// The verdict, and the test that decides it. One sensor that says nothing is enough not to call it a match.
-pub(crate) fn decide(comparison: &Comparison) -> (Verdict, Reason) {
+/// The verdict, and the test that decides it. One sensor that says nothing is enough not to call it a match. `cell_m`: edge of a
+/// cell where the scene is a map of such.
+pub(crate) fn decide(comparison: &Comparison, cell_m: Option<f64>) -> (Verdict, Reason) {
+    let (verdict, reason) = decided(comparison);
+    let is_of_map = ["rays_disagree", "surface_missing"].contains(&reason.code);
+    let free_share = least_free_share(comparison);
+    if let Some(cell_m) = cell_m
+        && is_of_map
+        && free_share >= Some(MATCH_AGREE_SHARE)
+    {
+        let worst = comparison.rays.values().filter_map(|sensor| sensor.agree_share).reduce(f64::min);
+        let values = [
+            ("agree_share", worst),
+            ("needed_agree_share", Some(MATCH_AGREE_SHARE)),
+            ("through_free_share", free_share),
+            ("cell_m", Some(cell_m)),
+        ];
+        return (Verdict::CannotTell, Reason::new("map_too_coarse").with(values));
+    }
+    (verdict, reason)
+}
+
+/// Of the returns that end as predicted or early, the share that ends as predicted, of the worse sensor. A ray that goes on
+/// past the edge of a cell, or meets what no ray of the map met, tells nothing about the recording; one that ends in a cell through
+/// which the map's own rays went does.
+fn least_free_share(comparison: &Comparison) -> Option<f64> {
+    let shares = comparison.rays.values().filter_map(|sensor| {
+        let all = sensor.classes.agree + sensor.classes.short;
+        (all > 0).then(|| sensor.classes.agree as f64 / all as f64)
+    });
+    shares.reduce(f64::min)
+}
+
+fn decided(comparison: &Comparison) -> (Verdict, Reason) {
     if let Some(fault) = comparison.faults.first() {
         let shares = [("agree_share", fault.agree_share), ("explained_share", fault.explained_share)];
         return (Verdict::Differs, Reason::new(fault.name).with(shares));
@@ -61,6 +93,22 @@ pub(crate) fn decide(comparison: &Comparison) -> (Verdict, Reason) {
         ];
         return (Verdict::Differs, Reason { p_value: rays_p, ..Reason::new("rays_disagree").with(values) });
     }
+    if let Some(null) = null
+        && can_tell
+        && null.missed_share > Some(1.0 - MATCH_IOU)
+        && null.missed_p_value <= Some(RARE)
+    {
+        let of_runs = null.missed_share_of_runs;
+        let values = [
+            ("missed_share", null.missed_share),
+            ("most_missed_share", Some(1.0 - MATCH_IOU)),
+            ("null_runs", runs),
+            ("null_mean", of_runs.map(|runs| runs[0])),
+            ("null_most", of_runs.map(|runs| runs[1])),
+        ];
+        let reason = Reason::new("surface_missing").with(values);
+        return (Verdict::Differs, Reason { p_value: null.missed_p_value, ..reason });
+    }
     let agreement = comparison.agreement.as_ref();
     let iou = agreement.and_then(|agreement| agreement.patches.agreement.iou);
     let patches_p = agreement.and_then(|agreement| agreement.p_value);
@@ -82,7 +130,8 @@ pub(crate) fn decide(comparison: &Comparison) -> (Verdict, Reason) {
         let values = [("unplaced_share", Some(part)), ("most_unplaced_share", Some(PART_SHARE))];
         return (Verdict::CannotTell, Reason::new("trajectory_covers_part").with(values));
     }
-    let least_p = [rays_p, patches_p].into_iter().flatten().reduce(f64::min);
+    let missed_p = null.and_then(|null| null.missed_p_value);
+    let least_p = [rays_p, patches_p, missed_p].into_iter().flatten().reduce(f64::min);
     let values = [("agree_share", worst), ("iou", iou), ("null_runs", runs)];
     (Verdict::Matches, Reason { p_value: least_p, ..Reason::new("as_predicted").with(values) })
 }

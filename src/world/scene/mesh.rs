@@ -61,7 +61,7 @@ impl Mesh {
     ///
     /// # Errors
     /// Boxes without extent.
-    pub(crate) fn of_boxes(boxes_m: &[[DVec3; 2]]) -> Result<Self, MeshError> {
+    pub fn of_boxes(boxes_m: &[[DVec3; 2]]) -> Result<Self, MeshError> {
         let (mut vertices_m, mut triangles) = (Vec::new(), Vec::new());
         for [low_m, high_m] in boxes_m {
             let first = vertices_m.len() as u32;

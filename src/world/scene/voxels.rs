@@ -73,7 +73,7 @@ impl VoxelMap {
     ///
     /// # Errors
     /// An edge or a length that is not finite and above 0, or no hits.
-    pub(crate) fn new(voxel_m: f64, least_hits: u8, longest_ray_m: f64) -> Result<Self, VoxelMapError> {
+    pub fn new(voxel_m: f64, least_hits: u8, longest_ray_m: f64) -> Result<Self, VoxelMapError> {
         for (name, value) in [("voxel edge", voxel_m), ("longest ray", longest_ray_m)] {
             if !(value.is_finite() && value > 0.0) {
                 return Err(VoxelMapError { reason: format!("{name} of {value} m, expected above 0") });
@@ -107,7 +107,7 @@ impl VoxelMap {
     }
 
     /// A return: free from the sensor to the point, occupied there.
-    pub(crate) fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
+    pub fn add_return(&mut self, origin_m: DVec3, point_m: DVec3) {
         if self.cross(origin_m, point_m) {
             self.occupy(point_m);
         }
