@@ -6,6 +6,9 @@ use clap::{ArgMatches, Command};
 
 use super::defaults;
 use crate::live::config::Config;
+use crate::recording::RecordingError;
+use crate::recording::scene::SceneError;
+use crate::verify::walk::WalkError;
 
 /// What every verb gets besides its own arguments.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +48,14 @@ impl Context {
         }
         Ok(())
     }
+}
+
+/// An error of a library about what was asked for becomes one of the command line: exit code 2.
+pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
+    let is_usage = error.downcast_ref().is_some_and(RecordingError::is_usage)
+        || error.downcast_ref().is_some_and(WalkError::is_usage)
+        || error.downcast_ref().is_some_and(SceneError::is_usage);
+    if is_usage { wrong_usage(error) } else { error }
 }
 
 /// What was typed cannot be meant: exit code 2.

@@ -12,13 +12,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::recording;
 use super::{Context, Outcome, output, signals};
 use crate::mock::senders::SenderSockets;
 use crate::mock::transmit::{Clock, Pace, Transmitter};
 use crate::recording::Session;
 use crate::recording::bags::is_bag_folder;
 use crate::recording::packet_reader::PacketReader;
+use crate::recording::source::{name_of, packets_of, spool};
 use sending::{Sent, send_once};
 use target::{Target, parse_map, parse_target};
 
@@ -58,10 +58,10 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut path = packets_path(&args.capture)?;
-    let name = recording::name_of(&path);
+    let name = name_of(&path);
     // what is read once needs no copy
     let spooled = match args.again || looks_ahead(args) {
-        true => recording::spool(&path)?,
+        true => spool(&path)?,
         false => None,
     };
     if let Some(file) = &spooled {
@@ -139,7 +139,7 @@ fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
 
 fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
     if capture.is_dir() && Session::is_session(capture) {
-        return recording::packets_of(capture);
+        return Ok(packets_of(capture)?);
     }
     if !capture.is_dir() || is_bag_folder(capture) {
         return Ok(capture.to_owned());

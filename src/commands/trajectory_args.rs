@@ -3,15 +3,14 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use glam::DVec2;
 
-use crate::recording::bags::{Surroundings, is_bag_at};
+use crate::recording::read_trajectory;
 use crate::simulate::walk::{self, Waypoint};
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::Scene;
-use crate::world::trajectory::{ReadTrajectory, Trajectory, suspicions};
+use crate::world::trajectory::{Trajectory, suspicions};
 
 /// Trajectory of the body.
 #[derive(clap::Args, Debug, Clone)]
@@ -122,32 +121,4 @@ impl std::str::FromStr for WalkText {
             _ => Ok(Self::Waypoints(waypoints)),
         }
     }
-}
-
-/// Reads a trajectory, in the frame of its file; how it was read, each line after the file's name.
-pub(crate) fn read_trajectory(
-    path: &Path,
-    rate_hz: Option<f64>,
-) -> anyhow::Result<(Trajectory, Vec<String>)> {
-    let name = path.display();
-    let (bag, topic) = bag_and_topic(path);
-    if is_bag_at(bag) {
-        if rate_hz.is_some() {
-            refuse!("--rate is for poses without times (KITTI): {name} is a bag, and its poses have times");
-        }
-        return Ok(Surroundings::read(bag, &bag.display().to_string())?.platform_trajectory(bag, topic)?);
-    }
-    let bytes = crate::base::files::read(path).with_context(|| name.to_string())?;
-    let read = Trajectory::read(&bytes, rate_hz).with_context(|| name.to_string())?;
-    let ReadTrajectory { trajectory, notes } = read;
-    Ok((trajectory, notes.into_iter().map(|note| format!("{name}: {note}")).collect()))
-}
-
-/// The bag of `BAG:/TOPIC`, and the topic; the whole path where there is a file of that name.
-fn bag_and_topic(path: &Path) -> (&Path, Option<&str>) {
-    let parts = path.to_str().filter(|_| !path.exists()).and_then(|text| text.split_once(":/"));
-    parts.map_or((path, None), |(bag, _)| {
-        let topic = path.to_str().map(|text| &text[bag.len() + 1..]);
-        (Path::new(bag), topic)
-    })
 }

@@ -5,3 +5,4 @@ pub mod odometry;
 pub mod compare;
 pub mod calibrate;
 pub mod align;
+pub(crate) mod walk;

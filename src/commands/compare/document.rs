@@ -2,9 +2,8 @@
 
 use serde::Serialize;
 
-use crate::commands::recorded::axes::AxisSummary;
-use crate::commands::recorded::pass_summary::SensorSummary;
-use crate::report::chart::signed;
+use crate::base::numbers::signed;
+use crate::recording::mounted::{AxisSummary, SensorSummary};
 use crate::verify::align::Alignment;
 use crate::verify::calibrate::SensorCheck;
 use crate::verify::compare::TimeOffset;

@@ -10,10 +10,10 @@ use sensors::router::Routed;
 use super::Args;
 use super::document::Document;
 use super::sensors::{Needs, SensorsOf};
-use crate::commands::recording::Recording;
-use crate::commands::{Context, sensor_ids, unread};
+use crate::commands::Context;
 use crate::recording::moment::Moment;
 use crate::recording::packet_writer::{PacketFormat, PacketWriter};
+use crate::recording::{Recording, RecordingSpec, sensor_ids, unread};
 
 /// The file that is written, and what is known so far.
 pub(super) struct Cutting<'a> {
@@ -54,11 +54,8 @@ impl<'a> Cutting<'a> {
     /// Writes what is wanted of a recording.
     pub(super) fn add(&mut self, path: &Path, context: Context) -> anyhow::Result<()> {
         let args = self.args;
-        let sensors = args.sensors.or_of(context, path);
-        let recording = match self.needs.sensors {
-            true => Recording::open_to_reread(path, &sensors)?,
-            false => Recording::open(path, &sensors)?,
-        };
+        let spec = args.sensors.or_of(context, path);
+        let recording = Recording::open(&RecordingSpec { is_read_again: self.needs.sensors, ..spec })?;
         ensure!(
             !recording.is_read_from(&args.out),
             "{}: this file is read; write to another",
@@ -69,7 +66,8 @@ impl<'a> Cutting<'a> {
             None => PacketWriter::create(&args.out, self.format)?,
         };
         let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.start_ns.is_none()))?;
-        let ending = recording.each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
+        let ending =
+            recording.try_each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
         if self.needs.sensors {
             recording.ensure_given_fits(&sensors.router)?;

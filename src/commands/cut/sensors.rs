@@ -1,16 +1,15 @@
 //! What `cut` knows of a recording's sensors before any packet is written: names, frames, times of revolutions.
 
 use std::collections::BTreeMap;
-use std::ops::RangeInclusive;
+use std::ops::{ControlFlow, RangeInclusive};
 
 use anyhow::ensure;
 use sensors::Decoded;
 use sensors::router::{Router, Sensor};
 
 use super::Args;
-use crate::commands::recording::Recording;
-use crate::commands::sensor_ids;
 use crate::recording::bags::Surroundings;
+use crate::recording::{Recording, sensor_ids};
 use crate::rig::{MountFile, NamedFrame, framed};
 
 /// What has to be known before a packet is written.
@@ -110,7 +109,6 @@ fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<us
     };
     recording.each_packet(&mut |packet| {
         router.push(packet, &mut count);
-        Ok(())
     })?;
     router.finish(&mut count);
     ensure!(
@@ -122,23 +120,17 @@ fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<us
     Ok(times_ns)
 }
 
-/// Ends a pass early.
-#[derive(Debug, thiserror::Error)]
-#[error("enough was read")]
-struct Enough;
-
 /// What the sensors of a recording are called, as `inspect` calls them: what some are shows only after some packets.
 fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
     let mut router = recording.router()?;
     let mut packets = 0;
-    let outcome = recording.each_packet(&mut |packet| {
+    recording.each_packet_until(&mut |packet| {
         packets += 1;
-        ensure!(packets <= LOOK_AHEAD, Enough);
+        if packets > LOOK_AHEAD {
+            return ControlFlow::Break(());
+        }
         router.push(packet, &mut |_, _, _| {});
-        Ok(())
-    });
-    match outcome {
-        Err(error) if !error.is::<Enough>() => Err(error),
-        _ => Ok(sensor_ids::ids(&router)),
-    }
+        ControlFlow::Continue(())
+    })?;
+    Ok(sensor_ids::ids(&router))
 }

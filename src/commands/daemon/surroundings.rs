@@ -3,9 +3,9 @@
 use anyhow::bail;
 
 use super::site::SiteArgs;
-use crate::commands::trajectory_args::read_trajectory;
 use crate::commands::{Context, scene_file};
 use crate::daemon::Site;
+use crate::recording::read_trajectory;
 use crate::rig::MountSlots;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::LoadedScene;

@@ -10,11 +10,11 @@ use super::document::Document;
 use super::output::Output;
 use super::placing::Placing;
 use crate::base::geometry::Pose;
-use crate::commands::recording::Recording;
-use crate::commands::trajectory_args::read_trajectory;
 use crate::commands::{Context, Outcome};
+use crate::recording::Recording;
 use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
 use crate::recording::export::{Cloud, Source};
+use crate::recording::read_trajectory;
 use crate::recording::registered::{Registration, Target};
 
 /// Decodes nothing: hands on what a driver decoded.

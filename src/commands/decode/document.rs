@@ -14,10 +14,11 @@ use serde::Serialize;
 use super::frames::FrameRange;
 use super::placing::Placing;
 use crate::commands::output::counted;
-use crate::commands::recording::{Ending, Recording};
-use crate::commands::registered::mounts::Mounts;
+use crate::recording::Recording;
 use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
+use crate::recording::mounted::Mounts;
+use crate::recording::source::Ending;
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
@@ -241,7 +242,7 @@ impl Document {
         self.losses = ending.losses();
         self.notices.clone_from(&ending.notices);
         self.unclaimed = router.unclaimed().cloned().collect();
-        let ids = crate::commands::sensor_ids::ids(router);
+        let ids = crate::recording::sensor_ids::ids(router);
         for (at, sensor) in router.sensors().iter().enumerate() {
             if !wants(&ids[at], sensor.serial()) {
                 continue;
@@ -257,8 +258,8 @@ impl Document {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
-            self.losses.extend(crate::commands::unread::sensor_losses(&ids[at], sensor));
-            self.notices.extend(crate::commands::unread::sensor_notes(&ids[at], sensor));
+            self.losses.extend(crate::recording::unread::sensor_losses(&ids[at], sensor));
+            self.notices.extend(crate::recording::unread::sensor_notes(&ids[at], sensor));
             self.notices.extend(sensor.only_positions().map(|words| format!("{}: {words}", ids[at])));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
@@ -281,8 +282,8 @@ impl Document {
                 zone_reports: found.zone_reports,
             });
         }
-        self.notices.extend(crate::commands::unread::unknown_sources(router));
-        self.notices.extend(crate::commands::unread::beam_notices(router));
+        self.notices.extend(crate::recording::unread::unknown_sources(router));
+        self.notices.extend(crate::recording::unread::beam_notices(router));
         self.notices.extend(self.losses.iter().cloned());
         self.data_lost = !self.losses.is_empty();
     }

@@ -23,11 +23,11 @@ use self::output::Output;
 use self::placing::Placing;
 use self::points::PointArgs;
 use super::output::{print_json, print_text, say_notice};
-use super::recording::Recording;
 use super::sensor_args::SensorArgs;
-use super::{Context, Outcome, sensor_ids, signals};
+use super::{Context, Outcome, signals};
 use crate::recording::export::{FileFrame, Format};
 use crate::recording::registered::Registration;
+use crate::recording::{Recording, RecordingSpec, sensor_ids};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 when everything that the recording holds of the sensors was decoded; 3 when it was decoded but data is \
@@ -82,11 +82,8 @@ impl Args {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let format = args.format(context);
     args.points.check(context, format.or_else(|| args.out.as_deref().and_then(Format::of_path)))?;
-    let sensors = args.sensors.or_of(context, &args.capture);
-    let recording = match args.points.is_read_again() {
-        true => Recording::open_to_reread(&args.capture, &sensors)?,
-        false => Recording::open(&args.capture, &sensors)?,
-    };
+    let spec = args.sensors.or_of(context, &args.capture);
+    let recording = Recording::open(&RecordingSpec { is_read_again: args.points.is_read_again(), ..spec })?;
     Output::new(args, format, &recording, FileFrame::default())?; // refused before the work, not after
     if recording.holds_clouds_only() {
         return clouds::run(args, context, &recording);
@@ -137,7 +134,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         }
         problem.take().map_or(Ok(()), Err)
     };
-    let ending = recording.each_packet(&mut |packet| {
+    let ending = recording.try_each_packet(&mut |packet| {
         host_time_ns.set(packet.host_time_ns);
         first_host_ns.set(first_host_ns.get().or(Some(packet.host_time_ns)));
         router.push(packet, &mut take);
@@ -153,7 +150,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         if let Some(damage) = ending.damage {
             return Err(damage.into());
         }
-        bail!("{}", super::unread::why_nothing(&recording, &router, &ending));
+        bail!("{}", crate::recording::unread::why_nothing(&recording, &router, &ending));
     }
     ensure_points(args, output.as_ref(), &placing.registration)?;
     finish(args, context, document, output)

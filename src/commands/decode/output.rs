@@ -13,9 +13,9 @@ use super::Args;
 use super::document::WrittenFile;
 use super::placing::Placing;
 use crate::base::files::folder_of;
-use crate::commands::recording::Recording;
-use crate::commands::sensor_ids;
+use crate::recording::Recording;
 use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
+use crate::recording::sensor_ids;
 
 /// Point files being written.
 pub struct Output {

@@ -4,9 +4,9 @@ use sensors::Frame;
 use sensors::router::Sensor;
 
 use crate::base::geometry::Pose;
-use crate::commands::recording::Recording;
-use crate::commands::registered::mounts::Mounts;
+use crate::recording::Recording;
 use crate::recording::export::Cloud;
+use crate::recording::mounted::Mounts;
 use crate::recording::registered::Registration;
 
 /// How points get into the frame of the files.

@@ -6,15 +6,15 @@ use super::frames::{FrameRange, OutputFrame};
 use crate::commands::Context;
 use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
-use crate::commands::recorded::axis_zeros::AxisZeros;
-use crate::commands::recording::Recording;
-use crate::commands::registered::mounts::Mounts;
-use crate::commands::registered::trajectory;
+use crate::recording::Recording;
 use crate::recording::export::{FileFrame, Format, ReferenceSystem};
+use crate::recording::mounted::AxisZeros;
+use crate::recording::mounted::Mounts;
 use crate::recording::registered::{
     ClipBox, Mask, PointFilter, RangeLimits, Registration, Returns, Target, TimeOffset, TimeWindow,
     VoxelThinning,
 };
+use crate::verify::walk;
 
 /// Where points are wanted, and which.
 #[derive(clap::Args, Debug)]
@@ -145,7 +145,7 @@ impl PointArgs {
         let mut mounts = Mounts::of(recording, self.mount.as_deref(), &AxisZeros::default())?;
         let target = match self.frame {
             OutputFrame::World => {
-                let found = trajectory::find(self.trajectory(), self.time_offset, recording, &mut mounts)?;
+                let found = walk::find(self.trajectory(), self.time_offset, recording, &mut mounts)?;
                 notices.extend(found.notices);
                 Target::World { trajectory: found.trajectory, offset: found.offset }
             }

@@ -6,9 +6,9 @@ use super::document::Document;
 use super::folder::{REPORT_HTML, SESSION};
 use super::setup::Walk;
 use super::walk::Walked;
-use crate::commands::recorded::pass_summary::SensorSummary;
 use crate::commands::{Context, Outcome, output};
 use crate::recording::Session;
+use crate::recording::mounted::SensorSummary;
 use crate::verify::judgement::comparison::Verdict;
 
 /// Everything that was lost or sent nothing, in words.

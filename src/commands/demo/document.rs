@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::commands::recorded::axes::AxisSummary;
-use crate::commands::recorded::pass_summary::SensorSummary;
+use crate::recording::mounted::{AxisSummary, SensorSummary};
 use crate::verify::judgement::comparison::Comparison;
 
 /// Format name, also what marks a folder as made by the demo.

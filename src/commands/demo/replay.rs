@@ -3,15 +3,13 @@
 
 use anyhow::{Context as _, ensure};
 
-use crate::commands::recorded::axes::{AxisSummary, summaries, tilts};
-use crate::commands::recorded::axis_zeros::AxisZeros;
-use crate::commands::recorded::data_gaps::data_gaps;
-use crate::commands::recorded::pass_summary::SensorSummary;
-use crate::commands::recorded::session::{MountedSession, feed_session};
 use crate::commands::stage::Stage;
 use crate::recording::Session;
+use crate::recording::mounted::{
+    AxisSummary, AxisZeros, MountedSession, SensorSummary, data_gaps, feed_session, summaries, tilts,
+};
 use crate::rig::Rig;
-use crate::verify::compare::{Gate, Healthy, Patches, Replay, Replayed};
+use crate::verify::compare::{Gate, Healthy, Replayed, Replaying, seen_patches};
 use crate::verify::judgement::comparison::Comparison;
 use crate::verify::judgement::judge::{Inputs, judge};
 use crate::world::coverage::Coverage;
@@ -47,20 +45,21 @@ pub(crate) fn compare(
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
         ensure!(tilt.is_measured(), "no measured angle of axis {axis} ({}) was recorded", sensor.name);
     }
-    let patches = Patches::of_scene(scene, SAMPLES, 1, &trajectory.stations_m(STATION_STEP_M));
+    let patches = seen_patches(scene, 0.0, &trajectory, (SAMPLES, STATION_STEP_M, 1));
     let gate = Gate { keep_rays: KEEP_RAYS, ..Gate::default() };
-    let mut replay = Replay::new(scene, &trajectory, rig.sensors.clone(), planned.grid(), gate);
-    if let Some(patches) = &patches {
-        replay = replay.with_surface(patches);
-    }
     let mounted_session = MountedSession { session, rig, tilts: &tilts, calibrations: &[] };
-    let mut summary = feed_session(&mounted_session, stage, &mut |mounted| {
-        replay.set_model(mounted.sensor, mounted.model);
-        let pitch = mounted.pitch_or(&rig.sensors[mounted.sensor].mount);
-        replay.add_pitched_frame(mounted.sensor, &pitch, mounted.frame);
-    })?;
+    let replaying = Replaying {
+        scene,
+        trajectory: &trajectory,
+        rig,
+        grid: planned.grid(),
+        gate,
+        patches: patches.as_ref(),
+        mapped: 0..0,
+    };
+    let (replayed, mut summary) =
+        replaying.run(|take| feed_session(&mounted_session, &stage.progress(), take))?;
     summary.faults.extend(data_gaps(rig, &summary.data_spans, trajectory.time_span_ns()));
-    let replayed = replay.finish();
     let compare = judge(
         Inputs {
             is_own_trajectory: false,

@@ -10,10 +10,10 @@ use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
 use sensors::velodyne::{Product, ReturnMode};
 
 use super::setup::Walk;
-use crate::drive::ServoReport;
 use crate::mock::sensor::{MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Transmitter};
-use crate::recording::Recording;
+use crate::recording::LiveRecording;
+use crate::recording::ServoReport;
 use crate::rig::Mount;
 
 /// Longest pause between two looks at the recording and the devices.
@@ -84,7 +84,7 @@ pub(super) fn send_packets(
 /// Writes waiting servo reports; an error when the rig, the disk or the user ends the walk.
 pub(super) fn write_reports(
     walk: &Walk<'_>,
-    recording: &Recording,
+    recording: &LiveRecording,
     servo: &crate::drive::Rig,
     reports: &std::sync::mpsc::Receiver<ServoReport>,
 ) -> anyhow::Result<()> {

@@ -9,7 +9,7 @@ use crate::commands::stage::Stage;
 use crate::live::receive::{self, Listen, Receiver, now_ns};
 use crate::mock::sensor::MockSensor;
 use crate::mock::transmit::{Clock, Pace};
-use crate::recording::{Manifest, Recording, SensorInfo, SessionWriter};
+use crate::recording::{LiveRecording, Manifest, SensorInfo, SessionWriter};
 use crate::rig::Mount;
 
 use super::Fault;
@@ -54,7 +54,7 @@ pub(crate) fn record(
     let writer = SessionWriter::create(session, &infos)?;
     writer.put_mount(walk.mount, &[])?;
     writer.put_trajectory(walk.trajectory)?;
-    let recording = Recording::start(receiver, writer)?;
+    let recording = LiveRecording::start(receiver, writer)?;
     let sent: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(0)).collect();
     let failure = walk_along(walk, tilted, &recording, devices, &sent, stage);
     std::thread::sleep(DRAIN);
@@ -77,7 +77,7 @@ struct Event {
 fn walk_along(
     walk: &Walk<'_>,
     tilted: Tilted,
-    recording: &Recording,
+    recording: &LiveRecording,
     devices: Vec<(MockSensor, SocketAddr)>,
     sent: &[AtomicU64],
     stage: &Stage,

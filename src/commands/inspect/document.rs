@@ -6,13 +6,13 @@ use sensors::capture::{CaptureCounters, Interface};
 use sensors::router::{Router, Unclaimed};
 use serde::Serialize;
 
-use super::flows::{FlowReport, Flows};
-use crate::commands::recorded::host_clock::inferred;
-use crate::commands::recording::{Ending, Recording};
-use crate::commands::{output::counted, sensor_ids, unread};
+use crate::commands::output::counted;
 use crate::live::watch::{SensorReport, Watch};
 use crate::recording::bags::TopicCount;
-use crate::recording::{Session, SessionError};
+use crate::recording::flows::{FlowReport, Flows};
+use crate::recording::mounted::host_clock::inferred;
+use crate::recording::source::Ending;
+use crate::recording::{Recording, Session, SessionError, sensor_ids, unread};
 
 /// The document.
 #[derive(Serialize)]

@@ -1,17 +1,16 @@
 //! `outrigger inspect`
 
 mod document;
-mod flows;
 
 use std::path::PathBuf;
 
 use self::document::Document;
-use self::flows::Flows;
 use super::output::{print_json, print_text};
-use super::recording::Recording;
 use super::sensor_args::SensorArgs;
 use super::{Context, Outcome};
 use crate::live::watch::Watch;
+use crate::recording::Recording;
+use crate::recording::flows::Flows;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
@@ -32,7 +31,7 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let recording = Recording::open(&args.capture, &args.sensors.or_of(context, &args.capture))?;
+    let recording = Recording::open(&args.sensors.or_of(context, &args.capture))?;
     let mut router = recording.router()?;
     let mut flows = Flows::default();
     let mut watches: Vec<Watch> = Vec::new();
@@ -45,7 +44,6 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let ending = recording.each_packet(&mut |packet| {
         let routed = router.push(packet, &mut take);
         flows.add(packet, routed);
-        Ok(())
     })?;
     router.finish(&mut take);
     Recording::ensure_calibrations_fit(&router)?;

@@ -5,8 +5,9 @@ use glam::DVec3;
 
 use super::args::Args;
 use crate::commands::scene_args::Operator;
-use crate::commands::trajectory_args::{WalkText, read_trajectory};
+use crate::commands::trajectory_args::WalkText;
 use crate::commands::{Context, scene_file, wrong_usage};
+use crate::recording::read_trajectory;
 use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
 use crate::simulate::walk::{self, Walk};

@@ -10,10 +10,10 @@ use anyhow::Context as _;
 use indicatif::{HumanBytes, HumanCount, ProgressBar};
 
 use super::Args;
-use crate::commands::recording::{capture_losses, name_of};
 use crate::mock::senders::{MAX_SENDERS, SenderSockets};
 use crate::recording::bags::BagPackets;
 use crate::recording::packet_reader::PacketReader;
+use crate::recording::source::{capture_losses, name_of};
 
 /// What was sent.
 #[derive(Clone, Debug, Default, serde::Serialize)]
