@@ -7,6 +7,8 @@ use clap::{ArgMatches, Command};
 use super::defaults;
 use crate::live::config::Config;
 use crate::recording::RecordingError;
+use crate::recording::cutting::CuttingError;
+use crate::recording::decoding::DecodingError;
 use crate::recording::scene::SceneError;
 use crate::verify::walk::WalkError;
 
@@ -53,6 +55,8 @@ impl Context {
 /// An error of a library about what was asked for becomes one of the command line: exit code 2.
 pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
     let is_usage = error.downcast_ref().is_some_and(RecordingError::is_usage)
+        || error.downcast_ref().is_some_and(DecodingError::is_usage)
+        || error.downcast_ref().is_some_and(CuttingError::is_usage)
         || error.downcast_ref().is_some_and(WalkError::is_usage)
         || error.downcast_ref().is_some_and(SceneError::is_usage);
     if is_usage { wrong_usage(error) } else { error }

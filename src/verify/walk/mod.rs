@@ -17,4 +17,4 @@ pub(crate) use frames::Frames;
 pub(crate) use in_scene::{Placed, Walk, in_scene};
 pub(crate) use place::Place;
 pub(crate) use spec::PlaceSpec;
-pub(crate) use world::find;
+pub(crate) use world::registration;

@@ -4,21 +4,44 @@ use std::path::Path;
 
 use super::by_odometry::OdometrySpec;
 use super::error::WalkError;
-use crate::recording::mounted::{Mounts, each_frame, revolutions_ns};
-use crate::recording::registered::TimeOffset;
+use crate::recording::decoding::{DecodingSpec, OutputFrame};
+use crate::recording::mounted::{AxisZeros, Mounts, each_frame, revolutions_ns};
+use crate::recording::registered::{Registration, Target, TimeOffset};
 use crate::recording::{Recording, read_trajectory};
 use crate::world::trajectory::{Trajectory, suspicions};
 
 /// A trajectory and how its times count.
-pub(crate) struct Found {
+struct Found {
     pub trajectory: Trajectory,
     pub offset: TimeOffset,
     /// What the user should know of it.
     pub notices: Vec<String>,
 }
 
+/// Where the sensors sit, and how their points are moved; none of the first where they stay.
+pub(crate) fn registration(
+    spec: &DecodingSpec,
+    recording: &Recording,
+    notices: &mut Vec<String>,
+) -> Result<(Option<Mounts>, Registration), WalkError> {
+    if !spec.is_moved() {
+        return Ok((None, Registration::new(Target::Sensor, spec.filter.clone())));
+    }
+    let mut mounts = Mounts::of(recording, spec.mount.as_deref(), &AxisZeros::default())?;
+    let target = match spec.frame {
+        OutputFrame::World => {
+            let found = find(spec.trajectory.as_deref(), spec.time_offset, recording, &mut mounts)?;
+            notices.extend(found.notices);
+            Target::World { trajectory: found.trajectory, offset: found.offset }
+        }
+        OutputFrame::Rig | OutputFrame::Sensor => Target::Rig,
+    };
+    notices.extend(mounts.notices.iter().cloned());
+    Ok((Some(mounts), Registration::new(target, spec.filter.clone())))
+}
+
 /// From the file named (`odometry`: by odometry), or what the recording holds itself.
-pub(crate) fn find(
+fn find(
     named: Option<&Path>,
     offset: TimeOffset,
     recording: &Recording,

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, RangeInclusive};
 
-use anyhow::ensure;
-use sensors::Decoded;
-use sensors::router::{Router, Sensor};
+use ::sensors::Decoded;
+use ::sensors::router::{Router, Sensor};
 
-use super::Args;
+use super::{CuttingError, CuttingSpec};
 use crate::recording::bags::Surroundings;
-use crate::recording::{Recording, sensor_ids};
+use crate::recording::sensor_ids;
+use crate::recording::source::{Recording, RecordingError};
 use crate::rig::{MountFile, NamedFrame, framed};
 
 /// What has to be known before a packet is written.
@@ -39,17 +39,17 @@ pub(super) struct SensorsOf<'a> {
 impl<'a> SensorsOf<'a> {
     /// `is_first` says that nothing is written yet.
     pub(super) fn read(
-        args: &Args,
+        spec: &CuttingSpec,
         recording: &'a Recording,
         (needs, is_first): (Needs, bool),
-    ) -> anyhow::Result<Self> {
+    ) -> Result<Self, CuttingError> {
         let first_names = if needs.sensors { names_of(recording)? } else { Vec::new() };
         Ok(Self {
             recording,
             router: if needs.sensors { recording.router()? } else { Router::new() },
-            revolutions: if needs.frames { revolutions(args, recording)? } else { BTreeMap::new() },
+            revolutions: if needs.frames { revolutions(spec, recording)? } else { BTreeMap::new() },
             transforms: match needs.transforms && is_first {
-                true => static_frames(args, recording, &first_names)?,
+                true => static_frames(spec, recording, &first_names)?,
                 false => None,
             },
             first_names,
@@ -63,11 +63,11 @@ const LOOK_AHEAD: u64 = 20_000;
 
 /// The frames of the sensors, by `--mount` or the recording itself.
 fn static_frames(
-    args: &Args,
+    spec: &CuttingSpec,
     recording: &Recording,
     names: &[String],
-) -> anyhow::Result<Option<Vec<NamedFrame>>> {
-    let mount = match (&args.mount, recording.checked_session()) {
+) -> Result<Option<Vec<NamedFrame>>, CuttingError> {
+    let mount = match (&spec.mount, recording.checked_session()) {
         (Some(path), _) => Some(MountFile::read(path)?),
         (None, Some(session)) => session.mount()?,
         (None, None) => None,
@@ -79,7 +79,7 @@ fn static_frames(
             entry.name.clone_from(name);
         }
         let units = mount.units(&[])?;
-        let framed = framed(&mount, &units).map_err(anyhow::Error::msg)?;
+        let framed = framed(&mount, &units).map_err(CuttingError::Frames)?;
         return Ok(Some(framed.into_iter().flat_map(|sensor| sensor.frames).collect()));
     }
     if !recording.is_bag() {
@@ -91,8 +91,11 @@ fn static_frames(
 }
 
 /// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.
-fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<usize, RangeInclusive<u64>>> {
-    let [from, to] = args.part.revolutions();
+fn revolutions(
+    spec: &CuttingSpec,
+    recording: &Recording,
+) -> Result<BTreeMap<usize, RangeInclusive<u64>>, CuttingError> {
+    let [from, to] = spec.part.revolutions();
     let (from, to) = (from.unwrap_or(0), to.unwrap_or(u64::MAX));
     let mut router = recording.router()?;
     let mut counts: BTreeMap<usize, u64> = BTreeMap::new();
@@ -111,17 +114,15 @@ fn revolutions(args: &Args, recording: &Recording) -> anyhow::Result<BTreeMap<us
         router.push(packet, &mut count);
     })?;
     router.finish(&mut count);
-    ensure!(
-        !times_ns.is_empty(),
-        "--from, --to: {} has fewer revolutions, counted from 0: {}",
-        recording.name(),
-        counts.values().map(u64::to_string).collect::<Vec<_>>().join(", ")
-    );
+    if times_ns.is_empty() {
+        let counts = counts.values().map(u64::to_string).collect::<Vec<_>>().join(", ");
+        return Err(CuttingError::FewerRevolutions { recording: recording.name(), counts });
+    }
     Ok(times_ns)
 }
 
 /// What the sensors of a recording are called, as `inspect` calls them: what some are shows only after some packets.
-fn names_of(recording: &Recording) -> anyhow::Result<Vec<String>> {
+fn names_of(recording: &Recording) -> Result<Vec<String>, RecordingError> {
     let mut router = recording.router()?;
     let mut packets = 0;
     recording.each_packet_until(&mut |packet| {

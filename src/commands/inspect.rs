@@ -1,16 +1,11 @@
 //! `outrigger inspect`
 
-mod document;
-
 use std::path::PathBuf;
 
-use self::document::Document;
-use super::output::{print_json, print_text};
 use super::sensor_args::SensorArgs;
-use super::{Context, Outcome};
-use crate::live::watch::Watch;
+use super::{Context, Outcome, output};
 use crate::recording::Recording;
-use crate::recording::flows::Flows;
+use crate::recording::inspection::inspect;
 
 const EXIT_CODES: &str = "\
 Works without metadata too: Ouster formats are then guessed from packet sizes and contents. Exit codes: 0 when the \
@@ -32,26 +27,7 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let recording = Recording::open(&args.sensors.or_of(context, &args.capture))?;
-    let mut router = recording.router()?;
-    let mut flows = Flows::default();
-    let mut watches: Vec<Watch> = Vec::new();
-    let mut take = |at: usize, _: &sensors::router::Sensor, decoded: sensors::Decoded<'_>| {
-        if watches.len() <= at {
-            watches.resize_with(at + 1, Watch::default);
-        }
-        watches[at].take(&decoded);
-    };
-    let ending = recording.each_packet(&mut |packet| {
-        let routed = router.push(packet, &mut take);
-        flows.add(packet, routed);
-    })?;
-    router.finish(&mut take);
-    Recording::ensure_calibrations_fit(&router)?;
-    let document = Document::new(&recording, &router, &flows, &watches, &ending);
-    if context.json {
-        print_json(&document)?;
-    } else {
-        print_text(&document.text())?;
-    }
+    let document = inspect(&recording)?;
+    output::print_result(context.json, &document, || document.text(), &[])?;
     Ok(if document.is_whole() { Outcome::Done } else { Outcome::DataLost })
 }

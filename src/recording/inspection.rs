@@ -2,21 +2,22 @@
 
 use std::fmt::Write as _;
 
+use sensors::Decoded;
 use sensors::capture::{CaptureCounters, Interface};
-use sensors::router::{Router, Unclaimed};
+use sensors::router::{Router, Sensor, Unclaimed};
 use serde::Serialize;
 
-use crate::commands::output::counted;
+use super::bags::TopicCount;
+use super::flows::{FlowReport, Flows};
+use super::mounted::host_clock::inferred;
+use super::source::{Ending, Recording, RecordingError};
+use super::{Session, SessionError, sensor_ids, unread};
+use crate::base::numbers::counted;
 use crate::live::watch::{SensorReport, Watch};
-use crate::recording::bags::TopicCount;
-use crate::recording::flows::{FlowReport, Flows};
-use crate::recording::mounted::host_clock::inferred;
-use crate::recording::source::Ending;
-use crate::recording::{Recording, Session, SessionError, sensor_ids, unread};
 
 /// The document.
 #[derive(Serialize)]
-pub struct Document {
+pub(crate) struct Document {
     capture: String,
     first_host_time_ns: Option<u64>,
     last_host_time_ns: Option<u64>,
@@ -50,9 +51,29 @@ struct HostClockStep {
     words: String,
 }
 
+/// Goes through a recording.
+pub(crate) fn inspect(recording: &Recording) -> Result<Document, RecordingError> {
+    let mut router = recording.router()?;
+    let mut flows = Flows::default();
+    let mut watches: Vec<Watch> = Vec::new();
+    let mut take = |at: usize, _: &Sensor, decoded: Decoded<'_>| {
+        if watches.len() <= at {
+            watches.resize_with(at + 1, Watch::default);
+        }
+        watches[at].take(&decoded);
+    };
+    let ending = recording.each_packet(&mut |packet| {
+        let routed = router.push(packet, &mut take);
+        flows.add(packet, routed);
+    })?;
+    router.finish(&mut take);
+    Recording::ensure_calibrations_fit(&router)?;
+    Ok(Document::new(recording, &router, &flows, &watches, &ending))
+}
+
 impl Document {
     /// Puts together what was seen.
-    pub(crate) fn new(
+    fn new(
         recording: &Recording,
         router: &Router,
         flows: &Flows,

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 /// Frames from `first` up to, not including, `end`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameRange {
+pub(crate) struct FrameRange {
     first: u64,
     end: u64,
 }
@@ -66,7 +66,7 @@ impl FromStr for FrameRange {
 
 /// The frame that points are in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum OutputFrame {
+pub(crate) enum OutputFrame {
     /// Each sensor's own.
     #[default]
     Sensor,

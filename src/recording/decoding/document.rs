@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use anyhow::ensure;
 use glam::DVec3;
 use sensors::capture::CaptureCounters;
 use sensors::ouster::{Correction, TimestampMode};
@@ -11,18 +10,20 @@ use sensors::router::{Router, Unclaimed};
 use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
-use super::frames::FrameRange;
+use super::error::DecodingError;
+use super::output::Output;
 use super::placing::Placing;
-use crate::commands::output::counted;
-use crate::recording::Recording;
+use super::spec::DecodingSpec;
+use crate::base::numbers::counted;
 use crate::recording::bags::Topic;
 use crate::recording::export::{Cloud, Placer, Source, TimeScale};
 use crate::recording::mounted::Mounts;
-use crate::recording::source::Ending;
+use crate::recording::source::{Ending, Recording};
+use crate::recording::{sensor_ids, unread};
 
 /// The document; sums run over points with range > 0, first return.
 #[derive(Default, Serialize)]
-pub struct Document {
+pub(crate) struct Document {
     capture: String,
     sensors: Vec<SensorReport>,
     unclaimed: Vec<Unclaimed>,
@@ -40,7 +41,7 @@ pub struct Document {
 
 /// A point file that was written.
 #[derive(Clone, Serialize)]
-pub struct WrittenFile {
+pub(crate) struct WrittenFile {
     /// Where.
     pub path: String,
     /// How many points it holds.
@@ -113,14 +114,14 @@ struct Found {
 
 impl Document {
     /// Counts a frame and returns its number.
-    pub(crate) fn count_frame(&mut self, sensor: usize) -> u64 {
+    pub(super) fn count_frame(&mut self, sensor: usize) -> u64 {
         let found = self.found.entry(sensor).or_default();
         found.frames_seen += 1;
         found.frames_seen - 1
     }
 
     /// Measures a frame of a sensor that takes its time from there.
-    pub(crate) fn add_frame(
+    pub(super) fn add_frame(
         &mut self,
         sensor: usize,
         mode: Option<TimestampMode>,
@@ -158,7 +159,7 @@ impl Document {
     }
 
     /// Measures a cloud of a bag.
-    pub(crate) fn add_cloud(&mut self, topic: usize, cloud: &Cloud) {
+    pub(super) fn add_cloud(&mut self, topic: usize, cloud: &Cloud) {
         let sum = cloud.points.iter().fold(DVec3::ZERO, |sum, point| sum + point.position_m);
         let times_ns = || cloud.points.iter().map(|point| point.time_ns);
         let row = FrameRow {
@@ -180,7 +181,7 @@ impl Document {
     }
 
     /// Takes over what a bag of clouds held.
-    pub(crate) fn conclude_clouds<'a>(
+    pub(super) fn conclude_clouds<'a>(
         &mut self,
         recording: &Recording,
         topics: impl Iterator<Item = (&'a Topic, &'a Source)>,
@@ -218,7 +219,7 @@ impl Document {
     }
 
     /// Counts what is no frame.
-    pub(crate) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
+    pub(super) fn count_other(&mut self, sensor: usize, decoded: &Decoded<'_>) {
         let found = self.found.entry(sensor).or_default();
         match decoded {
             Decoded::Frame(_) => {}
@@ -229,7 +230,7 @@ impl Document {
     }
 
     /// Takes over what router and reader counted.
-    pub(crate) fn conclude(
+    pub(super) fn conclude(
         &mut self,
         recording: &Recording,
         router: &Router,
@@ -242,7 +243,7 @@ impl Document {
         self.losses = ending.losses();
         self.notices.clone_from(&ending.notices);
         self.unclaimed = router.unclaimed().cloned().collect();
-        let ids = crate::recording::sensor_ids::ids(router);
+        let ids = sensor_ids::ids(router);
         for (at, sensor) in router.sensors().iter().enumerate() {
             if !wants(&ids[at], sensor.serial()) {
                 continue;
@@ -258,8 +259,8 @@ impl Document {
                 let name = sensor.metadata_name.as_deref().unwrap_or("a sensor");
                 self.notices.push(format!("no packet of {} ({name}) is in the recording", ids[at]));
             }
-            self.losses.extend(crate::recording::unread::sensor_losses(&ids[at], sensor));
-            self.notices.extend(crate::recording::unread::sensor_notes(&ids[at], sensor));
+            self.losses.extend(unread::sensor_losses(&ids[at], sensor));
+            self.notices.extend(unread::sensor_notes(&ids[at], sensor));
             self.notices.extend(sensor.only_positions().map(|words| format!("{}: {words}", ids[at])));
             self.sensors.push(SensorReport {
                 id: ids[at].clone(),
@@ -282,14 +283,14 @@ impl Document {
                 zone_reports: found.zone_reports,
             });
         }
-        self.notices.extend(crate::recording::unread::unknown_sources(router));
-        self.notices.extend(crate::recording::unread::beam_notices(router));
+        self.notices.extend(unread::unknown_sources(router));
+        self.notices.extend(unread::beam_notices(router));
         self.notices.extend(self.losses.iter().cloned());
         self.data_lost = !self.losses.is_empty();
     }
 
     /// Adds what there is to say of the frame of the points.
-    pub(crate) fn add_registration(&mut self, placing: &Placing<'_>, notices: Vec<String>) {
+    pub(super) fn add_registration(&mut self, placing: &Placing<'_>, notices: Vec<String>) {
         let names = |at: usize| self.sensors.get(at).map_or(String::new(), |sensor| sensor.id.clone());
         let of_clocks = placing.registration.notices(&names);
         let losses: Vec<String> = placing
@@ -303,25 +304,27 @@ impl Document {
         self.losses.extend(losses);
     }
 
-    /// Refuses a range of frames in which no sensor has one.
-    pub(crate) fn ensure_frames(&self, asked: FrameRange) -> anyhow::Result<()> {
-        let has = |sensor: &SensorReport| format!("{} of {}", sensor.counters.frames, sensor.id);
-        ensure!(
-            self.sensors.iter().any(|sensor| !sensor.frames.is_empty()),
-            "--frames {asked}: the recording has fewer, counted from 0: {}",
-            self.sensors.iter().map(has).collect::<Vec<_>>().join(", ")
-        );
-        Ok(())
-    }
-
-    /// Adds the files that were written.
-    pub(crate) fn set_files(&mut self, files: Vec<WrittenFile>) {
-        self.files = files;
+    /// Closes the files; refuses a range of frames in which no sensor has one.
+    pub(super) fn close(
+        mut self,
+        spec: &DecodingSpec,
+        output: Option<Output>,
+    ) -> Result<Self, DecodingError> {
+        let has_frames = self.sensors.iter().any(|sensor| !sensor.frames.is_empty());
+        if let Some(asked) = spec.wanted_frames().filter(|_| !has_frames) {
+            let has = |sensor: &SensorReport| format!("{} of {}", sensor.counters.frames, sensor.id);
+            let found = self.sensors.iter().map(has).collect::<Vec<_>>().join(", ");
+            return Err(DecodingError::FewerFrames { asked: asked.to_string(), found });
+        }
+        if let Some(output) = output {
+            self.files = output.finish()?;
+        }
+        Ok(self)
     }
 
     /// No sensor gave anything, or nothing but what fits any sensor (an IMU packet without a serial number) while
     /// lidar packets were left over or could not be read.
-    pub(crate) fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         let left_over = self.unclaimed.iter().any(|entry| entry.needs_metadata);
         let nothing = |sensor: &SensorReport| {
             let unread = left_over || sensor.counters.malformed > 0;

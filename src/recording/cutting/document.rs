@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// What was written.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Document {
+pub(crate) struct Document {
     pub(super) format: &'static str,
     pub(super) out: String,
     pub(super) packets: u64,
@@ -16,16 +16,18 @@ pub(super) struct Document {
     pub(super) unassigned: u64,
     /// Packets before --from, from --to on, and of other sensors.
     pub(super) left_out: u64,
-    pub(super) losses: Vec<String>,
+    pub(crate) losses: Vec<String>,
 }
 
-pub(super) fn text(document: &Document) -> String {
-    let mut text = format!("{}: {} packets\n", document.out, document.packets);
-    for (sensor, packets) in &document.sensors {
-        text += &format!("  {sensor}: {packets}\n");
+impl Document {
+    pub(crate) fn text(&self) -> String {
+        let mut text = format!("{}: {} packets\n", self.out, self.packets);
+        for (sensor, packets) in &self.sensors {
+            text += &format!("  {sensor}: {packets}\n");
+        }
+        if self.left_out > 0 {
+            text += &format!("  {} packets of other times or sensors left out\n", self.left_out);
+        }
+        text
     }
-    if document.left_out > 0 {
-        text += &format!("  {} packets of other times or sensors left out\n", document.left_out);
-    }
-    text
 }

@@ -1,24 +1,69 @@
 //! The packets of recordings, one recording after the other, into one file.
 
+mod document;
+mod sensors;
+
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::PathBuf;
 
-use anyhow::{bail, ensure};
-use sensors::Packet;
-use sensors::router::Routed;
+use ::sensors::Packet;
+use ::sensors::router::Routed;
 
-use super::Args;
-use super::document::Document;
-use super::sensors::{Needs, SensorsOf};
-use crate::commands::Context;
+use self::document::Document;
+use self::sensors::{Needs, SensorsOf};
+use crate::recording::SessionError;
+use crate::recording::bags::BagError;
 use crate::recording::moment::Moment;
-use crate::recording::packet_writer::{PacketFormat, PacketWriter};
-use crate::recording::{Recording, RecordingSpec, sensor_ids, unread};
+use crate::recording::packet_writer::{PacketFormat, PacketWriteError, PacketWriter};
+use crate::recording::part::Part;
+use crate::recording::source::{Recording, RecordingError, RecordingSpec};
+use crate::recording::{sensor_ids, unread};
+use crate::rig::{MountFileError, UnitError};
+
+/// What is asked for.
+pub(crate) struct CuttingSpec {
+    pub out: PathBuf,
+    pub format: PacketFormat,
+    pub part: Part,
+    /// Where the sensors sit; without it as the recordings say.
+    pub mount: Option<PathBuf>,
+}
+
+/// Why no packets are written.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum CuttingError {
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    #[error(transparent)]
+    Writer(#[from] PacketWriteError),
+    #[error(transparent)]
+    MountFile(#[from] MountFileError),
+    #[error(transparent)]
+    Unit(#[from] UnitError),
+    #[error("{0}")]
+    Frames(String),
+    #[error("{out}: this file is read; write to another", out = out.display())]
+    Itself { out: PathBuf },
+    #[error("no packet of sensor {name}; there are {met}")]
+    UnknownSensor { name: String, met: String },
+    #[error("--from, --to: {recording} has fewer revolutions, counted from 0: {counts}")]
+    FewerRevolutions { recording: String, counts: String },
+}
+
+impl CuttingError {
+    /// Whether what was asked for contradicts itself, whatever the files hold.
+    pub(crate) fn is_usage(&self) -> bool {
+        matches!(self, Self::Recording(error) if error.is_usage())
+    }
+}
 
 /// The file that is written, and what is known so far.
-pub(super) struct Cutting<'a> {
-    args: &'a Args,
-    format: PacketFormat,
+pub(crate) struct Cutting<'a> {
+    spec: &'a CuttingSpec,
     needs: Needs,
     writer: Option<PacketWriter>,
     document: Document,
@@ -29,43 +74,40 @@ pub(super) struct Cutting<'a> {
 }
 
 impl<'a> Cutting<'a> {
-    pub(super) fn new(args: &'a Args, format: PacketFormat) -> Self {
-        let has_frames = args.part.revolutions().iter().any(Option::is_some);
+    pub(crate) fn new(spec: &'a CuttingSpec) -> Self {
+        let CuttingSpec { part, format, .. } = spec;
+        let has_frames = part.revolutions().iter().any(Option::is_some);
         Self {
-            args,
-            format,
+            spec,
             needs: Needs {
-                sensors: format.needs_sensors() || !args.part.only.is_empty() || has_frames,
+                sensors: format.needs_sensors() || !part.only.is_empty() || has_frames,
                 frames: has_frames,
                 transforms: format.needs_sensors(),
             },
             writer: None,
             document: Document {
                 format: "outrigger-cut/1",
-                out: args.out.display().to_string(),
+                out: spec.out.display().to_string(),
                 ..Document::default()
             },
             met: BTreeSet::new(),
-            missing: args.part.only.iter().map(String::as_str).collect(),
+            missing: part.only.iter().map(String::as_str).collect(),
             start_ns: None,
         }
     }
 
     /// Writes what is wanted of a recording.
-    pub(super) fn add(&mut self, path: &Path, context: Context) -> anyhow::Result<()> {
-        let args = self.args;
-        let spec = args.sensors.or_of(context, path);
-        let recording = Recording::open(&RecordingSpec { is_read_again: self.needs.sensors, ..spec })?;
-        ensure!(
-            !recording.is_read_from(&args.out),
-            "{}: this file is read; write to another",
-            args.out.display()
-        );
+    pub(crate) fn add(&mut self, of: RecordingSpec) -> Result<(), CuttingError> {
+        let CuttingSpec { out, format, .. } = self.spec;
+        let recording = Recording::open(&RecordingSpec { is_read_again: self.needs.sensors, ..of })?;
+        if recording.is_read_from(out) {
+            return Err(CuttingError::Itself { out: out.clone() });
+        }
         let mut writer = match self.writer.take() {
             Some(writer) => writer,
-            None => PacketWriter::create(&args.out, self.format)?,
+            None => PacketWriter::create(out, *format)?,
         };
-        let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.start_ns.is_none()))?;
+        let mut sensors = SensorsOf::read(self.spec, &recording, (self.needs, self.start_ns.is_none()))?;
         let ending =
             recording.try_each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
@@ -74,7 +116,8 @@ impl<'a> Cutting<'a> {
         }
         self.document.losses.extend(ending.losses());
         if self.document.unassigned > 0 && self.document.sensors.is_empty() {
-            bail!("{}", unread::why_nothing(&recording, &sensors.router, &ending));
+            let why = unread::why_nothing(&recording, &sensors.router, &ending);
+            return Err(RecordingError::NothingRead(why).into());
         }
         Ok(())
     }
@@ -83,8 +126,8 @@ impl<'a> Cutting<'a> {
     fn is_within(&mut self, time_ns: u64) -> bool {
         let start_ns = *self.start_ns.get_or_insert(time_ns);
         let at_ns = |moment: Option<Moment>| moment.and_then(|moment| moment.time_ns(start_ns));
-        at_ns(self.args.part.from).is_none_or(|from_ns| time_ns >= from_ns)
-            && at_ns(self.args.part.to).is_none_or(|to_ns| time_ns < to_ns)
+        at_ns(self.spec.part.from).is_none_or(|from_ns| time_ns >= from_ns)
+            && at_ns(self.spec.part.to).is_none_or(|to_ns| time_ns < to_ns)
     }
 
     fn write(
@@ -92,7 +135,7 @@ impl<'a> Cutting<'a> {
         packet: &Packet<'_>,
         of: &mut SensorsOf<'_>,
         writer: &mut PacketWriter,
-    ) -> anyhow::Result<()> {
+    ) -> Result<(), CuttingError> {
         let is_within = self.is_within(packet.host_time_ns);
         if !self.needs.sensors {
             if is_within {
@@ -111,7 +154,7 @@ impl<'a> Cutting<'a> {
             let name = of.first_names.get(at).cloned().unwrap_or_else(found);
             let serial = of.router.sensors()[at].serial();
             self.met.insert(name.clone());
-            let is_wanted = self.args.part.wants(&name, serial);
+            let is_wanted = self.spec.part.wants(&name, serial);
             self.missing.retain(|only| *only != name && *only != serial);
             (name, is_wanted)
         });
@@ -133,10 +176,10 @@ impl<'a> Cutting<'a> {
     }
 
     /// Completes the file.
-    pub(super) fn finish(self) -> anyhow::Result<Document> {
+    pub(crate) fn finish(self) -> Result<Document, CuttingError> {
         if let Some(name) = self.missing.first() {
-            let met: Vec<String> = self.met.into_iter().collect();
-            bail!("no packet of sensor {name}; there are {}", met.join(", "));
+            let met = self.met.into_iter().collect::<Vec<_>>().join(", ");
+            return Err(CuttingError::UnknownSensor { name: (*name).to_owned(), met });
         }
         let mut document = self.document;
         document.packets = self.writer.map_or(Ok(0), PacketWriter::finish)?;

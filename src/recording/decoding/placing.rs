@@ -4,13 +4,13 @@ use sensors::Frame;
 use sensors::router::Sensor;
 
 use crate::base::geometry::Pose;
-use crate::recording::Recording;
 use crate::recording::export::Cloud;
 use crate::recording::mounted::Mounts;
 use crate::recording::registered::Registration;
+use crate::recording::source::{Recording, RecordingError};
 
 /// How points get into the frame of the files.
-pub struct Placing<'a> {
+pub(super) struct Placing<'a> {
     /// None where they stay in their sensors' frames.
     pub mounts: Option<Mounts>,
     pub registration: Registration,
@@ -25,7 +25,7 @@ impl Placing<'_> {
         sensor: &Sensor,
         frame: &Frame,
         cloud: &mut Cloud,
-    ) -> anyhow::Result<()> {
+    ) -> Result<(), RecordingError> {
         match &mut self.mounts {
             None => self.registration.apply(at, cloud, &|_| Pose::IDENTITY),
             Some(mounts) => {

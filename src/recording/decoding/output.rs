@@ -4,21 +4,21 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{bail, ensure};
 use sensors::ouster::ImuSample;
 use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
 
-use super::Args;
 use super::document::WrittenFile;
+use super::error::DecodingError;
 use super::placing::Placing;
+use super::spec::DecodingSpec;
 use crate::base::files::folder_of;
-use crate::recording::Recording;
 use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
 use crate::recording::sensor_ids;
+use crate::recording::source::Recording;
 
 /// Point files being written.
-pub struct Output {
+pub(super) struct Output {
     format: Format,
     place: Place,
     frame: FileFrame,
@@ -41,77 +41,54 @@ enum Place {
     Folder(PathBuf),
 }
 
-/// What stops the writing of points.
-#[derive(Debug, thiserror::Error)]
-pub enum OutputError {
-    /// The file.
-    #[error(transparent)]
-    Export(#[from] ExportError),
-    /// A format that cannot tell sensors apart.
-    #[error("{} would mix the points of {first} and {second}: give a folder behind --out", path.display())]
-    Mixed {
-        /// The file.
-        path: PathBuf,
-        /// Sensor already in it.
-        first: String,
-        /// The other.
-        second: String,
-    },
-}
-
 impl Output {
     /// As asked for; `None` when no points are wanted.
-    pub(crate) fn new(
-        args: &Args,
-        format: Option<Format>,
+    pub(super) fn new(
+        spec: &DecodingSpec,
         recording: &Recording,
         frame: FileFrame,
-    ) -> anyhow::Result<Option<Self>> {
-        if args.out.as_deref() == Some(Path::new("-")) {
-            refuse!(
-                "--out -: points go to a file or a folder, not to stdout; expected a name such as points.csv"
-            );
+    ) -> Result<Option<Self>, DecodingError> {
+        if spec.out.as_deref() == Some(Path::new("-")) {
+            return Err(DecodingError::Stdout);
         }
-        let by_extension = args.out.as_deref().and_then(Format::of_path);
-        let format = match (format, by_extension) {
+        let by_extension = spec.out.as_deref().and_then(Format::of_path);
+        let format = match (spec.format, by_extension) {
             (Some(asked), Some(stated))
                 if asked.extension() != stated.extension()
-                    && !(args.out.as_deref().is_some_and(Path::is_dir)) =>
+                    && !(spec.out.as_deref().is_some_and(Path::is_dir)) =>
             {
-                refuse!("--format {} contradicts --out {}", asked.extension(), display(args.out.as_deref()))
+                let out = spec.out.as_deref().map_or(String::new(), |out| out.display().to_string());
+                return Err(DecodingError::Contradiction { asked: asked.extension(), out });
             }
             (Some(format), _) | (None, Some(format)) => format,
-            (None, None) => match &args.out {
-                Some(out) => refuse!("--out {}: which format? add --format", out.display()),
+            (None, None) => match &spec.out {
+                Some(out) => return Err(DecodingError::WhichFormat { out: out.display().to_string() }),
                 None => return Ok(None),
             },
         };
-        let (out, is_file) = match &args.out {
+        let (out, is_file) = match &spec.out {
             Some(out) => (out.clone(), !is_folder_name(out)),
             None => default_place(recording, format, &frame),
         };
+        let name = out.display().to_string();
         if !is_file && out.exists() && !out.is_dir() {
-            bail!("--out {}: there is a file of this name, which cannot be a folder", out.display());
+            return Err(DecodingError::NoFolder { out: name });
         }
         if recording.is_read_from(&out) {
-            bail!("--out {}: this is the recording itself", out.display());
+            return Err(DecodingError::Itself { out: name });
         }
-        ensure_parent(&out, args)?;
-        let at_m = frame.origin.world_m();
-        ensure!(
-            !frame.is_far() || format.holds_far_points(),
-            "--format {}: the points lie near ({:.0}, {:.0}, {:.0}) m, which its 32 bits hold to half a metre at best; expected las, \
-             laz, e57, ply, csv or npy",
-            format.extension(),
-            at_m.x,
-            at_m.y,
-            at_m.z
-        );
+        let parent = folder_of(&out);
+        if spec.out.is_some() && !parent.is_dir() {
+            return Err(DecodingError::NoParent { out: name, parent: parent.display().to_string() });
+        }
+        if frame.is_far() && !format.holds_far_points() {
+            return Err(DecodingError::TooFar { format: format.extension(), at_m: frame.origin.world_m() });
+        }
         let bag = !is_file && format == Format::Mcap;
         let place = match is_file || bag {
             true => {
                 let path = if bag { out.join(bag_file_name(&out)) } else { out };
-                if path.exists() && !args.force {
+                if path.exists() && !spec.is_forced {
                     return Err(ExportError::Exists { path }.into()); // before the work, not after
                 }
                 Place::File { path, export: None, sensor: None, bag }
@@ -122,7 +99,7 @@ impl Output {
             format,
             place,
             frame,
-            force: args.force,
+            force: spec.is_forced,
             points: 0,
             sources: HashMap::new(),
             clouds: HashMap::new(),
@@ -132,7 +109,7 @@ impl Output {
     }
 
     /// Writes the points of a frame, the sensor's `number`th.
-    pub(crate) fn add(
+    pub(super) fn add(
         &mut self,
         at: usize,
         number: u64,
@@ -140,21 +117,21 @@ impl Output {
         model: &SensorModel,
         frame: &Frame,
         placing: &mut Placing<'_>,
-    ) -> anyhow::Result<()> {
+    ) -> Result<(), DecodingError> {
         let source = self.source(at, sensor);
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
         placing.apply(at, sensor, frame, cloud)?;
-        Ok(self.write(at, number)?)
+        self.write(at, number)
     }
 
     /// Writes points that a bag holds, the topic's `number`th.
-    pub(crate) fn add_cloud(&mut self, at: usize, number: u64, cloud: Cloud) -> Result<(), OutputError> {
+    pub(super) fn add_cloud(&mut self, at: usize, number: u64, cloud: Cloud) -> Result<(), DecodingError> {
         self.clouds.insert(at, cloud);
         self.write(at, number)
     }
 
-    fn write(&mut self, at: usize, number: u64) -> Result<(), OutputError> {
+    fn write(&mut self, at: usize, number: u64) -> Result<(), DecodingError> {
         let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
         self.points += cloud.points.len() as u64;
         match &mut self.place {
@@ -163,7 +140,7 @@ impl Output {
                 if first != at && self.frame.name.is_none() && !self.format.holds_several_sensors() {
                     let name =
                         |at: &usize| self.clouds.get(at).map_or(String::new(), |c| c.source.id.clone());
-                    return Err(OutputError::Mixed {
+                    return Err(DecodingError::Mixed {
                         path: path.clone(),
                         first: name(&first),
                         second: name(&at),
@@ -189,7 +166,7 @@ impl Output {
     }
 
     /// Writes an inertial sample where the format has a place for one: in MCAP with ROS 2 messages.
-    pub(crate) fn add_imu(
+    pub(super) fn add_imu(
         &mut self,
         at: usize,
         sensor: &Sensor,
@@ -216,12 +193,12 @@ impl Output {
     }
 
     /// Points that were written so far.
-    pub(crate) fn points(&self) -> u64 {
+    pub(super) fn points(&self) -> u64 {
         self.points
     }
 
     /// Ends the last file; lists all of them.
-    pub(crate) fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
+    pub(super) fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
         if let Place::File { path, export: Some(export), bag, .. } = self.place {
             let written = export.finish()?;
             self.files.push(WrittenFile { path: path.display().to_string(), points: written.points });
@@ -231,6 +208,11 @@ impl Output {
         }
         Ok(self.files)
     }
+}
+
+/// Refuses, before the work, what cannot be written.
+pub(crate) fn ensure_output(spec: &DecodingSpec, recording: &Recording) -> Result<(), DecodingError> {
+    Output::new(spec, recording, FileFrame::default()).map(drop)
 }
 
 /// Begins a file; `makes_folder`: its folder is part of what was asked for.
@@ -247,19 +229,6 @@ fn begin(
             .map_err(|error| ExportError::Write { path: folder.to_owned(), cause: error.into() })?;
     }
     Export::create_in(frame, path, format, force)
-}
-
-/// The folder in which a file or a folder is to appear is there.
-fn ensure_parent(out: &Path, args: &Args) -> anyhow::Result<()> {
-    let parent = folder_of(out);
-    ensure!(
-        args.out.is_none() || parent.is_dir(),
-        "--out {}: there is no folder {}; make it first (mkdir -p {})",
-        out.display(),
-        parent.display(),
-        parent.display()
-    );
-    Ok(())
 }
 
 /// `FOLDER/FOLDER_0.mcap`, as ROS 2 names the files of a bag.
@@ -284,8 +253,4 @@ fn default_place(recording: &Recording, format: Format, frame: &FileFrame) -> (P
         true => (PathBuf::from(stem), false),
         false => (PathBuf::from(format!("{stem}.{}", format.extension())), true),
     }
-}
-
-fn display(path: Option<&Path>) -> String {
-    path.map_or(String::new(), |path| path.display().to_string())
 }

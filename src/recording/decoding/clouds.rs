@@ -3,33 +3,28 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail};
-
-use super::Args;
 use super::document::Document;
+use super::error::DecodingError;
 use super::output::Output;
 use super::placing::Placing;
+use super::spec::DecodingSpec;
 use crate::base::geometry::Pose;
-use crate::commands::{Context, Outcome};
-use crate::recording::Recording;
 use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
 use crate::recording::export::{Cloud, Source};
 use crate::recording::read_trajectory;
 use crate::recording::registered::{Registration, Target};
+use crate::recording::source::Recording;
 
 /// Decodes nothing: hands on what a driver decoded.
-pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyhow::Result<Outcome> {
-    let format = args.format(context);
-    context
-        .ensure_not_typed(&["mount"], "is for packets: clouds of a bag sit as its static transforms say")?;
+pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Result<Document, DecodingError> {
     let mut notices = Vec::new();
-    let surroundings = match args.points.is_moved() {
+    let surroundings = match spec.is_moved() {
         true => Some(Surroundings::read(recording.path(), &recording.name())?),
         false => None,
     };
-    let (mut registration, body) = registration(args, recording, surroundings.as_ref(), &mut notices)?;
-    let frames = args.points.frames(args.frames).unwrap_or_default();
-    let mut output = Output::new(args, format, recording, args.points.file_frame(&registration))?;
+    let (mut registration, body) = registration(spec, recording, surroundings.as_ref(), &mut notices)?;
+    let frames = spec.wanted_frames().unwrap_or_default();
+    let mut output = Output::new(spec, recording, spec.file_frame(&registration))?;
     let mut clouds = BagClouds::open(recording.path(), &recording.name())?;
     let mut document = Document::default();
     let mut sources: BTreeMap<usize, Arc<Source>> = BTreeMap::new();
@@ -40,7 +35,7 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
         let source = sources.entry(topic).or_insert_with(|| Arc::new(source(&clouds.topics()[topic], at)));
         let at = usize::from(source.number);
         let number = document.count_frame(at);
-        let is_wanted = args.points.part.wants(&source.id, &clouds.topics()[topic].name)
+        let is_wanted = spec.part.wants(&source.id, &clouds.topics()[topic].name)
             && registration.is_wanted([cloud.record_time_ns; 2]);
         if !frames.contains(number) || !is_wanted {
             continue;
@@ -50,13 +45,10 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
             Some(Surroundings { frames, .. }) => {
                 let body = body.as_deref().or_else(|| frames.root_of(&cloud.frame_id));
                 let pose = body.and_then(|body| frames.a_from_b(body, &cloud.frame_id));
-                pose.with_context(|| {
-                    format!(
-                        "{}: no static transforms lead from frame {} of the clouds to {}",
-                        recording.name(),
-                        cloud.frame_id,
-                        body.unwrap_or("a frame of the rig")
-                    )
+                pose.ok_or_else(|| DecodingError::NoTransform {
+                    recording: recording.name(),
+                    frame: cloud.frame_id.clone(),
+                    body: body.unwrap_or("a frame of the rig").to_owned(),
                 })?
             }
         };
@@ -77,30 +69,31 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
     document.conclude_clouds(recording, topics, clouds.losses());
     document.add_registration(&Placing { mounts: None, registration, recording }, notices);
     if document.is_empty() {
-        bail!("{}: no cloud in it can be read: {}", recording.name(), document.notices().join("; "));
+        let (recording, notices) = (recording.name(), document.notices().join("; "));
+        return Err(DecodingError::NoCloud { recording, notices });
     }
-    super::finish(args, context, document, output)
+    document.close(spec, output)
 }
 
 /// How the clouds are moved, and the frame that they are moved to before a trajectory moves them on.
 fn registration(
-    args: &Args,
+    spec: &DecodingSpec,
     recording: &Recording,
     surroundings: Option<&Surroundings>,
     notices: &mut Vec<String>,
-) -> anyhow::Result<(Registration, Option<String>)> {
-    let filter = args.points.filter();
+) -> Result<(Registration, Option<String>), DecodingError> {
+    let filter = spec.filter.clone();
     let Some(surroundings) = surroundings else {
         return Ok((Registration::new(Target::Sensor, filter), None));
     };
     notices.extend(surroundings.notices.iter().cloned());
     let platform = || surroundings.frames.names(PLATFORM_FRAME).then(|| PLATFORM_FRAME.to_owned());
-    if !args.points.is_read_again() {
+    if !spec.is_read_again() {
         return Ok((Registration::new(Target::Rig, filter), platform()));
     }
-    let (trajectory, body) = match args.points.trajectory() {
+    let (trajectory, body) = match spec.trajectory.as_deref() {
         Some(path) if path.as_os_str() == "odometry" => {
-            bail!("--trajectory odometry is found from packets, and {} holds clouds", recording.name())
+            return Err(DecodingError::OdometryOfClouds { recording: recording.name() });
         }
         Some(path) => {
             let (trajectory, of_file) = read_trajectory(path, None)?;
@@ -111,16 +104,13 @@ fn registration(
             let of_platform = |of: &&RecordedTrajectory| surroundings.frames.names(&of.child);
             let all = &surroundings.trajectories;
             let Some(of) = all.iter().find(of_platform).or(all.first()) else {
-                bail!(
-                    "{}: it holds no trajectory (nav_msgs/Odometry or Path, geometry_msgs poses, or /tf): give --trajectory",
-                    recording.name()
-                );
+                return Err(DecodingError::NoTrajectory { recording: recording.name() });
             };
             notices.push(format!("{}: poses of {} in {}", of.topic, of.child, of.parent));
             (of.trajectory.clone(), Some(of.child.clone()))
         }
     };
-    let target = Target::World { trajectory, offset: args.points.time_offset() };
+    let target = Target::World { trajectory, offset: spec.time_offset };
     Ok((Registration::new(target, filter), body))
 }
 
