@@ -84,6 +84,7 @@ impl Stage {
         |progress| match progress {
             Progress::Total(all) => self.counts(all, 0),
             Progress::Done(more) => self.more(more),
+            Progress::At(done) => self.at(done),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Devices to test against: sensors on loopback with their web servers, a rig behind a pty.
 
 pub mod bus_servos;
+pub(crate) mod demo;
 mod device;
 mod dynamixel;
 mod feetech;

@@ -28,7 +28,7 @@ pub use nulls::{Calibration, Field, Healthy, NullTest};
 pub(crate) use ray_sample::RaySample;
 pub use rays::{Gate, Replay, Replayed};
 pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
-pub(crate) use replaying::{Replaying, cover_planned, grid_over, seen_patches};
+pub(crate) use replaying::{Replaying, ReplayingError, cover_planned, grid_over, seen_patches};
 pub(crate) use surface::box_points;
 pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
-use anyhow::Context as _;
-use sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
-use sensors::velodyne::{Product, ReturnMode};
+use ::sensors::ouster::{ImuProfile, Metadata, Profile, Synthetic};
+use ::sensors::velodyne::{Product, ReturnMode};
 
+use super::error::DemoError;
 use super::setup::Walk;
 use crate::mock::sensor::{MockSensor, Surroundings};
 use crate::mock::transmit::{Clock, Transmitter};
@@ -27,7 +27,7 @@ pub(super) fn mock_sensor(
     model: &str,
     index: usize,
     port: u16,
-) -> anyhow::Result<(MockSensor, Option<String>)> {
+) -> Result<(MockSensor, Option<String>), DemoError> {
     if let Some(product) = Product::from_name(model) {
         return Ok((MockSensor::velodyne(product, ReturnMode::Strongest, SPIN_HZ)?, None));
     }
@@ -57,8 +57,8 @@ pub(super) fn send_packets(
     to: SocketAddr,
     clock: Clock,
     progress: &SensorProgress<'_>,
-) -> anyhow::Result<()> {
-    let mut transmitter = Transmitter::new(None, to, clock).context("a mock sensor has no socket")?;
+) -> Result<(), DemoError> {
+    let mut transmitter = Transmitter::new(None, to, clock).map_err(DemoError::NoSocket)?;
     let around = Surroundings {
         scene: walk.scene,
         trajectory: walk.trajectory,
@@ -76,7 +76,7 @@ pub(super) fn send_packets(
         Ok(())
     });
     match outcome {
-        Err(Some(error)) => Err(error).context("a mock sensor cannot send"),
+        Err(Some(error)) => Err(DemoError::CannotSend(error)),
         Ok(()) | Err(None) => Ok(()),
     }
 }
@@ -87,24 +87,26 @@ pub(super) fn write_reports(
     recording: &LiveRecording,
     servo: &crate::drive::Rig,
     reports: &std::sync::mpsc::Receiver<ServoReport>,
-) -> anyhow::Result<()> {
-    anyhow::ensure!(!walk.stop.load(Ordering::Relaxed), "interrupted");
+) -> Result<(), DemoError> {
+    if walk.stop.load(Ordering::Relaxed) {
+        return Err(DemoError::Interrupted);
+    }
     // why it ended stands in the session, and closing it will say
-    anyhow::ensure!(!recording.has_ended(), "the recording ended");
+    if recording.has_ended() {
+        return Err(DemoError::RecordingEnded);
+    }
     match reports.recv_timeout(LOOK_EVERY) {
         Ok(report) => {
             recording.session().write_servo(&report)?;
-            anyhow::ensure!(
-                report.faults.is_empty(),
-                "axis {} of the rig reports {}",
-                report.axis,
-                report.faults.join(", ")
-            );
+            if !report.faults.is_empty() {
+                let faults = report.faults.join(", ");
+                return Err(DemoError::AxisFaults { axis: report.axis, faults });
+            }
         }
         Err(RecvTimeoutError::Timeout) => {}
         Err(RecvTimeoutError::Disconnected) => {
             servo.status()?;
-            anyhow::bail!("the rig no longer reports");
+            return Err(DemoError::RigSilent);
         }
     }
     Ok(())

@@ -16,12 +16,13 @@ use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::trajectory::Trajectory;
 
 use super::document::SearchSummary;
+use super::error::DemoError;
 use super::sensors::{SPIN_HZ, mock_sensor};
 use super::setup::Walk;
-use crate::commands::stage::Stage;
+use crate::simulate::Progress;
 
 /// The optimal mounts of a mirrored pair that can be built.
-pub struct Plan {
+pub(crate) struct Plan {
     pub preset: &'static Preset,
     pub rig: Rig,
     pub mount: MountFile,
@@ -29,7 +30,12 @@ pub struct Plan {
 }
 
 /// Searches one mirrored pair of housings that keep apart, the platform walking along its own forward axis.
-pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage) -> anyhow::Result<Plan> {
+pub(crate) fn search(
+    preset: &str,
+    evaluations: usize,
+    seed: u64,
+    progress: &dyn Fn(Progress),
+) -> Result<Plan, DemoError> {
     let start = Instant::now();
     let preset = Preset::named(preset)?;
     let experiment = Experiment { path: Path::Forward, ..Experiment::published(preset) };
@@ -37,16 +43,16 @@ pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage)
     let problem = MountProblem::new(objective, 1, KeepApart::Housings);
     let settings = Settings::new(seed, evaluations);
     let mut search = Search::new(problem.space()?, Kind::Pattern, settings);
-    stage.counts(evaluations as u64, 0);
+    progress(Progress::Total(evaluations as u64));
     search.run(
         evaluations,
         |values| problem.measure(values),
-        |search| stage.at(search.evaluations() as u64),
+        |search| progress(Progress::At(search.evaluations() as u64)),
         &AtomicBool::new(false),
     )?;
     let best = search.best().filter(|best| best.violation <= 0.0);
     let Some(best) = best else {
-        anyhow::bail!("no mount among {evaluations} keeps the housings apart: give --evals a greater number");
+        return Err(DemoError::NoMount { evaluations });
     };
     let masters = problem.masters(&best.candidate.values);
     let sensors = experiment.sensors(&masters);
@@ -84,7 +90,7 @@ pub(crate) fn search(preset: &str, evaluations: usize, seed: u64, stage: &Stage)
 }
 
 /// Predicted coverage of the walk: perfect sensors on the mounts and the planned trajectory.
-pub(crate) fn predict(walk: &Walk<'_>, grid: &VoxelGrid) -> anyhow::Result<Coverage> {
+pub(crate) fn predict(walk: &Walk<'_>, grid: &VoxelGrid) -> Result<Coverage, DemoError> {
     let mut scanner = Scanner::new(walk.scene, walk.planned, walk.rig, scan::Spin::default());
     for (index, sensor) in walk.rig.sensors.iter().enumerate() {
         let columns = match mock_sensor(&sensor.model.name, index, 0)?.0.spin() {

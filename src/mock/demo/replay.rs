@@ -1,17 +1,16 @@
 //! Fourth stage: the session is opened again, its packets are decoded, and what they cover is compared with what the
 //! simulator says for the same rays, by the code of `compare`.
 
-use anyhow::{Context as _, ensure};
-
-use crate::commands::stage::Stage;
+use super::error::DemoError;
 use crate::recording::Session;
 use crate::recording::mounted::{
     AxisSummary, AxisZeros, MountedSession, SensorSummary, data_gaps, feed_session, summaries, tilts,
 };
 use crate::rig::Rig;
+use crate::simulate::Progress;
 use crate::verify::compare::{Gate, Healthy, Replayed, Replaying, seen_patches};
 use crate::verify::judgement::comparison::Comparison;
-use crate::verify::judgement::judge::{Inputs, judge};
+use crate::verify::judgement::judge::{Inputs, Step, judge};
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
@@ -24,7 +23,7 @@ const KEEP_RAYS: usize = 60_000;
 const STATION_STEP_M: f64 = 1.0;
 
 /// A session laid against its scene.
-pub struct Compared {
+pub(crate) struct Compared {
     pub replayed: Replayed,
     pub rig: Vec<AxisSummary>,
     pub sensors: Vec<SensorSummary>,
@@ -37,13 +36,16 @@ pub(crate) fn compare(
     rig: &Rig,
     scene: &Scene,
     planned: &Coverage,
-    stage: &Stage,
-) -> anyhow::Result<Compared> {
-    let trajectory = session.trajectory()?.context("the session holds no trajectory")?;
+    progress: &dyn Fn(Progress),
+    step: &dyn Fn(Step),
+) -> Result<Compared, DemoError> {
+    let trajectory = session.trajectory()?.ok_or(DemoError::NoTrajectory)?;
     let tilts = tilts(session, rig, &AxisZeros::default())?.histories;
     // what the axis measured, never its setpoint; none of it is an error, not a silent default
     for (axis, (sensor, tilt)) in rig.sensors.iter().zip(&tilts).enumerate() {
-        ensure!(tilt.is_measured(), "no measured angle of axis {axis} ({}) was recorded", sensor.name);
+        if !tilt.is_measured() {
+            return Err(DemoError::NothingMeasured { axis, sensor: sensor.name.clone() });
+        }
     }
     let patches = seen_patches(scene, 0.0, &trajectory, (SAMPLES, STATION_STEP_M, 1));
     let gate = Gate { keep_rays: KEEP_RAYS, ..Gate::default() };
@@ -57,8 +59,7 @@ pub(crate) fn compare(
         patches: patches.as_ref(),
         mapped: 0..0,
     };
-    let (replayed, mut summary) =
-        replaying.run(|take| feed_session(&mounted_session, &stage.progress(), take))?;
+    let (replayed, mut summary) = replaying.run(|take| feed_session(&mounted_session, progress, take))?;
     summary.faults.extend(data_gaps(rig, &summary.data_spans, trajectory.time_span_ns()));
     let compare = judge(
         Inputs {
@@ -72,7 +73,7 @@ pub(crate) fn compare(
             revolution_ns: summary.revolution_ns,
             agree_within_m: gate.agree_within_m,
             faults: std::mem::take(&mut summary.faults),
-            report: &stage.judging(),
+            report: step,
         },
         &replayed,
     );

@@ -5,27 +5,27 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::commands::stage::Stage;
 use crate::live::receive::{self, Listen, Receiver, now_ns};
 use crate::mock::sensor::MockSensor;
 use crate::mock::transmit::{Clock, Pace};
 use crate::recording::{LiveRecording, Manifest, SensorInfo, SessionWriter};
 use crate::rig::Mount;
+use crate::simulate::Progress;
 
-use super::Fault;
+use super::error::DemoError;
 use super::sensors::{SensorProgress, mock_sensor, send_packets, write_reports};
-use super::setup::Walk;
+use super::setup::{DemoFault, Walk};
 use super::tilt::Tilted;
 
 /// Time after the last packet for the receiver to empty its sockets.
 const DRAIN: Duration = Duration::from_millis(200);
 
 /// What came of it.
-pub struct Walked {
+pub(crate) struct Walked {
     pub manifest: Manifest,
     pub packets_sent: Vec<u64>,
     /// What ended the walk early.
-    pub failure: Option<anyhow::Error>,
+    pub failure: Option<DemoError>,
 }
 
 /// Walks and records into a new session. Whatever fails, the session is closed and can be opened.
@@ -33,8 +33,8 @@ pub(crate) fn record(
     walk: &Walk<'_>,
     tilted: Tilted,
     session: &Path,
-    stage: &Stage,
-) -> anyhow::Result<Walked> {
+    progress: &dyn Fn(Progress),
+) -> Result<Walked, DemoError> {
     let here = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
     let listens: Vec<Listen> = walk
         .rig
@@ -56,11 +56,11 @@ pub(crate) fn record(
     writer.put_trajectory(walk.trajectory)?;
     let recording = LiveRecording::start(receiver, writer)?;
     let sent: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(0)).collect();
-    let failure = walk_along(walk, tilted, &recording, devices, &sent, stage);
+    let failure = walk_along(walk, tilted, &recording, devices, &sent, progress);
     std::thread::sleep(DRAIN);
     if let Err(failure) = &failure {
         // the disk may be what failed; the manifest says so too
-        let _ = recording.session().write_event(&Event { time_ns: now_ns(), event: format!("{failure:#}") });
+        let _ = recording.session().write_event(&Event { time_ns: now_ns(), event: failure.with_causes() });
     }
     let manifest = recording.stop()?;
     let packets_sent = sent.iter().map(|count| count.load(Ordering::Relaxed)).collect();
@@ -80,13 +80,13 @@ fn walk_along(
     recording: &LiveRecording,
     devices: Vec<(MockSensor, SocketAddr)>,
     sent: &[AtomicU64],
-    stage: &Stage,
-) -> anyhow::Result<()> {
+    progress: &dyn Fn(Progress),
+) -> Result<(), DemoError> {
     let Tilted { device, servo, true_pitch_rad } = tilted;
     let mut device = Some(device);
     let reports = servo.reports();
     let [start_ns, end_ns] = walk.trajectory.time_span_ns();
-    stage.counts(end_ns - start_ns, 0);
+    progress(Progress::Total(end_ns - start_ns));
     let at_ns: Vec<AtomicU64> = devices.iter().map(|_| AtomicU64::new(start_ns)).collect();
     let unplugged: Vec<AtomicBool> = devices.iter().map(|_| AtomicBool::new(false)).collect();
     let clock = Clock::new(Pace::Rate(walk.rate), Some(start_ns));
@@ -94,22 +94,21 @@ fn walk_along(
         let mut running = Vec::new();
         for (index, (mut sensor, address)) in devices.into_iter().enumerate() {
             let mount = Mount { pitch_rad: true_pitch_rad[index % 2], ..walk.rig.sensors[index].mount };
-            let progress =
+            let shared =
                 SensorProgress { at_ns: &at_ns[index], unplugged: &unplugged[index], sent: &sent[index] };
-            running.push(
-                scope.spawn(move || send_packets(walk, &mut sensor, &mount, address, clock, &progress)),
-            );
+            running
+                .push(scope.spawn(move || send_packets(walk, &mut sensor, &mount, address, clock, &shared)));
         }
         let middle_ns = start_ns + (end_ns - start_ns) / 2;
         let pull_every_plug = || unplugged.iter().for_each(|plug| plug.store(true, Ordering::Relaxed));
         let mut outcome = Ok(());
         while running.iter().any(|sensor| !sensor.is_finished()) {
             let farthest_ns = at_ns.iter().map(|at| at.load(Ordering::Relaxed)).max().unwrap_or(start_ns);
-            stage.at(farthest_ns - start_ns);
+            progress(Progress::At(farthest_ns - start_ns));
             if farthest_ns >= middle_ns {
                 match walk.fault {
-                    Some(Fault::CutCable) => drop(device.take()),
-                    Some(Fault::KillSensor) => unplugged[0].store(true, Ordering::Relaxed),
+                    Some(DemoFault::CutCable) => drop(device.take()),
+                    Some(DemoFault::KillSensor) => unplugged[0].store(true, Ordering::Relaxed),
                     None => {}
                 }
             }
@@ -123,7 +122,7 @@ fn walk_along(
         for sensor in running {
             match sensor.join() {
                 Ok(sensor) => outcome = outcome.and(sensor),
-                Err(_) => outcome = outcome.and(Err(anyhow::anyhow!("a mock sensor panicked"))),
+                Err(_) => outcome = outcome.and(Err(DemoError::SensorPanicked)),
             }
         }
         outcome

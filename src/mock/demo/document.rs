@@ -8,11 +8,11 @@ use crate::recording::mounted::{AxisSummary, SensorSummary};
 use crate::verify::judgement::comparison::Comparison;
 
 /// Format name, also what marks a folder as made by the demo.
-pub const FORMAT: &str = "outrigger-demo/1";
+pub(crate) const FORMAT: &str = "outrigger-demo/1";
 
 /// Everything the demo measured.
 #[derive(Debug, Serialize)]
-pub struct Document {
+pub(crate) struct Document {
     pub format: &'static str,
     /// Command line that gives this document again.
     pub command: String,
@@ -28,7 +28,7 @@ pub struct Document {
 
 /// The search in short.
 #[derive(Debug, Serialize)]
-pub struct SearchSummary {
+pub(crate) struct SearchSummary {
     pub preset: String,
     pub method: String,
     pub seed: u64,
