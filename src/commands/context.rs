@@ -6,6 +6,7 @@ use clap::{ArgMatches, Command};
 
 use super::defaults;
 use crate::live::config::Config;
+use crate::mock::replay::ReplayError;
 use crate::recording::RecordingError;
 use crate::recording::cutting::CuttingError;
 use crate::recording::decoding::DecodingError;
@@ -56,6 +57,7 @@ impl Context {
 pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
     let is_usage = error.downcast_ref().is_some_and(RecordingError::is_usage)
         || error.downcast_ref().is_some_and(DecodingError::is_usage)
+        || error.downcast_ref().is_some_and(ReplayError::is_usage)
         || error.downcast_ref().is_some_and(CuttingError::is_usage)
         || error.downcast_ref().is_some_and(WalkError::is_usage)
         || error.downcast_ref().is_some_and(SceneError::is_usage);

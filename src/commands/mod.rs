@@ -48,7 +48,6 @@ mod scene_args;
 mod scene_file;
 mod sensor;
 mod sensor_args;
-mod sensor_metadata;
 mod signals;
 mod stage;
 mod study;

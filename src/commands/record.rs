@@ -13,11 +13,10 @@ use sensors::ouster::Metadata;
 
 pub(super) use self::metadata::metadata_of;
 use self::watch::{say, unreadable, watch};
-use super::sensor_metadata::first_look;
 use super::{Context, Outcome, signals};
 use crate::live::config::{SensorConfig, Stream};
 use crate::live::receive::{Listen, Options, Receiver, auxiliary_name, is_auxiliary};
-use crate::live::watch::FirstLooks;
+use crate::live::watch::{FirstLooks, first_look};
 use crate::recording::{LiveRecording, Parts, SensorInfo, SessionError};
 use crate::rig::{MountSlots, Rig};
 

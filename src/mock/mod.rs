@@ -6,6 +6,7 @@ mod device;
 mod dynamixel;
 mod feetech;
 mod pty;
+pub(crate) mod replay;
 pub mod rig;
 pub(crate) mod senders;
 pub mod sensor;

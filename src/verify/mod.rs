@@ -2,6 +2,7 @@
 
 pub(crate) mod judgement;
 pub mod odometry;
+pub(crate) mod readiness;
 pub mod compare;
 pub mod calibrate;
 pub mod align;

@@ -6,9 +6,9 @@ use anyhow::{Context as _, bail};
 use serde_json::json;
 
 use crate::base::files;
-use crate::commands::sensor_metadata::read_metadata;
 use crate::commands::{Context, Outcome, output};
 use crate::live::setup::{Sensor, SensorState, warnings};
+use crate::live::watch::read_metadata;
 
 /// Arguments of `sensor info`.
 #[derive(clap::Args, Debug)]

@@ -10,6 +10,7 @@ use sensors::router::{Router, Sensor};
 
 use super::Args;
 use super::heading::{ground, heading};
+use crate::base::errors::with_causes;
 use crate::commands::output::say_notice;
 use crate::commands::{Context, Outcome, output, scene_file, signals};
 use crate::recording::playback::{Placement, Player, Take, Tape, World};
@@ -35,7 +36,7 @@ struct Reels {
 
 impl Tape for Reels {
     fn router(&self) -> Result<Router, String> {
-        self.recording.router().map_err(|error| error.with_causes())
+        self.recording.router().map_err(|error| with_causes(&error))
     }
 
     fn packets(&self, take: &mut Take<'_>) -> Result<(), String> {
@@ -48,7 +49,7 @@ impl Tape for Reels {
         match ended {
             Ok(ending) if !is_enough => ending.losses().into_iter().next().map_or(Ok(()), Err),
             Ok(_) => Ok(()),
-            Err(error) => Err(error.with_causes()),
+            Err(error) => Err(with_causes(&error)),
         }
     }
 

@@ -63,16 +63,3 @@ pub(crate) enum DemoError {
     #[error("no measured angle of axis {axis} ({sensor}) was recorded")]
     NothingMeasured { axis: usize, sensor: String },
 }
-
-impl DemoError {
-    /// With its causes, in one line.
-    pub(super) fn with_causes(&self) -> String {
-        let mut text = self.to_string();
-        let mut error: &dyn std::error::Error = self;
-        while let Some(cause) = error.source() {
-            text = format!("{text}: {cause}");
-            error = cause;
-        }
-        text
-    }
-}

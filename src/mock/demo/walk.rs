@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
+use crate::base::errors::with_causes;
 use crate::live::receive::{self, Listen, Receiver, now_ns};
 use crate::mock::sensor::MockSensor;
 use crate::mock::transmit::{Clock, Pace};
@@ -60,7 +61,7 @@ pub(crate) fn record(
     std::thread::sleep(DRAIN);
     if let Err(failure) = &failure {
         // the disk may be what failed; the manifest says so too
-        let _ = recording.session().write_event(&Event { time_ns: now_ns(), event: failure.with_causes() });
+        let _ = recording.session().write_event(&Event { time_ns: now_ns(), event: with_causes(failure) });
     }
     let manifest = recording.stop()?;
     let packets_sent = sent.iter().map(|count| count.load(Ordering::Relaxed)).collect();

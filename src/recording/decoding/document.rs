@@ -11,7 +11,7 @@ use sensors::{DecodeStats, Decoded, Frame, SensorModel};
 use serde::Serialize;
 
 use super::error::DecodingError;
-use super::output::Output;
+use super::output::{Output, WrittenFile};
 use super::placing::Placing;
 use super::spec::DecodingSpec;
 use crate::base::numbers::counted;
@@ -37,15 +37,6 @@ pub(crate) struct Document {
     found: BTreeMap<usize, Found>,
     #[serde(skip)]
     placers: BTreeMap<usize, Placer>,
-}
-
-/// A point file that was written.
-#[derive(Clone, Serialize)]
-pub(crate) struct WrittenFile {
-    /// Where.
-    pub path: String,
-    /// How many points it holds.
-    pub points: u64,
 }
 
 #[derive(Serialize)]

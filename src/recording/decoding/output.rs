@@ -7,8 +7,8 @@ use std::sync::Arc;
 use sensors::ouster::ImuSample;
 use sensors::router::Sensor;
 use sensors::{Frame, SensorModel};
+use serde::Serialize;
 
-use super::document::WrittenFile;
 use super::error::DecodingError;
 use super::placing::Placing;
 use super::spec::DecodingSpec;
@@ -16,6 +16,15 @@ use crate::base::files::folder_of;
 use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
 use crate::recording::sensor_ids;
 use crate::recording::source::Recording;
+
+/// A point file that was written.
+#[derive(Clone, Serialize)]
+pub(crate) struct WrittenFile {
+    /// Where.
+    pub path: String,
+    /// How many points it holds.
+    pub points: u64,
+}
 
 /// Point files being written.
 pub(super) struct Output {

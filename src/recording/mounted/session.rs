@@ -8,6 +8,7 @@ use super::beams::Slot;
 use super::feed::MountedFrame;
 use super::pass_summary::PassSummary;
 use super::tilt::TiltHistory;
+use crate::base::errors::with_causes;
 use crate::recording::source::{RecordingError, look_first};
 use crate::recording::{SensorEntry, Session};
 use crate::rig::{MountedSensor, NoSlot, Rig};
@@ -99,7 +100,7 @@ fn routers(mounted_session: &MountedSession<'_>, losses: &mut Vec<String>) -> Ve
         match metadata_of(mounted_session.session, &mounted.name) {
             Ok(Some(metadata)) => router.add_ouster(metadata, mounted.name.clone()),
             Ok(None) => {}
-            Err(error) => losses.push(format!("{}: its metadata: {}", mounted.name, error.with_causes())),
+            Err(error) => losses.push(format!("{}: its metadata: {}", mounted.name, with_causes(&error))),
         }
         for given in mounted_session.calibrations {
             // what bears a name goes to the sensor of that name, and it alone is here

@@ -111,15 +111,4 @@ impl RecordingError {
     pub(crate) fn is_usage(&self) -> bool {
         matches!(self, Self::NamesWithoutSession { .. } | Self::RateOfBag { .. })
     }
-
-    /// With its causes, in one line.
-    pub(crate) fn with_causes(&self) -> String {
-        let mut text = self.to_string();
-        let mut error: &dyn std::error::Error = self;
-        while let Some(cause) = error.source() {
-            text = format!("{text}: {cause}");
-            error = cause;
-        }
-        text
-    }
 }

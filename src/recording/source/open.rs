@@ -9,6 +9,7 @@ use super::{
     BagAbout, Recording, RecordingError, SensorFiles, ensure_named, ensure_recording, inside_of, name_of,
     packets_of, spool,
 };
+use crate::base::errors::with_causes;
 use crate::recording::assigned_file::AssignedFile;
 use crate::recording::bags::{BagPackets, is_bag_at, metadata_in, names_in};
 use crate::recording::observer::Observer;
@@ -73,7 +74,7 @@ impl Recording {
             if !is_assigned_by_recording {
                 return Err(error);
             }
-            unreadable.push(error.with_causes());
+            unreadable.push(with_causes(&error));
             Ok(())
         };
         let mut metadata = metadata_of(&paths, &mut tell)?;

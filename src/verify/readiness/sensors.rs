@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use sensors::ouster::Metadata;
 use sensors::velodyne::Product;
 
-use super::{Check, State};
-use crate::commands::{Context, daemon};
+use super::{Check, CheckState};
+use crate::base::errors::with_causes;
 use crate::live::config::{Config, SensorConfig};
 use crate::live::setup::{Sensor, SensorState, warnings};
-use crate::live::watch::is_model;
+use crate::live::watch::{is_model, read_metadata};
 
 /// What was found.
 #[derive(Default)]
-pub struct Named {
+pub(crate) struct ConfiguredSensors {
     pub checks: Vec<Check>,
     /// Metadata by the names of sensors, as recording will have them.
     pub metadata: BTreeMap<String, String>,
@@ -23,37 +23,37 @@ pub struct Named {
     pub pitches_deg: Vec<f64>,
 }
 
-/// Looks at everything.
-pub(crate) fn check(config: &Config, context: Context) -> Named {
-    let mut named = Named::default();
-    let mut units: BTreeMap<String, String> = BTreeMap::new();
-    for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {
-        let state = named.ask(sensor);
-        let serial = named.read(sensor, state.as_ref());
-        let Some(serial) = serial.filter(|serial| !serial.is_empty()) else { continue };
-        if let Some(other) = units.insert(serial.clone(), sensor.name.clone()) {
-            let found = format!("{other} and {} both claim to be the unit {serial}", sensor.name);
-            named.bad("sensors", found, "each [[sensor]] has the `metadata` and the `host` of its own unit");
+impl ConfiguredSensors {
+    /// Reads the files of all sensors and asks them.
+    pub(crate) fn of(config: &Config) -> Self {
+        let mut named = Self::default();
+        let mut units: BTreeMap<String, String> = BTreeMap::new();
+        for sensor in config.sensors.iter().filter(|sensor| sensor.listen.is_some()) {
+            let state = named.ask(sensor);
+            let serial = named.read(sensor, state.as_ref());
+            let Some(serial) = serial.filter(|serial| !serial.is_empty()) else { continue };
+            if let Some(other) = units.insert(serial.clone(), sensor.name.clone()) {
+                let found = format!("{other} and {} both claim to be the unit {serial}", sensor.name);
+                named.bad(
+                    "sensors",
+                    found,
+                    "each [[sensor]] has the `metadata` and the `host` of its own unit",
+                );
+            }
         }
+        let rates = config.sensors.iter().filter(|sensor| sensor.listen.is_some());
+        let rates: Option<Vec<f64>> =
+            rates.map(|sensor| sensor.bytes_per_s(named.metadata.get(&sensor.name))).collect();
+        named.bytes_s = rates.map(|rates| rates.iter().sum()).filter(|bytes_s| *bytes_s > 0.0);
+        named
     }
-    named.slots(config);
-    let rates = config.sensors.iter().filter(|sensor| sensor.listen.is_some());
-    let rates: Option<Vec<f64>> =
-        rates.map(|sensor| sensor.bytes_per_s(named.metadata.get(&sensor.name))).collect();
-    named.bytes_s = rates.map(|rates| rates.iter().sum()).filter(|bytes_s| *bytes_s > 0.0);
-    if let Err(error) = daemon::check(config, context) {
-        named.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
-    }
-    named
-}
 
-impl Named {
-    pub(super) fn add(&mut self, name: &str, state: State, found: String, advice: &str) {
+    pub(crate) fn add(&mut self, name: &str, state: CheckState, found: String, advice: &str) {
         self.checks.push(Check::new(name, state, found, advice));
     }
 
-    pub(super) fn bad(&mut self, name: &str, found: String, advice: &str) {
-        self.add(name, State::Bad, found, advice);
+    pub(crate) fn bad(&mut self, name: &str, found: String, advice: &str) {
+        self.add(name, CheckState::Bad, found, advice);
     }
 
     /// What a sensor says of itself.
@@ -72,13 +72,18 @@ impl Named {
         };
         let found = format!("{} {} firmware {}, {}", state.model, state.serial, state.firmware, state.status);
         if is_model(&config.model, &state.model, &state.model) {
-            self.add(&name, State::Ok, found, "");
+            self.add(&name, CheckState::Ok, found, "");
         } else {
             let found = format!("{found}; `model` says {}", config.model);
             self.bad(&name, found, "correct `model`, or `host`");
         }
         for warning in std::mem::take(&mut state.warnings) {
-            self.add(&name, State::Warning, warning.text, "`outrigger sensor configure` sets what it can");
+            self.add(
+                &name,
+                CheckState::Warning,
+                warning.text,
+                "`outrigger sensor configure` sets what it can",
+            );
         }
         Some(state)
     }
@@ -98,11 +103,11 @@ impl Named {
             }
             return serial;
         };
-        let text = match crate::commands::sensor_metadata::read_metadata(path) {
+        let text = match read_metadata(path) {
             Ok(text) => text,
             Err(error) => {
                 let advice = "`outrigger sensor info HOST --save-metadata FILE.json` writes it";
-                self.bad(&name, format!("{error:#}"), advice);
+                self.bad(&name, with_causes(&error), advice);
                 return serial;
             }
         };
@@ -113,7 +118,7 @@ impl Named {
         let ours = Metadata::parse(&text, &path.display().to_string()).ok()?;
         let found = format!("{} {}, {}", ours.product(), ours.serial, path.display());
         if is_model(&config.model, &ours.product(), &ours.product()) {
-            self.add(&name, State::Ok, found, "");
+            self.add(&name, CheckState::Ok, found, "");
         } else {
             let found = format!("{found}; `model` says {}", config.model);
             self.bad(&name, found, "correct `model`, or name the metadata of this sensor");

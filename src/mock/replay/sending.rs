@@ -1,15 +1,10 @@
 //! One round of a recording's packets, and what was sent.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::IsTerminal as _;
 use std::net::{IpAddr, SocketAddr};
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context as _;
-use indicatif::{HumanBytes, HumanCount, ProgressBar};
-
-use super::Args;
+use super::{ReplayError, ReplaySpec};
 use crate::mock::senders::{MAX_SENDERS, SenderSockets};
 use crate::recording::bags::BagPackets;
 use crate::recording::packet_reader::PacketReader;
@@ -17,7 +12,7 @@ use crate::recording::source::{capture_losses, name_of};
 
 /// What was sent.
 #[derive(Clone, Debug, Default, serde::Serialize)]
-pub(super) struct Sent {
+pub(crate) struct Sent {
     pub(super) packets: u64,
     pub(super) bytes: u64,
     /// Recorded destination port, where its packets went, how many.
@@ -28,8 +23,8 @@ pub(super) struct Sent {
     pub(super) rounds: u64,
     pub(super) wall_s: f64,
     /// What of the recording could not be sent.
-    pub(super) losses: Vec<String>,
-    pub(super) notices: Vec<String>,
+    pub(crate) losses: Vec<String>,
+    pub(crate) notices: Vec<String>,
     /// Senders of the recording, and where their packets come from now.
     pub(super) senders: BTreeMap<IpAddr, IpAddr>,
     /// Senders of the recording, by the port that their packets go to and the socket that they leave from now.
@@ -38,7 +33,7 @@ pub(super) struct Sent {
 }
 
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
-pub(super) struct PortSent {
+pub(crate) struct PortSent {
     pub(super) to_port: u16,
     pub(super) packets: u64,
 }
@@ -57,10 +52,10 @@ impl Sent {
         }
     }
 
-    pub(super) fn text(&self, args: &Args) -> String {
+    pub(crate) fn text(&self, spec: &ReplaySpec) -> String {
         let mut text = String::new();
         for (recorded, port) in &self.ports {
-            let to = SocketAddr::new(args.to.ip, port.to_port);
+            let to = SocketAddr::new(spec.to.ip, port.to_port);
             text += &format!("port {recorded}: {} packets to {to}\n", port.packets);
         }
         if self.senders.len() > 1 {
@@ -71,21 +66,21 @@ impl Sent {
         if self.not_mapped > 0 {
             text += &format!("{} packets of other ports not sent\n", self.not_mapped);
         }
-        let rounds = if args.again { format!(", {} whole rounds", self.rounds) } else { String::new() };
+        let rounds = if spec.is_repeated { format!(", {} whole rounds", self.rounds) } else { String::new() };
         text += &format!("{} packets, {} bytes in {:.1} s{rounds}\n", self.packets, self.bytes, self.wall_s);
         text
     }
 }
 
+/// One round; `show` is called now and then with the packets and the bytes that were sent.
 pub(super) fn send_once(
-    args: &Args,
-    path: &Path,
+    spec: &ReplaySpec,
     sent: &mut Sent,
     sockets: &mut SenderSockets,
-    bar: &ProgressBar,
+    show: &dyn Fn(u64, u64),
     stop: &AtomicBool,
-) -> anyhow::Result<()> {
-    let mut capture = PacketReader::open(path, &name_of(path))?;
+) -> Result<(), ReplayError> {
+    let mut capture = PacketReader::open(&spec.path, &name_of(&spec.path))?;
     let damage = loop {
         let packet = match capture.next() {
             Ok(Some(packet)) => packet,
@@ -96,17 +91,17 @@ pub(super) fn send_once(
             return Ok(());
         }
         let recorded_port = packet.destination.port();
-        let Some(to_port) = target_port(args, recorded_port) else {
+        let Some(to_port) = target_port(spec, recorded_port) else {
             sent.not_mapped += 1;
             continue;
         };
-        let to = SocketAddr::new(args.to.ip, to_port);
+        let to = SocketAddr::new(spec.to.ip, to_port);
         let sender = packet.source.ip();
         let (socket, from) = sockets.of(sender);
         sockets
             .transmitter
             .send_from(socket, packet.host_time_ns, packet.payload, to)
-            .with_context(|| format!("cannot send {} bytes to {to}", packet.payload.len()))?;
+            .map_err(|source| ReplayError::CannotSend { bytes: packet.payload.len(), to, source })?;
         let port = sent.ports.entry(recorded_port).or_default();
         port.to_port = to_port;
         port.packets += 1;
@@ -119,9 +114,8 @@ pub(super) fn send_once(
         }
         sent.packets += 1;
         sent.bytes += packet.payload.len() as u64;
-        if sent.packets.is_multiple_of(256) && std::io::stderr().is_terminal() {
-            bar.set_message(format!("{} packets, {}", HumanCount(sent.packets), HumanBytes(sent.bytes)));
-            bar.tick();
+        if sent.packets.is_multiple_of(256) {
+            show(sent.packets, sent.bytes);
         }
     };
     let lost_in_bag = capture.bag().map_or_else(Vec::new, BagPackets::losses);
@@ -130,9 +124,9 @@ pub(super) fn send_once(
     Ok(())
 }
 
-fn target_port(args: &Args, recorded: u16) -> Option<u16> {
-    if args.map.is_empty() {
-        return Some(args.to.port.unwrap_or(recorded));
+fn target_port(spec: &ReplaySpec, recorded: u16) -> Option<u16> {
+    if spec.map.is_empty() {
+        return Some(spec.to.port.unwrap_or(recorded));
     }
-    args.map.iter().find(|(from, _)| *from == recorded).map(|(_, to)| *to)
+    spec.map.iter().find(|(from, _)| *from == recorded).map(|(_, to)| *to)
 }

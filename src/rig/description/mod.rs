@@ -1,30 +1,32 @@
-//! What `mount` prints.
+//! A mount described: sensors, frames, clearances, and what cannot be built.
+
+mod text;
 
 use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::rig::{Clearance, Conflicts, FramedSensor, MountFile, Rig, Servos, housing_gap_m, publishers};
+use super::{Clearance, Conflicts, FramedSensor, MountFile, Rig, Servos, housing_gap_m, publishers};
 
-/// The document that `mount` prints.
+/// A mount described.
 #[derive(Debug, Serialize)]
-pub(super) struct Document {
+pub(crate) struct Description {
     pub(super) format: &'static str,
     pub(super) sensors: Vec<SensorRow>,
     /// Every frame in its parent: metres, quaternions.
     pub(super) frames: Vec<FrameRow>,
     pub(super) clearances: Vec<Gap>,
     /// What cannot be built as it is.
-    pub(super) conflicts: Conflicts,
+    pub(crate) conflicts: Conflicts,
     /// Lines for a shell with ROS 2.
     pub(super) static_transform_publishers: Vec<String>,
     /// What is odd, or was concluded.
-    pub(super) problems: Vec<String>,
+    pub(crate) problems: Vec<String>,
     pub(super) written: Vec<PathBuf>,
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct SensorRow {
+pub(crate) struct SensorRow {
     pub(super) name: String,
     pub(super) model: String,
     pub(super) x_m: f64,
@@ -46,7 +48,7 @@ pub(super) struct SensorRow {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct FrameRow {
+pub(crate) struct FrameRow {
     pub(super) name: String,
     pub(super) parent: String,
     pub(super) translation_m: [f64; 3],
@@ -54,20 +56,20 @@ pub(super) struct FrameRow {
 }
 
 #[derive(Debug, Serialize)]
-pub(super) struct Gap {
+pub(crate) struct Gap {
     #[serde(flatten)]
     pub(super) origins: Clearance,
     /// Between the housings as they are tilted; 0 where they touch.
     pub(super) housing_gap_m: f64,
 }
 
-pub(super) fn document(
+pub(crate) fn describe(
     file: &MountFile,
     sensors: &[FramedSensor],
     servos: &Servos,
     problems: Vec<String>,
     written: Vec<PathBuf>,
-) -> Document {
+) -> Description {
     let rows =
         file.sensors.iter().zip(sensors).zip(&servos.limits_deg).map(|((entry, sensor), limits_deg)| {
             let mounted = &sensor.mounted;
@@ -103,7 +105,7 @@ pub(super) fn document(
         let gap_m = of(&origins.first).zip(of(&origins.second)).map_or(0.0, |(a, b)| housing_gap_m(a, b));
         Gap { origins, housing_gap_m: gap_m }
     };
-    Document {
+    Description {
         format: "outrigger-mount-description/1",
         sensors: rows.collect(),
         frames: frames.collect(),

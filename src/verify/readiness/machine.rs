@@ -6,11 +6,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::Context as _;
-
-use super::{Check, State};
+use super::{Check, CheckState};
 use crate::base::files::temporary_near;
-use crate::recording::free_bytes;
+use crate::recording::{RecordingError, free_bytes};
 
 /// Written to see how fast the disk is.
 const TRIED_BYTES: usize = 128 << 20;
@@ -20,17 +18,17 @@ const GREAT_RIG_MB_S: f64 = 43.0;
 /// What a disk must do for each byte that comes.
 const SPARE: f64 = 1.2;
 
-pub(super) fn processors() -> Check {
+pub(crate) fn processors() -> Check {
     let count = std::thread::available_parallelism().map_or(1, usize::from);
-    let state = if count > 1 { State::Ok } else { State::Warning };
+    let state = if count > 1 { CheckState::Ok } else { CheckState::Warning };
     Check::new("processors", state, count.to_string(), "receiving and decoding want a core each")
 }
 
-pub(super) fn governor() -> Check {
+pub(crate) fn governor() -> Check {
     let path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
     match fs::read_to_string(path) {
         Ok(name) => {
-            let state = if name.trim() == "powersave" { State::Warning } else { State::Ok };
+            let state = if name.trim() == "powersave" { CheckState::Warning } else { CheckState::Ok };
             Check::new(
                 "cpu governor",
                 state,
@@ -38,42 +36,43 @@ pub(super) fn governor() -> Check {
                 "`cpupower frequency-set -g performance` while recording",
             )
         }
-        Err(_) => Check::new("cpu governor", State::Ok, "none", ""),
+        Err(_) => Check::new("cpu governor", CheckState::Ok, "none", ""),
     }
 }
 
 /// Whether the host's own clock follows another; host times tell sensors and servos apart otherwise by chance.
-pub(super) fn clock() -> Check {
+pub(crate) fn clock() -> Check {
     let output = Command::new("timedatectl").args(["show", "-p", "NTPSynchronized", "--value"]).output();
     let output = output.ok().filter(|output| output.status.success());
     match output.as_ref().map(|output| output.stdout.trim_ascii()) {
-        Some(b"yes") => Check::new("host clock", State::Ok, "follows NTP", ""),
+        Some(b"yes") => Check::new("host clock", CheckState::Ok, "follows NTP", ""),
         Some(b"no") => Check::new(
             "host clock",
-            State::Warning,
+            CheckState::Warning,
             "follows nothing",
             "start systemd-timesyncd or chrony: sensors by PTP or GPS and this host then share one time",
         ),
-        _ => Check::new("host clock", State::Unknown, "cannot tell: no timedatectl answers here", ""),
+        _ => Check::new("host clock", CheckState::Unknown, "cannot tell: no timedatectl answers here", ""),
     }
 }
 
 /// Space and speed, for what comes now, or else what the configured sensors can send, or else a great rig.
-pub(super) fn disk(
+pub(crate) fn disk(
     folder: &Path,
     measured_bytes_s: Option<f64>,
     configured_bytes_s: Option<f64>,
-) -> anyhow::Result<Vec<Check>> {
+) -> Result<Vec<Check>, RecordingError> {
     // recording makes the folder
     let there = folder.ancestors().find(|above| above.is_dir()).unwrap_or(Path::new("."));
-    let free = free_bytes(there).with_context(|| there.display().to_string())?;
+    let free = free_bytes(there)
+        .map_err(|source| RecordingError::File { name: there.display().to_string(), source })?;
     let (mb_s, source) = match (measured_bytes_s, configured_bytes_s) {
         (Some(bytes_s), _) => (bytes_s * 1e-6, "that come now"),
         (None, Some(bytes_s)) => (bytes_s * 1e-6, "that the sensors of the rig.toml can send"),
         (None, None) => (GREAT_RIG_MB_S, "of two OS1-128 with two returns"),
     };
     let hours = free as f64 / (mb_s * 1e6 * 3600.0);
-    let state = if hours > 1.0 { State::Ok } else { State::Warning };
+    let state = if hours > 1.0 { CheckState::Ok } else { CheckState::Warning };
     let found = format!("{} GiB, {hours:.1} hours of the {mb_s:.1} MB/s {source}", free >> 30);
     let room =
         Check::new("disk space", state, found, "the recorder warns when it runs low and keeps what it has");
@@ -81,14 +80,14 @@ pub(super) fn disk(
     let place = place.display();
     let speed = match written_mb_s(there) {
         Ok(written_mb_s) => {
-            let state = if written_mb_s > SPARE * mb_s { State::Ok } else { State::Bad };
+            let state = if written_mb_s > SPARE * mb_s { CheckState::Ok } else { CheckState::Bad };
             let made = if folder.is_dir() { "" } else { ", which recording will make" };
             let advice = format!("recording needs {mb_s:.0} MB/s and some to spare: take another disk");
             Check::new("disk speed", state, format!("{written_mb_s:.0} MB/s to {place}{made}"), &advice)
         }
         Err(error) => {
             let found = format!("{place}: {error}");
-            Check::new("disk speed", State::Bad, found, "recordings cannot be written there")
+            Check::new("disk speed", CheckState::Bad, found, "recordings cannot be written there")
         }
     };
     Ok(vec![room, speed])

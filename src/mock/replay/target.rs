@@ -4,12 +4,12 @@ use std::net::{IpAddr, ToSocketAddrs as _};
 
 /// A host, and a port if one was given.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Target {
+pub(crate) struct Target {
     pub(super) ip: IpAddr,
     pub(super) port: Option<u16>,
 }
 
-pub(super) fn parse_target(text: &str) -> Result<Target, String> {
+pub(crate) fn parse_target(text: &str) -> Result<Target, String> {
     if let Ok(ip) = text.parse() {
         return Ok(Target { ip, port: None });
     }
@@ -20,7 +20,7 @@ pub(super) fn parse_target(text: &str) -> Result<Target, String> {
     Ok(Target { ip: found.ip(), port: has_port.then_some(found.port()) })
 }
 
-pub(super) fn parse_map(text: &str) -> Result<(u16, u16), String> {
+pub(crate) fn parse_map(text: &str) -> Result<(u16, u16), String> {
     let parts = text.split_once('=').and_then(|(from, to)| Some((from.parse().ok()?, to.parse().ok()?)));
     parts.ok_or_else(|| format!("{text:?}: expected PORT=PORT"))
 }

@@ -2,31 +2,22 @@
 
 use std::path::Path;
 
-use super::{Check, State};
-use crate::commands::Verb;
-use crate::commands::defaults::section;
+use super::{Check, CheckState};
 use crate::drive::{LinkError, Options, Rig, RigError, RigStatus};
-use crate::live::config::Config;
 
-/// One pair of limits is for every axis of a rig, and these are their number.
-const AXES: usize = 2;
-
-pub(super) fn rig(port: &Path, config: Option<&Config>, pitches_deg: &[f64]) -> Vec<Check> {
+/// Asks the rig at a port; `pitches_deg` are those of its axes by the mount file, where that is known.
+pub(crate) fn check_rig(port: &Path, options: Options, pitches_deg: &[f64]) -> Vec<Check> {
     let name = format!("rig {}", port.display());
-    let options = match config.map_or_else(|| Ok(Options::new_session()), options) {
-        Ok(options) => options,
-        Err(error) => return vec![Check::new(&name, State::Bad, format!("{error:#}"), "mend [rig]")],
-    };
     let connected = Rig::connect_with(port, options).and_then(|rig| Ok((rig.status()?, rig)));
     let (status, rig) = match connected {
         Ok(connected) => connected,
         Err(error @ RigError::Link(LinkError::InUse { .. })) => {
             let advice = "a daemon that runs has it, and its page shows the rig: end it to look from here";
-            return vec![Check::new(&name, State::Warning, error.to_string(), advice)];
+            return vec![Check::new(&name, CheckState::Warning, error.to_string(), advice)];
         }
         Err(error) => {
             let advice = "is it plugged in and powered; may you open it (group dialout, or the udev rule)?";
-            return vec![Check::new(&name, State::Bad, error.to_string(), advice)];
+            return vec![Check::new(&name, CheckState::Bad, error.to_string(), advice)];
         }
     };
     let mut checks = vec![of_state(&name, &status)];
@@ -36,7 +27,7 @@ pub(super) fn rig(port: &Path, config: Option<&Config>, pitches_deg: &[f64]) -> 
         let found = format!("{axes} axes, {} sensors of the mount file for them", pitches_rad.len());
         checks.push(Check::new(
             &name,
-            State::Warning,
+            CheckState::Warning,
             found,
             "`sensors` under [rig.apply] says which are on axis 0, 1, ...",
         ));
@@ -44,17 +35,9 @@ pub(super) fn rig(port: &Path, config: Option<&Config>, pitches_deg: &[f64]) -> 
         && let Err(error) = rig.check(&pitches_rad)
     {
         let found = format!("cannot go where the mount file says: {error}");
-        checks.push(Check::new(&name, State::Bad, found, "loosen `limits_deg`, or take another mount"));
+        checks.push(Check::new(&name, CheckState::Bad, found, "loosen `limits_deg`, or take another mount"));
     }
     checks
-}
-
-fn options(config: &Config) -> anyhow::Result<Options> {
-    let args: crate::commands::rig_args::Args = section(config, &["rig", "status"], |verb| match verb {
-        Verb::Rig(args) => Some(args),
-        _ => None,
-    })?;
-    crate::commands::rig_args::options(&args, AXES)
 }
 
 fn of_state(name: &str, status: &RigStatus) -> Check {
@@ -67,15 +50,15 @@ fn of_state(name: &str, status: &RigStatus) -> Check {
     let found = format!("{} axes, firmware {}", status.axes.len(), status.firmware);
     if !faults.is_empty() {
         let found = format!("{found}; {}", faults.join("; "));
-        return Check::new(name, State::Bad, found, "mend the cause, then `outrigger rig clear`");
+        return Check::new(name, CheckState::Bad, found, "mend the cause, then `outrigger rig clear`");
     }
     if status.axes.iter().any(|axis| !axis.homed) {
         return Check::new(
             name,
-            State::Warning,
+            CheckState::Warning,
             format!("{found}, not homed"),
             "`outrigger rig home --arm` before the first move",
         );
     }
-    Check::new(name, State::Ok, format!("{found}, homed"), "")
+    Check::new(name, CheckState::Ok, format!("{found}, homed"), "")
 }
