@@ -5,6 +5,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 
 use super::defaults;
+use crate::design::scene_search::SceneStateError;
 use crate::live::config::Config;
 use crate::mock::replay::ReplayError;
 use crate::recording::RecordingError;
@@ -57,6 +58,7 @@ impl Context {
 pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
     let is_usage = error.downcast_ref().is_some_and(RecordingError::is_usage)
         || error.downcast_ref().is_some_and(DecodingError::is_usage)
+        || error.downcast_ref().is_some_and(SceneStateError::is_usage)
         || error.downcast_ref().is_some_and(ReplayError::is_usage)
         || error.downcast_ref().is_some_and(CuttingError::is_usage)
         || error.downcast_ref().is_some_and(WalkError::is_usage)

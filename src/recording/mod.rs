@@ -70,6 +70,7 @@ mod shared;
 pub(crate) mod source;
 mod ticker;
 mod trajectory_file;
+pub(crate) mod walk_text;
 pub(crate) mod unread;
 mod whereabouts;
 mod whole_file;

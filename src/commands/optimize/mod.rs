@@ -8,7 +8,6 @@ mod scene_document;
 mod scene_flags;
 mod scene_rigs;
 mod scene_runs;
-mod scene_state;
 mod site;
 mod spec;
 

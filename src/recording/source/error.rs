@@ -10,6 +10,7 @@ use crate::recording::SessionError;
 use crate::recording::bags::BagError;
 use crate::recording::packet_reader::PacketError;
 use crate::rig::{MountFileError, NoSlot, UnitError};
+use crate::simulate::walk::WalkError;
 use crate::world::trajectory::TrajectoryError;
 
 /// Why a recording cannot be opened or read.
@@ -31,6 +32,8 @@ pub(crate) enum RecordingError {
     Model(#[from] ModelError),
     #[error(transparent)]
     Metadata(#[from] MetadataError),
+    #[error(transparent)]
+    Walk(#[from] WalkError),
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
     /// The system refused a file.
