@@ -66,6 +66,12 @@ pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
     if is_usage { wrong_usage(error) } else { error }
 }
 
+/// Refuses what was asked for where it contradicts itself, in the words of the first rule that is broken: exit code 2.
+pub(crate) fn ensure_consistent<const N: usize>(rules: [(bool, String); N]) -> anyhow::Result<()> {
+    let broken = rules.into_iter().find(|(is_broken, _)| *is_broken);
+    broken.map_or(Ok(()), |(_, words)| Err(wrong_usage(words)))
+}
+
 /// What was typed cannot be meant: exit code 2.
 pub(crate) fn wrong_usage(what: impl std::fmt::Display) -> anyhow::Error {
     clap::Error::raw(ErrorKind::ArgumentConflict, what).into()

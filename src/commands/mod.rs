@@ -29,7 +29,6 @@ pub mod help;
 mod init;
 mod inspect;
 mod manual;
-mod masters;
 mod mock;
 mod mount;
 mod odometry;
@@ -58,7 +57,7 @@ pub use command_line::run_command_line;
 use command_line::{fail, verb_of};
 pub use context::Context;
 use context::as_usage;
-pub(crate) use context::wrong_usage;
+pub(crate) use context::{ensure_consistent, wrong_usage};
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]

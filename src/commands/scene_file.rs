@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::scene_args::MeshArgs;
+use super::scene_args::{MeshArgs, Room};
 use super::{Context, stage};
 use crate::recording::scene::{MapSpec, SceneKind, SceneSpec};
 use crate::world::scene::LoadedScene;
@@ -49,6 +49,24 @@ pub(crate) fn ensure_of_frames(context: Context) -> anyhow::Result<()> {
         &of_another,
         "is about what lies behind --scene, and the map is made of --map-frames",
     )
+}
+
+/// Reads what the path names, or makes the room; none where there is neither.
+pub(crate) fn read_or_room(
+    scene: Option<&Path>,
+    room: Option<Room>,
+    mesh: &MeshArgs,
+    map: &MapArgs,
+    context: Context,
+) -> anyhow::Result<Option<LoadedScene>> {
+    match (scene, room) {
+        (Some(path), _) => read(path, mesh, map, context).map(Some),
+        (None, Some(room)) => {
+            ensure_none_typed(context, "the scene is a room")?;
+            Ok(Some(LoadedScene::of_room(&room.scene())))
+        }
+        (None, None) => Ok(None),
+    }
 }
 
 /// Reads whatever the path names.

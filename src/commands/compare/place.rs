@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use crate::commands::odometry_args::OdometryArgs;
 use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, MapArgs};
-use crate::commands::{Context, stage};
+use crate::commands::{Context, ensure_consistent, stage};
 use crate::verify::align::Hint;
 use crate::verify::walk::{Frames, Offset, PlaceSpec};
-use crate::world::scene::LoadedScene;
 
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
@@ -53,13 +52,9 @@ pub struct PlaceArgs {
 impl PlaceArgs {
     /// What is given, the scene read.
     pub(super) fn spec(&self, context: Context) -> anyhow::Result<PlaceSpec> {
-        let scene = match (&self.scene, &self.room) {
-            (Some(path), _) => Some(scene_file::read(path, &self.mesh, &self.map, context)?),
-            (None, Some(room)) => Some(LoadedScene::of_room(&room.scene())),
-            (None, None) => None,
-        };
+        let scene = self.scene.as_deref();
         Ok(PlaceSpec {
-            scene,
+            scene: scene_file::read_or_room(scene, self.room, &self.mesh, &self.map, context)?,
             map_of: self.map_frames.clone().map(|frames| (frames.0, self.map.spec())),
             trajectory: self.trajectory.clone(),
             rate_hz: self.rate,
@@ -81,12 +76,10 @@ pub(super) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
             context.ensure_not_typed(&["align_near"], "is about --align, which is not asked for")?;
         }
     }
-    if args.align && matches!(args.time_offset, Offset::Search) {
-        refuse!(
-            "--time-offset search needs a trajectory in the scene's frame, and --align one on the recording's clock: give \
-             seconds, or start"
-        );
-    }
+    let is_searched = matches!(args.time_offset, Offset::Search);
+    let words = "--time-offset search needs a trajectory in the scene's frame, and --align one on the recording's clock: give \
+                 seconds, or start";
+    ensure_consistent([(args.align && is_searched, words.into())])?;
     if matches!(source, None | Some("still" | "odometry")) {
         context.ensure_not_typed(
             &["rate"],
@@ -99,9 +92,8 @@ pub(super) fn check(args: &PlaceArgs, context: Context) -> anyhow::Result<()> {
             &["align", "align_near"],
             "is about a scene, and the map of --map-frames lies in the trajectory's own frame",
         )?;
-        if matches!(args.time_offset, Offset::Search) {
-            refuse!("--time-offset search needs a scene: a map of the recording itself fits at any");
-        }
+        let words = "--time-offset search needs a scene: a map of the recording itself fits at any";
+        ensure_consistent([(is_searched, words.into())])?;
     }
     match &args.room {
         Some(_) => scene_file::ensure_none_typed(context, "the scene is a room"),

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::commands::Context;
 use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
+use crate::commands::{Context, ensure_consistent};
 use crate::recording::decoding::{DecodingSpec, OutputFrame};
 use crate::recording::export::{Format, ReferenceSystem};
 use crate::recording::registered::{
@@ -63,14 +63,12 @@ impl PointArgs {
         if self.frame == OutputFrame::Rig {
             context.ensure_not_typed(&["trajectory", "time_offset", "crs"], "needs --frame world")?;
         }
-        if let (Some(_), Some(format)) = (&self.crs, format.filter(|format| !format.holds_reference_system()))
-        {
-            refuse!(
-                "--crs: a {} file has no place for it; expected --out NAME.las or NAME.laz",
-                format.extension()
-            );
-        }
-        Ok(())
+        let Some(format) = format.filter(|format| !format.holds_reference_system()) else { return Ok(()) };
+        let words = format!(
+            "--crs: a {} file has no place for it; expected --out NAME.las or NAME.laz",
+            format.extension()
+        );
+        ensure_consistent([(self.crs.is_some(), words)])
     }
 
     /// What is asked for of the points, `format` and `out` left open.

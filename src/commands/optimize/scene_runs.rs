@@ -9,7 +9,7 @@ use super::scene_flags::Counts;
 use crate::commands::output;
 use crate::commands::stage::Stage;
 use crate::design::scene_search::{
-    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, StateFile,
+    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
 };
 use crate::report::scene_search::CountDocument;
 use crate::simulate::view::{CastView, CellView};
@@ -95,7 +95,7 @@ impl<'a> Run<'a, '_> {
                     scan_stride: of.scan_stride,
                 };
                 let question = Question::of(&asked, &plan, rigs, self.cast);
-                let (opened, known) = StateFile::open(path, question)?;
+                let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known
             }

@@ -1,6 +1,6 @@
 //! The scene and the trajectory of a search.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use glam::DVec3;
 
 use super::args::Args;
@@ -21,14 +21,9 @@ const DEFAULT_VOXEL_M: f64 = 0.1;
 /// Where is searched, what is odd about it, and where the trajectory comes from.
 pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
     let scene_args = &args.scene;
-    let mut loaded = match (&scene_args.scene, &scene_args.room) {
-        (Some(path), _) => scene_file::read(path, &scene_args.mesh, &scene_args.map, context)?,
-        (None, Some(room)) => {
-            scene_file::ensure_none_typed(context, "the scene is a room")?;
-            LoadedScene::of_room(&room.scene())
-        }
-        (None, None) => refuse!("give --scene or --room"),
-    };
+    let (scene, room) = (scene_args.scene.as_deref(), scene_args.room);
+    let loaded = scene_file::read_or_room(scene, room, &scene_args.mesh, &scene_args.map, context)?;
+    let mut loaded = loaded.context("give --scene or --room")?;
     let (trajectory, source) = walk_of(args, context, &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;

@@ -94,7 +94,7 @@ struct Read {
 }
 
 /// The file of a search.
-pub(crate) struct StateFile {
+pub(crate) struct SearchState {
     path: PathBuf,
     question: Value,
     /// Mounts found when it was written last.
@@ -104,7 +104,7 @@ pub(crate) struct StateFile {
 /// Mounts after which it is written again.
 const STEP: usize = 64;
 
-impl StateFile {
+impl SearchState {
     /// The file and what it says; nothing where there is none yet.
     pub(crate) fn open(
         path: &Path,

@@ -2,11 +2,11 @@
 
 use std::str::FromStr;
 
-use crate::simulate::published::{Experiment, Placement};
+use super::{Experiment, Placement};
 
 /// Masters as typed, with the model of each where it was named.
 #[derive(Clone, Debug)]
-pub struct Masters(Vec<(Placement, Option<String>)>);
+pub(crate) struct Masters(Vec<(Placement, Option<String>)>);
 
 impl FromStr for Masters {
     type Err = String;
@@ -32,29 +32,36 @@ impl FromStr for Masters {
     }
 }
 
+/// Masters with or without a model where the other was expected.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum MastersError {
+    #[error("master {number}: model {model} is not specified here")]
+    ModelNamed { number: usize, model: String },
+    #[error(
+        "master {number}: end it with the model of its sensor, one of {known} (x,y,z,pitch_deg,roll_deg,model)"
+    )]
+    WhichModel { number: usize, known: String },
+}
+
 impl Masters {
     /// The masters where the sensors are specified elsewhere; none may name a model.
-    pub(crate) fn without_models(&self) -> anyhow::Result<Vec<Placement>> {
+    pub(crate) fn without_models(&self) -> Result<Vec<Placement>, MastersError> {
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| match model {
-            Some(model) => refuse!("master {}: model {model} is not specified here", index + 1),
+            Some(model) => Err(MastersError::ModelNamed { number: index + 1, model: model.clone() }),
             None => Ok(*placement),
         };
         self.0.iter().enumerate().map(placed).collect()
     }
 
     /// The masters in an experiment: of its only type, or of the type that is named.
-    pub(crate) fn of(&self, experiment: &Experiment) -> anyhow::Result<Vec<Placement>> {
+    pub(crate) fn of(&self, experiment: &Experiment) -> Result<Vec<Placement>, MastersError> {
         let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
         let placed = |(index, (placement, model)): (usize, &(Placement, Option<String>))| {
             let known = |name: &String| models.iter().position(|model| model.eq_ignore_ascii_case(name));
             match (model.as_ref().map(known), &models[..]) {
                 (None, [_]) => Ok(*placement),
                 (Some(Some(sensor_type)), _) => Ok(Placement { sensor_type, ..*placement }),
-                _ => refuse!(
-                    "master {}: end it with the model of its sensor, one of {} (x,y,z,pitch_deg,roll_deg,model)",
-                    index + 1,
-                    models.join(", ")
-                ),
+                _ => Err(MastersError::WhichModel { number: index + 1, known: models.join(", ") }),
             }
         };
         self.0.iter().enumerate().map(placed).collect()
