@@ -19,7 +19,7 @@ use crate::verify::compare::{Gate, Healthy, Replaying, cover_planned, grid_over,
 use crate::verify::judgement::judge::{Inputs, judge};
 use crate::verify::walk::Place;
 use crate::world::coverage::{Coverage, VoxelGrid};
-use document::{Document, ZeroOffer};
+use document::Document;
 use files::{conclude, unplaced, write};
 use place::PlaceArgs;
 
@@ -112,23 +112,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         &replayed,
     );
     drop(stage);
-    let axes = recorded.axes(&pass);
-    let mut problems = recorded.notices.clone();
-    problems.extend(recorded.contradicted(&pass));
-    problems.extend(place.notices);
-    problems.extend(pass.losses.iter().cloned());
-    let document = Document {
-        format: "outrigger-compare/1",
-        recording: pass.sensors,
-        servo_zero: ZeroOffer::of(&axes, &comparison.mount),
-        rig: axes,
-        problems,
-        alignment: place.alignment,
-        time_offset_s: place.time_offset_ns as f64 * 1e-9,
-        time_offset: place.time_offset,
-        wall_s: start.elapsed().as_secs_f64(),
-        comparison,
-    };
+    let document = Document::new(&recorded, &place, &pass, comparison, start.elapsed().as_secs_f64());
     let written = write(args, &document, &replayed, (scene, place.origin), trajectory, recorded.mount);
     // a disk that is full by now takes the files, not what was found
     let outcome = conclude(args, context, &document, pass.losses.is_empty() && !place.is_misplaced)?;

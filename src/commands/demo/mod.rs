@@ -82,10 +82,9 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let session_dir = args.out.join(SESSION);
     let walked = demo::record(&walk, tilted, &session_dir, &progress.bar.progress())?;
     if let Some(failure) = walked.failure {
-        return Err(anyhow::Error::from(failure).context(format!(
-            "the walk ended early; what was recorded until then is in {}",
-            session_dir.display()
-        )));
+        let dir = session_dir.display();
+        let words = format!("the walk ended early; what was recorded until then is in {dir}");
+        return Err(anyhow::Error::from(failure).context(words));
     }
 
     progress.stage("compare", "4/5 replaying and comparing");

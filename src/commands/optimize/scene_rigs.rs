@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::args::{Args, Corners};
+use super::args::Args;
+use super::values::Corners;
 use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
 use crate::design::scene_search::RigSpace;

@@ -1,64 +1,16 @@
 //! From what was typed to what is searched.
 
-use super::args::{Args, Corners, Range, Switch};
+use super::args::Args;
+use super::values::{Corners, Range, Switch};
 use crate::commands::defaults::long_name;
 use crate::commands::experiment_args::FidelityArg;
 use crate::commands::{Context, ensure_consistent, wrong_usage};
 use crate::design::objective::Objective;
 use crate::design::optimize::{Kind, MountProblem, MountSearch, Refiner, Search, Settings};
 use crate::design::robustness::{Robustness, Tolerance};
-use crate::simulate::published::Experiment;
 
 /// Of the draws of mount errors, the same in every search so that scores compare.
 const ROBUST_SEED: u64 = 1;
-
-/// What knows one sensor type only is refused where a rig may have several.
-pub(crate) fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
-    if !experiment.is_mixed() {
-        return Ok(());
-    }
-    let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
-    let models = models.join(" and ");
-    let certify = "--certify bounds rigs of one sensor type, and";
-    let export = "--export-published: the published layout has one sensor type, and";
-    let words = |what: &str| format!("{what} {models} may be mixed: give one --preset");
-    ensure_consistent([
-        (args.certify.is_some(), words(certify)),
-        (args.export_published.is_some(), words(export)),
-    ])
-}
-
-/// What was typed for other methods than the one that searches, or for a judgement that is not asked for.
-pub(crate) fn refuse_unused(
-    args: &Args,
-    context: Context,
-    kind: Kind,
-    [is_judged, is_refined]: [bool; 2],
-) -> anyhow::Result<()> {
-    if args.robust.is_none() && !is_judged {
-        let why = "is about --robust and --final-look, and neither is asked for";
-        context.ensure_not_typed(&["tolerance"], why)?;
-    }
-    if !is_refined {
-        context.ensure_not_typed(&["regret"], "is about --fidelity auto, which is not asked for")?;
-    }
-    type Uses = fn(Kind) -> bool;
-    let flags = [
-        ("batch", Kind::has_a_model as Uses),
-        ("acquisition", Kind::has_a_model),
-        ("early_stop", Kind::has_a_rule),
-    ];
-    for (argument, uses) in flags {
-        if !uses(kind) {
-            let users: Vec<_> =
-                Kind::ALL.iter().filter(|kind| uses(**kind)).map(|kind| kind.name()).collect();
-            let (users, searches) = (users.join(", "), kind.name());
-            let why = format!("is about --method {users}: {searches} has no use for it");
-            context.ensure_not_typed(&[argument], why)?;
-        }
-    }
-    Ok(())
-}
 
 /// The refiner that --fidelity auto asks for; none where the sampling is as given.
 pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>> {

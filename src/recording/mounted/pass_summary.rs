@@ -13,7 +13,7 @@ use crate::recording::unread;
 use crate::rig::{MountedSensor, Rig};
 
 /// One sensor's packets.
-#[derive(Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct SensorSummary {
     pub sensor: String,
     /// By the demo's mock sensors; 0 where unknown.
