@@ -2,6 +2,7 @@
 
 mod brackets;
 mod conflicts;
+mod description;
 mod doubts;
 mod drawing;
 mod extrinsics;
@@ -19,6 +20,7 @@ mod unit;
 mod urdf;
 
 pub(crate) use conflicts::Conflicts;
+pub(crate) use description::describe;
 pub(crate) use drawing::draw;
 pub(crate) use extrinsics::Extrinsics;
 pub use found_with::{FoundWith, Path, Phase};

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use firmware_protocol::simulated::AxisFault;
 use firmware_protocol::{AckCode, Command, Frame, HalfPlane, KeepOut, ResetCause};
-use outrigger::drive::{LinkError, Options, Rig, RigController, RigError, SerialLink, ServoReport};
+use outrigger::drive::{LinkError, Options, Rig, RigController, RigError, SerialLink};
 use outrigger::mock::rig::{AxisKind, Damage, MockConfig, MockFault, MockRig, SimulatedLink};
+use outrigger::recording::ServoReport;
 
 use crate::support::{Case, case};
 

@@ -87,7 +87,7 @@ fn files_are_opened_for_reading_in_one_place() {
     // what the system has under /proc and /sys, the captures of a command line (pipes among them), a session being written
     const OTHERS: [&str; 8] = [
         "base/files.rs",
-        "commands/doctor/machine.rs",
+        "verify/readiness/machine.rs",
         "commands/signals.rs",
         "daemon/engine/memory.rs",
         "mock/transmit.rs",

@@ -1,5 +1,6 @@
 //! Numerics and files that know nothing of LiDAR.
 
+pub(crate) mod errors;
 pub mod features;
 pub mod files;
 pub(crate) mod text;

@@ -25,6 +25,11 @@ pub fn signed(value: f64, decimals: usize) -> String {
     if is_nothing { text.replace('-', "+") } else { text }
 }
 
+/// So many of something: `1 frame`, `2 frames`.
+pub(crate) fn counted(count: u64, of_one: &str) -> String {
+    format!("{count} {of_one}{}", if count == 1 { "" } else { "s" })
+}
+
 /// Decimals that half of a 95 % interval leaves: two digits of it, at most four decimals.
 pub(crate) fn decimals_of(u95: f64) -> usize {
     if u95 > 0.0 { (1 - u95.log10().floor() as i32).clamp(0, 4) as usize } else { 2 }

@@ -6,13 +6,15 @@ use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 
-use super::recorded::{RaySample, Recorded, RecordedArgs};
-use super::recorded_odometry::{self as odometry, OdometryArgs};
+use super::odometry_args::OdometryArgs;
+use super::recorded_args::RecordedArgs;
 use super::scene_args::PoseErrorArgs;
-use super::trajectory_args::read_trajectory;
 use super::{Context, Outcome, output};
+use crate::recording::mounted::MountedRecording;
+use crate::recording::read_trajectory;
 use crate::verify::calibrate::{Pair, relative_mount};
-use crate::verify::compare::RecordedRay;
+use crate::verify::compare::{RaySample, RecordedRay};
+use crate::verify::walk::OdometryResult;
 use crate::world::trajectory::Trajectory;
 use document::{Document, text, verdict, words};
 
@@ -49,11 +51,11 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     if args.trajectory.as_ref().is_some_and(|path| path.as_os_str() != "odometry") {
         OdometryArgs::ensure_not_typed(context)?;
     }
-    let recorded = Recorded::open(&args.recorded, context)?;
+    let recorded = MountedRecording::open(&args.recorded.spec(context))?;
     ensure!(recorded.rig.sensors.len() > 1, "the mount file names one sensor: two can sit to each other");
     let mut problems = recorded.notices.clone();
     let trajectory = trajectory(args, &recorded, &mut problems)?;
-    let RaySample { rays, sensors, pass } = recorded.rays(RAYS)?;
+    let RaySample { rays, sensors, pass } = RaySample::of(&recorded, RAYS)?;
     problems.extend(recorded.contradicted(&pass));
     let mut relative = Vec::new();
     for first in 0..sensors.len() {
@@ -87,10 +89,14 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     Ok(if document.verdict == "matches" && whole { Outcome::Done } else { Outcome::DataLost })
 }
 
-fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> anyhow::Result<Trajectory> {
+fn trajectory(
+    args: &Args,
+    recorded: &MountedRecording,
+    problems: &mut Vec<String>,
+) -> anyhow::Result<Trajectory> {
     let name = args.trajectory.as_ref().map(|path| path.display().to_string());
     match name.as_deref() {
-        Some("still") => return recorded.still(),
+        Some("still") => return Ok(recorded.still()?),
         Some("odometry") => {}
         Some(name) => {
             let (trajectory, notes) = read_trajectory(Path::new(name), None)?;
@@ -103,7 +109,7 @@ fn trajectory(args: &Args, recorded: &Recorded, problems: &mut Vec<String>) -> a
             }
         }
     }
-    let found = odometry::of_rig(recorded, &args.odometry, false)?;
-    problems.extend(odometry::remarks(&found));
+    let found = OdometryResult::of_rig(recorded, &args.odometry.spec(), false)?;
+    problems.extend(found.remarks());
     Ok(found.walked.trajectory)
 }

@@ -5,7 +5,14 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 
 use super::defaults;
+use crate::design::scene_search::SceneStateError;
 use crate::live::config::Config;
+use crate::mock::replay::ReplayError;
+use crate::recording::RecordingError;
+use crate::recording::cutting::CuttingError;
+use crate::recording::decoding::DecodingError;
+use crate::recording::scene::SceneError;
+use crate::verify::walk::WalkError;
 
 /// What every verb gets besides its own arguments.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +52,24 @@ impl Context {
         }
         Ok(())
     }
+}
+
+/// An error of a library about what was asked for becomes one of the command line: exit code 2.
+pub(super) fn as_usage(error: anyhow::Error) -> anyhow::Error {
+    let is_usage = error.downcast_ref().is_some_and(RecordingError::is_usage)
+        || error.downcast_ref().is_some_and(DecodingError::is_usage)
+        || error.downcast_ref().is_some_and(SceneStateError::is_usage)
+        || error.downcast_ref().is_some_and(ReplayError::is_usage)
+        || error.downcast_ref().is_some_and(CuttingError::is_usage)
+        || error.downcast_ref().is_some_and(WalkError::is_usage)
+        || error.downcast_ref().is_some_and(SceneError::is_usage);
+    if is_usage { wrong_usage(error) } else { error }
+}
+
+/// Refuses what was asked for where it contradicts itself, in the words of the first rule that is broken: exit code 2.
+pub(crate) fn ensure_consistent<const N: usize>(rules: [(bool, String); N]) -> anyhow::Result<()> {
+    let broken = rules.into_iter().find(|(is_broken, _)| *is_broken);
+    broken.map_or(Ok(()), |(_, words)| Err(wrong_usage(words)))
 }
 
 /// What was typed cannot be meant: exit code 2.

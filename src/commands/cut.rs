@@ -1,9 +1,5 @@
 //! `outrigger cut`: packets to packets.
 
-mod cutting;
-mod document;
-mod sensors;
-
 use std::path::PathBuf;
 
 use anyhow::ensure;
@@ -11,9 +7,8 @@ use anyhow::ensure;
 use super::part::PartArgs;
 use super::sensor_args::SensorArgs;
 use super::{Context, Outcome, output};
+use crate::recording::cutting::{Cutting, CuttingSpec};
 use crate::recording::packet_writer::PacketFormat;
-use cutting::Cutting;
-use document::text;
 
 /// Arguments of `cut`.
 #[derive(clap::Args, Debug)]
@@ -50,11 +45,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         refuse!("--out {}: expected a name that ends in .pcap, .pcapng, .bag or .mcap", args.out.display());
     };
     ensure!(args.force || !args.out.exists(), "{} exists already; --force overwrites it", args.out.display());
-    let mut cutting = Cutting::new(args, format);
+    let (out, mount) = (args.out.clone(), args.mount.clone());
+    let spec = CuttingSpec { out, format, part: args.part.part(), mount };
+    let mut cutting = Cutting::new(&spec);
     for path in &args.recordings {
-        cutting.add(path, context)?;
+        cutting.add(args.sensors.or_of(context, path))?;
     }
     let document = cutting.finish()?;
-    output::print_result(context.json, &document, || text(&document), &document.losses)?;
+    output::print_result(context.json, &document, || document.text(), &document.losses)?;
     Ok(if document.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
 }

@@ -12,11 +12,11 @@ use clap::{Arg, ArgAction, Command, FromArgMatches as _};
 use self::inherit::inherited;
 pub(crate) use self::typed::with_origin;
 use self::typed::{choices, is_typed, within};
-use super::assigned_file::AssignedFile;
-use super::trajectory_args::WalkText;
 use super::{Cli, Verb, help};
 use crate::drive::is_no_path;
 use crate::live::config::{Config, ConfigError, Section, Setting};
+use crate::recording::assigned_file::AssignedFile;
+use crate::recording::walk_text::WalkText;
 
 /// The file that the command line or the environment names.
 pub(crate) fn file_named(command: &Command, arguments: &[OsString]) -> Option<PathBuf> {

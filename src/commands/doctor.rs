@@ -1,17 +1,18 @@
 //! `outrigger doctor`: what this machine and this rig lack, and what to do about it.
 
-mod traffic;
-mod machine;
-mod named;
-mod servos;
 mod slots;
 
-use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use serde::Serialize;
+use super::defaults::section;
+use super::{Context, Outcome, Verb, daemon, output, rig_args};
+use crate::drive::Options;
+use crate::live::config::Config;
+use crate::verify::readiness::{self, Check, CheckState, ConfiguredSensors, Readiness, Traffic, check_rig};
+use slots::check_slots;
 
-use super::{Context, Outcome, output};
+/// One pair of limits is for every axis of a rig, and these are their number.
+const AXES: usize = 2;
 
 /// Arguments of `doctor`.
 #[derive(clap::Args, Debug)]
@@ -36,34 +37,6 @@ pub struct Args {
     port: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-enum State {
-    Ok,
-    Warning,
-    Bad,
-    /// Not known here.
-    Unknown,
-}
-
-/// One look.
-#[derive(Debug, Serialize)]
-struct Check {
-    name: String,
-    state: State,
-    found: String,
-    /// What to do.
-    advice: Option<String>,
-}
-
-/// The document that `doctor` prints.
-#[derive(Debug, Serialize)]
-struct Document {
-    format: &'static str,
-    verdict: &'static str,
-    checks: Vec<Check>,
-}
-
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
@@ -71,48 +44,38 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         "--listen-for {}, expected 0 to 60 s",
         args.listen_for
     );
-    let mut checks = vec![machine::processors(), machine::governor(), machine::clock()];
-    let named = context.config.map(|config| named::check(config, context)).unwrap_or_default();
-    checks.extend(named.checks);
-    let traffic = traffic::probe(args, context.config, &named.metadata);
-    checks.extend(traffic.checks);
-    checks.extend(machine::disk(&args.out, traffic.bytes_s, named.bytes_s)?);
-    if let Some(port) = args.port.as_deref() {
-        checks.extend(servos::rig(port, context.config, &named.pitches_deg));
-    }
-    let is_ready = checks.iter().all(|check| check.state != State::Bad);
-    let verdict = if is_ready { "ready" } else { "mend" };
-    let document = Document { format: "outrigger-doctor/1", verdict, checks };
-    output::print_result(context.json, &document, || text(&document), &[])?;
-    Ok(if is_ready { Outcome::Done } else { Outcome::DataLost })
-}
-
-impl Check {
-    fn new(name: &str, state: State, found: impl Into<String>, advice: &str) -> Self {
-        let advice = (state != State::Ok && !advice.is_empty()).then(|| advice.to_owned());
-        Self { name: name.into(), state, found: found.into(), advice }
-    }
-}
-
-fn text(document: &Document) -> String {
-    let mut text = String::new();
-    let width = document.checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
-    for check in &document.checks {
-        let state = match check.state {
-            State::Ok => "ok",
-            State::Warning => "WARN",
-            State::Bad => "MEND",
-            State::Unknown => "?",
-        };
-        let _ = writeln!(text, "{state:<5} {:<width$} {}", check.name, check.found);
-        if let Some(advice) = &check.advice {
-            let _ = writeln!(text, "{:indent$} -> {advice}", "", indent = width + 6);
+    let mut checks = vec![readiness::processors(), readiness::governor(), readiness::clock()];
+    let mut sensors = context.config.map(ConfiguredSensors::of).unwrap_or_default();
+    if let Some(config) = context.config {
+        check_slots(&mut sensors, config);
+        if let Err(error) = daemon::check(config, context) {
+            sensors.bad("daemon", format!("{error:#}"), "`outrigger daemon` will not start with this");
         }
     }
-    let count = |state: State| document.checks.iter().filter(|check| check.state == state).count();
-    let _ = match document.verdict {
-        "ready" => writeln!(text, "ready; {} to look at", count(State::Warning)),
-        _ => writeln!(text, "{} to mend, {} to look at", count(State::Bad), count(State::Warning)),
-    };
-    text
+    checks.extend(sensors.checks);
+    let (buffer_mib, listen_for_s) = (args.receive_buffer, args.listen_for);
+    let traffic = Traffic::probe(context.config, &sensors.metadata, buffer_mib, listen_for_s);
+    checks.extend(traffic.checks);
+    checks.extend(readiness::disk(&args.out, traffic.bytes_s, sensors.bytes_s)?);
+    if let Some(port) = args.port.as_deref() {
+        checks.extend(match context.config.map_or_else(|| Ok(Options::new_session()), options) {
+            Ok(options) => check_rig(port, options, &sensors.pitches_deg),
+            Err(error) => {
+                let name = format!("rig {}", port.display());
+                vec![Check::new(&name, CheckState::Bad, format!("{error:#}"), "mend [rig]")]
+            }
+        });
+    }
+    let document = Readiness::of(checks);
+    output::print_result(context.json, &document, || document.text(), &[])?;
+    Ok(if document.is_ready() { Outcome::Done } else { Outcome::DataLost })
+}
+
+/// The options of the rig by the section [rig].
+fn options(config: &Config) -> anyhow::Result<Options> {
+    let args: rig_args::Args = section(config, &["rig", "status"], |verb| match verb {
+        Verb::Rig(args) => Some(args),
+        _ => None,
+    })?;
+    rig_args::options(&args, AXES)
 }

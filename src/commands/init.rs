@@ -39,7 +39,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let folder = files::folder_of(&path).to_owned();
     let mut made = vec![(path.clone(), TEMPLATE.to_owned())];
     if let Some(recording) = &args.from {
-        let found = found_in(recording, &args.sensors)?;
+        let found = found_in(&args.sensors.spec(recording))?;
         made[0].1 = with_sensors(&found);
         let metadata = found
             .into_iter()

@@ -25,47 +25,39 @@ mod defaults;
 mod demo;
 mod doctor;
 mod experiment_args;
-mod found_metadata;
 pub mod help;
 mod init;
 mod inspect;
 mod manual;
-mod masters;
 mod mock;
 mod mount;
 mod odometry;
+mod odometry_args;
 mod optimize;
 mod output;
 mod part;
 mod predict;
 mod ranges;
 mod record;
-mod recorded;
-mod recorded_odometry;
-mod recording;
-mod registered;
+mod recorded_args;
 mod replay;
 mod rig;
 mod rig_args;
 mod scene_args;
 mod scene_file;
-mod scene_placement;
 mod sensor;
 mod sensor_args;
-mod sensor_ids;
-mod sensor_metadata;
 mod signals;
 mod stage;
 mod study;
-mod assigned_file;
 mod trajectory_args;
-mod unread;
 mod view;
 
 pub use command_line::run_command_line;
 use command_line::{fail, verb_of};
 pub use context::Context;
-pub(crate) use context::wrong_usage;
+use context::as_usage;
+pub(crate) use context::{ensure_consistent, wrong_usage};
 
 /// Design, drive and verify rigs of spinning LiDARs.
 #[derive(Parser, Debug)]
@@ -194,7 +186,7 @@ impl Cli {
             Ok(Outcome::Done) => ExitCode::SUCCESS,
             Ok(Outcome::DataLost) => ExitCode::from(3),
             Ok(Outcome::Defect) => ExitCode::from(101),
-            Err(error) => match error.downcast::<clap::Error>() {
+            Err(error) => match as_usage(error).downcast::<clap::Error>() {
                 Ok(usage) => usage.format(&mut verb_of(typed)).exit(),
                 Err(error) => fail(error),
             },

@@ -1,8 +1,6 @@
 //! `outrigger mount`: a mount as data, as a drawing, as URDF, tf and OpenSCAD; and extrinsics read back into a mount file.
 
-mod document;
 mod reading;
-mod text;
 
 use std::path::PathBuf;
 
@@ -10,10 +8,8 @@ use anyhow::Context as _;
 
 use super::{Context, Outcome, output};
 use crate::base::files;
-use crate::rig::{UnitChoice, framed};
-use document::document;
+use crate::rig::{UnitChoice, describe, framed};
 use reading::{drawn, read, servos};
-use text::text;
 
 const AFTER: &str = "\
 FILE is a mount file, or says where sensors sit as other programs write it: URDF, tf as YAML (what `ros2 topic echo --once \
@@ -93,8 +89,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         file.write(path)?;
         written.push(path.clone());
     }
-    let document = document(&file, &sensors, &servos, problems, written);
-    output::print_result(context.json, &document, || text(&document), &document.problems)?;
+    let document = describe(&file, &sensors, &servos, problems, written);
+    output::print_result(context.json, &document, || document.text(), &document.problems)?;
     let can_be_built = document.conflicts.touching.is_empty() && document.conflicts.violations.is_empty();
     Ok(if can_be_built { Outcome::Done } else { Outcome::DataLost })
 }

@@ -8,13 +8,14 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::recorded::RecordedArgs;
-use super::recorded_odometry::OdometryArgs;
+use super::odometry_args::OdometryArgs;
+use super::recorded_args::RecordedArgs;
 use super::scene_args::MeshArgs;
 use super::scene_file::{self, MapArgs};
-use super::scene_placement::{Near, Placed};
 use super::{Context, Outcome, output};
 use crate::base::files::write_whole;
+use crate::verify::align::Hint;
+use crate::verify::walk::Placed;
 use document::{Document, text};
 use map::{map_of, write_map};
 use walk::{in_scene, kitti, walked};
@@ -44,7 +45,7 @@ pub struct Args {
     scene_map: MapArgs,
     /// Where the walk begins in the scene, about, where several places fit: m and degrees.
     #[arg(long, value_name = "X,Y[,YAW]", requires = "scene", allow_hyphen_values = true)]
-    align_near: Option<Near>,
+    align_near: Option<Hint>,
     /// Write the trajectory in TUM format: poses at the middle of every revolution and at both ends, on the recording's clock.
     #[arg(short, long, value_name = "FILE.tum")]
     out: Option<PathBuf>,
@@ -63,7 +64,7 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
-    args.settings.check()?;
+    args.settings.spec().check()?;
     args.recorded.check_places([&args.out, &args.kitti, &args.map])?;
     let map = args.map.as_deref().map(|path| map_of(args, path)).transpose()?;
     if args.scene.is_none() {

@@ -47,11 +47,6 @@ pub(crate) fn check_places<'a>(paths: impl IntoIterator<Item = &'a Option<PathBu
     asked.try_for_each(|path| check_place(path).with_context(|| format!("cannot write {}", path.display())))
 }
 
-/// So many of something: `1 frame`, `2 frames`.
-pub(crate) fn counted(count: u64, of_one: &str) -> String {
-    format!("{count} {of_one}{}", if count == 1 { "" } else { "s" })
-}
-
 /// Whether notes and progress are shown, and whether each step is.
 static QUIET: AtomicBool = AtomicBool::new(false);
 static VERBOSE: AtomicBool = AtomicBool::new(false);

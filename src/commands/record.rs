@@ -13,12 +13,11 @@ use sensors::ouster::Metadata;
 
 pub(super) use self::metadata::metadata_of;
 use self::watch::{say, unreadable, watch};
-use super::sensor_metadata::first_look;
 use super::{Context, Outcome, signals};
 use crate::live::config::{SensorConfig, Stream};
 use crate::live::receive::{Listen, Options, Receiver, auxiliary_name, is_auxiliary};
-use crate::live::watch::FirstLooks;
-use crate::recording::{Parts, Recording, SensorInfo, SessionError};
+use crate::live::watch::{FirstLooks, first_look};
+use crate::recording::{LiveRecording, Parts, SensorInfo, SessionError};
 use crate::rig::{MountSlots, Rig};
 
 /// Arguments of `record`.
@@ -85,7 +84,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         warn_without_slot(rig, &listens);
     }
     let shown = looks.clone();
-    let mut recording = Recording::start_observed(receiver, session, move |batch| {
+    let mut recording = LiveRecording::start_observed(receiver, session, move |batch| {
         shown.take(batch.iter().map(|datagram| (datagram.sensor, datagram.packet())));
     })?;
     let watched = runtime.block_on(watch(&mut recording, &mut parts, &listens, &looks, args.duration));

@@ -1,29 +1,20 @@
 //! `outrigger replay`: a capture's packets once more, in their own time.
 
-mod sending;
-mod target;
-
-use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use anyhow::{Context as _, bail, ensure};
-use indicatif::{ProgressBar, ProgressStyle};
+use anyhow::{bail, ensure};
+use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 
-use super::recording;
 use super::{Context, Outcome, output, signals};
-use crate::mock::senders::SenderSockets;
-use crate::mock::transmit::{Clock, Pace, Transmitter};
+use crate::mock::replay::{ReplaySpec, Target, parse_map, parse_target};
+use crate::mock::transmit::Pace;
 use crate::recording::Session;
 use crate::recording::bags::is_bag_folder;
-use crate::recording::packet_reader::PacketReader;
-use sending::{Sent, send_once};
-use target::{Target, parse_map, parse_target};
+use crate::recording::source::{name_of, packets_of, spool};
 
-/// Datagrams looked at before sending, to know which ports there are.
-const LOOK_AHEAD: u64 = 20_000;
 const INTERRUPTED: &str = "interrupted: the rest of the recording was not sent";
 /// Time after Ctrl-C in which a packet may still be waited for.
 const TO_END_WITHIN: Duration = Duration::from_secs(1);
@@ -57,89 +48,42 @@ pub struct Args {
 
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let mut path = packets_path(&args.capture)?;
-    let name = recording::name_of(&path);
+    let path = packets_path(&args.capture)?;
+    let (name, is_repeated) = (name_of(&path), args.again);
+    let mut spec =
+        ReplaySpec { path, name, to: args.to, map: args.map.clone(), pace: args.rate, is_repeated };
     // what is read once needs no copy
-    let spooled = match args.again || looks_ahead(args) {
-        true => recording::spool(&path)?,
+    let spooled = match args.again || spec.looks_ahead() {
+        true => spool(&spec.path)?,
         false => None,
     };
     if let Some(file) = &spooled {
-        path = file.path().to_owned();
+        spec.path = file.path().to_owned();
     }
-    check_ports(args, &path)?;
+    spec.check_ports()?;
     let stop = signals::stop_within(TO_END_WITHIN, INTERRUPTED)?;
-    let begun = Instant::now();
-    let mut sent = Sent::default();
     let bar = ProgressBar::new_spinner();
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {wide_msg}") {
         bar.set_style(style);
     }
-    let mut sockets = Transmitter::new(None, SocketAddr::new(args.to.ip, 1), Clock::new(args.rate, None))
-        .and_then(SenderSockets::new)
-        .context("cannot open a socket to send from")?;
-    loop {
-        sockets.transmitter.set_clock(Clock::new(args.rate, None));
-        send_once(args, &path, &mut sent, &mut sockets, &bar, &stop)?;
-        if stop.load(Ordering::Relaxed) {
-            break;
+    let show = |packets: u64, bytes: u64| {
+        if std::io::stderr().is_terminal() {
+            bar.set_message(format!("{} packets, {}", HumanCount(packets), HumanBytes(bytes)));
+            bar.tick();
         }
-        sent.rounds += 1;
-        if !args.again || sent.packets == 0 {
-            break;
-        }
-    }
+    };
+    let sent = spec.send(&show, &stop);
     bar.finish_and_clear();
-    sent.wall_s = begun.elapsed().as_secs_f64();
-    let is_interrupted = stop.load(Ordering::Relaxed);
-    if sent.packets == 0 && !is_interrupted {
-        let none_mapped = (sent.not_mapped > 0).then(|| "none goes to a mapped port".to_owned());
-        let why: String = none_mapped.iter().chain(&sent.losses).flat_map(|why| ["; ", why]).collect();
-        bail!("{name}: no UDP packet to send{why}");
-    }
-    sent.note_mixed_senders();
-    output::print_result(context.json, &sent, || sent.text(args), &sent.losses)?;
+    let sent = sent?;
+    output::print_result(context.json, &sent, || sent.text(&spec), &sent.losses)?;
     sent.notices.iter().for_each(|notice| output::say_notice(notice));
-    ensure!(!is_interrupted || args.again, INTERRUPTED);
+    ensure!(!stop.load(Ordering::Relaxed) || args.again, INTERRUPTED);
     Ok(if sent.losses.is_empty() { Outcome::Done } else { Outcome::DataLost })
-}
-
-/// Whether the ports of the recording have to be known before anything is sent.
-fn looks_ahead(args: &Args) -> bool {
-    args.to.port.is_some() && args.map.is_empty()
-}
-
-/// Refuses to mix ports without being asked: sensors that end on one port can no longer be separated.
-fn check_ports(args: &Args, path: &Path) -> anyhow::Result<()> {
-    for (at, (from, to)) in args.map.iter().enumerate() {
-        let before = args.map[..at].iter().find(|(other, _)| other == from);
-        if let Some((_, before)) = before {
-            refuse!("--map {from}={before} and --map {from}={to}: a port goes to one port");
-        }
-    }
-    let (Some(port), true) = (args.to.port, looks_ahead(args)) else { return Ok(()) };
-    let mut capture = PacketReader::open(path, &path.display().to_string())?;
-    let mut ports: BTreeMap<u16, u64> = BTreeMap::new();
-    for _ in 0..LOOK_AHEAD {
-        // damage is found again, and reported, when the packets are sent
-        let Ok(Some(packet)) = capture.next() else { break };
-        *ports.entry(packet.destination.port()).or_default() += 1;
-    }
-    if ports.len() > 1 {
-        let list: Vec<String> =
-            ports.iter().map(|(port, packets)| format!("{port} ({packets} packets)")).collect();
-        bail!(
-            "the capture has packets for ports {}: say what goes where with --map PORT={port} ..., or give --to \
-             without a port to keep them",
-            list.join(", ")
-        );
-    }
-    Ok(())
 }
 
 fn packets_path(capture: &Path) -> anyhow::Result<PathBuf> {
     if capture.is_dir() && Session::is_session(capture) {
-        return recording::packets_of(capture);
+        return Ok(packets_of(capture)?);
     }
     if !capture.is_dir() || is_bag_folder(capture) {
         return Ok(capture.to_owned());

@@ -2,13 +2,13 @@
 
 mod shapes;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::{Mesh, MeshFile, MeshFileError, MeshUnit, UNITS, UpAxis, plausible_units};
+use crate::world::scene::{Mesh, MeshUnit, UNITS, UpAxis};
 use crate::world::surface::{SurfaceSamples, read_points};
 use crate::world::trajectory::PoseError;
 
@@ -28,23 +28,10 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
 pub struct MeshArgs {
     /// Unit of the mesh file [default: as a comment of the file says, else m, refused where the size makes that absurd].
     #[arg(long, value_name = "UNIT", value_parser = one_of(&UNITS))]
-    mesh_unit: Option<MeshUnit>,
+    pub(super) mesh_unit: Option<MeshUnit>,
     /// Axis of the mesh file that points up [default: z; y for glTF].
     #[arg(long, value_name = "AXIS", value_parser = one_of(&[("z", UpAxis::Z), ("y", UpAxis::Y)]))]
-    up: Option<UpAxis>,
-}
-
-impl MeshArgs {
-    /// Reads a mesh; what is neither typed nor stated by the format is metres, z up.
-    pub(crate) fn read(&self, path: &Path) -> anyhow::Result<MeshFile> {
-        match MeshFile::read(path, self.mesh_unit, self.up) {
-            Err(error @ MeshFileError::UnitUnclear { extent_units, .. }) => {
-                let guess = MeshUnit::offer(&plausible_units(extent_units), extent_units.into());
-                bail!("{error}: pass --mesh-unit {}{guess}", UNITS.map(|(name, _)| name).join(", "))
-            }
-            read => Ok(read?),
-        }
-    }
+    pub(super) up: Option<UpAxis>,
 }
 
 /// What a trajectory may be off by.

@@ -6,11 +6,31 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::output;
+use crate::recording::Observer;
 use crate::simulate::Progress;
 use crate::verify::judgement::judge::Step;
 
 /// A verb at work; the line disappears when it ends.
 pub struct Stage(ProgressBar);
+
+/// Shows on the terminal how far a recording is read.
+pub(crate) fn observer() -> Observer {
+    Observer {
+        stage: |what| {
+            let stage = Stage::begin(what);
+            Box::new(move |progress| stage.progress()(progress))
+        },
+        reading: |bytes| {
+            let bar = ProgressBar::new(bytes);
+            if let Ok(style) = ProgressStyle::with_template("{bar:40} {bytes}/{total_bytes} {eta}") {
+                bar.set_style(style);
+            }
+            let stage = Stage(bar);
+            Box::new(move |position| stage.at(position))
+        },
+        notice: output::say_notice,
+    }
+}
 
 /// Without and with a known amount of work.
 const UNCOUNTED: &str = "{spinner} {elapsed} {wide_msg}";
@@ -64,6 +84,7 @@ impl Stage {
         |progress| match progress {
             Progress::Total(all) => self.counts(all, 0),
             Progress::Done(more) => self.more(more),
+            Progress::At(done) => self.at(done),
         }
     }
 

@@ -1,17 +1,10 @@
 //! The trajectory through a scene, as typed: a file, waypoints, or a planned walk.
 
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
-
-use anyhow::Context as _;
-use glam::DVec2;
-
-use crate::recording::bags::{Surroundings, is_bag_at};
-use crate::simulate::walk::{self, Waypoint};
+use crate::recording::walk_text::WalkText;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::Scene;
-use crate::world::trajectory::{ReadTrajectory, Trajectory, suspicions};
+use crate::world::trajectory::Trajectory;
 
 /// Trajectory of the body.
 #[derive(clap::Args, Debug, Clone)]
@@ -45,18 +38,10 @@ impl TrajectoryArgs {
         scene: &Scene,
         origin: LocalOrigin,
     ) -> anyhow::Result<(Trajectory, Vec<String>)> {
-        let walk = match &self.trajectory {
-            Some(WalkText::File(path)) => {
-                let (trajectory, mut notes) = read_trajectory(path, self.rate)?;
-                notes.extend(suspicions(&trajectory, &self.name()));
-                return Ok((origin.local_trajectory(trajectory), notes));
-            }
-            Some(WalkText::Waypoints(waypoints)) => {
-                let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(origin)).collect();
-                walk::along(scene, &local)?
-            }
-            None => walk::planned(scene)?,
-        };
+        let walk = WalkText::walk_through(self.trajectory.as_ref(), self.rate, scene, origin)?;
+        if self.is_file() {
+            return Ok((walk.trajectory, walk.doubts));
+        }
         let legs = walk.corners_m.len().saturating_sub(1);
         let length_m = walk.trajectory.length_m();
         let mut notes =
@@ -77,77 +62,4 @@ impl TrajectoryArgs {
         placement.doubts.iter_mut().for_each(|doubt| *doubt = format!("{}: {doubt}", self.name()));
         placement
     }
-}
-
-/// A trajectory as typed: a file, or waypoints "x,y x,y ..." or "x,y,z ...", m.
-#[derive(Clone, Debug)]
-pub enum WalkText {
-    File(PathBuf),
-    Waypoints(Vec<Waypoint>),
-}
-
-impl WalkText {
-    /// As it stands in a file of that folder: what is a file lies there.
-    pub(crate) fn text_in(text: &str, folder: &Path) -> OsString {
-        match text.parse() {
-            Ok(Self::File(path)) => folder.join(path).into_os_string(),
-            _ => text.into(),
-        }
-    }
-}
-
-impl std::str::FromStr for WalkText {
-    type Err = String;
-
-    /// A path wins over numbers: a file may be called anything.
-    fn from_str(text: &str) -> Result<Self, String> {
-        let is_of_numbers = text.chars().all(|c| c.is_ascii_digit() || " \t.,;+-eE".contains(c));
-        if !is_of_numbers || !text.contains(',') || Path::new(text).exists() {
-            return Ok(Self::File(text.into()));
-        }
-        let mut waypoints = Vec::new();
-        for (index, part) in text.split([' ', '\t', ';']).filter(|part| !part.is_empty()).enumerate() {
-            let found = |what: String| format!("waypoint {} ({part:?}): {what}", index + 1);
-            let numbers = part.split(',').map(|number| number.parse().ok().filter(|v: &f64| v.abs() < 1e8));
-            let numbers: Option<Vec<f64>> = numbers.collect();
-            let numbers = numbers.ok_or_else(|| found("every part must be a number, in m".into()))?;
-            waypoints.push(match numbers[..] {
-                [x, y] => Waypoint { at_m: DVec2::new(x, y), z_m: None },
-                [x, y, z] => Waypoint { at_m: DVec2::new(x, y), z_m: Some(z) },
-                _ => return Err(found(format!("{} numbers, expected x,y or x,y,z", numbers.len()))),
-            });
-        }
-        match waypoints.len() {
-            0 | 1 => Err(format!("{} waypoints, expected two or more: \"0,0 5,0 5,4\"", waypoints.len())),
-            _ => Ok(Self::Waypoints(waypoints)),
-        }
-    }
-}
-
-/// Reads a trajectory, in the frame of its file; how it was read, each line after the file's name.
-pub(crate) fn read_trajectory(
-    path: &Path,
-    rate_hz: Option<f64>,
-) -> anyhow::Result<(Trajectory, Vec<String>)> {
-    let name = path.display();
-    let (bag, topic) = bag_and_topic(path);
-    if is_bag_at(bag) {
-        if rate_hz.is_some() {
-            refuse!("--rate is for poses without times (KITTI): {name} is a bag, and its poses have times");
-        }
-        return Ok(Surroundings::read(bag, &bag.display().to_string())?.platform_trajectory(bag, topic)?);
-    }
-    let bytes = crate::base::files::read(path).with_context(|| name.to_string())?;
-    let read = Trajectory::read(&bytes, rate_hz).with_context(|| name.to_string())?;
-    let ReadTrajectory { trajectory, notes } = read;
-    Ok((trajectory, notes.into_iter().map(|note| format!("{name}: {note}")).collect()))
-}
-
-/// The bag of `BAG:/TOPIC`, and the topic; the whole path where there is a file of that name.
-fn bag_and_topic(path: &Path) -> (&Path, Option<&str>) {
-    let parts = path.to_str().filter(|_| !path.exists()).and_then(|text| text.split_once(":/"));
-    parts.map_or((path, None), |(bag, _)| {
-        let topic = path.to_str().map(|text| &text[bag.len() + 1..]);
-        (Path::new(bag), topic)
-    })
 }

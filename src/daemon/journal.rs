@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 
-use crate::drive::ServoReport;
 use crate::live::receive::now_ns;
+use crate::recording::ServoReport;
 
 /// Events for the page.
 const MAX_EVENTS: usize = 100;

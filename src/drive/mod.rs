@@ -32,6 +32,6 @@ pub use hosted::HostedLink;
 pub use link::{Link, Received};
 pub(crate) use open::is_no_path;
 pub use open::open;
-pub use report::{AxisStatus, RigStatus, ServoReport, WatchedAxis};
+pub use report::{AxisStatus, RigStatus, WatchedAxis};
 pub use rig::Rig;
 pub use serial::SerialLink;

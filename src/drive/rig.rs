@@ -6,9 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::{
-    Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, ServoReport, open,
-};
+use super::{Applied, Interrupt, Link, Options, Progress, RigController, RigError, RigStatus, open};
+use crate::recording::ServoReport;
 
 /// Reports that wait for a slow reader before they are dropped.
 const WAITING_REPORTS: usize = 4096;

@@ -6,8 +6,9 @@ use firmware_protocol::{
     ALL_AXES, AckCode, Direction, Fault, Faults, Limit, Report, ResetCause, Source, State,
 };
 
+use super::Received;
 use super::held::{Encoder, Held};
-use super::{Received, ServoReport};
+use crate::recording::ServoReport;
 
 /// A reading older than this is shown as stale, ns.
 const STALE_NS: u64 = 250_000_000;

@@ -40,32 +40,54 @@
 //! Packets and lines reach their file whole: a crash, a kill or a full disk can cut off at most what was not yet
 //! flushed (every half second, followed by a sync to the disk), and what was cut through is skipped when the session is opened.
 
+pub(crate) mod assigned_file;
 pub mod bags;
 mod clock;
+pub(crate) mod cutting;
+pub(crate) mod decoding;
 mod disk;
 pub mod export;
+mod fault;
+mod flows;
+pub(crate) mod inspection;
 mod manifest;
-mod open;
 pub(crate) mod moment;
+pub(crate) mod mounted;
+mod observer;
+mod open;
 pub(crate) mod packet_reader;
 pub(crate) mod packet_writer;
+pub(crate) mod part;
 mod parts;
 pub(crate) mod playback;
 mod receiving;
 pub(crate) mod registered;
+pub(crate) mod scene;
+pub(crate) mod sensor_ids;
+mod servo_report;
 mod session;
 mod shared;
+pub(crate) mod source;
 mod ticker;
+mod trajectory_file;
+pub(crate) mod walk_text;
+pub(crate) mod unread;
 mod whereabouts;
 mod whole_file;
 mod writer;
 
 pub use clock::{ClockSource, HOST_CLOCK_STEP};
 pub use disk::{FileEntry, LOW_DISK_BYTES, LOW_DISK_SECONDS, free_bytes};
+pub use fault::Fault;
 pub use manifest::{FORMAT, Losses, Manifest, SensorEntry};
+pub use mounted::{FramePitch, TiltHistory, TiltReading};
+pub(crate) use observer::Observer;
 pub(crate) use parts::Parts;
-pub use receiving::Recording;
+pub use receiving::LiveRecording;
+pub use servo_report::ServoReport;
 pub use session::{Session, SessionPackets};
+pub(crate) use source::{Recording, RecordingError, RecordingSpec};
+pub(crate) use trajectory_file::read_trajectory;
 pub use whereabouts::Displaced;
 pub use writer::{SensorInfo, SessionWriter};
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Losses, Recording, SensorInfo, SessionError, SessionWriter};
+use super::{LiveRecording, Losses, SensorInfo, SessionError, SessionWriter};
 use crate::live::receive::now_ns;
 use crate::rig::{MountSlots, Rig};
 
@@ -48,7 +48,7 @@ impl Parts {
     }
 
     /// Goes on in a new session: under the same name where that is free, as programs read that.
-    pub(crate) fn go_on(&mut self, recording: &mut Recording, words: &str) -> Result<(), SessionError> {
+    pub(crate) fn go_on(&mut self, recording: &mut LiveRecording, words: &str) -> Result<(), SessionError> {
         let numbered = (2..).map(|number| {
             let mut name = self.asked.clone().into_os_string();
             name.push(format!("-{number}"));

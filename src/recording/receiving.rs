@@ -11,7 +11,7 @@ const BATCH: usize = 64;
 
 /// A thread that writes what a receiver receives.
 #[derive(Debug)]
-pub struct Recording {
+pub struct LiveRecording {
     session: Arc<RwLock<Arc<SessionWriter>>>,
     /// What was lost before the session began.
     before: Tally,
@@ -20,7 +20,7 @@ pub struct Recording {
     thread: JoinHandle<()>,
 }
 
-impl Recording {
+impl LiveRecording {
     /// Starts to write. Sensors of the receiver and of the session are the same, in the same order.
     pub fn start(receiver: Receiver, session: SessionWriter) -> Result<Self, SessionError> {
         Self::start_observed(receiver, session, |_| {})
@@ -78,7 +78,7 @@ impl Recording {
         &self.monitor
     }
 
-    /// Whether recording ended by itself: the disk is full or broken. [`Recording::stop`] says why.
+    /// Whether recording ended by itself: the disk is full or broken. [`LiveRecording::stop`] says why.
     pub(crate) fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }

@@ -21,4 +21,6 @@ pub(crate) enum Progress {
     Total(u64),
     /// So much more is done.
     Done(u64),
+    /// So much is done in all.
+    At(u64),
 }

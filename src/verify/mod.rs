@@ -2,6 +2,8 @@
 
 pub mod judgement;
 pub mod odometry;
+pub(crate) mod readiness;
 pub mod compare;
 pub mod calibrate;
 pub mod align;
+pub(crate) mod walk;

@@ -8,9 +8,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 use outrigger::base::geometry::Pose;
-use outrigger::drive::ServoReport;
 use outrigger::live::clocks::host::HostTime;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::recording::ServoReport;
 use outrigger::recording::{ClockSource, SensorInfo, Session, SessionWriter, file};
 use outrigger::rig::{Mount, MountFile, SensorEntry};
 use outrigger::world::scene::{BoxScene, Scene};

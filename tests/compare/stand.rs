@@ -6,8 +6,8 @@ use std::process::Command;
 
 use glam::DVec3;
 use outrigger::base::geometry::Pose;
-use outrigger::drive::ServoReport;
 use outrigger::mock::sensor::{MockSensor, Surroundings};
+use outrigger::recording::ServoReport;
 use outrigger::recording::{SensorInfo, SessionWriter};
 use outrigger::rig::{Mount, MountFile, SensorEntry};
 use outrigger::world::scene::{BoxScene, Scene};

@@ -2,8 +2,8 @@
 
 use std::os::unix::fs::symlink;
 
-use outrigger::drive::ServoReport;
 use outrigger::mock::rig::{MockConfig, MockRig};
+use outrigger::recording::ServoReport;
 use outrigger::rig::MountFile;
 use serde_json::Value;
 

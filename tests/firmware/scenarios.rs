@@ -8,7 +8,8 @@ use firmware_protocol::{
     ALL_AXES, AckCode, Command, Direction, Fault, Frame, Order, Report, ResetCause, State,
 };
 use outrigger::base::rng::Rng;
-use outrigger::drive::{Link, LinkError, Options, Rig, RigError, SerialLink, ServoReport};
+use outrigger::drive::{Link, LinkError, Options, Rig, RigError, SerialLink};
+use outrigger::recording::ServoReport;
 
 use super::emulator::{Emulator, MISSING, is_there};
 use crate::support::{Case, with_machine};

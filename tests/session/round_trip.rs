@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::DVec3;
 use outrigger::live::receive::{Listen, Options, Receiver};
 use outrigger::mock::transmit::{Clock, Pace, Transmitter};
-use outrigger::recording::{Manifest, Recording, SensorInfo, Session, SessionWriter, file};
+use outrigger::recording::{LiveRecording, Manifest, SensorInfo, Session, SessionWriter, file};
 use outrigger::rig::{MountFile, SensorEntry};
 use outrigger::world::trajectory::Trajectory;
 
@@ -19,7 +19,7 @@ pub fn record_two(dir: &Path, streams: [&[Vec<u8>]; 2]) -> Manifest {
     let receiver = Receiver::start(&listens, Options::default()).unwrap();
     let addresses = [0, 1].map(|sensor| receiver.address(sensor));
     let infos = [0, 1].map(|sensor| SensorInfo::of(&listens[sensor], addresses[sensor], None));
-    let recording = Recording::start(receiver, SessionWriter::create(dir, &infos).unwrap()).unwrap();
+    let recording = LiveRecording::start(receiver, SessionWriter::create(dir, &infos).unwrap()).unwrap();
     std::thread::scope(|scope| {
         for (stream, to) in streams.into_iter().zip(addresses) {
             scope.spawn(move || {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::report::chart::signed;
+use crate::base::numbers::signed;
 use crate::report::values;
 use crate::verify::calibrate::RelativeMount;
 

@@ -3,23 +3,29 @@
 mod document;
 mod files;
 mod place;
-mod replaying;
 
 use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use super::recorded::{Recorded, RecordedArgs, data_gaps};
+use super::recorded_args::RecordedArgs;
 use super::scene_args::PoseErrorArgs;
 use super::stage::Stage;
-use super::{Context, Outcome};
+use super::{Context, Outcome, output};
 use crate::base::files::check_folder;
-use crate::verify::compare::Healthy;
+use crate::recording::mounted::{MountedRecording, data_gaps};
+use crate::recording::read_trajectory;
+use crate::verify::compare::{Gate, Healthy, Replaying, cover_planned, grid_over, seen_patches};
 use crate::verify::judgement::judge::{Inputs, judge};
-use document::{Document, ZeroOffer};
+use crate::verify::walk::Place;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use document::Document;
 use files::{conclude, unplaced, write};
 use place::PlaceArgs;
-use replaying::{grid, patches, planned, replayed};
+
+/// Samples of the surface, and the distance between the points of the path from which lines of sight are drawn, m.
+const SAMPLES: usize = 200_000;
+const STATION_STEP_M: f64 = 0.5;
 
 /// Arguments of `compare`.
 #[derive(clap::Args, Debug)]
@@ -69,21 +75,25 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let start = std::time::Instant::now();
     let error = args.pose_error.error();
     check(args, context)?;
-    let recorded = Recorded::open(&args.recorded, context)?;
-    let place = place::read(&args.place, &recorded, context)?;
+    let recorded = MountedRecording::open(&args.recorded.spec(context))?;
+    let place = Place::find(args.place.spec(context)?, &recorded)?;
     if let Some(alignment) = place.alignment.as_ref().filter(|alignment| alignment.placed().is_none()) {
         let problems = recorded.notices.iter().chain(&place.notices).cloned().collect();
         return unplaced(args, context, alignment, problems, start.elapsed().as_secs_f64());
     }
     let rig = &recorded.rig;
     let (scene, trajectory) = (&place.scene, &place.trajectory);
-    let grid = grid(args, scene)?;
-    let patches = patches(args, scene, rig, trajectory);
-    let (replayed, mut pass) = replayed(args, &recorded, &place, &grid, patches.as_ref())?;
+    let grid = grid_over(scene, args.voxel)?;
+    let sampling = (SAMPLES, STATION_STEP_M, args.seed);
+    let patches = seen_patches(scene, rig.mean_height_m(), trajectory, sampling);
+    let gate = Gate { agree_within_m: args.gate, time_offset_ns: place.time_offset_ns, ..Gate::default() };
+    let (patches, mapped) = (patches.as_ref(), place.mapped.clone());
+    let replaying = Replaying { scene, trajectory, rig, grid: &grid, gate, patches, mapped };
+    let (replayed, mut pass) = replaying.run(|take| recorded.feed(take))?;
     let trajectory_ns =
         trajectory.time_span_ns().map(|time_ns| time_ns.saturating_add_signed(-place.time_offset_ns));
-    pass.faults.extend(data_gaps::data_gaps(rig, &pass.data_spans, trajectory_ns));
-    let planned = planned(args, scene, rig, &grid, place.origin)?;
+    pass.faults.extend(data_gaps(rig, &pass.data_spans, trajectory_ns));
+    let planned = planned(args, &place, &recorded, &grid)?;
     let stage = Stage::begin("looking for a better reading of the recording");
     let comparison = judge(
         Inputs {
@@ -91,7 +101,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             scene,
             trajectory,
             origin: place.origin,
-            patches: patches.as_ref(),
+            patches,
             planned: planned.as_ref(),
             healthy: Healthy { pose: error, runs: args.nulls.into(), seed: args.seed, ..Healthy::default() },
             revolution_ns: pass.revolution_ns,
@@ -102,27 +112,25 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         &replayed,
     );
     drop(stage);
-    let axes = recorded.axes(&pass);
-    let mut problems = recorded.notices.clone();
-    problems.extend(recorded.contradicted(&pass));
-    problems.extend(place.notices);
-    problems.extend(pass.losses.iter().cloned());
-    let document = Document {
-        format: "outrigger-compare/1",
-        recording: pass.sensors,
-        servo_zero: ZeroOffer::of(&axes, &comparison.mount),
-        rig: axes,
-        problems,
-        alignment: place.alignment,
-        time_offset_s: place.time_offset_ns as f64 * 1e-9,
-        time_offset: place.time_offset,
-        wall_s: start.elapsed().as_secs_f64(),
-        comparison,
-    };
+    let document = Document::new(&recorded, &place, &pass, comparison, start.elapsed().as_secs_f64());
     let written = write(args, &document, &replayed, (scene, place.origin), trajectory, recorded.mount);
     // a disk that is full by now takes the files, not what was found
     let outcome = conclude(args, context, &document, pass.losses.is_empty() && !place.is_misplaced)?;
     Ok(if written? { outcome } else { Outcome::DataLost })
+}
+
+/// What the nominal mounts cover on the planned trajectory.
+fn planned(
+    args: &Args,
+    place: &Place,
+    recorded: &MountedRecording,
+    grid: &VoxelGrid,
+) -> anyhow::Result<Option<Coverage>> {
+    let Some(path) = &args.planned else { return Ok(None) };
+    let (trajectory, notes) = read_trajectory(path, None)?;
+    notes.iter().for_each(|note| output::say_notice(note));
+    let trajectory = place.origin.local_trajectory(trajectory);
+    Ok(Some(cover_planned(&place.scene, &trajectory, &recorded.rig, grid)))
 }
 
 fn check(args: &Args, context: Context) -> anyhow::Result<()> {

@@ -10,7 +10,7 @@ use anyhow::{Context as _, bail};
 use super::Args;
 use super::surroundings::read_site;
 use crate::commands::defaults::section;
-use crate::commands::{Context, Verb, record, rig_args};
+use crate::commands::{Context, Verb, ensure_consistent, record, rig_args};
 use crate::daemon::{RecorderSettings, RigSettings, SensorSettings, Settings, Token};
 use crate::live::config::Config;
 use crate::live::receive;
@@ -30,9 +30,9 @@ pub(super) fn settings(args: &Args, config: &'static Config, context: Context) -
     if sensors.is_empty() {
         bail!("{}: no [[sensor]] has a `listen`", config.path.display());
     }
-    if args.stop_below_mib > args.warn_below_mib {
-        refuse!("--stop-below-mib {} is above --warn-below-mib {}", args.stop_below_mib, args.warn_below_mib);
-    }
+    let (stop, warn) = (args.stop_below_mib, args.warn_below_mib);
+    let words = format!("--stop-below-mib {stop} is above --warn-below-mib {warn}");
+    ensure_consistent([(stop > warn, words)])?;
     let of_record: record::Args = section(config, &["record"], |verb| match verb {
         Verb::Record(args) => Some(args),
         _ => None,

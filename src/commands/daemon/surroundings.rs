@@ -3,12 +3,11 @@
 use anyhow::bail;
 
 use super::site::SiteArgs;
-use crate::commands::trajectory_args::read_trajectory;
-use crate::commands::{Context, scene_file};
+use crate::commands::{Context, ensure_consistent, scene_file};
 use crate::daemon::Site;
+use crate::recording::read_trajectory;
 use crate::rig::MountSlots;
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::LoadedScene;
 
 /// Reads what is named. `axes` are the sensors that axis 0, 1, ... turn, where that is configured: everywhere behind this they
 /// come in that order.
@@ -18,22 +17,14 @@ pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> a
         let slots = MountSlots::read(path, axes)?;
         (site.rig, site.calibrations, site.mount) = (slots.rig, slots.calibrations, Some(slots.mount));
     }
-    let loaded = match (&args.scene, &args.room) {
-        (Some(_), Some(_)) => refuse!("--scene and --room are both given: which of the two is it?"),
-        (Some(path), None) => {
-            let read = scene_file::read(path, &args.mesh, &args.map, context)?;
-            read.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-            Some(read)
-        }
-        (None, Some(room)) => {
-            scene_file::ensure_none_typed(context, "the scene is a room")?;
-            Some(LoadedScene::of_room(&room.scene()))
-        }
-        (None, None) => {
-            scene_file::ensure_none_typed(context, "there is none")?;
-            None
-        }
-    };
+    let is_both = args.scene.is_some() && args.room.is_some();
+    ensure_consistent([(is_both, "--scene and --room are both given: which of the two is it?".into())])?;
+    let scene = args.scene.as_deref();
+    let loaded = scene_file::read_or_room(scene, args.room, &args.mesh, &args.map, context)?;
+    match &loaded {
+        Some(loaded) => loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}")),
+        None => scene_file::ensure_none_typed(context, "there is none")?,
+    }
     let mut origin = loaded.as_ref().map(|loaded| loaded.origin);
     site.scene = loaded.map(|loaded| loaded.scene);
     let cells = site.grid().cells.iter().map(|count| *count as f64).product::<f64>();
@@ -49,11 +40,10 @@ pub(crate) fn read_site(args: &SiteArgs, axes: &[String], context: Context) -> a
     if let Some(line) = origin.map(LocalOrigin::line).filter(|line| !line.is_empty()) {
         tracing::info!("{}; what the daemon shows is around it", line.trim_end());
     }
-    if args.trajectory_starts_with_recording && args.trajectory.is_none() {
-        refuse!(
-            "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml"
-        );
-    }
+    let words =
+        "--trajectory-starts-with-recording: no trajectory; expected --trajectory, or one in the rig.toml";
+    let lacks_trajectory = args.trajectory_starts_with_recording && args.trajectory.is_none();
+    ensure_consistent([(lacks_trajectory, words.into())])?;
     site.starts_with_recording = args.trajectory_starts_with_recording;
     Ok(site)
 }

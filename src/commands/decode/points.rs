@@ -1,19 +1,14 @@
 //! Which points `decode` writes, and in which frame: the options, and what they mean.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use super::frames::{FrameRange, OutputFrame};
-use crate::commands::Context;
 use crate::commands::part::PartArgs;
 use crate::commands::ranges::within;
-use crate::commands::recorded::axis_zeros::AxisZeros;
-use crate::commands::recording::Recording;
-use crate::commands::registered::mounts::Mounts;
-use crate::commands::registered::trajectory;
-use crate::recording::export::{FileFrame, Format, ReferenceSystem};
+use crate::commands::{Context, ensure_consistent};
+use crate::recording::decoding::{DecodingSpec, OutputFrame};
+use crate::recording::export::{Format, ReferenceSystem};
 use crate::recording::registered::{
-    ClipBox, Mask, PointFilter, RangeLimits, Registration, Returns, Target, TimeOffset, TimeWindow,
-    VoxelThinning,
+    ClipBox, Mask, PointFilter, RangeLimits, Returns, TimeOffset, TimeWindow, VoxelThinning,
 };
 
 /// Where points are wanted, and which.
@@ -50,33 +45,16 @@ pub struct PointArgs {
     #[arg(long, value_name = "operator|X,Y,Z,X,Y,Z,R", allow_hyphen_values = true)]
     mask: Option<Mask>,
     #[command(flatten)]
-    pub(super) part: PartArgs,
+    part: PartArgs,
     /// Coordinate reference system of the trajectory, written to LAS and LAZ: EPSG:N, or a file with well-known text.
     #[arg(long, value_name = "EPSG:N|FILE")]
     crs: Option<ReferenceSystem>,
 }
 
 impl PointArgs {
-    /// Whether points leave their sensors' frames.
-    pub(super) fn is_moved(&self) -> bool {
-        self.frame != OutputFrame::Sensor
-    }
-
-    /// Whether some points may be left out.
-    pub(super) fn is_selective(&self) -> bool {
-        let has_times = self.part.from.is_some() || self.part.to.is_some();
-        let has_places = self.clip.is_some() || self.mask.is_some() || self.range.is_some();
-        self.frame == OutputFrame::World || has_times || has_places || !self.part.only.is_empty()
-    }
-
-    /// Whether the recording is read before it is decoded.
-    pub(super) fn is_read_again(&self) -> bool {
-        self.frame == OutputFrame::World
-    }
-
     /// Refuses what does not fit together, before anything is read.
     pub(super) fn check(&self, context: Context, format: Option<Format>) -> anyhow::Result<()> {
-        if !self.is_moved() {
+        if self.frame == OutputFrame::Sensor {
             context.ensure_not_typed(
                 &["trajectory", "mount", "time_offset", "mask", "crs"],
                 "needs --frame world or --frame rig: without it points stay in their sensor's own frame",
@@ -85,73 +63,36 @@ impl PointArgs {
         if self.frame == OutputFrame::Rig {
             context.ensure_not_typed(&["trajectory", "time_offset", "crs"], "needs --frame world")?;
         }
-        if let (Some(_), Some(format)) = (&self.crs, format.filter(|format| !format.holds_reference_system()))
-        {
-            refuse!(
-                "--crs: a {} file has no place for it; expected --out NAME.las or NAME.laz",
-                format.extension()
-            );
-        }
-        Ok(())
+        let Some(format) = format.filter(|format| !format.holds_reference_system()) else { return Ok(()) };
+        let words = format!(
+            "--crs: a {} file has no place for it; expected --out NAME.las or NAME.laz",
+            format.extension()
+        );
+        ensure_consistent([(self.crs.is_some(), words)])
     }
 
-    /// The frames that are meant, by `--frames`, `--from` and `--to`.
-    pub(super) fn frames(&self, frames: Option<FrameRange>) -> Option<FrameRange> {
-        let [from, to] = self.part.revolutions();
-        if from.is_none() && to.is_none() {
-            frames
-        } else {
-            Some(frames.unwrap_or_default().within(from, to))
-        }
-    }
-
-    pub(super) fn trajectory(&self) -> Option<&Path> {
-        self.trajectory.as_deref()
-    }
-
-    pub(super) fn time_offset(&self) -> TimeOffset {
-        self.time_offset
-    }
-
-    pub(super) fn filter(&self) -> PointFilter {
-        PointFilter {
-            range: self.range,
-            returns: self.returns,
-            window: TimeWindow::new(self.part.from, self.part.to),
-            mask: self.mask,
-            clip: self.clip,
-            voxels: self.voxel.map(VoxelThinning::new),
-        }
-    }
-
-    /// The frame of the files.
-    pub(super) fn file_frame(&self, registration: &Registration) -> FileFrame {
-        FileFrame {
-            name: registration.frame_name(),
-            origin: registration.origin(),
+    /// What is asked for of the points, `format` and `out` left open.
+    pub(super) fn spec(&self) -> DecodingSpec {
+        let part = self.part.part();
+        DecodingSpec {
+            format: None,
+            out: None,
+            is_forced: false,
+            frame: self.frame,
+            trajectory: self.trajectory.clone(),
+            mount: self.mount.clone(),
+            time_offset: self.time_offset,
+            filter: PointFilter {
+                range: self.range,
+                returns: self.returns,
+                window: TimeWindow::new(part.from, part.to),
+                mask: self.mask,
+                clip: self.clip,
+                voxels: self.voxel.map(VoxelThinning::new),
+            },
+            part,
+            frames: None,
             wkt: self.crs.as_ref().map(|crs| crs.wkt.clone()),
         }
-    }
-
-    /// Where the sensors sit, and how their points are moved; none of the first where they stay.
-    pub(super) fn registration(
-        &self,
-        recording: &Recording,
-        notices: &mut Vec<String>,
-    ) -> anyhow::Result<(Option<Mounts>, Registration)> {
-        if !self.is_moved() {
-            return Ok((None, Registration::new(Target::Sensor, self.filter())));
-        }
-        let mut mounts = Mounts::of(recording, self.mount.as_deref(), &AxisZeros::default())?;
-        let target = match self.frame {
-            OutputFrame::World => {
-                let found = trajectory::find(self.trajectory(), self.time_offset, recording, &mut mounts)?;
-                notices.extend(found.notices);
-                Target::World { trajectory: found.trajectory, offset: found.offset }
-            }
-            OutputFrame::Rig | OutputFrame::Sensor => Target::Rig,
-        };
-        notices.extend(mounts.notices.iter().cloned());
-        Ok((Some(mounts), Registration::new(target, self.filter())))
     }
 }

@@ -2,45 +2,10 @@
 
 use std::path::Path;
 
-use super::document::Document;
-use super::folder::{REPORT_HTML, SESSION};
-use super::setup::Walk;
-use super::walk::Walked;
-use crate::commands::recorded::pass_summary::SensorSummary;
+use super::folder::REPORT_HTML;
 use crate::commands::{Context, Outcome, output};
-use crate::recording::Session;
+use crate::mock::demo::Document;
 use crate::verify::judgement::comparison::Verdict;
-
-/// Everything that was lost or sent nothing, in words.
-pub(super) fn problems(
-    out: &Path,
-    session: &Session,
-    walk: &Walk<'_>,
-    walked: &Walked,
-    sensors: &mut [SensorSummary],
-) -> Vec<String> {
-    let mut problems = session.problems().to_vec();
-    let [start_ns, end_ns] = walk.trajectory.time_span_ns();
-    let max_frames = sensors.iter().map(|sensor| sensor.frames).max().unwrap_or(0);
-    for (sensor, sent) in sensors.iter_mut().zip(&walked.packets_sent) {
-        sensor.packets_sent = *sent;
-        if sensor.lost > 0 {
-            problems.push(format!("sensor {} lost {} packets", sensor.sensor, sensor.lost));
-        }
-        // the first and the last revolution may be cut short
-        if sensor.frames + 2 < max_frames {
-            let seconds = (end_ns - start_ns) as f64 * 1e-9;
-            problems.push(format!(
-                "sensor {} sent no data for a time: {} revolutions in a walk of {seconds:.1} s, the other has {max_frames}",
-                sensor.sensor, sensor.frames
-            ));
-        }
-    }
-    if walked.manifest.complete && sensors.iter().all(|sensor| sensor.frames == 0) {
-        problems.push(format!("nothing was recorded into {}", out.join(SESSION).display()));
-    }
-    problems
-}
 
 pub(super) fn conclude(out: &Path, context: Context, document: &Document) -> anyhow::Result<Outcome> {
     let counts = &document.compare.coverage;

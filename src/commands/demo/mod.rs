@@ -2,17 +2,8 @@
 //! record, open the recording again, decode, compare with the prediction, report.
 
 mod conclude;
-mod document;
 mod folder;
-mod page;
-mod pictures;
-mod plan;
 mod progress;
-mod replay;
-mod sensors;
-mod setup;
-mod tilt;
-mod walk;
 
 use std::path::PathBuf;
 
@@ -20,15 +11,14 @@ use anyhow::Context as _;
 
 use super::{Context, Outcome, signals};
 use crate::base::files::write_json;
+use crate::mock::demo::{self, DemoFault, Document, FORMAT, Walk};
 use crate::recording::Session;
 use crate::world::coverage::VoxelGrid;
 use crate::world::scene::{BoxScene, Scene};
 use crate::world::trajectory::Gait;
 
-use document::{Document, FORMAT};
 use folder::{REPORT_HTML, REPORT_JSON, SESSION, prepare_folder};
 use progress::Progress;
-use setup::Walk;
 
 /// Arguments of `demo`.
 #[derive(clap::Args, Debug)]
@@ -57,16 +47,7 @@ pub struct Args {
     rate: f64,
     /// Break something in the middle of the walk, to see what happens.
     #[arg(long, value_enum)]
-    fault: Option<Fault>,
-}
-
-/// What can be broken in the middle of the walk.
-#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The rig's cable: its pty closes.
-    CutCable,
-    /// The first sensor dies.
-    KillSensor,
+    fault: Option<DemoFault>,
 }
 
 /// Runs the verb.
@@ -76,10 +57,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let mut progress = Progress::new();
 
     progress.stage("optimize", "1/5 searching the best pitches");
-    let plan = plan::search(&args.preset, args.evals as usize, args.seed, &progress.bar)?;
+    let plan = demo::search(&args.preset, args.evals as usize, args.seed, &progress.bar.progress())?;
     plan.mount.write(&args.out.join("mount.json"))?;
     let scene = Scene::Box(BoxScene::closed(plan.preset.box_min_m.into(), plan.preset.box_max_m.into()));
-    let path = plan::straight_path(plan.preset, args.speed);
+    let path = demo::straight_path(plan.preset, args.speed);
     let trajectory = Gait::default().walk(&path);
     let grid = VoxelGrid::centred_on(scene.bounds_m(), plan.preset.voxel_m);
     let walk = Walk {
@@ -92,25 +73,25 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         fault: args.fault,
         stop: &stop,
     };
-    let planned = plan::predict(&walk, &grid)?;
+    let planned = demo::predict(&walk, &grid)?;
 
     progress.stage("tilt", "2/5 driving the mock rig");
-    let tilted = tilt::drive(&plan.rig, args.seed)?;
+    let tilted = demo::drive(&plan.rig, args.seed)?;
 
     progress.stage("record", "3/5 walking and recording");
     let session_dir = args.out.join(SESSION);
-    let walked = walk::record(&walk, tilted, &session_dir, &progress.bar)?;
+    let walked = demo::record(&walk, tilted, &session_dir, &progress.bar.progress())?;
     if let Some(failure) = walked.failure {
-        return Err(failure.context(format!(
-            "the walk ended early; what was recorded until then is in {}",
-            session_dir.display()
-        )));
+        let dir = session_dir.display();
+        let words = format!("the walk ended early; what was recorded until then is in {dir}");
+        return Err(anyhow::Error::from(failure).context(words));
     }
 
     progress.stage("compare", "4/5 replaying and comparing");
     let session = Session::open(&session_dir)?;
-    let mut replayed = replay::compare(&session, &plan.rig, &scene, &planned, &progress.bar)?;
-    let problems = conclude::problems(&args.out, &session, &walk, &walked, &mut replayed.sensors);
+    let bar = &progress.bar;
+    let mut replayed = demo::compare(&session, &plan.rig, &scene, &planned, &bar.progress(), &bar.judging())?;
+    let problems = demo::problems(&session_dir, &session, &walk, &walked, &mut replayed.sensors);
 
     progress.stage("report", "5/5 writing the report");
     let mut document = Document {
@@ -123,7 +104,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         problems,
         wall_s: Default::default(),
     };
-    let page = page::page(&document, &replayed.replayed, &scene, &trajectory);
+    let page = demo::page(&document, &replayed.replayed, &scene, &trajectory);
     let (html, json) = (args.out.join(REPORT_HTML), args.out.join(REPORT_JSON));
     page.write(&html).with_context(|| format!("cannot write {}", html.display()))?;
     document.wall_s = progress.finish();
@@ -134,8 +115,8 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 fn again(args: &Args) -> String {
     let fault = match args.fault {
         None => "",
-        Some(Fault::CutCable) => " --fault cut-cable",
-        Some(Fault::KillSensor) => " --fault kill-sensor",
+        Some(DemoFault::CutCable) => " --fault cut-cable",
+        Some(DemoFault::KillSensor) => " --fault kill-sensor",
     };
     format!(
         "outrigger demo --preset {} --evals {} --seed {} --speed {} --rate {}{fault}",

@@ -1,7 +1,7 @@
 //! From a published experiment as typed to its objective.
 
 use super::ExperimentArgs;
-use crate::commands::wrong_usage;
+use crate::commands::{ensure_consistent, wrong_usage};
 use crate::design::objective::{Objective, Prices, Weights, are_same_presets, prices_by_model};
 use crate::rig::MountFile;
 use crate::simulate::published::{Experiment, ExperimentError, Preset, Roll, Simulator};
@@ -66,13 +66,13 @@ impl ExperimentArgs {
                 Preset::names()
             );
         };
-        if let Some(columns) = self.azimuths.filter(|columns| *columns > MAX_COLUMNS) {
-            refuse!("--azimuths {columns}, expected {MAX_COLUMNS} at most in a published experiment");
-        }
+        let columns = self.azimuths.unwrap_or(preset.azimuths);
+        let words = format!("--azimuths {columns}, expected {MAX_COLUMNS} at most in a published experiment");
+        ensure_consistent([(columns > MAX_COLUMNS, words)])?;
         let experiment = Experiment {
             path: self.path.unwrap_or_default(),
             voxel_m: self.voxel.unwrap_or(preset.voxel_m),
-            azimuths: self.azimuths.unwrap_or(preset.azimuths),
+            azimuths: columns,
             roll: self.roll.map_or(roll, |rule| rule.0),
             mirror: !self.no_mirror,
             sub_poses: self.sub_poses.unwrap_or(1),
@@ -80,18 +80,24 @@ impl ExperimentArgs {
             ..Experiment::mixed(&presets)?
         };
         let least_distance_m = self.least_distance.unwrap_or(0.0);
-        if !(least_distance_m.is_finite() && least_distance_m >= 0.0) {
-            refuse!("--least-distance {least_distance_m}, expected a finite number of at least 0");
-        }
+        let (registration, least_conditioning) =
+            (self.registration_weight.unwrap_or(0.0), self.min_conditioning.unwrap_or(0.0));
+        let is_size = |number: f64| number.is_finite() && number >= 0.0;
         let prices = self.lambda.clone().unwrap_or_default().of(&experiment).map_err(wrong_usage)?;
-        let registration = self.registration_weight.unwrap_or(0.0);
-        if !(registration.is_finite() && registration >= 0.0) {
-            refuse!("--registration-weight {registration}, expected a number of at least 0");
-        }
-        let least_conditioning = self.min_conditioning.unwrap_or(0.0);
-        if !(0.0..1.0 / 3.0).contains(&least_conditioning) {
-            refuse!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3");
-        }
+        ensure_consistent([
+            (
+                !is_size(least_distance_m),
+                format!("--least-distance {least_distance_m}, expected a finite number of at least 0"),
+            ),
+            (
+                !is_size(registration),
+                format!("--registration-weight {registration}, expected a number of at least 0"),
+            ),
+            (
+                !(0.0..1.0 / 3.0).contains(&least_conditioning),
+                format!("--min-conditioning {least_conditioning}, expected at least 0 and below 1/3"),
+            ),
+        ])?;
         let weights =
             Weights { sensor_cost: prices[0], registration, least_conditioning, ..Weights::default() };
         let objective = Objective::new(Simulator::new(&experiment)?, weights, least_distance_m)?;

@@ -1,16 +1,13 @@
 //! The sensors of a recording, for a rig.toml.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use anyhow::ensure;
 use sensors::catalogue;
 use sensors::ouster::Metadata;
 use sensors::router::{Router, Sensor};
 
-use crate::commands::recording::Recording;
-use crate::commands::sensor_args::SensorArgs;
-use crate::commands::sensor_ids;
+use crate::recording::{Recording, RecordingSpec, sensor_ids};
 
 /// Where Velodynes send position packets, as they are delivered.
 const POSITION_PORT: u16 = 8308;
@@ -80,13 +77,13 @@ fn model_named(product: &str) -> Option<&'static str> {
 }
 
 /// The sensors of a recording: reads all of it.
-pub(super) fn found_in(path: &Path, args: &SensorArgs) -> anyhow::Result<Vec<FoundSensor>> {
-    let recording = Recording::open(path, args)?;
+pub(super) fn found_in(spec: &RecordingSpec) -> anyhow::Result<Vec<FoundSensor>> {
+    let path = &spec.path;
+    let recording = Recording::open(spec)?;
     let mut router: Router = recording.router()?;
     let mut drop_frame = |_: usize, _: &Sensor, _: sensors::Decoded<'_>| {};
     recording.each_packet(&mut |packet| {
         router.push(packet, &mut drop_frame);
-        Ok(())
     })?;
     router.finish(&mut drop_frame);
     let ids = sensor_ids::ids(&router);

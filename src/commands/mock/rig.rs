@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 
-use crate::commands::{Context, Outcome, output, signals};
+use crate::commands::{Context, Outcome, ensure_consistent, output, signals};
 use crate::mock::Device;
 use crate::mock::bus_servos::{Make, MockServos};
 use crate::mock::rig::{AxisKind, MockConfig, MockFault, MockRig, ScheduledFault, run_on_can};
@@ -59,8 +59,9 @@ fn parse_switch(text: &str) -> Result<i32, String> {
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let interrupts = signals::interrupts()?;
     let single = |fault: &ScheduledFault| matches!(fault.fault, MockFault::Axis(..));
-    if let Some(fault) = args.faults.iter().find(|fault| args.dynamixel && !single(fault)) {
-        refuse!("--fault {}: bought servos have no such fault", fault.text);
+    if let Some(fault) = args.faults.iter().find(|fault| !single(fault)) {
+        let words = format!("--fault {}: bought servos have no such fault", fault.text);
+        ensure_consistent([(args.dynamixel, words)])?;
     }
     let kind = if args.pulse { AxisKind::Pulse } else { AxisKind::Measured };
     let mut config =

@@ -6,6 +6,7 @@ use anyhow::Context as _;
 
 use super::Args;
 use crate::base::files;
+use crate::commands::ensure_consistent;
 use crate::rig::{Extrinsics, FramedSensor, MountFile, Servos, draw, scad, urdf, yaml};
 
 /// Where no flag says how far a servo turns, degrees.
@@ -41,16 +42,15 @@ pub(super) fn servos(
         None => all.clone(),
         Some(names) => names.iter().map(String::as_str).filter(|name| !name.is_empty()).collect(),
     };
-    if let Some(unknown) = turned.iter().find(|name| !all.contains(name)) {
-        refuse!("--sensors: no sensor is called {unknown:?}; there are {}", all.join(", "));
-    }
-    if args.limits_deg.len() > 1 && args.limits_deg.len() != turned.len() {
-        refuse!(
-            "{} --limits-deg for {} servos: give one for each, or one for all",
-            args.limits_deg.len(),
-            turned.len()
-        );
-    }
+    let unknown = turned.iter().find(|name| !all.contains(name));
+    let (name, given, servos) = (unknown.unwrap_or(&""), args.limits_deg.len(), turned.len());
+    ensure_consistent([
+        (unknown.is_some(), format!("--sensors: no sensor is called {name:?}; there are {}", all.join(", "))),
+        (
+            given > 1 && given != servos,
+            format!("{given} --limits-deg for {servos} servos: give one for each, or one for all"),
+        ),
+    ])?;
     let limits = |axis: usize| {
         let given = args.limits_deg.get(axis).or(args.limits_deg.first());
         given.map_or(LIMITS_DEG, |(low, high)| [*low, *high])

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
-use crate::commands::output;
+use crate::base::numbers::counted;
 use crate::design::registration::RegistrationQuality;
 use crate::verify::align::Alignment;
 use crate::verify::odometry::Step;
@@ -34,7 +34,7 @@ pub(super) struct Document {
 pub(super) fn text(document: &Document) -> String {
     let mut text = format!(
         "{} of {} in {:.1} s: {:.3} m travelled, map voxels {:.2} m\n",
-        output::counted(document.sweeps as u64, "revolution"),
+        counted(document.sweeps as u64, "revolution"),
         document.sensors.join(", "),
         document.duration_s,
         document.length_m,

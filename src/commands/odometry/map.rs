@@ -5,14 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::Args;
-use crate::commands::recorded::RecordedArgs;
-use crate::commands::recording::Recording;
-use crate::commands::registered::mounts::Mounts;
-use crate::commands::registered::{MountedFrame, each_frame};
-use crate::commands::{Context, sensor_ids};
+use crate::commands::Context;
 use crate::recording::export::{Cloud, Export, FileFrame, Format, Source};
+use crate::recording::mounted::{Mounts, PlacedFrame, each_frame};
 use crate::recording::packet_reader::is_stream;
 use crate::recording::registered::{PointFilter, Registration, Target, TimeOffset, VoxelThinning};
+use crate::recording::{Recording, sensor_ids};
 use crate::world::trajectory::Trajectory;
 
 /// Where the map goes, and in which format; refused before the work.
@@ -41,9 +39,9 @@ pub(super) fn write_map(
     path: &Path,
     format: Format,
 ) -> anyhow::Result<(u64, Option<String>)> {
-    let RecordedArgs { recording, sensors, mount, zeros } = &args.recorded;
-    let recording = Recording::open(recording, &sensors.of(context, recording))?;
-    let mut mounts = Mounts::of(&recording, mount.as_deref(), zeros)?;
+    let spec = args.recorded.spec(context);
+    let recording = Recording::open(&spec.recording)?;
+    let mut mounts = Mounts::of(&recording, spec.mount.as_deref(), &spec.zeros)?;
     let filter = PointFilter { voxels: args.voxel.map(VoxelThinning::new), ..PointFilter::default() };
     let target = Target::World { trajectory: trajectory.clone(), offset: TimeOffset::Fixed(0) };
     let mut registration = Registration::new(target, filter);
@@ -51,13 +49,13 @@ pub(super) fn write_map(
     let mut export = Export::create_in(&frame, path, format, true)?;
     let (mut ids, mut clouds) = (Vec::new(), BTreeMap::new());
     each_frame(&recording, &mut mounts, &mut |mounted| {
-        let MountedFrame { at, sensor, model, body_from_sensor, frame, .. } = mounted;
+        let PlacedFrame { at, sensor, model, body_from_sensor, frame, .. } = mounted;
         let cloud = clouds.entry(at).or_insert_with(|| {
             Cloud::new(Arc::new(Source::of(sensor, sensor_ids::next_id(sensor, &mut ids), at)), model)
         });
         cloud.fill(model, frame);
         registration.apply(at, cloud, body_from_sensor);
-        Ok(export.add(cloud)?)
+        export.add(cloud).map_err(anyhow::Error::from)
     })?;
     Ok((export.finish()?.points, registration.losses()))
 }

@@ -4,30 +4,26 @@ use std::path::Path;
 
 use super::Args;
 use crate::base::geometry::Pose;
-use crate::commands::recorded::{Recorded, RecordedArgs};
-use crate::commands::recorded_odometry::{OdometryResult, of_one, of_rig, remarks};
-use crate::commands::recording::Recording;
-use crate::commands::scene_placement::{self, Placed, Walk};
-use crate::commands::{Context, scene_file};
+use crate::commands::{Context, scene_file, stage};
+use crate::recording::Recording;
+use crate::recording::mounted::MountedRecording;
+use crate::verify::walk::{self, OdometryResult, Placed, Walk};
 use crate::world::trajectory::Trajectory;
 
 /// Runs the odometry; what came of it, and what is odd.
 pub(super) fn walked(args: &Args, context: Context) -> anyhow::Result<(OdometryResult, Vec<String>)> {
     let is_placed = args.scene.is_some();
     let mut problems = Vec::new();
-    let result = match Recorded::open_if_mounted(&args.recorded, context)? {
+    let (spec, settings) = (args.recorded.spec(context), args.settings.spec());
+    let result = match MountedRecording::open_if_mounted(&spec)? {
         Some(recorded) => {
             problems.clone_from(&recorded.notices);
-            of_rig(&recorded, &args.settings, is_placed)?
+            OdometryResult::of_rig(&recorded, &settings, is_placed)?
         }
-        None => {
-            let RecordedArgs { recording, sensors, .. } = &args.recorded;
-            let recording = Recording::open(recording, &sensors.of(context, recording))?;
-            of_one(&recording, &args.settings, is_placed)?
-        }
+        None => OdometryResult::of_one(&Recording::open(&spec.recording)?, &settings, is_placed)?,
     };
     problems.extend(result.notices.iter().cloned());
-    problems.extend(remarks(&result));
+    problems.extend(result.remarks());
     Ok((result, problems))
 }
 
@@ -63,7 +59,7 @@ pub(super) fn in_scene(
         time_offset_ns: 0,
         drifts: true,
     };
-    let mut placed = scene_placement::in_scene(&walk, &read.scene, read.origin, args.align_near)?;
+    let mut placed = walk::in_scene(&walk, &read.scene, read.origin, args.align_near, stage::observer())?;
     placed.trajectory = placed.trajectory.map(|local| local.moved(read.origin.world_m()));
     problems.extend(placed.notices.iter().cloned());
     if placed.trajectory.is_none() {

@@ -8,9 +8,10 @@ mod scene_document;
 mod scene_flags;
 mod scene_rigs;
 mod scene_runs;
-mod scene_state;
 mod site;
 mod spec;
+mod unused;
+mod values;
 
 use std::path::Path;
 
@@ -34,7 +35,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     output::check_places([&args.out, &args.export_published, &args.csv, &args.report, &args.resume])?;
     let given = args.experiment.objective(Roll::Fixed(0.0))?;
-    spec::refuse_mixed(args, given.simulator().experiment())?;
+    unused::refuse_mixed(args, given.simulator().experiment())?;
     let refiner = spec::refiner(args, &given)?;
     let objective = refiner.as_ref().map_or(&given, Refiner::objective).clone();
     let problem = spec::problem(args, context, objective)?;
@@ -45,7 +46,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         None => spec::begun(args, &problem)?,
     };
     let is_judged = spec::is_final_look_wanted(args, search.kind(), refiner.is_some())?;
-    spec::refuse_unused(args, context, search.kind(), [is_judged, refiner.is_some()])?;
+    unused::refuse_unused(args, context, search.kind(), [is_judged, refiner.is_some()])?;
     let budget = args.evals.map_or(search.settings().budget, |evals| evals as usize);
     let stop = signals::stop_flag()?;
     let bar = Stage::begin("searching");

@@ -7,8 +7,8 @@ use sensors::catalogue;
 
 use crate::commands::scene_args::{MeshArgs, Operator, Room};
 use crate::commands::scene_file::MapArgs;
-use crate::commands::trajectory_args::WalkText;
 use crate::design::scene_search::WeightRule;
+use crate::recording::walk_text::WalkText;
 
 /// All sensors that can be searched with.
 fn sensors_help() -> String {

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::args::{Args, Corners};
-use crate::commands::{output, wrong_usage};
+use super::args::Args;
+use super::values::Corners;
+use crate::commands::{ensure_consistent, output, wrong_usage};
 use crate::design::optimize::{KeepApart, MountBounds};
 use crate::design::scene_search::RigSpace;
 use crate::rig::{Mount, MountFile, Rig, Unit};
@@ -19,14 +20,18 @@ const SEARCH_STEP_SHARE: f64 = 0.85;
 const SEARCH_LAYER_GAP_M: f64 = 0.15;
 
 pub(super) fn rig_space(args: &Args) -> anyhow::Result<RigSpace> {
-    if args.scene.sensors.is_empty() {
-        refuse!(
+    let named = args.scene.sensors.len();
+    ensure_consistent([
+        (
+            named == 0,
             "which sensors? Give --sensors, models of the catalogue with commas between them (os1-64,os1-64)"
-        );
-    }
-    if args.scene.count.is_some() && args.scene.sensors.len() > 1 {
-        refuse!("--count is about one model, and --sensors names {}: give it once", args.scene.sensors.len());
-    }
+                .into(),
+        ),
+        (
+            args.scene.count.is_some() && named > 1,
+            format!("--count is about one model, and --sensors names {named}: give it once"),
+        ),
+    ])?;
     let mut units: Vec<Unit> = Vec::new();
     let mut files: Vec<Option<PathBuf>> = Vec::new();
     let mut places = Vec::new();

@@ -6,10 +6,11 @@ use anyhow::bail;
 
 use super::args::Args;
 use super::scene_flags::Counts;
-use super::scene_state::{Question, State};
 use crate::commands::output;
 use crate::commands::stage::Stage;
-use crate::design::scene_search::{Findings, Plan, RigSpace, SceneSearch, SceneWeights, SearchEnd};
+use crate::design::scene_search::{
+    Asked, Findings, Plan, Question, RigSpace, SceneSearch, SceneWeights, SearchEnd, SearchState,
+};
 use crate::report::scene_search::CountDocument;
 use crate::simulate::view::{CastView, CellView};
 
@@ -85,8 +86,16 @@ impl<'a> Run<'a, '_> {
         let known = match (known, &self.args.resume) {
             (Some(known), _) => known,
             (None, Some(path)) => {
-                let question = Question::of(self.args, &plan, rigs, self.cast);
-                let (opened, known) = State::open(path, question)?;
+                let (of, settings) = (&self.args.scene, self.args.experiment.of_scene());
+                let asked = Asked {
+                    sensors: &of.sensors,
+                    weights: of.weights,
+                    is_ideal: of.ideal,
+                    columns: settings.columns,
+                    scan_stride: of.scan_stride,
+                };
+                let question = Question::of(&asked, &plan, rigs, self.cast);
+                let (opened, known) = SearchState::open(path, question)?;
                 state = Some(opened);
                 known
             }
@@ -105,7 +114,7 @@ impl<'a> Run<'a, '_> {
         };
         let end = search.run(&progress, self.stop);
         match failed.into_inner() {
-            Some(error) => Err(error),
+            Some(error) => Err(error.into()),
             None => Ok((search, end)),
         }
     }

@@ -1,19 +1,19 @@
 //! The scene and the trajectory of a search.
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use glam::DVec3;
 
 use super::args::Args;
 use crate::commands::scene_args::Operator;
-use crate::commands::trajectory_args::{WalkText, read_trajectory};
 use crate::commands::{Context, scene_file, wrong_usage};
+use crate::recording::walk_text::WalkText;
 use crate::simulate::prediction::grid_of;
 use crate::simulate::view::{Shades, ViewSite};
-use crate::simulate::walk::{self, Walk};
+use crate::simulate::walk::Walk;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::placement::Placement;
 use crate::world::scene::LoadedScene;
-use crate::world::trajectory::{Trajectory, suspicions};
+use crate::world::trajectory::Trajectory;
 
 /// Edge of a voxel where none is given, m.
 const DEFAULT_VOXEL_M: f64 = 0.1;
@@ -21,14 +21,9 @@ const DEFAULT_VOXEL_M: f64 = 0.1;
 /// Where is searched, what is odd about it, and where the trajectory comes from.
 pub(super) fn site(args: &Args, context: Context) -> anyhow::Result<(ViewSite, Vec<String>, WalkSource)> {
     let scene_args = &args.scene;
-    let mut loaded = match (&scene_args.scene, &scene_args.room) {
-        (Some(path), _) => scene_file::read(path, &scene_args.mesh, &scene_args.map, context)?,
-        (None, Some(room)) => {
-            scene_file::ensure_none_typed(context, "the scene is a room")?;
-            LoadedScene::of_room(&room.scene())
-        }
-        (None, None) => refuse!("give --scene or --room"),
-    };
+    let (scene, room) = (scene_args.scene.as_deref(), scene_args.room);
+    let loaded = scene_file::read_or_room(scene, room, &scene_args.mesh, &scene_args.map, context)?;
+    let mut loaded = loaded.context("give --scene or --room")?;
     let (trajectory, source) = walk_of(args, context, &mut loaded)?;
     let voxel_m = args.experiment.of_scene().voxel_m.unwrap_or(DEFAULT_VOXEL_M);
     let grid = grid_of(&loaded.scene, voxel_m).map_err(wrong_usage)?;
@@ -54,23 +49,13 @@ fn walk_of(
     if !matches!(args.scene.trajectory, Some(WalkText::File(_))) {
         context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
     }
-    let (Walk { trajectory, corners_m, doubts }, name) = match &args.scene.trajectory {
-        None => {
-            let walk = walk::planned(&loaded.scene)?;
-            let name = format!("planned through the free floor, {} legs", walk.corners_m.len() - 1);
-            (walk, name)
-        }
-        Some(WalkText::Waypoints(waypoints)) => {
-            let local: Vec<_> = waypoints.iter().map(|waypoint| waypoint.local(loaded.origin)).collect();
-            (walk::along(&loaded.scene, &local)?, format!("{} waypoints", waypoints.len()))
-        }
-        Some(WalkText::File(path)) => {
-            let name = path.display().to_string();
-            let (trajectory, mut doubts) = read_trajectory(path, args.scene.rate)?;
-            doubts.extend(suspicions(&trajectory, &name));
-            let trajectory = loaded.origin.local_trajectory(trajectory);
-            (Walk { trajectory, corners_m: Vec::new(), doubts }, name)
-        }
+    let source = args.scene.trajectory.as_ref();
+    let Walk { trajectory, corners_m, doubts } =
+        WalkText::walk_through(source, args.scene.rate, &loaded.scene, loaded.origin)?;
+    let name = match source {
+        None => format!("planned through the free floor, {} legs", corners_m.len() - 1),
+        Some(WalkText::Waypoints(waypoints)) => format!("{} waypoints", waypoints.len()),
+        Some(WalkText::File(path)) => path.display().to_string(),
     };
     loaded.warnings.extend(doubts);
     let scene = &loaded.scene;

@@ -1,65 +1,16 @@
 //! From what was typed to what is searched.
 
-use super::args::{Args, Corners, Range, Switch};
+use super::args::Args;
+use super::values::{Corners, Range, Switch};
 use crate::commands::defaults::long_name;
 use crate::commands::experiment_args::FidelityArg;
-use crate::commands::{Context, wrong_usage};
+use crate::commands::{Context, ensure_consistent, wrong_usage};
 use crate::design::objective::Objective;
 use crate::design::optimize::{Kind, MountProblem, MountSearch, Refiner, Search, Settings};
 use crate::design::robustness::{Robustness, Tolerance};
-use crate::simulate::published::Experiment;
 
 /// Of the draws of mount errors, the same in every search so that scores compare.
 const ROBUST_SEED: u64 = 1;
-
-/// What knows one sensor type only is refused where a rig may have several.
-pub(crate) fn refuse_mixed(args: &Args, experiment: &Experiment) -> anyhow::Result<()> {
-    if !experiment.is_mixed() {
-        return Ok(());
-    }
-    let models: Vec<_> = experiment.types().map(|preset| preset.model).collect();
-    let models = models.join(" and ");
-    if args.certify.is_some() {
-        refuse!("--certify bounds rigs of one sensor type, and {models} may be mixed: give one --preset");
-    }
-    if args.export_published.is_some() {
-        refuse!(
-            "--export-published: the published layout has one sensor type, and {models} may be mixed: give one --preset"
-        );
-    }
-    Ok(())
-}
-
-/// What was typed for other methods than the one that searches, or for a judgement that is not asked for.
-pub(crate) fn refuse_unused(
-    args: &Args,
-    context: Context,
-    kind: Kind,
-    [is_judged, is_refined]: [bool; 2],
-) -> anyhow::Result<()> {
-    if context.is_typed("tolerance") && args.robust.is_none() && !is_judged {
-        refuse!("--tolerance is about --robust and --final-look, and neither is asked for");
-    }
-    if context.is_typed("regret") && !is_refined {
-        refuse!("--regret is about --fidelity auto, which is not asked for");
-    }
-    type Uses = fn(Kind) -> bool;
-    let flags = [
-        ("batch", Kind::has_a_model as Uses),
-        ("acquisition", Kind::has_a_model),
-        ("early_stop", Kind::has_a_rule),
-    ];
-    for (argument, uses) in flags {
-        if !uses(kind) {
-            let users: Vec<_> =
-                Kind::ALL.iter().filter(|kind| uses(**kind)).map(|kind| kind.name()).collect();
-            let (users, searches) = (users.join(", "), kind.name());
-            let why = format!("is about --method {users}: {searches} has no use for it");
-            context.ensure_not_typed(&[argument], why)?;
-        }
-    }
-    Ok(())
-}
 
 /// The refiner that --fidelity auto asks for; none where the sampling is as given.
 pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<Refiner>> {
@@ -68,21 +19,20 @@ pub(crate) fn refiner(args: &Args, given: &Objective) -> anyhow::Result<Option<R
     if args.fidelity.unwrap_or(otherwise) == FidelityArg::Given {
         return Ok(None);
     }
-    if args.robust.is_some() {
-        refuse!("--robust judges by draws of its own: leave out --fidelity auto");
-    }
-    if args.certify.is_some() {
-        refuse!("--certify proves something about one sampling: leave out --fidelity auto");
-    }
+    let words = |what: &str| format!("{what}: leave out --fidelity auto");
+    ensure_consistent([
+        (args.robust.is_some(), words("--robust judges by draws of its own")),
+        (args.certify.is_some(), words("--certify proves something about one sampling")),
+    ])?;
     Ok(Some(Refiner::new(given)?))
 }
 
 /// Whether a final look is asked for. `is_refined`: whether the search's best are looked at ever more finely anyway.
 pub(crate) fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) -> anyhow::Result<bool> {
+    let is_twice = is_refined && args.final_look == Some(Switch::On);
+    let words = "--fidelity auto has a final look of its own: leave out --final-look";
+    ensure_consistent([(is_twice, words.into())])?;
     match args.final_look {
-        Some(Switch::On) if is_refined => {
-            refuse!("--fidelity auto has a final look of its own: leave out --final-look")
-        }
         Some(switch) => Ok(switch == Switch::On),
         None => Ok(kind == Kind::Staged && !is_refined && args.robust.is_none() && args.certify.is_none()),
     }
@@ -91,14 +41,17 @@ pub(crate) fn is_final_look_wanted(args: &Args, kind: Kind, is_refined: bool) ->
 /// What is searched, as asked for.
 pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> anyhow::Result<MountProblem> {
     let mut search = MountSearch::of(objective.simulator().experiment(), args.masters_max);
-    if args.masters_min > args.masters_max {
-        refuse!("--masters-min {} is above --masters-max {}", args.masters_min, args.masters_max);
-    }
-    if args.certify.is_some() && args.masters_min > 1 {
-        refuse!("--certify bounds rigs of one master: leave out --masters-min {}", args.masters_min);
-    }
-    if context.is_typed("roll_limits") && search.fixed_roll_deg.is_some() {
-        refuse!("--roll-limits is about a free roll, and it is fixed here: add --roll free");
+    let (least, most) = (args.masters_min, args.masters_max);
+    ensure_consistent([
+        (least > most, format!("--masters-min {least} is above --masters-max {most}")),
+        (
+            args.certify.is_some() && least > 1,
+            format!("--certify bounds rigs of one master: leave out --masters-min {least}"),
+        ),
+    ])?;
+    if search.fixed_roll_deg.is_some() {
+        let why = "is about a free roll, and it is fixed here: add --roll free";
+        context.ensure_not_typed(&["roll_limits"], why)?;
     }
     search.masters_min = args.masters_min;
     search.bounds.pitch_deg = (args.pitch_limits.0, args.pitch_limits.1);
@@ -111,16 +64,13 @@ pub(crate) fn problem(args: &Args, context: Context, objective: Objective) -> an
         let roll = search.fixed_roll_deg.is_none().then_some(roll);
         for (name, Range(low, high)) in [("--pitch-limits", args.pitch_limits)].into_iter().chain(roll) {
             let (first, last) = ((low / step_deg).ceil(), (high / step_deg).floor());
-            if first > last {
-                refuse!("{name}: no multiple of {step_deg} degrees lies between {low} and {high}");
-            }
-            if first == last && low < high {
-                let only_deg = first * step_deg + 0.0;
-                refuse!(
-                    "--tilt-step {step_deg} leaves no angle but {only_deg} between {low} and {high} degrees: give a smaller one, \
-                     or {name}={only_deg},{only_deg} where that is meant"
-                );
-            }
+            let only_deg = first * step_deg + 0.0;
+            let none = format!("{name}: no multiple of {step_deg} degrees lies between {low} and {high}");
+            let only = format!(
+                "--tilt-step {step_deg} leaves no angle but {only_deg} between {low} and {high} degrees: give a smaller one, \
+                 or {name}={only_deg},{only_deg} where that is meant"
+            );
+            ensure_consistent([(first > last, none), (first == last && low < high, only)])?;
         }
         search.tilt_step_deg = Some(step_deg);
     }
@@ -153,18 +103,18 @@ pub(crate) fn continued(args: &Args, context: Context, search: Search) -> anyhow
         ("acquisition", args.acquisition != acquisition),
         ("early_stop", args.early_stop != early_stop),
     ] {
-        if is_other && context.is_typed(argument) {
-            let flag = long_name(argument);
-            refuse!(
-                "the state file holds a search with another --{flag}, which it keeps: leave it out, or start a new file"
-            );
-        }
-    }
-    if args.method.is_some_and(|kind| kind != search.kind()) || args.seed.is_some_and(|given| given != seed) {
-        refuse!(
-            "the state file holds a search by {} with seed {seed}: leave out --method and --seed, or start a new file",
-            search.kind().name()
+        let words = format!(
+            "the state file holds a search with another --{}, which it keeps: leave it out, or start a new file",
+            long_name(argument)
         );
+        ensure_consistent([(is_other && context.is_typed(argument), words)])?;
     }
+    let is_other =
+        args.method.is_some_and(|kind| kind != search.kind()) || args.seed.is_some_and(|given| given != seed);
+    let words = format!(
+        "the state file holds a search by {} with seed {seed}: leave out --method and --seed, or start a new file",
+        search.kind().name()
+    );
+    ensure_consistent([(is_other, words)])?;
     Ok(search)
 }

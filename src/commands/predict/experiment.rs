@@ -7,13 +7,13 @@ use anyhow::Context as _;
 
 use super::Args;
 use crate::commands::experiment_args::FidelityArg;
-use crate::commands::masters::Masters;
-use crate::commands::{Context, Outcome, output};
+use crate::commands::{Context, Outcome, output, wrong_usage};
 use crate::design::fidelity::MountFidelity;
 use crate::design::objective::baselines::{baselines, rescore};
 use crate::design::objective::{Objective, other_score};
 use crate::report::score::{Document, page};
 use crate::rig::MountFile;
+use crate::simulate::published::Masters;
 use crate::simulate::published::{Experiment, Placement, Roll};
 
 /// How a published experiment is scored.
@@ -101,7 +101,7 @@ struct Request {
 fn from_masters(args: &Args, masters: &Masters) -> anyhow::Result<Request> {
     let objective = args.experiment.objective(Roll::Fixed(0.0))?;
     let experiment = objective.simulator().experiment();
-    let masters = &masters.of(experiment)?;
+    let masters = &masters.of(experiment).map_err(wrong_usage)?;
     if experiment.replaces_a_roll(masters) {
         output::say_notice(
             "the given roll is replaced by the experiment's fixed roll; --roll free takes it as given",

@@ -73,8 +73,7 @@ pub fn run(
     let start = Instant::now();
     let stage = Stage::begin("casting the rays of the rig");
     let coverage = view.cover(rig);
-    let counts = coverage.counts();
-    let rays = view.rays(rig);
+    let (counts, rays) = (coverage.counts(), view.rays(rig));
     stage.next("finding what is observable from the trajectory");
     let weights = SceneWeights::new(args.ideal.weights, view.observable());
     let surface = samples.map(|samples| {

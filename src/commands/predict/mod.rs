@@ -11,12 +11,12 @@ mod sensing;
 use std::path::PathBuf;
 
 use super::experiment_args::{ExperimentArgs, FidelityArg};
-use super::masters::Masters;
 use super::scene_args::{MeshArgs, Room, SampleArgs};
 use super::scene_file::MapArgs;
 use super::trajectory_args::TrajectoryArgs;
 use super::{Context, Outcome, output};
 use crate::rig::UnitChoice;
+use crate::simulate::published::Masters;
 
 /// Arguments of `predict`.
 #[derive(clap::Args, Debug)]

@@ -14,7 +14,6 @@ use crate::simulate::prediction::{Site, baselines, doubts, grid_of, omissions, p
 use crate::simulate::scan::Scanner;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
-use crate::world::scene::LoadedScene;
 use crate::world::surface::ObservableSurface;
 
 /// Edge of a voxel where none is given, m.
@@ -22,9 +21,6 @@ const DEFAULT_VOXEL_M: f64 = 0.1;
 
 /// Casts and prints.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    if args.room.is_some() {
-        scene_file::ensure_none_typed(context, "the scene is a room")?;
-    }
     if !args.trajectory.is_file() {
         context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
     }
@@ -111,11 +107,9 @@ fn ensure_a_revolution(scanner: &Scanner<'_>, name: &str) -> anyhow::Result<()> 
 }
 
 fn site(args: &Args, context: Context) -> anyhow::Result<Site> {
-    let mut loaded = match (&args.scene, &args.room) {
-        (Some(path), _) => scene_file::read(path, &args.mesh, &args.map, context)?,
-        (None, Some(room)) => LoadedScene::of_room(&room.scene()),
-        (None, None) => refuse!("give --scene or --room"),
-    };
+    let scene = args.scene.as_deref();
+    let loaded = scene_file::read_or_room(scene, args.room, &args.mesh, &args.map, context)?;
+    let mut loaded = loaded.context("give --scene or --room")?;
     if loaded.mesh.is_none() {
         context.ensure_not_typed(
             &["samples", "sample_count"],

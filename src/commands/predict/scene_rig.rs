@@ -9,7 +9,9 @@ use crate::simulate::published::Placement;
 
 pub(super) fn units(args: &Args) -> anyhow::Result<(Vec<Unit>, Rig)> {
     let (units, rig) = match (&args.mounts, &args.sensors[..], &args.mount) {
-        (Some(mounts), models, _) => mounted(&mounts.without_models()?, models, &args.sensor)?,
+        (Some(mounts), models, _) => {
+            mounted(&mounts.without_models().map_err(wrong_usage)?, models, &args.sensor)?
+        }
         (None, models @ [model], _) => {
             output::say_notice(&format!(
                 "one {model}, level at the platform's origin; --mounts or --mount gives another mount"

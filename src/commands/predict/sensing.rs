@@ -1,5 +1,6 @@
 //! How the sensors of a prediction spin, and what is less than perfect about them.
 
+use crate::commands::ensure_consistent;
 use crate::commands::scene_args::Operator;
 use crate::rig::{Rig, Unit};
 use crate::simulate::detection::Detection;
@@ -101,11 +102,8 @@ impl SensingArgs {
     }
 
     pub(super) fn check(&self) -> anyhow::Result<()> {
-        if let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range)
-            && min_m >= max_m
-        {
-            refuse!("--min-range {min_m} is not below --max-range {max_m}");
-        }
-        Ok(())
+        let (Some(min_m), Some(max_m)) = (self.min_range, self.max_range) else { return Ok(()) };
+        let words = format!("--min-range {min_m} is not below --max-range {max_m}");
+        ensure_consistent([(min_m >= max_m, words)])
     }
 }

@@ -4,9 +4,9 @@ use anyhow::Context as _;
 use sensors::ouster::Metadata;
 
 use super::watch::say;
-use crate::commands::sensor_metadata::read_metadata;
 use crate::live::config::Stream;
 use crate::live::setup::{Sensor, warnings};
+use crate::live::watch::read_metadata;
 
 /// Metadata of a sensor: from its file, else from itself. What the sensor says of itself is printed, and where it is not
 /// what the file says.

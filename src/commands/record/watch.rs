@@ -9,7 +9,7 @@ use indicatif::{HumanBytes, HumanCount, ProgressBar, ProgressStyle};
 use crate::commands::signals::StopRequests;
 use crate::live::receive::{DataTimeouts, Listen, now_ns};
 use crate::live::watch::FirstLooks;
-use crate::recording::{Parts, Recording};
+use crate::recording::{LiveRecording, Parts};
 
 /// How often counters are looked at.
 const LOOK: Duration = Duration::from_millis(100);
@@ -17,7 +17,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Shows what arrives until the time is up, a signal comes or recording ends by itself. What is wrong with the packets is
 /// reported at once, and returned.
 pub(super) async fn watch(
-    recording: &mut Recording,
+    recording: &mut LiveRecording,
     parts: &mut Parts,
     listens: &[Listen],
     looks: &FirstLooks,
@@ -76,7 +76,7 @@ pub(super) async fn watch(
     Ok(unread)
 }
 
-fn status_line(recording: &Recording, listens: &[Listen]) -> String {
+fn status_line(recording: &LiveRecording, listens: &[Listen]) -> String {
     let monitor = recording.monitor();
     let lost: u64 = monitor.kernel_drops().iter().sum::<u64>()
         + monitor.sensors().iter().map(|sensor| sensor.queue_dropped).sum::<u64>();

@@ -6,14 +6,12 @@ use std::path::Path;
 use anyhow::{Context as _, ensure};
 use serde::Serialize;
 
-use crate::commands::recorded::feed::MountedFrame;
-use crate::commands::recorded::{Recorded, RecordedArgs};
 use crate::commands::stage::Stage;
-use crate::commands::{Context, Outcome, output};
-use crate::recording::Session;
+use crate::commands::{Context, Outcome, output, stage};
+use crate::recording::mounted::{MountedFrame, MountedRecording, MountedSpec};
+use crate::recording::{FramePitch, RecordingSpec, Session};
 use crate::report::values;
 use crate::verify::calibrate::{FoundSetting, Hold, Reached, Setting, StandTest, holds, stand_test};
-use crate::verify::compare::FramePitch;
 
 /// The document that it prints.
 #[derive(Debug, Serialize)]
@@ -37,12 +35,10 @@ pub(super) fn run(session: &Path, mount: Option<&Path>, context: Context) -> any
         "{name} is no session: the angles of the axes are in none but those"
     );
     // no zeros: turns alone do not tell them
-    let of = RecordedArgs {
-        recording: session.to_owned(),
-        mount: mount.map(Path::to_owned),
-        ..Default::default()
-    };
-    let recorded = Recorded::open(&of, context)?;
+    let (path, observer) = (session.to_owned(), stage::observer());
+    let recording = RecordingSpec { path, observer, ..Default::default() };
+    let mount = mount.map(Path::to_owned);
+    let recorded = MountedRecording::open(&MountedSpec { recording, mount, ..Default::default() })?;
     let reports = recorded.servo()?;
     ensure!(
         reports.iter().any(|report| report.source == "measured"),

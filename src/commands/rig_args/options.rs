@@ -1,8 +1,8 @@
 //! What the flags of `rig` mean.
 
 use super::{Action, Args};
-use crate::commands::Verb;
 use crate::commands::defaults::section;
+use crate::commands::{Verb, ensure_consistent};
 use crate::drive::Options;
 use crate::live::config::Config;
 
@@ -12,9 +12,10 @@ pub(in crate::commands) fn options(args: &Args, axes: usize) -> anyhow::Result<O
         args.limits_deg.iter().map(|(low, high)| (low.to_radians(), high.to_radians())).collect();
     if let [all] = limits_rad[..] {
         limits_rad = vec![all; axes];
-    } else if !limits_rad.is_empty() && axes > 0 && limits_rad.len() != axes {
-        refuse!("--limits-deg is given {} times for {axes} pitches", limits_rad.len());
     }
+    let given = limits_rad.len();
+    let words = format!("--limits-deg is given {given} times for {axes} pitches");
+    ensure_consistent([(given > 0 && axes > 0 && given != axes, words)])?;
     let tolerance_rad = args.tolerance_deg.to_radians();
     Ok(Options {
         settle_within: args.timeout_s,

@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::info;
 use super::settings::{parse_destination, parse_setting, twice};
-use crate::commands::{Context, Outcome, output};
+use crate::commands::{Context, Outcome, ensure_consistent, output};
 use crate::live::setup::{Configured, Sensor, Wanted};
 
 /// Arguments of `sensor configure`.
@@ -52,21 +52,26 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         save: args.save,
         within: Duration::from_secs_f64(args.within),
     };
-    if wanted.is_empty() {
-        refuse!("nothing to set: give --dest, --lidar-port, --aside-port, --set KEY=VALUE or --save");
-    }
     let given = [("udp_dest", wanted.host.is_some()), ("udp_ip", wanted.host.is_some())];
     let given = given.into_iter().chain([
         ("udp_port_lidar", wanted.port.is_some()),
         ("udp_port_imu", wanted.auxiliary_port.is_some()),
     ]);
     let mut given = given.filter(|(_, is_given)| *is_given);
-    if let Some((key, _)) = given.find(|(key, _)| wanted.settings.iter().any(|(other, _)| other == key)) {
-        refuse!("--set {key}: --dest, --lidar-port or --aside-port set that already; give one of them");
-    }
-    if let Some(key) = twice(&wanted.settings) {
-        refuse!("--set {key} is given twice");
-    }
+    let known = given.find(|(key, _)| wanted.settings.iter().any(|(other, _)| other == key));
+    let (known, twice) = (known.map(|(key, _)| key), twice(&wanted.settings));
+    let (key, other) = (known.unwrap_or_default(), twice.unwrap_or_default());
+    ensure_consistent([
+        (
+            wanted.is_empty(),
+            "nothing to set: give --dest, --lidar-port, --aside-port, --set KEY=VALUE or --save".into(),
+        ),
+        (
+            known.is_some(),
+            format!("--set {key}: --dest, --lidar-port or --aside-port set that already; give one of them"),
+        ),
+        (twice.is_some(), format!("--set {other} is given twice")),
+    ])?;
     let configured = Sensor::at(&args.host)?.configure(&wanted)?;
     if context.json {
         output::print_json(&configured)?;

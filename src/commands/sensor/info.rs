@@ -6,9 +6,9 @@ use anyhow::{Context as _, bail};
 use serde_json::json;
 
 use crate::base::files;
-use crate::commands::sensor_metadata::read_metadata;
-use crate::commands::{Context, Outcome, output};
+use crate::commands::{Context, Outcome, ensure_consistent, output};
 use crate::live::setup::{Sensor, SensorState, warnings};
+use crate::live::watch::read_metadata;
 
 /// Arguments of `sensor info`.
 #[derive(clap::Args, Debug)]
@@ -28,9 +28,9 @@ pub struct Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let hosts = hosts(&args.hosts, context)?;
-    if hosts.len() > 1 && (args.save_metadata.is_some() || args.meta.is_some()) {
-        refuse!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
-    }
+    let is_of_one = args.save_metadata.is_some() || args.meta.is_some();
+    let words = format!("--save-metadata and --meta are for one sensor; {} were given", hosts.len());
+    ensure_consistent([(hosts.len() > 1 && is_of_one, words)])?;
     let recorded = args.meta.as_deref().map(read_metadata).transpose()?;
     let mut agrees = None;
     let mut states = Vec::new();

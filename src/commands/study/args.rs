@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::commands::{Context, output, wrong_usage};
+use crate::commands::{Context, ensure_consistent, output, wrong_usage};
 use crate::study::shard::{Plan, Shard};
 use crate::study::submit::Engine;
 use crate::study::{STUDIES, Size, Study};
@@ -104,12 +104,19 @@ pub(super) fn make_plan(args: &Args, study: &dyn Study, folder: &Path) -> anyhow
         count_instructions: args.count_instructions,
     };
     let name = study.name();
-    if size.scene.is_some() && !study.takes_a_scene() {
-        refuse!("--scene is for studies in a scene: {name} has scenes of its own");
-    }
-    if (size.trajectory.is_some() || size.count_instructions) && name != "speed-accuracy" {
-        refuse!("--trajectory and --count-instructions are for speed-accuracy: {name} does not know them");
-    }
+    let is_of_speed = size.trajectory.is_some() || size.count_instructions;
+    ensure_consistent([
+        (
+            size.scene.is_some() && !study.takes_a_scene(),
+            format!("--scene is for studies in a scene: {name} has scenes of its own"),
+        ),
+        (
+            is_of_speed && name != "speed-accuracy",
+            format!(
+                "--trajectory and --count-instructions are for speed-accuracy: {name} does not know them"
+            ),
+        ),
+    ])?;
     let is_without_scene = size.scene.is_none();
     let plan = Plan::new(study, size).map_err(|error| match is_without_scene {
         // nothing was read: what is missing is missing from the command line

@@ -1,7 +1,6 @@
 //! Playing a recording on a page.
 
 use std::net::TcpListener;
-use std::ops::ControlFlow;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,11 +10,11 @@ use sensors::router::{Router, Sensor};
 
 use super::Args;
 use super::heading::{ground, heading};
+use crate::base::errors::with_causes;
 use crate::commands::output::say_notice;
-use crate::commands::recording::Recording;
-use crate::commands::{Context, Outcome, output, scene_file, sensor_ids, signals, trajectory_args};
-use crate::recording::Session;
+use crate::commands::{Context, Outcome, output, scene_file, signals};
 use crate::recording::playback::{Placement, Player, Take, Tape, World};
+use crate::recording::{Recording, Session, sensor_ids};
 use crate::report::viewer;
 use crate::rig::MountFile;
 use crate::world::scene::LoadedScene;
@@ -37,19 +36,20 @@ struct Reels {
 
 impl Tape for Reels {
     fn router(&self) -> Result<Router, String> {
-        self.recording.router().map_err(|error| format!("{error:#}"))
+        self.recording.router().map_err(|error| with_causes(&error))
     }
 
     fn packets(&self, take: &mut Take<'_>) -> Result<(), String> {
         let mut is_enough = false;
         let ended = self.recording.each_packet_until(&mut |packet| {
-            is_enough = take(packet) == ControlFlow::Break(());
-            Ok(!is_enough)
+            let flow = take(packet);
+            is_enough = flow.is_break();
+            flow
         });
         match ended {
             Ok(ending) if !is_enough => ending.losses().into_iter().next().map_or(Ok(()), Err),
             Ok(_) => Ok(()),
-            Err(error) => Err(format!("{error:#}")),
+            Err(error) => Err(with_causes(&error)),
         }
     }
 
@@ -69,8 +69,8 @@ impl Tape for Reels {
 
 /// Runs the verb.
 pub(crate) fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
-    let sensors = args.sensors.or_of(context, &args.recording);
-    let recording = Recording::open_to_reread(&args.recording, &sensors)?.without_progress();
+    let spec = args.sensors.or_of(context, &args.recording).reread();
+    let recording = Recording::open(&spec.without_progress())?;
     let (mount, trajectory, source) = whereabouts(args)?;
     let scene = scene(args, context, trajectory.is_some())?;
     let world = trajectory.map(|trajectory| {
@@ -120,7 +120,7 @@ fn whereabouts(args: &Args) -> anyhow::Result<(Option<MountFile>, Option<Traject
     };
     let (trajectory, source) = match &args.trajectory {
         Some(path) => {
-            let (trajectory, notes) = trajectory_args::read_trajectory(path, None)?;
+            let (trajectory, notes) = crate::recording::read_trajectory(path, None)?;
             notes.iter().for_each(|note| say_notice(note));
             (Some(trajectory), Some(path.display().to_string()))
         }

@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 use super::{RigCommandError, Shared, lock, telling};
 use crate::daemon::status::RigState;
 use crate::daemon::supervision::Pulse;
-use crate::drive::{Options, Rig, RigError, RigStatus, ServoReport};
+use crate::drive::{Options, Rig, RigError, RigStatus};
 use crate::live::clocks::host::steady_now_ns;
+use crate::recording::ServoReport;
 
 /// How often its state is read while nothing moves.
 const LOOK: Duration = Duration::from_millis(100);

@@ -8,10 +8,12 @@ mod answer;
 mod correction;
 mod rig_space;
 mod search;
+mod state_file;
 mod weights;
 
 pub(crate) use answer::{Answer, Judged};
 pub(crate) use correction::ModelError;
 pub(crate) use rig_space::RigSpace;
 pub(crate) use search::{Findings, Plan, SceneSearch, SearchEnd};
+pub(crate) use state_file::{Asked, Question, SceneStateError, SearchState};
 pub(crate) use weights::{SceneWeights, WeightRule, angle_deg};

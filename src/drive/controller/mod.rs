@@ -8,7 +8,8 @@ use firmware_protocol::{
 };
 
 use super::view::{TargetView, View};
-use super::{AxisStatus, Link, RigError, RigStatus, ServoReport};
+use super::{AxisStatus, Link, RigError, RigStatus};
+use crate::recording::ServoReport;
 
 mod options;
 mod talk;

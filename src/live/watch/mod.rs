@@ -1,8 +1,10 @@
 //! What is watched of one sensor while it is decoded: rates, losses, its clock, its own warnings.
 
 mod beams;
+mod described;
 mod first_look;
 
+pub(crate) use described::{first_look, read_metadata};
 pub(crate) use first_look::correction_words;
 pub use first_look::{FirstLook, FirstLooks};
 

@@ -12,6 +12,7 @@ mod brute;
 mod experiment;
 mod fast;
 mod elements;
+mod masters;
 mod mixed;
 mod placement;
 mod region;
@@ -24,6 +25,7 @@ pub use spread::PUBLISHED_SPREAD_DEG;
 pub use experiment::{
     Experiment, ExperimentError, MOST_TYPES, MoreTypes, PRESETS, Path, Phase, Preset, Roll,
 };
+pub(crate) use masters::Masters;
 pub use placement::Placement;
 pub use region::{Reach, Region};
 

@@ -13,6 +13,8 @@ mod returns;
 mod surface;
 mod upright;
 
+use std::str::FromStr;
+
 use glam::{DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -72,6 +74,21 @@ pub struct Hint {
     pub at_m: DVec2,
     /// Heading of the body; none for any.
     pub yaw_rad: Option<f64>,
+}
+
+/// `x,y` or `x,y,yaw`: m and degrees.
+impl FromStr for Hint {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse::<f64>()).collect();
+        match numbers.as_deref() {
+            Ok([x, y, rest @ ..]) if rest.len() < 2 && numbers.iter().flatten().all(|n| n.is_finite()) => {
+                Ok(Self { at_m: DVec2::new(*x, *y), yaw_rad: rest.first().map(|yaw| yaw.to_radians()) })
+            }
+            _ => Err(format!("{text:?}: expected x,y in m, or x,y,yaw with the heading in degrees")),
+        }
+    }
 }
 
 /// Why a walk cannot be placed at all.

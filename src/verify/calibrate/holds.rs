@@ -1,7 +1,7 @@
 //! The stretches of a session in which an axis held one target.
 
 use super::{Reached, Setting};
-use crate::drive::ServoReport;
+use crate::recording::ServoReport;
 use crate::verify::compare::Thinning;
 
 /// Returns stored of each setting.

@@ -275,8 +275,9 @@ impl StandTest {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::FramePitch;
     use crate::simulate::frames::{Scan, Spin};
-    use crate::verify::compare::{FramePitch, Thinning};
+    use crate::verify::compare::Thinning;
     use crate::world::scene::{BoxScene, Scene};
 
     const TURN_NS: u64 = 100_000_000;

@@ -119,9 +119,10 @@ fn is_hit_around(map: &VoxelMap, at_m: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recording::FramePitch;
     use crate::rig::{Mount, MountedSensor};
     use crate::simulate::frames::{Scan, Spin};
-    use crate::verify::compare::{FramePitch, Thinning};
+    use crate::verify::compare::Thinning;
     use crate::world::scene::{BoxScene, Scene};
     use crate::world::trajectory::Trajectory;
 

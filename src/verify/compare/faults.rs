@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::{RayClass, RecordedRay, nulls::Field};
 use crate::base::geometry::Pose;
+use crate::recording::Fault;
 use crate::rig::{Mount, MountedSensor};
 
 /// So many rays are tried under each reading.
@@ -13,28 +14,6 @@ const FINE: f64 = 0.85;
 /// A better reading explains at least this share of the rays, and this much more than the given one.
 const EXPLAINS: f64 = 0.6;
 const BETTER_BY: f64 = 0.2;
-
-/// A fault.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Fault {
-    /// Short name, one of a few.
-    pub name: &'static str,
-    /// Sensors concerned.
-    pub sensors: Vec<String>,
-    /// In plain words.
-    pub words: String,
-    /// Share of the rays that agree with the recording as specified; none where rays cannot decide.
-    pub agree_share: Option<f64>,
-    /// The same if the fault is as named.
-    pub explained_share: Option<f64>,
-}
-
-impl Fault {
-    /// One that rays say nothing about.
-    pub(crate) fn new(name: &'static str, sensors: Vec<String>, words: String) -> Self {
-        Self { name, sensors, words, agree_share: None, explained_share: None }
-    }
-}
 
 /// Another reading of a recording.
 struct Reading {

@@ -11,25 +11,26 @@ mod conflicts;
 mod faults;
 mod intervals;
 mod nulls;
+mod ray_sample;
 mod rays;
 mod recorded_ray;
+mod replaying;
 mod surface;
-mod tilt;
 mod time_offset;
 
 pub use agreement::{Agreement, CellKinds, CoverageCounts, Table};
 pub(crate) use agreement::{cell_kinds, surface_cells};
 pub use classes::{Breakdown, INCIDENCE_BINS, RayClass, RayClasses, SECTORS};
 pub use conflicts::{Conflicts, Found};
-pub use faults::Fault;
 pub(crate) use faults::misread;
 pub use intervals::PatchAgreement;
 pub use nulls::{Calibration, Field, Healthy, NullTest};
+pub(crate) use ray_sample::RaySample;
 pub use rays::{Gate, Replay, Replayed};
 pub use recorded_ray::{PlacedRay, RecordedRay, Thinning};
+pub(crate) use replaying::{Replaying, ReplayingError, cover_planned, grid_over, seen_patches};
 pub(crate) use surface::box_points;
 pub use surface::{
     COVERED_WITHIN_M, PATCH_M, Patches, SurfaceAdder, SurfaceCovered, SurfaceShare, SurfaceTally,
 };
-pub use tilt::{FramePitch, TiltHistory, TiltReading};
 pub use time_offset::{NoTimeOffset, TimeOffset, time_offset};

@@ -238,6 +238,7 @@ fn simulate(field: &Field<'_>, healthy: Healthy, seed: u64) -> Vec<Option<f64>> 
 
 /// A patch is covered by a run when at least half of the rays that should end there do.
 fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], patches: usize) -> Run {
+    let is_map = matches!(field.scene, Scene::Voxels(_));
     let mut tally = vec![[0u32; 3]; patches];
     let (mut agree, mut informative) = (0u64, 0u64);
     for ((foreseen, recorded), ray) in foreseen.iter().zip(recorded).zip(field.rays) {
@@ -248,11 +249,12 @@ fn judge(field: &Field<'_>, foreseen: &[Foreseen], recorded: &[Option<f64>], pat
         if let Some(patch) = foreseen.patch {
             tally[patch as usize][0] += 1;
             tally[patch as usize][1] += u32::from(class == RayClass::Agree);
-            let is_near = foreseen
-                .range_m
-                .zip(*recorded)
-                .is_some_and(|(foreseen_m, recorded_m)| (recorded_m - foreseen_m).abs() < FAR_OFF_M);
-            tally[patch as usize][2] += u32::from(!is_near);
+            let is_far_off = foreseen.range_m.zip(*recorded).is_none_or(|(foreseen_m, recorded_m)| {
+                let late_m = recorded_m - foreseen_m;
+                // past the edge of a map's cell a ray goes on
+                late_m < -FAR_OFF_M || (late_m > FAR_OFF_M && !is_map)
+            });
+            tally[patch as usize][2] += u32::from(is_far_off);
         }
     }
     let covered: Vec<bool> = tally.iter().map(|[all, agree, _]| *agree > 0 && 2 * agree >= *all).collect();

@@ -6,8 +6,9 @@ use sensors::Frame;
 use sensors::projection::{sample_azimuth_rad, sample_time_ns};
 
 use super::surface::{Patches, SurfaceTally};
-use super::{Breakdown, FramePitch, RayClass, RayClasses, RecordedRay, Thinning};
+use super::{Breakdown, RayClass, RayClasses, RecordedRay, Thinning};
 use crate::base::geometry::Pose;
+use crate::recording::FramePitch;
 use crate::rig::{Mount, MountedSensor};
 use crate::world::coverage::{Coverage, VoxelGrid};
 use crate::world::scene::{Hit, Scene};

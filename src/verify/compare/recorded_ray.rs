@@ -4,8 +4,8 @@ use glam::DVec3;
 use sensors::projection::{returns, sample_azimuth_rad, sample_time_ns};
 use sensors::{Frame, SensorModel};
 
-use super::FramePitch;
 use crate::base::geometry::Pose;
+use crate::recording::FramePitch;
 use crate::rig::{Mount, MountedSensor};
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::recording::Fault;
 use crate::verify::align::Alignment;
 use crate::verify::calibrate::{RelativeTilt, SensorCheck};
 use crate::verify::compare::{
-    Agreement, Conflicts, CoverageCounts, Fault, NullTest, PatchAgreement, RayClasses, SurfaceShare,
+    Agreement, Conflicts, CoverageCounts, NullTest, PatchAgreement, RayClasses, SurfaceShare,
 };
 
 /// Predicted against recorded.

@@ -3,11 +3,12 @@
 use super::comparison::{CheckReport, Comparison, Measured, RayReport, Reason, SurfaceReport, Verdict};
 use super::silent::silent;
 use super::{decide, words};
+use crate::recording::Fault;
 use crate::rig::MountedSensor;
 use crate::verify::calibrate::{self, MountCheck, SensorCheck};
 use crate::verify::compare::{
-    Agreement, Conflicts, CoverageCounts, Fault, Field, Healthy, NullTest, PatchAgreement, Patches,
-    RayClasses, Replayed, SurfaceCovered, misread, surface_cells,
+    Agreement, Conflicts, CoverageCounts, Field, Healthy, NullTest, PatchAgreement, Patches, RayClasses,
+    Replayed, SurfaceCovered, misread, surface_cells,
 };
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;

@@ -5,6 +5,7 @@ pub mod judge;
 mod mounts;
 mod reason;
 mod silent;
+pub(crate) mod zero_offer;
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,7 @@
 //! Sensors and channels without data.
 
-use crate::verify::compare::{Fault, Replayed};
+use crate::recording::Fault;
+use crate::verify::compare::Replayed;
 
 /// Sensors without data or returns, and channels without returns.
 pub(super) fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {

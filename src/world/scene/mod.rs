@@ -13,7 +13,7 @@ mod voxels;
 pub use box_scene::BoxScene;
 pub use cloud_file::{CLOUD_ENDINGS, CloudFileError, CloudPoint, is_cloud, read_cloud};
 pub(crate) use loaded::{LoadedScene, MeshFile, MeshSummary};
-pub(crate) use map_builder::{MapBuilder, MapSummary};
+pub(crate) use map_builder::{MapBuilder, MapError, MapSummary};
 pub use mesh::{Mesh, MeshError};
 pub use mesh_file::{LoadedMesh, MESH_ENDINGS, MeshFileError, MeshUnit, UpAxis, load_mesh};
 pub(crate) use mesh_file::{UNITS, plausible_units};

@@ -8,7 +8,7 @@ use sensors::velodyne::Product;
 
 use super::Args;
 use crate::base::geometry::Pose;
-use crate::commands::{Context, output, scene_file, trajectory_args};
+use crate::commands::{Context, output, scene_file};
 use crate::live::receive::now_ns;
 use crate::mock::sensor::{FaultInjector, Faults, MockSensor};
 use crate::rig::{Mount, MountFile};
@@ -93,7 +93,7 @@ pub(super) fn trajectory(args: &Args) -> anyhow::Result<Trajectory> {
 }
 
 fn read_trajectory(path: &Path) -> anyhow::Result<Trajectory> {
-    let (trajectory, notes) = trajectory_args::read_trajectory(path, None)?;
+    let (trajectory, notes) = crate::recording::read_trajectory(path, None)?;
     notes.iter().for_each(|note| output::say_notice(note));
     Ok(trajectory)
 }

@@ -3,9 +3,10 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::*;
+use crate::recording::FramePitch;
 use crate::rig::Mount;
 use crate::simulate::frames::{Scan, Spin};
-use crate::verify::compare::{FramePitch, Thinning};
+use crate::verify::compare::Thinning;
 use crate::world::scene::{BoxScene, Mesh, Scene};
 
 const TURN_NS: u64 = 100_000_000;

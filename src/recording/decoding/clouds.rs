@@ -1,0 +1,132 @@
+//! Bags that hold clouds and no packets: their points as they are, each at its own time.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::document::Document;
+use super::error::DecodingError;
+use super::output::Output;
+use super::placing::Placing;
+use super::spec::DecodingSpec;
+use crate::base::geometry::Pose;
+use crate::recording::bags::{BagClouds, PLATFORM_FRAME, RecordedTrajectory, Surroundings, Topic};
+use crate::recording::export::{Cloud, Source};
+use crate::recording::read_trajectory;
+use crate::recording::registered::{Registration, Target};
+use crate::recording::source::Recording;
+
+/// Decodes nothing: hands on what a driver decoded.
+pub(crate) fn decode_clouds(spec: &DecodingSpec, recording: &Recording) -> Result<Document, DecodingError> {
+    let mut notices = Vec::new();
+    let surroundings = match spec.is_moved() {
+        true => Some(Surroundings::read(recording.path(), &recording.name())?),
+        false => None,
+    };
+    let (mut registration, body) = registration(spec, recording, surroundings.as_ref(), &mut notices)?;
+    let frames = spec.wanted_frames().unwrap_or_default();
+    let mut output = Output::new(spec, recording, spec.file_frame(&registration))?;
+    let mut clouds = BagClouds::open(recording.path(), &recording.name())?;
+    let mut document = Document::default();
+    let mut sources: BTreeMap<usize, Arc<Source>> = BTreeMap::new();
+    while let Some(cloud) = clouds.next()? {
+        registration.begin(cloud.record_time_ns);
+        let at = sources.len();
+        let topic = cloud.topic;
+        let source = sources.entry(topic).or_insert_with(|| Arc::new(source(&clouds.topics()[topic], at)));
+        let at = usize::from(source.number);
+        let number = document.count_frame(at);
+        let is_wanted = spec.part.wants(&source.id, &clouds.topics()[topic].name)
+            && registration.is_wanted([cloud.record_time_ns; 2]);
+        if !frames.contains(number) || !is_wanted {
+            continue;
+        }
+        let body_from_cloud = match &surroundings {
+            None => Pose::IDENTITY,
+            Some(Surroundings { frames, .. }) => {
+                let body = body.as_deref().or_else(|| frames.root_of(&cloud.frame_id));
+                let pose = body.and_then(|body| frames.a_from_b(body, &cloud.frame_id));
+                pose.ok_or_else(|| DecodingError::NoTransform {
+                    recording: recording.name(),
+                    frame: cloud.frame_id.clone(),
+                    body: body.unwrap_or("a frame of the rig").to_owned(),
+                })?
+            }
+        };
+        let start_ns = cloud.points.iter().map(|point| point.time_ns).min().unwrap_or(cloud.stamp_ns);
+        let mut frame = Cloud::of_points(
+            Arc::clone(source),
+            number as u32,
+            [start_ns, cloud.record_time_ns],
+            cloud.points,
+        );
+        document.add_cloud(at, &frame);
+        registration.apply(at, &mut frame, &|_| body_from_cloud);
+        if let Some(output) = &mut output {
+            output.add_cloud(at, number, frame)?;
+        }
+    }
+    let topics = sources.iter().map(|(topic, source)| (&clouds.topics()[*topic], source.as_ref()));
+    document.conclude_clouds(recording, topics, clouds.losses());
+    document.add_registration(&Placing { mounts: None, registration, recording }, notices);
+    if document.is_empty() {
+        let (recording, notices) = (recording.name(), document.notices().join("; "));
+        return Err(DecodingError::NoCloud { recording, notices });
+    }
+    document.close(spec, output)
+}
+
+/// How the clouds are moved, and the frame that they are moved to before a trajectory moves them on.
+fn registration(
+    spec: &DecodingSpec,
+    recording: &Recording,
+    surroundings: Option<&Surroundings>,
+    notices: &mut Vec<String>,
+) -> Result<(Registration, Option<String>), DecodingError> {
+    let filter = spec.filter.clone();
+    let Some(surroundings) = surroundings else {
+        return Ok((Registration::new(Target::Sensor, filter), None));
+    };
+    notices.extend(surroundings.notices.iter().cloned());
+    let platform = || surroundings.frames.names(PLATFORM_FRAME).then(|| PLATFORM_FRAME.to_owned());
+    if !spec.is_read_again() {
+        return Ok((Registration::new(Target::Rig, filter), platform()));
+    }
+    let (trajectory, body) = match spec.trajectory.as_deref() {
+        Some(path) if path.as_os_str() == "odometry" => {
+            return Err(DecodingError::OdometryOfClouds { recording: recording.name() });
+        }
+        Some(path) => {
+            let (trajectory, of_file) = read_trajectory(path, None)?;
+            notices.extend(of_file);
+            (trajectory, platform())
+        }
+        None => {
+            let of_platform = |of: &&RecordedTrajectory| surroundings.frames.names(&of.child);
+            let all = &surroundings.trajectories;
+            let Some(of) = all.iter().find(of_platform).or(all.first()) else {
+                return Err(DecodingError::NoTrajectory { recording: recording.name() });
+            };
+            notices.push(format!("{}: poses of {} in {}", of.topic, of.child, of.parent));
+            (of.trajectory.clone(), Some(of.child.clone()))
+        }
+    };
+    let target = Target::World { trajectory, offset: spec.time_offset };
+    Ok((Registration::new(target, filter), body))
+}
+
+/// By the namespace of its topic; where that has none, by its name.
+fn source(topic: &Topic, number: usize) -> Source {
+    let name = topic.name.trim_matches('/');
+    let (namespace, last) = name.rsplit_once('/').unwrap_or((name, name));
+    let is_second = last.ends_with("points2");
+    let id: String =
+        namespace.chars().map(|c| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' }).collect();
+    Source {
+        id: if is_second { format!("{id}-second") } else { id },
+        number: number as u16, // few topics hold clouds
+        vendor: "unknown".into(),
+        model: topic.kind.clone(),
+        serial: String::new(),
+        timestamp_mode: None,
+    }
+}

@@ -1,0 +1,20 @@
+//! A recording decoded: its points in files, and what was found on the way.
+
+mod clouds;
+mod document;
+mod error;
+mod frames;
+mod output;
+mod packets;
+mod placing;
+mod spec;
+
+pub(crate) use clouds::decode_clouds;
+pub(crate) use error::DecodingError;
+pub(crate) use frames::{FrameRange, OutputFrame};
+pub(crate) use output::ensure_output;
+pub(crate) use packets::decode;
+pub(crate) use spec::DecodingSpec;
+
+/// What a decoding says that was told to stop.
+pub(crate) const INTERRUPTED: &str = "interrupted: whole files stay, unfinished ones are removed";

@@ -1,0 +1,96 @@
+//! The trajectory of a recording, and where it lies in the scene.
+
+use super::by_odometry::OdometryResult;
+use super::error::WalkError;
+use super::in_scene::{Placed, RAYS, Walk, in_scene};
+use super::spec::PlaceSpec;
+use crate::base::geometry::Pose;
+use crate::recording::mounted::MountedRecording;
+use crate::recording::{RecordingError, read_trajectory};
+use crate::verify::compare::RaySample;
+use crate::world::local_origin::LocalOrigin;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
+
+/// A trajectory, and what odometry read of the recording.
+pub(super) enum Found {
+    Elsewhere(Trajectory),
+    Odometry(Box<OdometryResult>),
+}
+
+impl Found {
+    pub(super) fn trajectory(&self) -> &Trajectory {
+        match self {
+            Self::Elsewhere(trajectory) => trajectory,
+            Self::Odometry(result) => &result.walked.trajectory,
+        }
+    }
+}
+
+/// From a file, the recording's own, or by odometry.
+pub(super) fn find_trajectory(
+    spec: &PlaceSpec,
+    recorded: &MountedRecording,
+    notices: &mut Vec<String>,
+) -> Result<Found, WalkError> {
+    let by_odometry = |notices: &mut Vec<String>| -> Result<Found, WalkError> {
+        let result = OdometryResult::of_rig(recorded, &spec.odometry, spec.map_of.is_none())?;
+        notices.extend(result.remarks());
+        Ok(Found::Odometry(Box::new(result)))
+    };
+    let Some(path) = &spec.trajectory else {
+        return match recorded.own_trajectory()? {
+            Some(own) => Ok(Found::Elsewhere(own)),
+            None if spec.map_of.is_some() => Err(WalkError::NoTrajectoryOfMap { what: recorded.what() }),
+            None => {
+                notices.push(format!("{} holds no trajectory: odometry finds one", recorded.what()));
+                by_odometry(notices)
+            }
+        };
+    };
+    let name = path.display().to_string();
+    if name == "still" {
+        return Ok(Found::Elsewhere(recorded.still()?));
+    }
+    if name == "odometry" {
+        return by_odometry(notices);
+    }
+    let (poses, notes) = read_trajectory(path, spec.rate_hz)?;
+    notices.extend(notes);
+    let Some(rate_hz) = spec.rate_hz else {
+        return Ok(Found::Elsewhere(poses));
+    };
+    let [first_ns, _] = recorded.span_ns()?.ok_or(RecordingError::NoFrame)?;
+    let first_ns = first_ns + (0.5e9 / rate_hz).round() as u64; // poses are those of the middles
+    let stamped: Vec<(u64, Pose)> =
+        poses.stamped().map(|(time_ns, pose)| (time_ns + first_ns, pose)).collect();
+    Ok(Found::Elsewhere(Trajectory::of_revolutions(stamped)?))
+}
+
+/// Where a trajectory of a frame of its own lies in the scene, which begins at `origin`.
+pub(super) fn placed(
+    spec: &PlaceSpec,
+    recorded: &MountedRecording,
+    found: &Found,
+    (scene, origin): (&Scene, LocalOrigin),
+    time_offset_ns: i64,
+) -> Result<Placed, WalkError> {
+    let walk = |rays, sensors, drifts| Walk {
+        trajectory: found.trajectory(),
+        rays,
+        sensors,
+        time_offset_ns,
+        drifts,
+    };
+    match found {
+        Found::Odometry(result) => {
+            let walk = walk(&result.rays[..], &result.mounted[..], true);
+            in_scene(&walk, scene, origin, spec.near, spec.observer)
+        }
+        Found::Elsewhere(_) => {
+            let sample = RaySample::of(recorded, RAYS)?;
+            let walk = walk(&sample.rays[..], &sample.sensors[..], false);
+            in_scene(&walk, scene, origin, spec.near, spec.observer)
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! The trajectory by which returns are placed: a file, the recording's own, or odometry.
+
+use std::path::Path;
+
+use super::by_odometry::OdometrySpec;
+use super::error::WalkError;
+use crate::recording::decoding::{DecodingSpec, OutputFrame};
+use crate::recording::mounted::{AxisZeros, Mounts, each_frame, revolutions_ns};
+use crate::recording::registered::{Registration, Target, TimeOffset};
+use crate::recording::{Recording, read_trajectory};
+use crate::world::trajectory::{Trajectory, suspicions};
+
+/// A trajectory and how its times count.
+struct Found {
+    pub trajectory: Trajectory,
+    pub offset: TimeOffset,
+    /// What the user should know of it.
+    pub notices: Vec<String>,
+}
+
+/// Where the sensors sit, and how their points are moved; none of the first where they stay.
+pub(crate) fn registration(
+    spec: &DecodingSpec,
+    recording: &Recording,
+    notices: &mut Vec<String>,
+) -> Result<(Option<Mounts>, Registration), WalkError> {
+    if !spec.is_moved() {
+        return Ok((None, Registration::new(Target::Sensor, spec.filter.clone())));
+    }
+    let mut mounts = Mounts::of(recording, spec.mount.as_deref(), &AxisZeros::default())?;
+    let target = match spec.frame {
+        OutputFrame::World => {
+            let found = find(spec.trajectory.as_deref(), spec.time_offset, recording, &mut mounts)?;
+            notices.extend(found.notices);
+            Target::World { trajectory: found.trajectory, offset: found.offset }
+        }
+        OutputFrame::Rig | OutputFrame::Sensor => Target::Rig,
+    };
+    notices.extend(mounts.notices.iter().cloned());
+    Ok((Some(mounts), Registration::new(target, spec.filter.clone())))
+}
+
+/// From the file named (`odometry`: by odometry), or what the recording holds itself.
+fn find(
+    named: Option<&Path>,
+    offset: TimeOffset,
+    recording: &Recording,
+    mounts: &mut Mounts,
+) -> Result<Found, WalkError> {
+    let Some(path) = named else { return own(offset, recording) };
+    if path.as_os_str() == "odometry" {
+        return by_odometry(recording, mounts);
+    }
+    match read_trajectory(path, None) {
+        Ok((trajectory, mut notices)) => {
+            notices.extend(suspicions(&trajectory, "trajectory"));
+            Ok(Found { trajectory, offset, notices })
+        }
+        // poses without times, one per revolution
+        Err(error) => match read_trajectory(path, Some(1.0)) {
+            Ok((poses, notices)) => by_revolution(path, &poses, notices, offset, recording, mounts),
+            Err(_) => Err(error.into()),
+        },
+    }
+}
+
+fn own(offset: TimeOffset, recording: &Recording) -> Result<Found, WalkError> {
+    if let Some(session) = recording.checked_session() {
+        let without = || WalkError::SessionWithout { recording: recording.name() };
+        let trajectory = session.trajectory()?.ok_or_else(without)?;
+        return Ok(Found { trajectory, offset, notices: Vec::new() });
+    }
+    if !recording.is_bag() {
+        return Err(WalkError::CaptureWithout { recording: recording.name() });
+    }
+    let (trajectory, notices) = read_trajectory(recording.path(), None).map_err(WalkError::BagWithout)?;
+    Ok(Found { trajectory, offset, notices })
+}
+
+fn by_odometry(recording: &Recording, mounts: &mut Mounts) -> Result<Found, WalkError> {
+    let mut pass = OdometrySpec::default().pass(mounts.sensors());
+    each_frame(recording, mounts, &mut |mounted| {
+        pass.add_frame(mounted.slot, mounted.model, mounted.body_from_sensor, mounted.frame);
+        Ok::<(), WalkError>(())
+    })?;
+    let mut notices = Vec::new();
+    let (walked, _) = pass.finish(&mut notices)?;
+    notices.extend(walked.problems.iter().cloned());
+    notices.extend(walked.open_direction());
+    notices.push(
+        "the world is the rig's frame at the first return: the trajectory was found by odometry".into(),
+    );
+    Ok(Found { trajectory: walked.trajectory, offset: TimeOffset::Fixed(0), notices })
+}
+
+fn by_revolution(
+    path: &Path,
+    poses: &Trajectory,
+    mut notices: Vec<String>,
+    offset: TimeOffset,
+    recording: &Recording,
+    mounts: &mut Mounts,
+) -> Result<Found, WalkError> {
+    let name = path.display().to_string();
+    let middles_ns = revolutions_ns(recording, mounts).map_err(WalkError::Revolutions)?;
+    let count = poses.stamped().count();
+    if count != middles_ns.len() {
+        let (recording, revolutions) = (recording.name(), middles_ns.len());
+        return Err(WalkError::PosesPerRevolution { name, poses: count, recording, revolutions });
+    }
+    notices.push(format!(
+        "{name}: poses without times: each is used for the middle of its revolution, {count} of {count}"
+    ));
+    let stamped = middles_ns.into_iter().zip(poses.stamped().map(|(_, pose)| pose));
+    let trajectory = Trajectory::of_revolutions(stamped.collect())
+        .map_err(|source| WalkError::TrajectoryFile { name, source })?;
+    Ok(Found { trajectory, offset, notices })
+}
