@@ -41,9 +41,12 @@ void main() {
   if (is_shaded) colour.rgb *= 0.6 + 0.4 * abs(dot(normalize(cross(dFdx(at), dFdy(at))), vec3(0.35, 0.2, 0.915)));
 #endif
 }`;
-// while the camera moves, slow machines draw every n-th point of large clouds
-const LARGE = 20000;
-const MOST_LEFT_OUT = 20;
+// how many points a picture has while the camera moves: at first, and at least; in between as many as the machine can draw in time
+const BUDGET = 200000;
+const LEAST_BUDGET = 20000;
+// pictures while the camera moves: closer than the first, more points; farther apart than the second, fewer, ms
+const PICTURE_MS = [36, 60];
+const REST_MS = 250;
 
 // stops of palettes that people with any colour vision can read, from low to high
 const PALETTES = {
@@ -86,6 +89,7 @@ class CloudView {
     this.reset();
     if (!this.gl) return;
     this.programs = { points: this.link(""), solid: this.link("#define SOLID\n") };
+    this.budget = BUDGET;
     this.paletteTexture = this.gl.createTexture();
     this.setPalette("viridis");
     this.grid = this.makeGrid();
@@ -125,13 +129,24 @@ class CloudView {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, `#version 300 es\n${define}${text}`);
       gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(program, shader);
     }
     ["place", "value", "range"].forEach((name, at) => gl.bindAttribLocation(program, at, name));
     gl.linkProgram(program);
     const at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
     return { program, at };
+  }
+
+  // compiled meanwhile: the page does not wait for it before there is something to draw
+  ensureLinked() {
+    const gl = this.gl;
+    if (this.isLinked) return;
+    for (const { program } of Object.values(this.programs)) {
+      if (gl.getProgramParameter(program, gl.LINK_STATUS)) continue;
+      const logs = gl.getAttachedShaders(program).map((shader) => gl.getShaderInfoLog(shader));
+      throw new Error([gl.getProgramInfoLog(program), ...logs].join("\n"));
+    }
+    this.isLinked = true;
   }
 
   setPalette(name) {
@@ -153,7 +168,7 @@ class CloudView {
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(at);
     gl.vertexAttribPointer(at, size, kind, false, 0, 0);
-    return { buffer, size, kind, bytes: size * data.BYTES_PER_ELEMENT };
+    return buffer;
   }
 
   // positions of any kind of number on the graphics card, with a value and a range each where these are given
@@ -162,34 +177,28 @@ class CloudView {
     if (!gl) return null;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    const rows = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
-    return { array, rows, count: places.length / 3, every: 1 };
+    const buffers = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
+    return { array, buffers, count: places.length / 3, isMixed: false };
   }
 
-  // draws only every n-th of its points from here on
-  thin(part, every) {
-    const gl = this.gl;
-    if (part.every === every) return;
-    part.every = every;
-    part.rows.forEach((row, at) => {
-      if (!row) return;
-      gl.bindBuffer(gl.ARRAY_BUFFER, row.buffer);
-      gl.vertexAttribPointer(at, row.size, row.kind, false, every > 1 ? every * row.bytes : 0, 0);
-    });
+  // the same of points of which a part may be drawn
+  uploadPoints(places, values, ranges) {
+    const part = this.upload(...[places, values, ranges].map((row, at) => row && mixed(row, at === 0 ? 3 : 1)));
+    return part && Object.assign(part, { isMixed: true });
   }
 
   // rewrites a row of a cloud: 1 values, 2 ranges
   setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.rows[row].buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[row]);
+    gl.bufferData(gl.ARRAY_BUFFER, part.isMixed ? mixed(values, 1) : values, gl.STATIC_DRAW);
   }
 
   free(part) {
     if (!part) return;
     this.gl.deleteVertexArray(part.array);
-    part.rows.forEach((row) => row && this.gl.deleteBuffer(row.buffer));
+    part.buffers.forEach((buffer) => buffer && this.gl.deleteBuffer(buffer));
   }
 
   line(places) {
@@ -234,7 +243,8 @@ class CloudView {
         if (this.isPolite) this.pause = Math.min(600, Math.max(50, 3 * (performance.now() - wanted)));
       });
     };
-    if (this.pause) setTimeout(begin, this.pause);
+    const isPaced = (this.turnedAt ?? -1) > (this.drawnAt ?? 0) && this.budget > LEAST_BUDGET;
+    if (this.pause && !isPaced) setTimeout(begin, this.pause);
     else begin();
   }
 
@@ -246,8 +256,10 @@ class CloudView {
 
   draw() {
     const { gl, canvas } = this;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
-    const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
+    this.ensureLinked();
+    this.share = this.pace();
+    this.ratio = Math.min(devicePixelRatio || 1, this.share < 1 ? 1 : 2);
+    const [width, height] = [canvas.clientWidth * this.ratio, canvas.clientHeight * this.ratio].map(Math.round);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     gl.viewport(0, 0, width, height);
@@ -267,7 +279,6 @@ class CloudView {
       gl.uniform2f(at.box_turn, Math.cos(yaw), Math.sin(yaw));
       gl.uniform2fv(at.limits, this.limits);
     }
-    this.every = this.pace();
     const lines = this.showGrid ? [[this.grid, [0.5, 0.53, 0.58, 0.45], gl.LINES]] : [];
     if (this.showAxes) lines.push(...this.axes.map(([part, colour]) => [part, colour, gl.LINES]));
     if (this.track) lines.push([this.track, this.trackColour ?? [1, 1, 1], gl.LINE_STRIP]);
@@ -279,7 +290,7 @@ class CloudView {
     canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
   }
 
-  // every how many-th point is drawn: all when nothing moves, fewer while pictures follow each other slowly
+  // which share of the points is drawn: all of them when nothing moves, else what comes in time
   pace() {
     const now = performance.now();
     const before = this.drawnAt ?? 0;
@@ -289,25 +300,26 @@ class CloudView {
     const isOn = isMoving && this.isMoving; // so was the picture before: the time between the two is that of a picture
     this.isMoving = isMoving;
     if (!isMoving) return 1;
-    const every = this.pacedEvery ?? 1;
-    this.pacedEvery = !isOn ? every : since > 110 ? Math.min(MOST_LEFT_OUT, Math.ceil((every * since) / 90)) : since < 35 ? Math.max(1, every - 1) : every;
+    const points = (this.shown ?? []).reduce((sum, { part }) => sum + (part?.isMixed ? part.count : 0), 0);
+    const [close, far] = PICTURE_MS;
+    if (isOn && since < close) this.budget = Math.min(1.5 * this.budget, Math.max(points, BUDGET));
+    if (isOn && since > far) this.budget = Math.max(LEAST_BUDGET, this.budget * Math.max(0.4, (0.8 * far) / since));
     clearTimeout(this.full);
-    this.full = setTimeout(() => this.ask(), 250);
-    return this.pacedEvery;
+    this.full = setTimeout(() => this.ask(), REST_MS);
+    return Math.min(1, this.budget / Math.max(points, 1));
   }
 
   drawPart({ part, matrix, colour, kind, size, metres, isShaded, isWhole, isOnTop, ranges }) {
     const { gl } = this;
     const isSolid = kind !== undefined && kind !== gl.POINTS;
     const { program, at } = isSolid ? this.programs.solid : this.programs.points;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
     const isBoxed = Boolean(this.box) && !isWhole;
     gl.useProgram(program);
     gl.uniformMatrix4fv(at.world_from_points, false, matrix ?? IDENTITY);
     gl.uniformMatrix4fv(at.clip_from_points, false, matrix ? product(this.clip, matrix) : this.clip);
     gl.uniform1i(at.is_flat, colour ? 1 : 0);
     gl.uniform4fv(at.flat_colour, colour ? [...colour.slice(0, 3), colour[3] ?? 1] : [1, 1, 1, 1]);
-    gl.uniform1f(at.size, (size ?? this.size) * ratio);
+    gl.uniform1f(at.size, (size ?? this.size) * this.ratio);
     gl.uniform1f(at.metres, metres ?? 0);
     gl.uniform2fv(at.ranges, isWhole ? [-1, 1e30] : ranges ?? this.ranges);
     gl.uniform1i(at.is_boxed, isBoxed ? 1 : 0);
@@ -317,11 +329,10 @@ class CloudView {
     (isOnTop ? gl.disable : gl.enable).call(gl, gl.DEPTH_TEST);
     gl.depthMask((colour?.[3] ?? 1) >= 1);
     gl.bindVertexArray(part.array);
-    const every = !isSolid && part.count > LARGE ? this.every : 1;
-    this.thin(part, every);
-    gl.drawArrays(kind ?? gl.POINTS, 0, Math.floor(part.count / every));
+    const count = part.isMixed ? Math.ceil(part.count * this.share) : part.count;
+    gl.drawArrays(kind ?? gl.POINTS, 0, count);
     gl.depthMask(true);
-    return part.count;
+    return count;
   }
 
   // perspective times a camera that looks at the middle (or from it, inside), z up
@@ -441,6 +452,24 @@ class CloudView {
     }
     this.ask();
   }
+}
+
+// numbers of points (one or three each) in an order of which every beginning is a sample of all: by steps of the golden section
+function mixed(row, size) {
+  const count = row.length / size;
+  const out = new row.constructor(row.length);
+  let step = Math.max(1, Math.round(0.618 * count));
+  while (divisor(step, count) > 1) step++;
+  for (let to = 0, from = 0; to < row.length; to += size) {
+    for (let at = 0; at < size; at++) out[to + at] = row[size * from + at];
+    from += step;
+    if (from >= count) from -= count;
+  }
+  return out;
+}
+
+function divisor(a, b) {
+  return b === 0 ? a : divisor(b, a % b);
 }
 
 // of two matrices by columns
