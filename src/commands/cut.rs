@@ -39,6 +39,9 @@ pub struct Args {
     /// Where the sensors sit: written to a bag as static transforms. Without it a session's own, or those of the bag that is read.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
+    /// Where the rig was: written to a bag as moving transforms. Without it a session's own, or that of the bag that is read.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
     /// Overwrite a file that exists.
     #[arg(long)]
     force: bool,

@@ -9,7 +9,7 @@ use sensors::router::Routed;
 
 use super::Args;
 use super::document::Document;
-use super::sensors::{Needs, SensorsOf};
+use super::sensors::{Needs, Poses, SensorsOf};
 use crate::commands::recording::Recording;
 use crate::commands::{Context, sensor_ids, unread};
 use crate::recording::moment::Moment;
@@ -26,6 +26,7 @@ pub(super) struct Cutting<'a> {
     met: BTreeSet<String>,
     missing: BTreeSet<&'a str>,
     start_ns: Option<u64>,
+    poses: Option<Poses>,
 }
 
 impl<'a> Cutting<'a> {
@@ -48,6 +49,7 @@ impl<'a> Cutting<'a> {
             met: BTreeSet::new(),
             missing: args.part.only.iter().map(String::as_str).collect(),
             start_ns: None,
+            poses: None,
         }
     }
 
@@ -69,6 +71,7 @@ impl<'a> Cutting<'a> {
             None => PacketWriter::create(&args.out, self.format)?,
         };
         let mut sensors = SensorsOf::read(args, &recording, (self.needs, self.start_ns.is_none()))?;
+        self.poses = sensors.trajectory.take().or(self.poses.take());
         let ending = recording.each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
         if self.needs.sensors {
@@ -126,6 +129,9 @@ impl<'a> Cutting<'a> {
         if let Some(frames) = of.transforms.take() {
             writer.add_transforms(packet.host_time_ns, &frames)?;
         }
+        for (time_ns, frame) in self.poses.iter_mut().flat_map(|poses| poses.until(packet.host_time_ns)) {
+            writer.add_pose(time_ns, frame)?;
+        }
         let is_new = !self.document.sensors.contains_key(name.as_str());
         if is_new && let Some(text) = of.recording.metadata_text(&of.router.sensors()[at]) {
             writer.add_metadata(name, packet.host_time_ns, text)?;
@@ -141,6 +147,7 @@ impl<'a> Cutting<'a> {
             bail!("no packet of sensor {name}; there are {}", met.join(", "));
         }
         let mut document = self.document;
+        document.losses.extend(self.poses.as_ref().and_then(Poses::loss));
         document.packets = self.writer.map_or(Ok(0), PacketWriter::finish)?;
         if document.unassigned > 0 {
             document.losses.push(format!(

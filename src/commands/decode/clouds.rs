@@ -22,6 +22,10 @@ pub(super) fn run(args: &Args, context: Context, recording: &Recording) -> anyho
     let format = args.format(context);
     context
         .ensure_not_typed(&["mount"], "is for packets: clouds of a bag sit as its static transforms say")?;
+    if !args.points.is_moved() {
+        context
+            .ensure_not_typed(&["trajectory", "time_offset"], "needs --frame world: the bag holds clouds")?;
+    }
     let mut notices = Vec::new();
     let surroundings = match args.points.is_moved() {
         true => Some(Surroundings::read(recording.path(), &recording.name())?),

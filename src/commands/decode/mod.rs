@@ -81,7 +81,8 @@ impl Args {
 /// Runs the verb.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let format = args.format(context);
-    args.points.check(context, format.or_else(|| args.out.as_deref().and_then(Format::of_path)))?;
+    let file_format = format.or_else(|| args.out.as_deref().and_then(Format::of_path));
+    args.points.check(context, file_format)?;
     let sensors = args.sensors.or_of(context, &args.capture);
     let recording = match args.points.is_read_again() {
         true => Recording::open_to_reread(&args.capture, &sensors)?,
@@ -93,7 +94,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     }
     let mut document = Document::default();
     let mut notices = Vec::new();
-    let (mounts, registration) = args.points.registration(&recording, &mut notices)?;
+    let (mounts, registration) = args.points.registration(&recording, file_format, &mut notices)?;
     let mut placing = Placing { mounts, registration, recording: &recording };
     let mut output = Output::new(args, format, &recording, args.points.file_frame(&placing.registration))?;
     let mut router = recording.router()?;

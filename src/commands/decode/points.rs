@@ -22,7 +22,7 @@ pub struct PointArgs {
     /// Frame of the points: each sensor's own; the rig's; or the world's, each return at its own time, all sensors in one cloud.
     #[arg(long, value_enum, default_value_t)]
     frame: OutputFrame,
-    /// Where the rig was, for --frame world: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC), or
+    /// Where the rig was, for --frame world and for the transforms of an MCAP file: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC), or
     /// `odometry`. Without it the session's or the bag's own.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -71,16 +71,17 @@ impl PointArgs {
 
     /// Whether the recording is read before it is decoded.
     pub(super) fn is_read_again(&self) -> bool {
-        self.frame == OutputFrame::World
+        self.frame == OutputFrame::World || self.trajectory.is_some()
     }
 
     /// Refuses what does not fit together, before anything is read.
     pub(super) fn check(&self, context: Context, format: Option<Format>) -> anyhow::Result<()> {
+        let words = "needs --frame world or --frame rig: without it points stay in their sensor's own frame";
         if !self.is_moved() {
-            context.ensure_not_typed(
-                &["trajectory", "mount", "time_offset", "mask", "crs"],
-                "needs --frame world or --frame rig: without it points stay in their sensor's own frame",
-            )?;
+            context.ensure_not_typed(&["mask", "crs"], words)?;
+        }
+        if !self.is_moved() && !format.is_some_and(Format::holds_transforms) {
+            context.ensure_not_typed(&["trajectory", "mount", "time_offset"], words)?;
         }
         if self.frame == OutputFrame::Rig {
             context.ensure_not_typed(&["trajectory", "time_offset", "crs"], "needs --frame world")?;
@@ -137,10 +138,11 @@ impl PointArgs {
     pub(super) fn registration(
         &self,
         recording: &Recording,
+        format: Option<Format>,
         notices: &mut Vec<String>,
     ) -> anyhow::Result<(Option<Mounts>, Registration)> {
         if !self.is_moved() {
-            return Ok((None, Registration::new(Target::Sensor, self.filter())));
+            return self.stated(recording, format, notices);
         }
         let mut mounts = Mounts::of(recording, self.mount.as_deref(), &AxisZeros::default())?;
         let target = match self.frame {
@@ -153,5 +155,34 @@ impl PointArgs {
         };
         notices.extend(mounts.notices.iter().cloned());
         Ok((Some(mounts), Registration::new(target, self.filter())))
+    }
+
+    /// The same where points stay in their sensors' frames, for a file that has a place for transforms.
+    fn stated(
+        &self,
+        recording: &Recording,
+        format: Option<Format>,
+        notices: &mut Vec<String>,
+    ) -> anyhow::Result<(Option<Mounts>, Registration)> {
+        let stay = Target::Sensor;
+        if !format.is_some_and(Format::holds_transforms) {
+            return Ok((None, Registration::new(stay, self.filter())));
+        }
+        let mut mounts = Mounts::of(recording, self.mount.as_deref(), &AxisZeros::default())?;
+        let own = recording.checked_session().map(|session| session.trajectory()).transpose()?.flatten();
+        let target = match (&self.trajectory, own) {
+            (None, None) => stay,
+            (None, Some(trajectory)) => Target::SensorOnTrajectory { trajectory, offset: self.time_offset },
+            (Some(path), _) => {
+                let found = trajectory::find(Some(path), self.time_offset, recording, &mut mounts)?;
+                notices.extend(found.notices);
+                Target::SensorOnTrajectory { trajectory: found.trajectory, offset: found.offset }
+            }
+        };
+        let is_stated = mounts.is_known() || matches!(target, Target::SensorOnTrajectory { .. });
+        if is_stated {
+            notices.extend(mounts.notices.iter().cloned());
+        }
+        Ok((is_stated.then_some(mounts), Registration::new(target, self.filter())))
     }
 }
