@@ -48,33 +48,6 @@ const LEAST_BUDGET = 20000;
 const PICTURE_MS = [36, 60];
 const REST_MS = 250;
 
-// stops of palettes that people with any colour vision can read, from low to high
-const PALETTES = {
-  viridis: ["440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725"],
-  cividis: ["00224e", "123570", "3b496c", "575d6d", "707173", "8a8678", "a59c74", "c3b369", "e1cc55", "fee838"],
-  inferno: ["000004", "1b0c41", "4a0c6b", "781c6d", "a52c60", "cf4446", "ed6925", "fb9b06", "f7d13d", "fcffa4"],
-  grey: ["202020", "ffffff"],
-};
-// Okabe and Ito
-const SENSOR_COLOURS = ["0072b2", "e69f00", "009e73", "cc79a7", "56b4e9", "d55e00", "f0e442", "999999"];
-
-function rgb(hex) {
-  return [0, 2, 4].map((at) => parseInt(hex.slice(at, at + 2), 16) / 255);
-}
-
-function paletteBytes(name) {
-  const stops = PALETTES[name].map(rgb);
-  const bytes = new Uint8Array(256 * 4);
-  for (let at = 0; at < 256; at++) {
-    const place = (at / 255) * (stops.length - 1);
-    const [low, high] = [stops[Math.floor(place)], stops[Math.ceil(place)]];
-    const share = place - Math.floor(place);
-    for (let channel = 0; channel < 3; channel++) bytes[4 * at + channel] = 255 * (low[channel] * (1 - share) + high[channel] * share);
-    bytes[4 * at + 3] = 255;
-  }
-  return bytes;
-}
-
 const IDENTITY = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
 // limits of what is drawn, m
@@ -86,6 +59,7 @@ class CloudView {
     this.gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
     Object.assign(this, { size: 1.6, ranges: EVERYWHERE, limits: [0, 1], top: 1e9, box: null, showGrid: true, showAxes: true, track: null, marks: [] });
     Object.assign(this, { home: { yaw: 3.7, tilt: 0.6, distance: 25, middle: [0, 0, 0] }, ground: null });
+    this.fingers = new Map(); // that hold the picture
     this.reset();
     if (!this.gl) return;
     this.programs = { points: this.link(""), solid: this.link("#define SOLID\n") };
@@ -296,7 +270,7 @@ class CloudView {
     const before = this.drawnAt ?? 0;
     const since = now - before;
     this.drawnAt = now;
-    const isMoving = (this.turnedAt ?? -1) > before;
+    const isMoving = (this.turnedAt ?? -1) > before || this.fingers.size > 0;
     const isOn = isMoving && this.isMoving; // so was the picture before: the time between the two is that of a picture
     this.isMoving = isMoving;
     if (!isMoving) return 1;
@@ -305,7 +279,7 @@ class CloudView {
     if (isOn && since < close) this.budget = Math.min(1.5 * this.budget, Math.max(points, BUDGET));
     if (isOn && since > far) this.budget = Math.max(LEAST_BUDGET, this.budget * Math.max(0.4, (0.8 * far) / since));
     clearTimeout(this.full);
-    this.full = setTimeout(() => this.ask(), REST_MS);
+    if (this.fingers.size === 0) this.full = setTimeout(() => this.ask(), Math.max(REST_MS, isOn ? 3 * since : 0));
     return Math.min(1, this.budget / Math.max(points, 1));
   }
 
@@ -393,14 +367,19 @@ class CloudView {
 
   listen() {
     const { canvas } = this;
-    const fingers = new Map();
+    const { fingers } = this;
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
       this.moved = 0;
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => {
+        fingers.delete(event.pointerId);
+        if (fingers.size === 0) this.ask(); // all of the points again
+      });
+    }
     canvas.addEventListener("pointermove", (event) => {
       const before = fingers.get(event.pointerId);
       if (!before) return;
