@@ -16,6 +16,7 @@ use crate::support::{Case, case, with_shared};
 
 pub const CASES: &[Case] = &[
     with_shared("points_are_those_of_decode_in_any_order", points_are_those_of_decode_in_any_order),
+    with_shared("far_revolutions_of_a_long_recording_are_those_of_decode", far_revolutions),
     with_shared("points_lie_in_the_world_of_the_trajectory", points_lie_in_the_world_of_the_trajectory),
     with_shared("only_this_host_is_answered", only_this_host_is_answered),
     with_shared("a_scene_lies_under_the_points", a_scene_lies_under_the_points),
@@ -130,6 +131,54 @@ fn points_are_those_of_decode_in_any_order() {
         }
         assert_eq!(viewer.get(&format!("/api/points/sensor/0/{}", frames.len())).0, 404);
         assert_eq!(viewer.get("/api/points/world/0/0").0, 400, "no trajectory was given");
+    }
+}
+
+/// The whole revolutions of the capture again and again, each time later.
+fn long_recording(to: &std::path::Path, turns: u64) {
+    const STAMP: usize = 16 + 42 + 1200;
+    const AZIMUTH: usize = 16 + 42 + 2;
+    let capture = std::fs::read(path(VELODYNE)).unwrap();
+    let u32_at = |bytes: &[u8], at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+    let time_us = |record: &[u8]| u64::from(u32_at(record, 0)) * 1_000_000 + u64::from(u32_at(record, 4));
+    let azimuth = |record: &[u8]| u16::from_le_bytes([record[AZIMUTH], record[AZIMUTH + 1]]);
+    let mut records = Vec::new();
+    let mut at = 24;
+    while at < capture.len() {
+        let length = 16 + u32_at(&capture, at + 8) as usize;
+        records.push(&capture[at..at + length]);
+        at += length;
+    }
+    let begins: Vec<_> =
+        (1..records.len()).filter(|at| azimuth(records[*at]) < azimuth(records[at - 1])).collect();
+    let (first, behind) = (begins[0], *begins.last().unwrap());
+    let span_us = time_us(records[behind]) - time_us(records[first]);
+    let mut long = capture[..24].to_vec();
+    for turn in 0..turns {
+        for record in &records[first..behind] {
+            let (mut later, host_us) = (record.to_vec(), time_us(record) + turn * span_us);
+            later[..4].copy_from_slice(&((host_us / 1_000_000) as u32).to_le_bytes());
+            later[4..8].copy_from_slice(&((host_us % 1_000_000) as u32).to_le_bytes());
+            let stamp_us = (u64::from(u32_at(record, STAMP)) + turn * span_us) % 3_600_000_000;
+            later[STAMP..STAMP + 4].copy_from_slice(&(stamp_us as u32).to_le_bytes());
+            long.extend(later);
+        }
+    }
+    std::fs::write(to, long).unwrap();
+}
+
+fn far_revolutions() {
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("long.pcap");
+    long_recording(&long, 8);
+    let long = long.to_str().unwrap();
+    let (_, document, _) = decode(long, &[], &[]);
+    let frames = document["sensors"][0]["frames"].as_array().unwrap();
+    assert!(frames.len() > 14, "{}: more than the program stores from the start", frames.len());
+    let viewer = Viewer::start(&[long]);
+    assert_eq!(viewer.index()["sensors"][0]["revolutions"].as_array().unwrap().len(), frames.len());
+    for number in (9..frames.len()).step_by(2).chain((8..frames.len()).rev().step_by(2)) {
+        assert_equal(&viewer, frames, number, [0.0; 3], "sensor");
     }
 }
 

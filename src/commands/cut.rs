@@ -34,6 +34,9 @@ pub struct Args {
     /// Where the sensors sit: written to a bag as static transforms. Without it a session's own, or those of the bag that is read.
     #[arg(long, value_name = "FILE")]
     mount: Option<PathBuf>,
+    /// Where the rig was: written to a bag as moving transforms. Without it a session's own, or that of the bag that is read.
+    #[arg(long, value_name = "FILE")]
+    trajectory: Option<PathBuf>,
     /// Overwrite a file that exists.
     #[arg(long)]
     force: bool,
@@ -45,8 +48,13 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
         refuse!("--out {}: expected a name that ends in .pcap, .pcapng, .bag or .mcap", args.out.display());
     };
     ensure!(args.force || !args.out.exists(), "{} exists already; --force overwrites it", args.out.display());
-    let (out, mount) = (args.out.clone(), args.mount.clone());
-    let spec = CuttingSpec { out, format, part: args.part.part(), mount };
+    let spec = CuttingSpec {
+        out: args.out.clone(),
+        format,
+        part: args.part.part(),
+        mount: args.mount.clone(),
+        trajectory: args.trajectory.clone(),
+    };
     let mut cutting = Cutting::new(&spec);
     for path in &args.recordings {
         cutting.add(args.sensors.or_of(context, path))?;

@@ -77,6 +77,10 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
             &["mount"],
             "is for packets: clouds of a bag sit as its static transforms say",
         )?;
+        if !spec.is_moved() {
+            let words = "needs --frame world: the bag holds clouds";
+            context.ensure_not_typed(&["trajectory", "time_offset"], words)?;
+        }
         decode_clouds(&spec, &recording)?
     } else {
         let mut notices = Vec::new();

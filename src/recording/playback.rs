@@ -5,7 +5,8 @@
 
 mod points;
 
-use std::collections::HashMap;
+use std::cell::Cell;
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -21,10 +22,14 @@ pub(crate) use points::{Placement, World};
 const CACHE_BYTES: usize = 192 << 20;
 /// Of these, what the pass for the index may fill: the beginning of the recording.
 const FIRST_BYTES: usize = 48 << 20;
+/// How long the pass for the index waits behind the first revolution until the page has it: two cores draw it sooner than one.
+const FIRST_PICTURE: Duration = Duration::from_millis(700);
 /// How far ahead of the wanted revolution is decoded.
 const AHEAD_NS: u64 = 2_000_000_000;
 /// A revolution that lies farther ahead is reached by reading again, without decoding what lies between.
 const FAR_PACKETS: u64 = 4000;
+/// The command asks for the index once, the page first of all and again when it has drawn.
+const ASKED_AFTER_PICTURE: usize = 3;
 /// Longest wait for a revolution.
 const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -113,8 +118,9 @@ struct Cached {
 struct State {
     sensors: Vec<Indexed>,
     units: Vec<Unit>,
-    /// By sensor: number of the revolution by the host time of its first packet.
+    /// By sensor: number of the revolution by the host time of its first packet, and host times of last packets.
     numbers: Vec<HashMap<u64, usize>>,
+    ends_ns: Vec<HashSet<u64>>,
     names: Vec<String>,
     is_whole: bool,
     problems: Vec<String>,
@@ -123,6 +129,8 @@ struct State {
     clock: u64,
     wanted: Option<(Place, FrameOfPoints)>,
     is_stopped: bool,
+    /// How often the index was asked for.
+    asked: usize,
 }
 
 /// Plays a recording.
@@ -151,7 +159,9 @@ impl Player {
 
     /// The index so far, of each sensor without its first `known` revolutions.
     pub(crate) fn index(&self, known: &[usize]) -> Index {
-        let state = self.state();
+        let mut state = self.state();
+        state.asked += 1;
+        self.changed.notify_all();
         let rest = |(number, sensor): (usize, &Indexed)| {
             let known = known.get(number).copied().unwrap_or(0).min(sensor.revolutions.len());
             Indexed { revolutions: sensor.revolutions[known..].to_vec(), ..sensor.clone() }
@@ -245,6 +255,7 @@ impl Player {
             });
             state.units.push(unit);
             state.numbers.push(HashMap::new());
+            state.ends_ns.push(HashSet::new());
             state.units.len() - 1
         });
         let number = state.sensors[at].revolutions.len();
@@ -257,6 +268,7 @@ impl Player {
         };
         state.sensors[at].revolutions.push(revolution);
         state.numbers[at].entry(frame.host_time_ns[0]).or_insert(number);
+        state.ends_ns[at].insert(frame.host_time_ns[1]);
         let wants_points = state.cached_bytes < FIRST_BYTES;
         drop(state);
         if wants_points {
@@ -264,6 +276,10 @@ impl Player {
             self.keep((at, number), FrameOfPoints::Sensor, bytes);
         }
         self.changed.notify_all();
+        if (at, number) == (0, 0) {
+            let is_awaited = |state: &mut State| state.asked < ASKED_AFTER_PICTURE && !state.is_stopped;
+            drop(self.changed.wait_timeout_while(self.state(), FIRST_PICTURE, is_awaited));
+        }
     }
 
     fn keep(&self, place: Place, frame: FrameOfPoints, bytes: Vec<u8>) {
@@ -298,16 +314,20 @@ impl Player {
             let state =
                 self.changed.wait_while(self.state(), is_content).unwrap_or_else(PoisonError::into_inner);
             let (false, Some(wanted)) = (state.is_stopped, state.wanted) else { return };
-            let start = Start::at(&state, wanted.0);
+            let mut start = Start::at(&state, wanted.0, &HashSet::new());
             drop(state);
             let is_missing = |state: &State| {
                 state.wanted == Some(wanted) && !state.cache.contains_key(&wanted) && !state.is_stopped
             };
-            // where frames are cut otherwise from here on, they are as they were from the beginning on
-            for start in [start, Start::default()] {
-                if is_missing(&self.state()) {
-                    self.report(self.pass(&start, wanted.1));
-                }
+            let mut early = HashSet::new();
+            while is_missing(&self.state()) {
+                let off = self.pass(&start, wanted.1);
+                let Some(unit) = self.report(off).flatten() else { break };
+                // otherwise cut from here on: from a packet earlier on, or as from the beginning on
+                start = match early.insert(unit) {
+                    true => Start::at(&self.state(), wanted.0, &early),
+                    false => Start::default(),
+                };
             }
             if is_missing(&self.state()) {
                 self.keep(wanted.0, wanted.1, Vec::new()); // no caller waits for it for ever
@@ -315,21 +335,29 @@ impl Player {
         }
     }
 
-    fn report(&self, ended: Result<(), String>) {
+    fn report<T>(&self, ended: Result<T, String>) -> Option<T> {
+        let problem = match ended {
+            Ok(outcome) => return Some(outcome),
+            Err(problem) => problem,
+        };
         let mut state = self.state();
-        if let Err(problem) = ended
-            && !state.problems.contains(&problem)
-        {
+        if !state.problems.contains(&problem) {
             state.problems.push(problem);
         }
+        None
     }
 
-    /// Decodes from a place on, until something else is wanted.
-    fn pass(&self, start: &Start, frame_of_points: FrameOfPoints) -> Result<(), String> {
+    /// Decodes from a place on, until something else is wanted; a unit whose revolutions end elsewhere than those of the index.
+    fn pass(&self, start: &Start, frame_of_points: FrameOfPoints) -> Result<Option<Unit>, String> {
         let mut router = self.tape.router()?;
         let mut packer = Packer::default();
+        let (mut off, is_off) = (None, Cell::new(false));
         let mut keep = |sensor: &Sensor, decoded: Decoded<'_>| {
             let (Decoded::Frame(frame), Some(model)) = (decoded, sensor.model()) else { return };
+            if start.is_inside() && !self.is_end(sensor, frame) {
+                off = Some(unit(sensor));
+                is_off.set(true);
+            }
             let Some((place, name)) = self.place_of(sensor, frame) else { return };
             if self.state().cache.contains_key(&(place, frame_of_points)) {
                 return;
@@ -345,13 +373,24 @@ impl Player {
                 return ControlFlow::Continue(());
             }
             router.push(packet, &mut |_, sensor, decoded| keep(sensor, decoded));
-            if !packets.is_multiple_of(32) {
-                return ControlFlow::Continue(());
+            match is_off.get() {
+                true => ControlFlow::Break(()),
+                false if !packets.is_multiple_of(32) => ControlFlow::Continue(()),
+                false => self.is_still_wanted(start, packets, packet.host_time_ns, frame_of_points),
             }
-            self.is_still_wanted(start.first_packet, packets, packet.host_time_ns, frame_of_points)
         });
-        router.finish(&mut |_, sensor, decoded| keep(sensor, decoded));
-        read
+        read?;
+        if !is_off.get() {
+            router.finish(&mut |_, sensor, decoded| keep(sensor, decoded));
+        }
+        Ok(off)
+    }
+
+    /// Whether a revolution of the index ends where this one does.
+    fn is_end(&self, sensor: &Sensor, frame: &Frame) -> bool {
+        let (state, unit) = (self.state(), unit(sensor));
+        let at = state.units.iter().position(|known| *known == unit);
+        at.is_some_and(|at| state.ends_ns[at].contains(&frame.host_time_ns[1]))
     }
 
     /// Which revolution a frame is: the one of the same packets.
@@ -368,7 +407,7 @@ impl Player {
     /// Waits while enough is decoded; whether what is wanted next lies just ahead.
     fn is_still_wanted(
         &self,
-        start: u64,
+        start: &Start,
         packets: u64,
         host_time_ns: u64,
         frame: FrameOfPoints,
@@ -377,7 +416,10 @@ impl Player {
         loop {
             let Some((place, wanted_frame)) = state.wanted else { return ControlFlow::Break(()) };
             let wanted = &state.sensors[place.0].revolutions[place.1];
-            let is_near = (start..packets + FAR_PACKETS).contains(&wanted.first_packet);
+            let is_near = match start.is_inside() {
+                true => (start.first_packet..packets + FAR_PACKETS).contains(&wanted.first_packet),
+                false => true, // nothing else is left
+            };
             if state.is_stopped || wanted_frame != frame || !is_near {
                 return ControlFlow::Break(());
             }
@@ -401,20 +443,28 @@ struct Start {
 }
 
 impl Start {
-    /// A revolution ahead of the place.
-    fn at(state: &State, (sensor, number): Place) -> Self {
+    /// A revolution ahead of the place; of some units a packet earlier. The first revolution of a pass is measured from the
+    /// first packet, later ones from the end of the packet before: one of the two starts ends it where the index does.
+    fn at(state: &State, (sensor, number): Place, early: &HashSet<Unit>) -> Self {
         let before = &state.sensors[sensor].revolutions[number.saturating_sub(1)];
         let time_ns = before.host_time_ns[0];
         let of_unit = |(unit, indexed): (&Unit, &Indexed)| {
             let begun =
                 indexed.revolutions.partition_point(|revolution| revolution.host_time_ns[0] <= time_ns);
-            let revolution = &indexed.revolutions[begun.checked_sub(1)?];
-            Some((unit.3?, unit.4?, revolution.host_time_ns[0]))
+            let [first, last] =
+                [1, 2].map(|back| Some(indexed.revolutions[begun.checked_sub(back)?].host_time_ns));
+            let from_ns = if early.contains(unit) { last.map(|[_, last_ns]| last_ns) } else { None };
+            Some((unit.3?, unit.4?, from_ns.or(first.map(|[first_ns, _]| first_ns))?))
         };
         Self {
             units: state.units.iter().zip(&state.sensors).filter_map(of_unit).collect(),
             first_packet: before.first_packet,
         }
+    }
+
+    /// Whether it is not the beginning of the recording.
+    fn is_inside(&self) -> bool {
+        self.first_packet > 0
     }
 
     fn is_before(&self, packet: &Packet<'_>) -> bool {

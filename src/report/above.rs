@@ -2,13 +2,17 @@
 
 use glam::DVec3;
 
-use crate::report::chart::{CellMap, number};
+use crate::report::chart::{CellMap, Plan, PlanAxis, number};
+use crate::rig::{MountedSensor, Rig};
 use crate::world::local_origin::LocalOrigin;
+use crate::world::trajectory::Trajectory;
 
 /// Most columns along the longer side of a map.
 const MAX_COLUMNS: f64 = 160.0;
 /// Scenes higher than this, m, are shown in layers.
 const LAYERED_M: f64 = 1.5;
+/// Positions of a path on a plan.
+const MAX_POSES: usize = 500;
 /// Shares of the height up to which the lower layers reach.
 const LAYERS: [f64; 2] = [0.1, 0.9];
 
@@ -21,8 +25,11 @@ pub struct FromAbove {
     size: [usize; 2],
     /// Upper ends of all layers, m.
     tops_m: Vec<f64>,
-    /// Height of the local frame in that of the files, m: heights are reported in the latter.
-    base_m: f64,
+    /// The local frame in that of the files, m: places are reported in the latter.
+    base_m: DVec3,
+    /// Where the rig went, and where its sensors are when it begins, in the local frame.
+    track_m: Vec<DVec3>,
+    sensors: Vec<(String, DVec3)>,
     classes: usize,
     counts: Vec<u32>,
 }
@@ -30,7 +37,13 @@ pub struct FromAbove {
 impl FromAbove {
     /// The same, of points in the local frame that begins at `origin`.
     pub(crate) fn around(mut self, origin: LocalOrigin) -> Self {
-        self.base_m = origin.world_m().z;
+        self.base_m = origin.world_m();
+        self
+    }
+
+    /// With the path of a rig on it.
+    pub(crate) fn with_rig(mut self, trajectory: &Trajectory, rig: &Rig) -> Self {
+        (self.track_m, self.sensors) = on_plans(trajectory, rig);
         self
     }
 
@@ -46,7 +59,17 @@ impl FromAbove {
         }
         tops_m.push(high_m.z);
         let counts = vec![0; tops_m.len() * size[0] * size[1] * classes];
-        Self { low_m, column_m, size, tops_m, base_m: 0.0, classes, counts }
+        Self {
+            low_m,
+            column_m,
+            size,
+            tops_m,
+            base_m: DVec3::ZERO,
+            track_m: Vec::new(),
+            sensors: Vec::new(),
+            classes,
+            counts,
+        }
     }
 
     /// Counts a point.
@@ -71,6 +94,18 @@ impl FromAbove {
         })
     }
 
+    fn plan(&self) -> Plan {
+        let corner_m = self.base_m + self.low_m;
+        let left_m = corner_m.y + self.size[1] as f64 * self.column_m;
+        let on_page = |place_m: DVec3| [self.base_m.y + place_m.y, self.base_m.x + place_m.x];
+        Plan {
+            across: PlanAxis { name: "y", first_m: left_m, step_m: -self.column_m },
+            up: PlanAxis { name: "x", first_m: corner_m.x, step_m: self.column_m },
+            track_m: self.track_m.iter().map(|place_m| on_page(*place_m)).collect(),
+            sensors: self.sensors.iter().map(|(name, place_m)| (name.clone(), on_page(*place_m))).collect(),
+        }
+    }
+
     /// World x up the page, y to the left; columns without points stay blank.
     fn maps(&self, cell: &dyn Fn(&[u32]) -> Option<usize>) -> Vec<CellMap> {
         let [nx, ny] = self.size;
@@ -87,15 +122,27 @@ impl FromAbove {
             CellMap {
                 title: format!(
                     "from {} to {} m high",
-                    number(self.base_m + bottom_m, 2),
-                    number(self.base_m + *top_m, 2)
+                    number(self.base_m.z + bottom_m, 2),
+                    number(self.base_m.z + *top_m, 2)
                 ),
                 width: ny,
                 cells: (0..nx * ny).map(of_place).collect(),
+                plan: Some(self.plan()),
             }
         };
         self.tops_m.iter().enumerate().map(layer).collect()
     }
+}
+
+/// The path of a rig thinned to what a plan shows, and where its sensors are when it begins.
+pub(super) fn on_plans(trajectory: &Trajectory, rig: &Rig) -> (Vec<DVec3>, Vec<(String, DVec3)>) {
+    let step = trajectory.stamped().count().div_ceil(MAX_POSES).max(1);
+    let track_m = trajectory.stamped().step_by(step).map(|(_, pose)| pose.translation_m).collect();
+    let start = trajectory.at_offset_ns(0.0);
+    let sensor = |sensor: &MountedSensor| {
+        (sensor.name.clone(), (start * sensor.mount.body_from_sensor()).translation_m)
+    };
+    (track_m, rig.sensors.iter().map(sensor).collect())
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Sections that several pages share: who saw what, blind spots, registration along the path, baselines.
 
+use glam::DVec3;
+
 use super::{BlindSpot, FromAbove, Report, unfold_mount_box};
 use crate::design::registration::{DEGENERATE, RegistrationQuality};
 use crate::report::chart::{CellClass, LineChart, Series, number};
@@ -41,6 +43,14 @@ pub(crate) fn who_saw(seen: impl Iterator<Item = bool>) -> usize {
 /// The class of a cell of a coverage.
 pub(crate) fn who_covers(coverage: &Coverage, cell: usize) -> usize {
     who_saw((0..coverage.sensors()).map(|sensor| coverage.contains(sensor, cell)))
+}
+
+/// Voxels with their classes.
+pub(crate) fn who_covers_each<'a>(
+    coverage: &'a Coverage,
+    cells: &'a [usize],
+) -> impl Iterator<Item = (DVec3, usize)> + 'a {
+    cells.iter().map(|cell| (coverage.grid().centre_m(*cell), who_covers(coverage, *cell)))
 }
 
 /// Who saw what on the walls of a box, with coverage in the mount frame's axes.

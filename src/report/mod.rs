@@ -168,7 +168,7 @@ impl Report {
             let _ = write!(
                 self.body,
                 "<div style=\"max-width:{}px\"><p>{}</p>{}</div>",
-                map.width * cell_px(map),
+                map.width_px(),
                 escape(&map.title),
                 cell_map_svg(label, map, classes)
             );
@@ -183,6 +183,9 @@ impl Report {
                 class.css,
                 escape(&class.name)
             );
+        }
+        if maps.iter().any(|map| map.plan.as_ref().is_some_and(|plan| plan.track_m.len() > 1)) {
+            self.body += TRACK_LEGEND;
         }
         self.body.push_str("</p>");
         self.close_figure(caption);
@@ -225,11 +228,8 @@ impl Report {
 /// Squares along the longer side of a map; more cannot be distinguished.
 const MAX_SQUARES: usize = 220;
 
-/// Pixels per cell at most: a map fills at most half a wide page.
-fn cell_px(map: &CellMap) -> usize {
-    (560 / map.width.max(map.height()).max(1)).clamp(2, 16)
-}
-
+const TRACK_LEGEND: &str = "<span><svg width=\"18\" height=\"12\" aria-hidden=\"true\"><path class=\"track\" \
+     d=\"M0 6H18\"/></svg> trajectory; the dots are the sensors where it begins</span>";
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
 

@@ -23,9 +23,9 @@ function alone(svg) {
 function rows(svg) {
   const data = svg.querySelector("metadata");
   if (data) return data.textContent.replace(/\r?\n/g, "\r\n"); // HTML knows one line end
-  const [, , , height] = svg.getAttribute("viewBox").split(" ").map(Number);
+  const height = Number(svg.dataset.rows);
   const lines = ["column,row,class"];
-  for (const path of svg.querySelectorAll("path")) {
+  for (const path of svg.querySelectorAll('path[class^="c-"]')) {
     for (const [, x, y, run] of path.getAttribute("d").matchAll(/M(\d+) (\d+)h(\d+)v1h-\d+z/g)) {
       for (let at = 0; at < Number(run); at++) lines.push(`${Number(x) + at},${height - 1 - Number(y)},${path.getAttribute("class").slice(2)}`);
     }

@@ -1,19 +1,29 @@
 //! A grid of cells as flat pictures: the six faces of a box laid out, or the whole grid seen from above.
 
-use crate::report::chart::CellMap;
+use crate::report::chart::{CellMap, Plan, PlanAxis};
 use crate::world::coverage::VoxelGrid;
 
 /// The same for a grid in the axes of the mount frame (x right, y ahead).
 pub(crate) fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
     let [right, ahead, up] = grid.cells;
     let in_body = VoxelGrid { cells: [ahead, right, up], ..grid.clone() };
+    let sides = [
+        [(0, 1), (1, 1)],
+        [(0, 1), (1, 1)],
+        [(0, 1), (2, 1)],
+        [(0, -1), (2, 1)],
+        [(1, 1), (2, 1)],
+        [(1, -1), (2, 1)],
+    ];
+    let titles =
+        ["floor", "ceiling", "wall ahead (+y)", "wall behind (-y)", "wall left (-x)", "wall right (+x)"];
     unfold_box(&in_body, &|cell| {
         let [x, y, z] = in_body.place(cell);
         class_of((right - 1 - y) + right * (x + ahead * z))
     })
     .into_iter()
-    .zip(["floor", "ceiling", "wall ahead (+y)", "wall behind (-y)", "wall left (-x)", "wall right (+x)"])
-    .map(|(map, title)| CellMap { title: title.into(), ..map })
+    .zip(titles.into_iter().zip(sides))
+    .map(|(map, (title, sides))| CellMap { title: title.into(), plan: Some(plan(grid, sides)), ..map })
     .collect()
 }
 
@@ -22,22 +32,43 @@ pub(crate) fn unfold_mount_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Opt
 pub(crate) fn unfold_box(grid: &VoxelGrid, class_of: &dyn Fn(usize) -> Option<usize>) -> Vec<CellMap> {
     let [nx, ny, nz] = grid.cells;
     let index = |i: usize, j: usize, k: usize| i + nx * (j + ny * k);
-    let map = |title: &str, width: usize, height: usize, cell: &dyn Fn(usize, usize) -> usize| CellMap {
-        title: title.to_owned(),
-        width,
-        cells: (0..height)
-            .flat_map(|row| (0..width).map(move |column| (row, column)))
-            .map(|(row, column)| class_of(cell(row, column)))
-            .collect(),
+    let map = |title: &str, sides: [Side; 2], cell: &dyn Fn(usize, usize) -> usize| {
+        let [width, height] = sides.map(|(axis, _)| grid.cells[axis]);
+        CellMap {
+            title: title.to_owned(),
+            width,
+            cells: (0..height)
+                .flat_map(|row| (0..width).map(move |column| (row, column)))
+                .map(|(row, column)| class_of(cell(row, column)))
+                .collect(),
+            plan: Some(plan(grid, sides)),
+        }
     };
+    let (above, across) = ([(1, -1), (0, 1)], |side: Side| [side, (2, 1)]);
     vec![
-        map("floor", ny, nx, &|row, column| index(row, ny - 1 - column, 0)),
-        map("ceiling", ny, nx, &|row, column| index(row, ny - 1 - column, nz - 1)),
-        map("wall ahead (+x)", ny, nz, &|row, column| index(nx - 1, ny - 1 - column, row)),
-        map("wall behind (-x)", ny, nz, &|row, column| index(0, column, row)),
-        map("wall left (+y)", nx, nz, &|row, column| index(column, ny - 1, row)),
-        map("wall right (-y)", nx, nz, &|row, column| index(nx - 1 - column, 0, row)),
+        map("floor", above, &|row, column| index(row, ny - 1 - column, 0)),
+        map("ceiling", above, &|row, column| index(row, ny - 1 - column, nz - 1)),
+        map("wall ahead (+x)", across((1, -1)), &|row, column| index(nx - 1, ny - 1 - column, row)),
+        map("wall behind (-x)", across((1, 1)), &|row, column| index(0, column, row)),
+        map("wall left (+y)", across((0, 1)), &|row, column| index(column, ny - 1, row)),
+        map("wall right (-y)", across((0, -1)), &|row, column| index(nx - 1 - column, 0, row)),
     ]
+}
+
+/// An axis of the grid, and whether it runs with the page or against it.
+type Side = (usize, i32);
+
+/// Where a picture of a grid lies: what runs across the page, and up.
+fn plan(grid: &VoxelGrid, [across, up]: [Side; 2]) -> Plan {
+    let axis = |(axis, sign): Side| {
+        let from = if sign > 0 { 0 } else { grid.cells[axis] };
+        PlanAxis {
+            name: ["x", "y", "z"][axis],
+            first_m: grid.origin_m[axis] + from as f64 * grid.voxel_m,
+            step_m: f64::from(sign) * grid.voxel_m,
+        }
+    };
+    Plan { across: axis(across), up: axis(up), track_m: Vec::new(), sensors: Vec::new() }
 }
 
 #[cfg(test)]

@@ -4,7 +4,8 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use outrigger::recording::bags::BagPackets;
+use glam::DVec3;
+use outrigger::recording::bags::{BagClouds, BagPackets, Surroundings};
 use sensors::capture::CaptureReader;
 use serde_json::Value;
 
@@ -22,6 +23,7 @@ pub const CASES: &[Case] = &[
     with_shared("clouds_of_a_bag_become_point_files", cloud_files),
     with_shared("packets_go_from_capture_to_bags_and_back_bit_for_bit", round_trips),
     with_shared("a_bag_is_cut_by_time_and_sensor", cut_by_time),
+    with_shared("an_mcap_file_states_where_sensor_and_rig_were", stated_transforms),
     with_shared("a_bag_that_ends_early_gives_what_is_before_and_says_so", ended_early),
 ];
 
@@ -305,6 +307,112 @@ fn cut_by_time() {
     assert_eq!(output.status.code(), Some(1));
     assert!(stderr(&output).contains("no packet of sensor nobody; there are ouster"), "{}", stderr(&output));
     assert!(captured(&path) == expected, "the file of before is still there");
+}
+
+/// A trajectory of some seconds around this time (s), which walks and turns.
+fn walk(start_s: u64) -> String {
+    let pose = |at: u64| {
+        let time_s = 0.05 * at as f64;
+        let (sin, cos) = (0.2 * time_s).sin_cos();
+        format!(
+            "{:.3} {:.4} {:.4} 1.5 0 0 {sin:.9} {cos:.9}\n",
+            (start_s - 2) as f64 + time_s,
+            0.5 * time_s,
+            -time_s
+        )
+    };
+    (0..200).map(pose).collect()
+}
+
+/// How many points the clouds of a bag hold and the sum of their places in the world, by the transforms in it where they are in
+/// their sensor's frame, m.
+fn in_world(path: &Path) -> (usize, DVec3) {
+    let surroundings = Surroundings::read(path, "bag").unwrap();
+    let mut clouds = BagClouds::open(path, "bag").unwrap();
+    let (mut count, mut sum_m) = (0, DVec3::ZERO);
+    while let Some(cloud) = clouds.next().unwrap() {
+        for point in &cloud.points {
+            let world_from_cloud = (cloud.frame_id != "world").then(|| {
+                let (of, child_from_cloud) = surroundings.trajectory_of(&cloud.frame_id).unwrap();
+                assert_eq!(
+                    (of.parent.as_str(), of.child.as_str(), of.topic.as_str()),
+                    ("world", "base_link", "/tf")
+                );
+                of.trajectory.at(point.time_ns).unwrap() * child_from_cloud
+            });
+            let place_m = point.position_m;
+            sum_m += world_from_cloud.map_or(place_m, |pose| pose.transform_point(place_m));
+            count += 1;
+        }
+    }
+    (count, sum_m)
+}
+
+fn stated_transforms() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let capture = shared("captures/velodyne/nebula_vlp16.pcap");
+    let start_s = captured(&capture)[0].0 / 1_000_000_000;
+    std::fs::write(at("walk.tum"), walk(start_s)).unwrap();
+    let mount = r#"{"format": "outrigger-mount/1", "frame": "mount: x right, y forward, z up", "sensors": [{"name": "top",
+        "model": "vlp-16", "x_m": 0.3, "y_m": 0.1, "z_m": 0.2, "pitch_deg": 20, "roll_deg": 5}]}"#;
+    std::fs::write(at("mount.json"), mount).unwrap();
+    let stated = [
+        "--mount",
+        &at("mount.json").display().to_string(),
+        "--trajectory",
+        &at("walk.tum").display().to_string(),
+    ]
+    .map(str::to_owned);
+    let run = |verb: &str, out: &str, more: &[&str]| {
+        let out = at(out);
+        let mut arguments = vec![verb, text_of(&capture), "--out", text_of(&out)];
+        arguments.extend(stated.iter().map(String::as_str).chain(more.iter().copied()));
+        let output = outrigger(&arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        out
+    };
+    let (count, sum_m) = in_world(&run("decode", "world.mcap", &["--frame", "world"]));
+    let (stated_count, stated_sum_m) = in_world(&run("decode", "sensor.mcap", &[]));
+    assert!(count > 10_000 && count == stated_count, "{count} {stated_count}");
+    assert!((sum_m - stated_sum_m).length() < 1e-4 * count as f64, "{sum_m} {stated_sum_m}");
+    let id = decode(text_of(&capture), &[]).0["sensors"][0]["id"].as_str().unwrap().to_owned();
+    let sensor = format!("{}_velodyne", id.replace(|c: char| !c.is_ascii_alphanumeric(), "_"));
+    let bytes = std::fs::read(at("sensor.mcap")).unwrap();
+    let times = mcap::MessageStream::new(&bytes).unwrap().map(|message| message.unwrap().log_time);
+    let (least_ns, most_ns) =
+        times.fold((u64::MAX, 0), |(least, most), time| (least.min(time), most.max(time)));
+    assert!(most_ns - least_ns < 1_000_000_000, "recorded together, whatever the sensor's clock shows");
+    // packets, in both kinds of bag: the poses of the file around the packets, and the sensor where the mount file has it
+    for name in ["packets.mcap", "packets.bag"] {
+        let packets = Surroundings::read(&run("cut", name, &[]), name).unwrap();
+        let [of] = &packets.trajectories[..] else { panic!("{}", packets.trajectories.len()) };
+        let given = std::fs::read_to_string(at("walk.tum")).unwrap();
+        let times = captured(&capture).iter().map(|stamped| stamped.0).collect::<Vec<_>>();
+        let [first_ns, last_ns] = of.trajectory.time_span_ns();
+        assert!(first_ns <= times[0] && last_ns >= *times.last().unwrap(), "{first_ns} {last_ns}");
+        assert!(last_ns - first_ns < times.last().unwrap() - times[0] + 200_000_000, "no more than these");
+        for (time_ns, pose) in of.trajectory.stamped() {
+            let stamp = format!("{:.3} ", time_ns as f64 * 1e-9);
+            let line = given.lines().find(|line| line.starts_with(&stamp)).unwrap();
+            let numbers: Vec<f64> = line.split(' ').map(|word| word.parse().unwrap()).collect();
+            assert!(
+                pose.translation_m.abs_diff_eq(DVec3::new(numbers[1], numbers[2], numbers[3]), 1e-9),
+                "{line}"
+            );
+        }
+        let body_from_sensor = packets.frames.a_from_b("base_link", &sensor).unwrap();
+        assert!(
+            body_from_sensor.translation_m.abs_diff_eq(DVec3::new(0.1, -0.3, 0.2), 1e-9),
+            "{body_from_sensor:?}"
+        );
+    }
+    // a trajectory of another day is named
+    std::fs::write(at("walk.tum"), walk(start_s + 86_400)).unwrap();
+    let output =
+        outrigger(&["cut", text_of(&capture), "--out", text_of(&at("other.mcap")), &stated[2], &stated[3]]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(stderr(&output).contains("no packet came in the time of the trajectory"), "{}", stderr(&output));
 }
 
 fn ended_early() {

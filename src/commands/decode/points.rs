@@ -17,7 +17,7 @@ pub struct PointArgs {
     /// Frame of the points: each sensor's own; the rig's; or the world's, each return at its own time, all sensors in one cloud.
     #[arg(long, value_enum, default_value_t)]
     frame: OutputFrame,
-    /// Where the rig was, for --frame world: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC), or
+    /// Where the rig was, for --frame world and for the transforms of an MCAP file: TUM, EuRoC, KITTI (a pose for each revolution), a bag (BAG or BAG:/TOPIC), or
     /// `odometry`. Without it the session's or the bag's own.
     #[arg(long, value_name = "FILE")]
     trajectory: Option<PathBuf>,
@@ -54,11 +54,12 @@ pub struct PointArgs {
 impl PointArgs {
     /// Refuses what does not fit together, before anything is read.
     pub(super) fn check(&self, context: Context, format: Option<Format>) -> anyhow::Result<()> {
+        let words = "needs --frame world or --frame rig: without it points stay in their sensor's own frame";
         if self.frame == OutputFrame::Sensor {
-            context.ensure_not_typed(
-                &["trajectory", "mount", "time_offset", "mask", "crs"],
-                "needs --frame world or --frame rig: without it points stay in their sensor's own frame",
-            )?;
+            context.ensure_not_typed(&["mask", "crs"], words)?;
+            if !format.is_some_and(Format::holds_transforms) {
+                context.ensure_not_typed(&["trajectory", "mount", "time_offset"], words)?;
+            }
         }
         if self.frame == OutputFrame::Rig {
             context.ensure_not_typed(&["trajectory", "time_offset", "crs"], "needs --frame world")?;

@@ -100,8 +100,10 @@ pub(super) fn write_page(
     let observable = cast.cells_seen_by_any();
     let made_by = output::again();
     let pictured = Pictured {
+        scene: &cast.site().scene,
+        trajectory: &cast.site().trajectory,
+        rig: best,
         coverage: &coverage,
-        bounds_m: cast.site().scene.bounds_m(),
         observable: &observable,
         origin,
         made_by: &made_by,

@@ -10,7 +10,7 @@ use ::sensors::Packet;
 use ::sensors::router::Routed;
 
 use self::document::Document;
-use self::sensors::{Needs, SensorsOf};
+use self::sensors::{Needs, Poses, SensorsOf};
 use crate::base::times::rfc3339;
 use crate::recording::SessionError;
 use crate::recording::bags::BagError;
@@ -28,6 +28,8 @@ pub(crate) struct CuttingSpec {
     pub part: Part,
     /// Where the sensors sit; without it as the recordings say.
     pub mount: Option<PathBuf>,
+    /// Where the rig was; without it as the recordings say.
+    pub trajectory: Option<PathBuf>,
 }
 
 /// Why no packets are written.
@@ -85,6 +87,7 @@ pub(crate) struct Cutting<'a> {
     /// Times of the first and the last packet that was read.
     span_ns: Option<[u64; 2]>,
     written: u64,
+    poses: Option<Poses>,
 }
 
 impl<'a> Cutting<'a> {
@@ -108,6 +111,7 @@ impl<'a> Cutting<'a> {
             missing: part.only.iter().map(String::as_str).collect(),
             span_ns: None,
             written: 0,
+            poses: None,
         }
     }
 
@@ -123,6 +127,7 @@ impl<'a> Cutting<'a> {
             None => PacketWriter::create(out, *format)?,
         };
         let mut sensors = SensorsOf::read(self.spec, &recording, (self.needs, self.span_ns.is_none()))?;
+        self.poses = sensors.trajectory.take().or(self.poses.take());
         let ending =
             recording.try_each_packet(&mut |packet| self.write(packet, &mut sensors, &mut writer))?;
         self.writer = Some(writer);
@@ -185,6 +190,9 @@ impl<'a> Cutting<'a> {
         if let Some(frames) = of.transforms.take() {
             writer.add_transforms(packet.host_time_ns, &frames)?;
         }
+        for (time_ns, frame) in self.poses.iter_mut().flat_map(|poses| poses.until(packet.host_time_ns)) {
+            writer.add_pose(time_ns, frame)?;
+        }
         let is_new = !self.document.sensors.contains_key(name.as_str());
         if is_new && let Some(text) = of.recording.metadata_text(&of.router.sensors()[at]) {
             writer.add_metadata(name, packet.host_time_ns, text)?;
@@ -216,6 +224,7 @@ impl<'a> Cutting<'a> {
             return Err(self.why_nothing());
         }
         let mut document = self.document;
+        document.losses.extend(self.poses.as_ref().and_then(Poses::loss));
         document.packets = self.writer.map_or(Ok(0), PacketWriter::finish)?;
         if document.unassigned > 0 {
             document.losses.push(format!(

@@ -7,10 +7,13 @@ use ::sensors::Decoded;
 use ::sensors::router::{Router, Sensor};
 
 use super::{CuttingError, CuttingSpec};
-use crate::recording::bags::Surroundings;
+use crate::recording::bags::{RecordedTrajectory, Surroundings};
+use crate::recording::read_trajectory;
+use crate::recording::registered::WORLD;
 use crate::recording::sensor_ids;
 use crate::recording::source::{Recording, RecordingError};
-use crate::rig::{MountFile, NamedFrame, framed};
+use crate::rig::{BASE, MountFile, NamedFrame, framed};
+use crate::world::trajectory::Trajectory;
 
 /// What has to be known before a packet is written.
 #[derive(Clone, Copy)]
@@ -34,6 +37,44 @@ pub(super) struct SensorsOf<'a> {
     pub(super) names: BTreeMap<usize, (String, bool)>,
     /// Still to be written.
     pub(super) transforms: Option<Vec<NamedFrame>>,
+    pub(super) trajectory: Option<Poses>,
+}
+
+/// Where the rig was, as far as it is not written yet.
+pub(super) struct Poses {
+    trajectory: Trajectory,
+    parent: String,
+    child: String,
+    written: usize,
+    /// Whether a packet came in its time.
+    is_met: bool,
+}
+
+impl Poses {
+    /// From just before the first time that is asked for until just behind this one; host clock, ns.
+    pub(super) fn until(&mut self, time_ns: u64) -> impl Iterator<Item = (u64, NamedFrame)> {
+        let [first_ns, last_ns] = self.trajectory.time_span_ns();
+        self.is_met |= (first_ns..=last_ns).contains(&time_ns);
+        let until = self.trajectory.poses_until(time_ns);
+        let first = if self.written == 0 { until.saturating_sub(1) } else { self.written };
+        let behind = if until == 0 { 0 } else { until + 1 };
+        self.written = self.written.max(behind);
+        let frame = |(time_ns, pose)| {
+            let (parent, name) = (self.parent.clone(), self.child.clone());
+            (time_ns, NamedFrame { name, parent, parent_from_frame: pose })
+        };
+        self.trajectory.stamped().skip(first).take(behind.saturating_sub(first)).map(frame)
+    }
+
+    /// That no packet came in its time, in words.
+    pub(super) fn loss(&self) -> Option<String> {
+        let [first_ns, last_ns] = self.trajectory.time_span_ns().map(|time_ns| time_ns as f64 * 1e-9);
+        (!self.is_met).then(|| {
+            format!(
+                "no packet came in the time of the trajectory, {first_ns:.3} to {last_ns:.3} s on the host's clock"
+            )
+        })
+    }
 }
 
 impl<'a> SensorsOf<'a> {
@@ -50,6 +91,10 @@ impl<'a> SensorsOf<'a> {
             revolutions: if needs.frames { revolutions(spec, recording)? } else { BTreeMap::new() },
             transforms: match needs.transforms && is_first {
                 true => static_frames(spec, recording, &first_names)?,
+                false => None,
+            },
+            trajectory: match needs.transforms && is_first {
+                true => poses(spec, recording)?,
                 false => None,
             },
             first_names,
@@ -88,6 +133,26 @@ fn static_frames(
     let frames: Vec<NamedFrame> =
         Surroundings::read(recording.path(), &recording.name())?.frames.links().collect();
     Ok((!frames.is_empty()).then_some(frames))
+}
+
+/// The trajectory of the rig, by `--trajectory` or the recording itself.
+fn poses(spec: &CuttingSpec, recording: &Recording) -> Result<Option<Poses>, CuttingError> {
+    let of_frames =
+        |trajectory, parent, child| Poses { trajectory, parent, child, written: 0, is_met: false };
+    let of_rig = |trajectory| of_frames(trajectory, WORLD.into(), BASE.into());
+    if let Some(path) = &spec.trajectory {
+        let (trajectory, notices) = read_trajectory(path, None)?;
+        notices.iter().for_each(|notice| (recording.observer.notice)(notice));
+        return Ok(Some(of_rig(trajectory)));
+    }
+    if let Some(session) = recording.checked_session() {
+        return Ok(session.trajectory()?.map(of_rig));
+    }
+    if !recording.is_bag() {
+        return Ok(None);
+    }
+    let found = Surroundings::read(recording.path(), &recording.name())?.trajectories.into_iter().next();
+    Ok(found.map(|of: RecordedTrajectory| of_frames(of.trajectory, of.parent, of.child)))
 }
 
 /// By sensor, when the packets of the revolutions that are wanted came: from the first of `--from` to the last before `--to`.

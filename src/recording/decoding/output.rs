@@ -1,6 +1,6 @@
 //! Where `decode` writes points: one file, a folder with a file per sensor and frame, or a ROS 2 bag.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use sensors::{Frame, SensorModel};
 use serde::Serialize;
 
 use super::error::DecodingError;
-use super::placing::Placing;
+use super::placing::{Placing, Transforms};
 use super::spec::DecodingSpec;
 use crate::base::files::folder_of;
 use crate::recording::export::{Cloud, Export, ExportError, FileFrame, Format, Source, write_bag_metadata};
@@ -36,6 +36,8 @@ pub(super) struct Output {
     sources: HashMap<usize, Arc<Source>>,
     clouds: HashMap<usize, Cloud>,
     ids: Vec<String>,
+    /// Sensors whose place on the rig is written.
+    stated: HashSet<usize>,
     files: Vec<WrittenFile>,
 }
 
@@ -113,6 +115,7 @@ impl Output {
             sources: HashMap::new(),
             clouds: HashMap::new(),
             ids: Vec::new(),
+            stated: HashSet::new(),
             files: Vec::new(),
         }))
     }
@@ -130,8 +133,33 @@ impl Output {
         let source = self.source(at, sensor);
         let cloud = self.clouds.entry(at).or_insert_with(|| Cloud::new(source, model));
         cloud.fill(model, frame);
-        placing.apply(at, sensor, frame, cloud)?;
+        let transforms = placing.apply(at, sensor, frame, cloud)?;
+        if self.format.holds_transforms() {
+            self.add_transforms(at, &transforms)?;
+        }
         self.write(at, number)
+    }
+
+    /// Writes where a sensor sits, once where nothing moves it, and where the rig was.
+    fn add_transforms(&mut self, at: usize, transforms: &Transforms) -> Result<(), ExportError> {
+        let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
+        let stamp_ns = cloud.stamp_ns();
+        // recorded when the host's clock showed it
+        let host_from_stamp_ns =
+            if cloud.host_time_ns > 0 { cloud.host_time_ns.wrapping_sub(stamp_ns) } else { 0 };
+        let times_ns = |stamp_ns: u64| [stamp_ns.wrapping_add(host_from_stamp_ns), stamp_ns];
+        let Place::File { path, export, bag, .. } = &mut self.place else { return Ok(()) };
+        if let Some((frame, is_moved)) = &transforms.sensor
+            && (self.stated.insert(at) || *is_moved)
+        {
+            let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
+            file.add_frames(!is_moved, times_ns(stamp_ns), std::slice::from_ref(frame))?;
+        }
+        for (time_ns, frame) in &transforms.rig {
+            let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
+            file.add_frames(false, times_ns(*time_ns), std::slice::from_ref(frame))?;
+        }
+        Ok(())
     }
 
     /// Writes points that a bag holds, the topic's `number`th.
@@ -155,12 +183,8 @@ impl Output {
                         second: name(&at),
                     });
                 }
-                if export.is_none() {
-                    *export = Some(begin(&self.frame, path, *bag, self.format, self.force)?);
-                }
-                if let Some(export) = export {
-                    export.add(&self.clouds[&at])?;
-                }
+                let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
+                file.add(&self.clouds[&at])?;
             }
             Place::Folder(folder) => {
                 let name = format!("{}_{:06}.{}", cloud.source.id, number, self.format.extension());
@@ -187,10 +211,7 @@ impl Output {
         }
         let source = self.source(at, sensor);
         if let Place::File { path, export, bag, .. } = &mut self.place {
-            let file = match export {
-                Some(file) => file,
-                None => export.insert(begin(&self.frame, path, *bag, self.format, self.force)?),
-            };
+            let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
             file.add_imu(&source, sample, host_time_ns)?;
         }
         Ok(())
@@ -222,6 +243,21 @@ impl Output {
 /// Refuses, before the work, what cannot be written.
 pub(crate) fn ensure_output(spec: &DecodingSpec, recording: &Recording) -> Result<(), DecodingError> {
     Output::new(spec, recording, FileFrame::default()).map(drop)
+}
+
+/// A file that is begun when it is first written to.
+fn begun<'a>(
+    export: &'a mut Option<Export>,
+    frame: &FileFrame,
+    path: &Path,
+    makes_folder: bool,
+    format: Format,
+    force: bool,
+) -> Result<&'a mut Export, ExportError> {
+    Ok(match export {
+        Some(file) => file,
+        None => export.insert(begin(frame, path, makes_folder, format, force)?),
+    })
 }
 
 /// Begins a file; `makes_folder`: its folder is part of what was asked for.

@@ -6,8 +6,9 @@ use sensors::router::Sensor;
 use crate::base::geometry::Pose;
 use crate::recording::export::Cloud;
 use crate::recording::mounted::Mounts;
-use crate::recording::registered::Registration;
+use crate::recording::registered::{Registration, WORLD};
 use crate::recording::source::{Recording, RecordingError};
+use crate::rig::{BASE, NamedFrame};
 
 /// How points get into the frame of the files.
 pub(super) struct Placing<'a> {
@@ -15,6 +16,19 @@ pub(super) struct Placing<'a> {
     pub mounts: Option<Mounts>,
     pub registration: Registration,
     pub recording: &'a Recording,
+}
+
+/// Where a sensor sits on the rig, and where the rig was while a cloud was measured: for files that state both.
+#[derive(Default)]
+pub(super) struct Transforms {
+    /// In the rig's frame, and whether an axis moves it.
+    pub(super) sensor: Option<(NamedFrame, bool)>,
+    /// In the world, each at its time, ns.
+    pub(super) rig: Vec<(u64, NamedFrame)>,
+}
+
+fn named(parent: &str, name: &str, parent_from_frame: Pose) -> NamedFrame {
+    NamedFrame { name: name.to_owned(), parent: parent.to_owned(), parent_from_frame }
 }
 
 impl Placing<'_> {
@@ -25,14 +39,18 @@ impl Placing<'_> {
         sensor: &Sensor,
         frame: &Frame,
         cloud: &mut Cloud,
-    ) -> Result<(), RecordingError> {
-        match &mut self.mounts {
-            None => self.registration.apply(at, cloud, &|_| Pose::IDENTITY),
-            Some(mounts) => {
-                let (_, body_from_sensor) = mounts.body_from_sensor(self.recording, at, sensor, frame)?;
-                self.registration.apply(at, cloud, &body_from_sensor);
-            }
-        }
-        Ok(())
+    ) -> Result<Transforms, RecordingError> {
+        let Some(mounts) = &mut self.mounts else {
+            self.registration.apply(at, cloud, &|_| Pose::IDENTITY);
+            return Ok(Transforms::default());
+        };
+        let (slot, body_from_sensor) = mounts.body_from_sensor(self.recording, at, sensor, frame)?;
+        let pose = body_from_sensor(cloud.start_time_ns);
+        self.registration.apply(at, cloud, &body_from_sensor);
+        let rig = self.registration.poses(at, cloud).into_iter();
+        Ok(Transforms {
+            sensor: Some((named(BASE, &cloud.source.id, pose), mounts.is_moved(slot))),
+            rig: rig.map(|(time_ns, pose)| (time_ns, named(WORLD, BASE, pose))).collect(),
+        })
     }
 }

@@ -33,7 +33,12 @@ impl DecodingSpec {
 
     /// Whether the recording is read before it is decoded.
     pub(crate) fn is_read_again(&self) -> bool {
-        self.frame == OutputFrame::World
+        self.frame == OutputFrame::World || self.trajectory.is_some()
+    }
+
+    /// The format that was asked for, or that the name of the file says.
+    pub(crate) fn file_format(&self) -> Option<Format> {
+        self.format.or_else(|| self.out.as_deref().and_then(Format::of_path))
     }
 
     /// Whether some points may be left out.

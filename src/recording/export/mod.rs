@@ -36,6 +36,7 @@ use sensors::ouster::ImuSample;
 #[cfg(not(all(feature = "mcap", feature = "survey")))]
 use crate::base::features::left_out;
 use crate::base::files;
+use crate::rig::NamedFrame;
 use crate::world::local_origin::LocalOrigin;
 
 use record::RecordWriter;
@@ -99,6 +100,11 @@ impl Format {
     /// Whether it has coordinates of 64 bits where points lie far from the origin.
     pub(crate) fn holds_far_points(self) -> bool {
         !matches!(self, Self::Pcd | Self::Mcap | Self::Foxglove)
+    }
+
+    /// Whether it says where frames are in others.
+    pub(crate) fn holds_transforms(self) -> bool {
+        matches!(self, Self::Mcap | Self::Foxglove)
     }
 
     /// Whether it says which coordinate reference system its points are in.
@@ -196,6 +202,17 @@ trait CloudWriter {
         Ok(())
     }
 
+    /// Adds where frames are in others: for good, or at a time, where the format has a place for it. Times: of record and of
+    /// the stamp, ns since 1970.
+    fn add_frames(
+        &mut self,
+        _is_static: bool,
+        _times_ns: [u64; 2],
+        _frames: &[NamedFrame],
+    ) -> Result<(), Cause> {
+        Ok(())
+    }
+
     /// What was written, by topic, where the format has topics.
     fn topics(&self) -> Vec<Topic> {
         Vec::new()
@@ -260,6 +277,19 @@ impl Export {
     ) -> Result<(), ExportError> {
         self.writer
             .add_imu(source, sample, host_time_ns)
+            .map_err(|cause| ExportError::Write { path: self.path.clone(), cause })
+    }
+
+    /// Adds where frames are in others: for good, or at a time, where the format has a place for it. Times: of record and of
+    /// the stamp, ns since 1970.
+    pub(crate) fn add_frames(
+        &mut self,
+        is_static: bool,
+        times_ns: [u64; 2],
+        frames: &[NamedFrame],
+    ) -> Result<(), ExportError> {
+        self.writer
+            .add_frames(is_static, times_ns, frames)
             .map_err(|cause| ExportError::Write { path: self.path.clone(), cause })
     }
 

@@ -94,6 +94,16 @@ impl Mounts {
         Ok((slot, Box::new(body_from_sensor_over(mounted.mount, pitch))))
     }
 
+    /// Whether something says where the sensors sit.
+    pub(crate) fn is_known(&self) -> bool {
+        self.rig.is_some()
+    }
+
+    /// Whether an axis was measured that moves a sensor on the rig.
+    pub(crate) fn is_moved(&self, slot: usize) -> bool {
+        self.tilts.get(slot).is_some_and(TiltHistory::is_measured)
+    }
+
     /// Frames with no measurement of their axis near them, in words.
     pub(crate) fn losses(&self) -> Vec<String> {
         let sensors = self.rig.iter().flat_map(|rig| &rig.sensors);

@@ -11,7 +11,7 @@ use super::{Cause, MessageSink, TopicName};
 
 pub(super) struct McapPackets<W: Write + Seek> {
     writer: Writer<W>,
-    schemas: BTreeMap<Kind, u16>,
+    schemas: BTreeMap<&'static str, u16>,
     sequences: BTreeMap<u16, u32>,
 }
 
@@ -31,14 +31,14 @@ impl<W: Write + Seek + Send> MessageSink for McapPackets<W> {
     }
 
     fn add_topic(&mut self, topic: &TopicName, kind: Kind) -> Result<u32, Cause> {
-        let schema = match self.schemas.get(&kind) {
+        let schema = match self.schemas.get(kind.ros2_name()) {
             Some(schema) => *schema,
             None => {
                 let definition = kind.definition(Dialect::Ros2);
                 self.writer.add_schema(kind.ros2_name(), "ros2msg", definition.as_bytes())?
             }
         };
-        self.schemas.insert(kind, schema);
+        self.schemas.insert(kind.ros2_name(), schema);
         let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), String::new())]);
         Ok(self.writer.add_channel(schema, &topic.0, "cdr", &metadata)?.into())
     }

@@ -20,6 +20,8 @@ pub(super) enum Kind {
     Text,
     /// Frames and where they sit.
     Transforms,
+    /// The same at one time; ROS 1 repeats none of them to late listeners.
+    Poses,
 }
 
 const LINE: &str = "================================================================================\n";
@@ -33,7 +35,7 @@ impl Kind {
             Self::Packet => "ouster_ros/PacketMsg",
             Self::Scan => "velodyne_msgs/VelodyneScan",
             Self::Text => "std_msgs/String",
-            Self::Transforms => "tf2_msgs/TFMessage",
+            Self::Transforms | Self::Poses => "tf2_msgs/TFMessage",
         }
     }
 
@@ -43,7 +45,7 @@ impl Kind {
             Self::Packet => "ouster_sensor_msgs/msg/PacketMsg",
             Self::Scan => "velodyne_msgs/msg/VelodyneScan",
             Self::Text => "std_msgs/msg/String",
-            Self::Transforms => "tf2_msgs/msg/TFMessage",
+            Self::Transforms | Self::Poses => "tf2_msgs/msg/TFMessage",
         }
     }
 
@@ -53,7 +55,7 @@ impl Kind {
             Self::Packet => "4f7b5949e76f86d01e96b0e33ba9b5e3",
             Self::Scan => "50804fc9533a0e579e6322c04ae70566",
             Self::Text => "992ce8a1687cec8c8bd883ec73ca41d1",
-            Self::Transforms => "94810edda583a504dfda3829e70d7eec",
+            Self::Transforms | Self::Poses => "94810edda583a504dfda3829e70d7eec",
         }
     }
 
@@ -69,7 +71,7 @@ impl Kind {
         match self {
             Self::Packet => PACKET.into(),
             Self::Text => TEXT.into(),
-            Self::Transforms => {
+            Self::Transforms | Self::Poses => {
                 let mut text = format!(
                     "geometry_msgs/TransformStamped[] transforms\n{LINE}MSG: geometry_msgs/TransformStamped\n{header}\
                      string child_frame_id\ngeometry_msgs/Transform transform\n{LINE}MSG: std_msgs/Header\n{time}{LINE}\

@@ -20,6 +20,22 @@ use self::message::{Dialect, Kind, Message};
 use crate::base::files;
 use crate::rig::NamedFrame;
 
+/// Topic of frames that do not move against each other, and of those that do.
+pub(super) const TF_STATIC: &str = "/tf_static";
+pub(super) const TF: &str = "/tf";
+
+/// A `tf2_msgs/msg/TFMessage` of ROS 2, in CDR.
+#[cfg(feature = "mcap")]
+pub(super) fn ros2_transforms(time_ns: u64, frames: &[NamedFrame]) -> Vec<u8> {
+    Message::transforms(Dialect::Ros2, time_ns, frames)
+}
+
+/// Its definition.
+#[cfg(feature = "mcap")]
+pub(super) fn ros2_transforms_definition() -> String {
+    Kind::Transforms.definition(Dialect::Ros2)
+}
+
 /// What a writer says went wrong.
 type Cause = Box<dyn std::error::Error + Send + Sync>;
 
@@ -120,8 +136,22 @@ impl PacketWriter {
 
     /// Puts where frames sit before the packets, where the format has a place for it.
     pub fn add_transforms(&mut self, time_ns: u64, frames: &[NamedFrame]) -> Result<(), PacketWriteError> {
+        self.add_frames(TF_STATIC, time_ns, frames)
+    }
+
+    /// Adds where a frame was at a time, where the format has a place for it.
+    pub fn add_pose(&mut self, time_ns: u64, frame: NamedFrame) -> Result<(), PacketWriteError> {
+        self.add_frames(TF, time_ns, &[frame])
+    }
+
+    fn add_frames(
+        &mut self,
+        topic: &str,
+        time_ns: u64,
+        frames: &[NamedFrame],
+    ) -> Result<(), PacketWriteError> {
         let Sink::Messages(messages) = &mut self.sink else { return Ok(()) };
-        messages.add_transforms(time_ns, frames).map_err(|cause| self.error(cause))
+        messages.add_frames(topic, time_ns, frames).map_err(|cause| self.error(cause))
     }
 
     /// Adds a packet of a sensor.
@@ -195,8 +225,9 @@ impl Messages {
         self.sink.write(topic, time_ns, &Message::text(self.sink.dialect(), text))
     }
 
-    fn add_transforms(&mut self, time_ns: u64, frames: &[NamedFrame]) -> Result<(), Cause> {
-        let topic = self.topic_called(TopicName("/tf_static".into()), Kind::Transforms)?;
+    fn add_frames(&mut self, topic: &str, time_ns: u64, frames: &[NamedFrame]) -> Result<(), Cause> {
+        let kind = if topic == TF { Kind::Poses } else { Kind::Transforms };
+        let topic = self.topic_called(TopicName(topic.into()), kind)?;
         self.sink.write(topic, time_ns, &Message::transforms(self.sink.dialect(), time_ns, frames))
     }
 

@@ -60,16 +60,16 @@ impl SensorClock {
             span_ns: None,
             outside: [0; 2],
         };
-        let Target::World { trajectory, offset } = target else { return clock };
+        let Some((trajectory, offset)) = target.trajectory() else { return clock };
         let [first_ns, last_ns] = trajectory.time_span_ns();
         match offset {
             TimeOffset::Start => clock.offset_ns = first_ns.wrapping_sub(device_ns) as i64,
             TimeOffset::Fixed(offset_ns) => {
-                clock.offset_ns = *offset_ns;
+                clock.offset_ns = offset_ns;
                 let is_dated = |time_ns: u64| time_ns >= FIRST_DATE_NS;
                 let is_within = |time_ns: u64| {
                     (i128::from(first_ns)..=i128::from(last_ns))
-                        .contains(&(i128::from(time_ns) + i128::from(*offset_ns)))
+                        .contains(&(i128::from(time_ns) + i128::from(offset_ns)))
                 };
                 let is_other_kind =
                     is_dated(first_ns) != is_dated(device_ns) && is_dated(first_ns) == is_dated(host_ns);

@@ -16,17 +16,34 @@ use std::collections::HashMap;
 use self::clock::SensorClock;
 use super::export::{Cloud, place};
 use crate::base::geometry::Pose;
+use crate::rig::BASE;
 use crate::world::local_origin::LocalOrigin;
 use crate::world::trajectory::Trajectory;
+
+/// The frame of a trajectory.
+pub(crate) const WORLD: &str = "world";
 
 /// The frame in which points are wanted.
 pub(crate) enum Target {
     /// Each sensor's own.
     Sensor,
+    /// The same, in a file that says where the rig was.
+    SensorOnTrajectory { trajectory: Trajectory, offset: TimeOffset },
     /// The rig's: x forward, y left, z up.
     Rig,
     /// That of a trajectory.
     World { trajectory: Trajectory, offset: TimeOffset },
+}
+
+impl Target {
+    fn trajectory(&self) -> Option<(&Trajectory, TimeOffset)> {
+        match self {
+            Self::World { trajectory, offset } | Self::SensorOnTrajectory { trajectory, offset } => {
+                Some((trajectory, *offset))
+            }
+            Self::Sensor | Self::Rig => None,
+        }
+    }
 }
 
 /// Moves clouds into one frame and leaves out what is not wanted.
@@ -36,19 +53,21 @@ pub(crate) struct Registration {
     clocks: HashMap<usize, SensorClock>,
     /// Points without a pose.
     outside: u64,
+    /// Poses of the trajectory that were handed on.
+    handed_on: usize,
 }
 
 impl Registration {
     pub(crate) fn new(target: Target, filter: PointFilter) -> Self {
-        Self { target, filter, clocks: HashMap::new(), outside: 0 }
+        Self { target, filter, clocks: HashMap::new(), outside: 0, handed_on: 0 }
     }
 
     /// Name of the frame of the points, as ROS has it; none of sensors' own frames.
     pub(crate) fn frame_name(&self) -> Option<&'static str> {
         match self.target {
-            Target::Sensor => None,
-            Target::Rig => Some("base_link"),
-            Target::World { .. } => Some("world"),
+            Target::Sensor | Target::SensorOnTrajectory { .. } => None,
+            Target::Rig => Some(BASE),
+            Target::World { .. } => Some(WORLD),
         }
     }
 
@@ -56,7 +75,7 @@ impl Registration {
     pub(crate) fn origin(&self) -> LocalOrigin {
         match &self.target {
             Target::World { trajectory, .. } => LocalOrigin::of_box(trajectory.bounds_m()),
-            Target::Sensor | Target::Rig => LocalOrigin::default(),
+            _ => LocalOrigin::default(),
         }
     }
 
@@ -77,7 +96,7 @@ impl Registration {
         clock.follow(cloud.start_time_ns, cloud.host_time_ns);
         self.filter.select_returns(&mut cloud.points, clock.host_from_device_ns());
         match &self.target {
-            Target::Sensor => {}
+            Target::Sensor | Target::SensorOnTrajectory { .. } => {}
             Target::Rig => {
                 place(&mut cloud.points, |time_ns| Some(body_from_sensor(time_ns)));
                 self.filter.mask(&mut cloud.points);
@@ -98,6 +117,28 @@ impl Registration {
             }
         }
         self.filter.select_places(&mut cloud.points);
+    }
+
+    /// The poses of the trajectory from just before a cloud that was moved to just behind it, each once and with its time on the
+    /// clock of the cloud's stamp, ns.
+    pub(crate) fn poses(&mut self, sensor: usize, cloud: &Cloud) -> Vec<(u64, Pose)> {
+        let (Some((trajectory, _)), Some(clock)) = (self.target.trajectory(), self.clocks.get(&sensor))
+        else {
+            return Vec::new();
+        };
+        let last_ns = cloud.points.iter().map(|point| point.time_ns).max().unwrap_or(cloud.start_time_ns);
+        let span_ns = clock.trajectory_ns(cloud.start_time_ns).zip(clock.trajectory_ns(last_ns));
+        let Some((start_ns, end_ns)) = span_ns else { return Vec::new() };
+        let first = self.handed_on.max(trajectory.poses_until(start_ns).saturating_sub(1));
+        let behind = trajectory.poses_until(end_ns) + 1;
+        self.handed_on = self.handed_on.max(behind);
+        let to_stamp_ns = i128::from(cloud.stamp_ns()) - i128::from(start_ns);
+        let stamped = trajectory.stamped().skip(first).take(behind.saturating_sub(first));
+        stamped
+            .filter_map(|(time_ns, pose)| {
+                Some((u64::try_from(i128::from(time_ns) + to_stamp_ns).ok()?, pose))
+            })
+            .collect()
     }
 
     /// Points that lie outside of the trajectory's time, in words; none where all have a pose.

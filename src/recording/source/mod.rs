@@ -52,7 +52,7 @@ pub(crate) struct Recording {
     _spooled: Option<NamedTempFile>,
     /// Opened already, for the first pass.
     opened: Mutex<Option<PacketReader>>,
-    observer: Observer,
+    pub(super) observer: Observer,
     /// Whether it was reported which metadata were found.
     is_reported: AtomicBool,
 }

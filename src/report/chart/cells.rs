@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use super::{escape, number};
+use super::{Plan, escape, number};
 
 /// A class of cells: CSS class and name in the legend.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,12 +30,22 @@ pub struct CellMap {
     pub width: usize,
     /// Class of each cell as an index into the picture's classes, row by row.
     pub cells: Vec<Option<usize>>,
+    /// Where it lies; none of what is no plan.
+    pub(crate) plan: Option<Plan>,
 }
 
 impl CellMap {
     /// Number of rows.
     pub(crate) fn height(&self) -> usize {
         self.cells.len().checked_div(self.width).unwrap_or(0)
+    }
+
+    /// Width of its picture at most: it fills at most half a wide page.
+    pub(crate) fn width_px(&self) -> usize {
+        match &self.plan {
+            Some(_) => Plan::width_px([self.width, self.height()]) as usize,
+            None => self.width * (560 / self.width.max(self.height()).max(1)).clamp(2, 16),
+        }
     }
 
     /// The same in squares of several cells, so that neither side has more than `most`: the class of most of a square's
@@ -63,6 +73,7 @@ impl CellMap {
             title: format!("{} (squares of {step} x {step} voxels)", self.title),
             width,
             cells: (0..width * height).map(square).collect(),
+            plan: self.plan.as_ref().map(|plan| plan.coarse(step)),
         }
     }
 
@@ -89,8 +100,13 @@ pub(crate) fn cell_map_svg(label: &str, map: &CellMap, classes: &[CellClass]) ->
         }
     }
     let words = format!("{label}, {}: {}", map.title, map.counts(classes));
+    let view = format!("0 0 {width} {height}");
+    let (view, body) = match &map.plan {
+        Some(plan) => plan.around([width, height], &body),
+        None => (view, body),
+    };
     format!(
-        "<svg class=\"cells\" viewBox=\"0 0 {width} {height}\" shape-rendering=\"crispEdges\" role=\"img\" \
+        "<svg class=\"cells\" viewBox=\"{view}\" data-rows=\"{height}\" shape-rendering=\"crispEdges\" role=\"img\" \
          aria-label=\"{}\">{body}</svg>",
         escape(&words)
     )
@@ -122,8 +138,12 @@ mod tests {
     #[test]
     fn a_run_is_one_rectangle_and_row_zero_lies_at_the_bottom() {
         let classes = [CellClass::new("a", "seen"), CellClass::new("b", "not seen")];
-        let map =
-            CellMap { title: "t".into(), width: 3, cells: vec![Some(0), Some(0), None, None, None, Some(1)] };
+        let map = CellMap {
+            title: "t".into(),
+            width: 3,
+            cells: vec![Some(0), Some(0), None, None, None, Some(1)],
+            plan: None,
+        };
         let svg = cell_map_svg("x", &map, &classes);
         assert!(svg.contains("d=\"M0 1h2v1h-2z\""), "{svg}");
         assert!(svg.contains("aria-label=\"x, t: 2 seen, 1 not seen\""), "{svg}");
@@ -132,7 +152,7 @@ mod tests {
     #[test]
     fn a_coarse_map_shows_what_most_cells_are() {
         let cells = [Some(0), Some(1), None, Some(1), Some(0), None, Some(0), Some(0), Some(1)].to_vec();
-        let map = CellMap { title: "t".into(), width: 3, cells };
+        let map = CellMap { title: "t".into(), width: 3, cells, plan: None };
         let coarse = map.coarse(2);
         assert_eq!((coarse.width, coarse.height()), (2, 2));
         // of equal counts the last class, of an edge what is there

@@ -4,6 +4,7 @@
 mod axis;
 mod cells;
 mod line;
+mod plan;
 mod scatter;
 
 pub(crate) use crate::base::numbers::decimals_of;
@@ -11,6 +12,7 @@ pub use crate::base::numbers::{number, signed};
 pub(crate) use cells::cell_map_svg;
 pub use cells::{CellClass, CellMap};
 pub use line::{LineChart, Series};
+pub(crate) use plan::{Plan, PlanAxis};
 pub use scatter::{NamedPoint, ScatterChart};
 
 /// The data of a chart as CSV, inside its picture: what a page offers to save.

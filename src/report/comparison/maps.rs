@@ -1,10 +1,15 @@
 //! Where prediction and recording differ: the room unfolded, and from above.
 
-use crate::report::chart::{CellClass, CellMap};
+use glam::DVec3;
+
+use crate::report::above::on_plans;
+use crate::report::chart::{CellMap, Plan, PlanAxis};
 use crate::report::figures::where_different;
 use crate::report::{Report, unfold_box};
+use crate::rig::Rig;
 use crate::verify::compare::{CellKinds, Replayed, cell_kinds};
-use crate::world::coverage::Coverage;
+use crate::world::coverage::{Coverage, VoxelGrid};
+use crate::world::local_origin::LocalOrigin;
 use crate::world::scene::Scene;
 use crate::world::trajectory::Trajectory;
 
@@ -16,6 +21,7 @@ pub(super) fn difference_maps(
     replayed: &Replayed,
     scene: &Scene,
     trajectory: &Trajectory,
+    origin: LocalOrigin,
 ) {
     report.fold("Where they differ", "plans");
     let classes = where_different();
@@ -29,13 +35,16 @@ pub(super) fn difference_maps(
             "The room unfolded: floor and ceiling seen from above with x up the page, walls from inside.",
         );
     }
-    let mut with_path = classes.to_vec();
-    with_path.push(CellClass::new("c-path", "trajectory"));
-    let above = from_above(&replayed.as_driven, &replayed.recorded, &replayed.placed, trajectory);
+    let rig = Rig { sensors: replayed.sensors.clone() };
+    let above = from_above(&replayed.as_driven, &replayed.recorded, &replayed.placed);
+    let above = CellMap {
+        plan: Some(plan(replayed.recorded.grid(), &above, on_plans(trajectory, &rig), origin)),
+        ..above
+    };
     report.maps(
         "Seen from above",
         &[above],
-        &with_path,
+        &classes,
         "From above, x up the page and y to the left: a column is missed where a twentieth of its predicted cells is.",
     );
 }
@@ -49,15 +58,33 @@ fn kind_place(kind: CellKinds) -> usize {
     }
 }
 
-fn from_above(
-    as_driven: &Coverage,
-    recorded: &Coverage,
-    placed: &Coverage,
-    trajectory: &Trajectory,
-) -> CellMap {
+/// Columns of several cells begin at the far end of both axes, in which the last may reach beyond the grid.
+fn plan(
+    grid: &VoxelGrid,
+    map: &CellMap,
+    (track_m, sensors): (Vec<DVec3>, Vec<(String, DVec3)>),
+    origin: LocalOrigin,
+) -> Plan {
+    let column_m = step(grid) as f64 * grid.voxel_m;
+    let corner_m = origin.world_m() + grid.origin_m;
+    let on_page = |place_m: DVec3| [origin.world_m().y + place_m.y, origin.world_m().x + place_m.x];
+    Plan {
+        across: PlanAxis { name: "y", first_m: corner_m.y + map.width as f64 * column_m, step_m: -column_m },
+        up: PlanAxis { name: "x", first_m: corner_m.x, step_m: column_m },
+        track_m: track_m.into_iter().map(on_page).collect(),
+        sensors: sensors.into_iter().map(|(name, place_m)| (name, on_page(place_m))).collect(),
+    }
+}
+
+/// Cells along an edge of a column.
+fn step(grid: &VoxelGrid) -> usize {
+    grid.cells[0].max(grid.cells[1]).div_ceil(TOP_CELLS).max(1)
+}
+
+fn from_above(as_driven: &Coverage, recorded: &Coverage, placed: &Coverage) -> CellMap {
     let grid = recorded.grid();
     let [nx, ny, _] = grid.cells;
-    let step = nx.max(ny).div_ceil(TOP_CELLS).max(1);
+    let step = step(grid);
     let (width, height) = (ny.div_ceil(step), nx.div_ceil(step));
     // left of the page is +y
     let pixel = |cell: usize| {
@@ -72,7 +99,7 @@ fn from_above(
     for cell in placed.union_cells() {
         counts[pixel(cell)][2] += u32::from(!has(as_driven, cell));
     }
-    let mut cells: Vec<Option<usize>> = counts
+    let cells = counts
         .iter()
         .map(|[both, missed, unexpected]| match both + missed {
             0 if *unexpected == 0 => None,
@@ -81,12 +108,5 @@ fn from_above(
             _ => Some(0),
         })
         .collect();
-    for (_, pose) in trajectory.stamped() {
-        let mut at = pose.translation_m;
-        at.z = grid.origin_m.z + 0.5 * grid.voxel_m;
-        if let Some(cell) = grid.index(at) {
-            cells[pixel(cell)] = Some(4);
-        }
-    }
-    CellMap { title: "from above".into(), width, cells }
+    CellMap { title: "from above".into(), width, cells, plan: None }
 }

@@ -32,7 +32,7 @@ pub(crate) fn page(
     report.findings(findings.map(String::as_str));
     coverage_section(&mut report, comparison);
     tilt_section(&mut report, comparison);
-    difference_maps(&mut report, replayed, scene, trajectory);
+    difference_maps(&mut report, replayed, scene, trajectory, origin);
     rays_section(&mut report, comparison, replayed);
     prediction_section(&mut report, comparison);
     report

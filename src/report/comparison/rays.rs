@@ -77,5 +77,10 @@ fn strip(name: &str, breakdown: &Breakdown) -> CellMap {
         let others = [cell.short, cell.long, cell.drop, cell.extra];
         others.iter().enumerate().max_by_key(|(_, count)| **count).map(|(place, _)| place + 1)
     };
-    CellMap { title: name.to_owned(), width: SECTORS, cells: breakdown.strip.iter().map(class).collect() }
+    CellMap {
+        title: name.to_owned(),
+        width: SECTORS,
+        cells: breakdown.strip.iter().map(class).collect(),
+        plan: None,
+    }
 }

@@ -1,9 +1,11 @@
 //! The page of a completeness.
 
+use glam::DVec3;
+
 use super::SurfaceDocument;
 use crate::report::chart::number;
 use crate::report::seen::Document;
-use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures};
+use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
 use crate::simulate::ideal::IdealSensors;
 use crate::world::coverage::VoxelGrid;
 use crate::world::local_origin::LocalOrigin;
@@ -11,6 +13,8 @@ use crate::world::surface::ObservableSurface;
 
 /// Edge of the cells in which uncovered samples are grouped, m.
 const SPOT_M: f64 = 0.25;
+/// Edge of a sample in the 3-D view, m: samples lie closer.
+const POINT_M: f64 = 0.05;
 
 /// How much of the surface is covered, by whom, and what is not.
 pub(crate) fn page(
@@ -37,8 +41,8 @@ pub(crate) fn page(
     for pair in &document.conflicts.touching {
         report.paragraph(&format!("Cannot be built: {pair}."));
     }
-    shares(&mut report, document, of_surface);
     pictures(&mut report, sensors, surface, origin);
+    shares(&mut report, document, of_surface);
     let path = &of_surface.registration;
     figures::registration_section(
         &mut report,
@@ -82,22 +86,35 @@ fn pictures(report: &mut Report, sensors: &IdealSensors, surface: &ObservableSur
     let covered = sensors.covered_by_sensor(surface);
     let bounds_m = sensors.scene.bounds_m();
     let grid = VoxelGrid::centred_on(bounds_m, SPOT_M);
-    let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES).around(origin);
-    let mut unseen = Vec::new();
-    for (index, point_m) in surface.samples.points_m().iter().enumerate() {
+    let of_sample = |(index, point_m): (usize, &DVec3)| {
         let class = figures::who_saw(covered.iter().map(|flags| flags[index]));
-        if class != figures::UNSEEN || surface.is_observable[index] {
-            above.add(*point_m, class);
-        }
-        if class == figures::UNSEEN && surface.is_observable[index] {
-            unseen.extend(grid.index(*point_m));
-        }
-    }
+        (class != figures::UNSEEN || surface.is_observable[index]).then_some((*point_m, class))
+    };
+    let points: Vec<(DVec3, usize)> =
+        surface.samples.points_m().iter().enumerate().filter_map(of_sample).collect();
+    let unseen = points.iter().filter(|(_, class)| *class == figures::UNSEEN);
+    let spots = blind_spots(&grid, unseen.filter_map(|(point_m, _)| grid.index(*point_m)), MAX_BLIND_SPOTS);
+    let spots: Vec<_> = spots.into_iter().map(|spot| spot.in_world(origin)).collect();
+    report.orbit(
+        orbit::seen(
+            &sensors.scene,
+            &sensors.trajectory,
+            (&sensors.rig, &[]),
+            POINT_M,
+            points.iter().copied(),
+            &spots,
+            origin,
+        ),
+        "Samples of the surface. The rig stands where the trajectory begins; its fields of view are cut off. Blind spots can be \
+         seen from the path and have no hit within 5 cm.",
+    );
+    let mut above = FromAbove::new(bounds_m, 0.1, figures::WHO_CLASSES)
+        .around(origin)
+        .with_rig(&sensors.trajectory, &sensors.rig);
+    points.iter().for_each(|(point_m, class)| above.add(*point_m, *class));
     let names: Vec<&str> = sensors.rig.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "can be seen, but has no hit within 5 cm");
     report.heading("Who saw what");
     figures::from_above(report, &above, &classes, "surface");
-    let spots = blind_spots(&grid, unseen.into_iter(), MAX_BLIND_SPOTS);
-    let spots: Vec<_> = spots.into_iter().map(|spot| spot.in_world(origin)).collect();
     figures::blind_spot_table(report, &spots, SPOT_M);
 }

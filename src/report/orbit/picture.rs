@@ -133,6 +133,7 @@ pub(super) fn svg(orbit: &Orbit) -> String {
         title: "seen from behind and above".into(),
         width: paper.size[0],
         cells: paper.nearest.iter().map(|cell| cell.map(|(_, layer)| layer)).collect(),
+        plan: None,
     };
     let classes: Vec<_> =
         orbit.layers.iter().map(|layer| CellClass::new(layer.css, layer.name.clone())).collect();

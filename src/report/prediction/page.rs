@@ -48,8 +48,8 @@ pub(crate) fn page(
         scene,
         scanner.trajectory,
         (scanner.rig, &solids),
-        coverage,
-        observable,
+        coverage.grid().voxel_m,
+        figures::who_covers_each(coverage, observable),
         &document.blind_spots,
         origin,
     );
@@ -65,7 +65,7 @@ pub(crate) fn page(
         report.paragraph(&map.line());
     }
     baselines(&mut report, document);
-    pictures(&mut report, document, scene, coverage, observable, origin);
+    pictures(&mut report, document, scanner, coverage, observable, origin);
     figures::blind_spot_table(&mut report, &document.blind_spots, coverage.grid().voxel_m);
     if let Some(omissions) = &document.left_out {
         report.heading("What the model leaves out");
@@ -146,11 +146,12 @@ fn baselines(report: &mut Report, document: &Document) {
 fn pictures(
     report: &mut Report,
     document: &Document,
-    scene: &Scene,
+    scanner: &Scanner<'_>,
     coverage: &Coverage,
     observable: &[usize],
     origin: LocalOrigin,
 ) {
+    let scene = scanner.scene;
     let names: Vec<&str> = document.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     let classes = figures::who_classes(&names, "observable, but unseen");
     report.heading("Who saw what");
@@ -164,10 +165,8 @@ fn pictures(
         report.heading("Blind spots");
         return;
     }
-    let mut above =
-        FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES).around(origin);
-    for cell in observable {
-        above.add(coverage.grid().centre_m(*cell), figures::who_covers(coverage, *cell));
-    }
+    let above = FromAbove::new(scene.bounds_m(), coverage.grid().voxel_m, figures::WHO_CLASSES);
+    let mut above = above.around(origin).with_rig(scanner.trajectory, scanner.rig);
+    figures::who_covers_each(coverage, observable).for_each(|(place_m, class)| above.add(place_m, class));
     figures::from_above(report, &above, &classes, "surface");
 }

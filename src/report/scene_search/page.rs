@@ -1,18 +1,21 @@
 //! The page of a search in a scene.
 
-use glam::DVec3;
-
 use super::Document;
 use crate::design::scene_search::Judged;
 use crate::report::chart::{LineChart, Series, number};
-use crate::report::{FromAbove, Report, figures};
+use crate::report::{FromAbove, MAX_BLIND_SPOTS, Report, blind_spots, figures, orbit};
+use crate::rig::Rig;
 use crate::world::coverage::Coverage;
 use crate::world::local_origin::LocalOrigin;
+use crate::world::scene::Scene;
+use crate::world::trajectory::Trajectory;
 
 /// What the page shows of the scene.
 pub(crate) struct Pictured<'a> {
+    pub scene: &'a Scene,
+    pub trajectory: &'a Trajectory,
+    pub rig: &'a Rig,
     pub coverage: &'a Coverage,
-    pub bounds_m: [DVec3; 2],
     /// Voxels that some rig saw.
     pub observable: &'a [usize],
     pub origin: LocalOrigin,
@@ -23,19 +26,41 @@ pub(crate) struct Pictured<'a> {
 pub(crate) fn page(document: &Document, pictured: &Pictured<'_>) -> Report {
     let mut page = Report::new("Mounts for a scene", &document.sentence(), pictured.made_by);
     document.warnings.iter().for_each(|warning| page.paragraph(warning));
+    let (coverage, grid) = (pictured.coverage, pictured.coverage.grid());
+    let unseen = pictured
+        .observable
+        .iter()
+        .copied()
+        .filter(|cell| figures::who_covers(coverage, *cell) == figures::UNSEEN);
+    let spots: Vec<_> = blind_spots(grid, unseen, MAX_BLIND_SPOTS)
+        .into_iter()
+        .map(|spot| spot.in_world(pictured.origin))
+        .collect();
+    page.orbit(
+        orbit::seen(
+            pictured.scene,
+            pictured.trajectory,
+            (pictured.rig, &[]),
+            grid.voxel_m,
+            figures::who_covers_each(coverage, pictured.observable),
+            &spots,
+            pictured.origin,
+        ),
+        "The rig stands where the trajectory begins; its fields of view are cut off. Blind spots are voxels that another mount \
+         of the search saw and this one does not.",
+    );
     mounts(&mut page, document);
     certainty(&mut page, document);
     search(&mut page, document);
     let names: Vec<&str> = document.best.judged.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    let (coverage, grid) = (pictured.coverage, pictured.coverage.grid());
-    let mut above =
-        FromAbove::new(pictured.bounds_m, grid.voxel_m, figures::WHO_CLASSES).around(pictured.origin);
-    for cell in pictured.observable {
-        above.add(grid.centre_m(*cell), figures::who_covers(coverage, *cell));
-    }
+    let above = FromAbove::new(pictured.scene.bounds_m(), grid.voxel_m, figures::WHO_CLASSES);
+    let mut above = above.around(pictured.origin).with_rig(pictured.trajectory, pictured.rig);
+    figures::who_covers_each(coverage, pictured.observable)
+        .for_each(|(place_m, class)| above.add(place_m, class));
     page.heading("Who sees what");
     let classes = figures::who_classes(&names, "seen by another mount only");
     figures::from_above(&mut page, &above, &classes, "scene");
+    figures::blind_spot_table(&mut page, &spots, grid.voxel_m);
     page
 }
 

@@ -41,36 +41,12 @@ void main() {
   if (is_shaded) colour.rgb *= 0.6 + 0.4 * abs(dot(normalize(cross(dFdx(at), dFdy(at))), vec3(0.35, 0.2, 0.915)));
 #endif
 }`;
-// while the camera moves, slow machines draw every n-th point of large clouds
-const LARGE = 20000;
-const MOST_LEFT_OUT = 20;
-
-// stops of palettes that people with any colour vision can read, from low to high
-const PALETTES = {
-  viridis: ["440154", "482878", "3e4989", "31688e", "26828e", "1f9e89", "35b779", "6ece58", "b5de2b", "fde725"],
-  cividis: ["00224e", "123570", "3b496c", "575d6d", "707173", "8a8678", "a59c74", "c3b369", "e1cc55", "fee838"],
-  inferno: ["000004", "1b0c41", "4a0c6b", "781c6d", "a52c60", "cf4446", "ed6925", "fb9b06", "f7d13d", "fcffa4"],
-  grey: ["202020", "ffffff"],
-};
-// Okabe and Ito
-const SENSOR_COLOURS = ["0072b2", "e69f00", "009e73", "cc79a7", "56b4e9", "d55e00", "f0e442", "999999"];
-
-function rgb(hex) {
-  return [0, 2, 4].map((at) => parseInt(hex.slice(at, at + 2), 16) / 255);
-}
-
-function paletteBytes(name) {
-  const stops = PALETTES[name].map(rgb);
-  const bytes = new Uint8Array(256 * 4);
-  for (let at = 0; at < 256; at++) {
-    const place = (at / 255) * (stops.length - 1);
-    const [low, high] = [stops[Math.floor(place)], stops[Math.ceil(place)]];
-    const share = place - Math.floor(place);
-    for (let channel = 0; channel < 3; channel++) bytes[4 * at + channel] = 255 * (low[channel] * (1 - share) + high[channel] * share);
-    bytes[4 * at + 3] = 255;
-  }
-  return bytes;
-}
+// how many points a picture has while the camera moves: at first, and at least; in between as many as the machine can draw in time
+const BUDGET = 200000;
+const LEAST_BUDGET = 20000;
+// pictures while the camera moves: closer than the first, more points; farther apart than the second, fewer, ms
+const PICTURE_MS = [36, 60];
+const REST_MS = 250;
 
 const IDENTITY = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
@@ -83,9 +59,11 @@ class CloudView {
     this.gl = canvas.getContext("webgl2", { alpha: false, antialias: false, preserveDrawingBuffer: true });
     Object.assign(this, { size: 1.6, ranges: EVERYWHERE, limits: [0, 1], top: 1e9, box: null, showGrid: true, showAxes: true, track: null, marks: [] });
     Object.assign(this, { home: { yaw: 3.7, tilt: 0.6, distance: 25, middle: [0, 0, 0] }, ground: null });
+    this.fingers = new Map(); // that hold the picture
     this.reset();
     if (!this.gl) return;
     this.programs = { points: this.link(""), solid: this.link("#define SOLID\n") };
+    this.budget = BUDGET;
     this.paletteTexture = this.gl.createTexture();
     this.setPalette("viridis");
     this.grid = this.makeGrid();
@@ -125,13 +103,24 @@ class CloudView {
       const shader = gl.createShader(kind);
       gl.shaderSource(shader, `#version 300 es\n${define}${text}`);
       gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
       gl.attachShader(program, shader);
     }
     ["place", "value", "range"].forEach((name, at) => gl.bindAttribLocation(program, at, name));
     gl.linkProgram(program);
     const at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
     return { program, at };
+  }
+
+  // compiled meanwhile: the page does not wait for it before there is something to draw
+  ensureLinked() {
+    const gl = this.gl;
+    if (this.isLinked) return;
+    for (const { program } of Object.values(this.programs)) {
+      if (gl.getProgramParameter(program, gl.LINK_STATUS)) continue;
+      const logs = gl.getAttachedShaders(program).map((shader) => gl.getShaderInfoLog(shader));
+      throw new Error([gl.getProgramInfoLog(program), ...logs].join("\n"));
+    }
+    this.isLinked = true;
   }
 
   setPalette(name) {
@@ -153,7 +142,7 @@ class CloudView {
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(at);
     gl.vertexAttribPointer(at, size, kind, false, 0, 0);
-    return { buffer, size, kind, bytes: size * data.BYTES_PER_ELEMENT };
+    return buffer;
   }
 
   // positions of any kind of number on the graphics card, with a value and a range each where these are given
@@ -162,34 +151,28 @@ class CloudView {
     if (!gl) return null;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
-    const rows = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
-    return { array, rows, count: places.length / 3, every: 1 };
+    const buffers = [places, values, ranges].map((row, at) => row && this.attribute(at, at === 0 ? 3 : 1, row));
+    return { array, buffers, count: places.length / 3, isMixed: false };
   }
 
-  // draws only every n-th of its points from here on
-  thin(part, every) {
-    const gl = this.gl;
-    if (part.every === every) return;
-    part.every = every;
-    part.rows.forEach((row, at) => {
-      if (!row) return;
-      gl.bindBuffer(gl.ARRAY_BUFFER, row.buffer);
-      gl.vertexAttribPointer(at, row.size, row.kind, false, every > 1 ? every * row.bytes : 0, 0);
-    });
+  // the same of points of which a part may be drawn
+  uploadPoints(places, values, ranges) {
+    const part = this.upload(...[places, values, ranges].map((row, at) => row && mixed(row, at === 0 ? 3 : 1)));
+    return part && Object.assign(part, { isMixed: true });
   }
 
   // rewrites a row of a cloud: 1 values, 2 ranges
   setRow(part, row, values) {
     const gl = this.gl;
     if (!part) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, part.rows[row].buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
+    gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[row]);
+    gl.bufferData(gl.ARRAY_BUFFER, part.isMixed ? mixed(values, 1) : values, gl.STATIC_DRAW);
   }
 
   free(part) {
     if (!part) return;
     this.gl.deleteVertexArray(part.array);
-    part.rows.forEach((row) => row && this.gl.deleteBuffer(row.buffer));
+    part.buffers.forEach((buffer) => buffer && this.gl.deleteBuffer(buffer));
   }
 
   line(places) {
@@ -234,7 +217,8 @@ class CloudView {
         if (this.isPolite) this.pause = Math.min(600, Math.max(50, 3 * (performance.now() - wanted)));
       });
     };
-    if (this.pause) setTimeout(begin, this.pause);
+    const isPaced = (this.turnedAt ?? -1) > (this.drawnAt ?? 0) && this.budget > LEAST_BUDGET;
+    if (this.pause && !isPaced) setTimeout(begin, this.pause);
     else begin();
   }
 
@@ -246,8 +230,10 @@ class CloudView {
 
   draw() {
     const { gl, canvas } = this;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
-    const [width, height] = [canvas.clientWidth * ratio, canvas.clientHeight * ratio].map(Math.round);
+    this.ensureLinked();
+    this.share = this.pace();
+    this.ratio = Math.min(devicePixelRatio || 1, this.share < 1 ? 1 : 2);
+    const [width, height] = [canvas.clientWidth * this.ratio, canvas.clientHeight * this.ratio].map(Math.round);
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     gl.viewport(0, 0, width, height);
@@ -267,7 +253,6 @@ class CloudView {
       gl.uniform2f(at.box_turn, Math.cos(yaw), Math.sin(yaw));
       gl.uniform2fv(at.limits, this.limits);
     }
-    this.every = this.pace();
     const lines = this.showGrid ? [[this.grid, [0.5, 0.53, 0.58, 0.45], gl.LINES]] : [];
     if (this.showAxes) lines.push(...this.axes.map(([part, colour]) => [part, colour, gl.LINES]));
     if (this.track) lines.push([this.track, this.trackColour ?? [1, 1, 1], gl.LINE_STRIP]);
@@ -279,35 +264,36 @@ class CloudView {
     canvas.dataset.frames = Number(canvas.dataset.frames ?? 0) + 1;
   }
 
-  // every how many-th point is drawn: all when nothing moves, fewer while pictures follow each other slowly
+  // which share of the points is drawn: all of them when nothing moves, else what comes in time
   pace() {
     const now = performance.now();
     const before = this.drawnAt ?? 0;
     const since = now - before;
     this.drawnAt = now;
-    const isMoving = (this.turnedAt ?? -1) > before;
+    const isMoving = (this.turnedAt ?? -1) > before || this.fingers.size > 0;
     const isOn = isMoving && this.isMoving; // so was the picture before: the time between the two is that of a picture
     this.isMoving = isMoving;
     if (!isMoving) return 1;
-    const every = this.pacedEvery ?? 1;
-    this.pacedEvery = !isOn ? every : since > 110 ? Math.min(MOST_LEFT_OUT, Math.ceil((every * since) / 90)) : since < 35 ? Math.max(1, every - 1) : every;
+    const points = (this.shown ?? []).reduce((sum, { part }) => sum + (part?.isMixed ? part.count : 0), 0);
+    const [close, far] = PICTURE_MS;
+    if (isOn && since < close) this.budget = Math.min(1.5 * this.budget, Math.max(points, BUDGET));
+    if (isOn && since > far) this.budget = Math.max(LEAST_BUDGET, this.budget * Math.max(0.4, (0.8 * far) / since));
     clearTimeout(this.full);
-    this.full = setTimeout(() => this.ask(), 250);
-    return this.pacedEvery;
+    if (this.fingers.size === 0) this.full = setTimeout(() => this.ask(), Math.max(REST_MS, isOn ? 3 * since : 0));
+    return Math.min(1, this.budget / Math.max(points, 1));
   }
 
   drawPart({ part, matrix, colour, kind, size, metres, isShaded, isWhole, isOnTop, ranges }) {
     const { gl } = this;
     const isSolid = kind !== undefined && kind !== gl.POINTS;
     const { program, at } = isSolid ? this.programs.solid : this.programs.points;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
     const isBoxed = Boolean(this.box) && !isWhole;
     gl.useProgram(program);
     gl.uniformMatrix4fv(at.world_from_points, false, matrix ?? IDENTITY);
     gl.uniformMatrix4fv(at.clip_from_points, false, matrix ? product(this.clip, matrix) : this.clip);
     gl.uniform1i(at.is_flat, colour ? 1 : 0);
     gl.uniform4fv(at.flat_colour, colour ? [...colour.slice(0, 3), colour[3] ?? 1] : [1, 1, 1, 1]);
-    gl.uniform1f(at.size, (size ?? this.size) * ratio);
+    gl.uniform1f(at.size, (size ?? this.size) * this.ratio);
     gl.uniform1f(at.metres, metres ?? 0);
     gl.uniform2fv(at.ranges, isWhole ? [-1, 1e30] : ranges ?? this.ranges);
     gl.uniform1i(at.is_boxed, isBoxed ? 1 : 0);
@@ -317,11 +303,10 @@ class CloudView {
     (isOnTop ? gl.disable : gl.enable).call(gl, gl.DEPTH_TEST);
     gl.depthMask((colour?.[3] ?? 1) >= 1);
     gl.bindVertexArray(part.array);
-    const every = !isSolid && part.count > LARGE ? this.every : 1;
-    this.thin(part, every);
-    gl.drawArrays(kind ?? gl.POINTS, 0, Math.floor(part.count / every));
+    const count = part.isMixed ? Math.ceil(part.count * this.share) : part.count;
+    gl.drawArrays(kind ?? gl.POINTS, 0, count);
     gl.depthMask(true);
-    return part.count;
+    return count;
   }
 
   // perspective times a camera that looks at the middle (or from it, inside), z up
@@ -382,14 +367,19 @@ class CloudView {
 
   listen() {
     const { canvas } = this;
-    const fingers = new Map();
+    const { fingers } = this;
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       fingers.set(event.pointerId, [event.clientX, event.clientY]);
       this.moved = 0;
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => {
+        fingers.delete(event.pointerId);
+        if (fingers.size === 0) this.ask(); // all of the points again
+      });
+    }
     canvas.addEventListener("pointermove", (event) => {
       const before = fingers.get(event.pointerId);
       if (!before) return;
@@ -441,6 +431,24 @@ class CloudView {
     }
     this.ask();
   }
+}
+
+// numbers of points (one or three each) in an order of which every beginning is a sample of all: by steps of the golden section
+function mixed(row, size) {
+  const count = row.length / size;
+  const out = new row.constructor(row.length);
+  let step = Math.max(1, Math.round(0.618 * count));
+  while (divisor(step, count) > 1) step++;
+  for (let to = 0, from = 0; to < row.length; to += size) {
+    for (let at = 0; at < size; at++) out[to + at] = row[size * from + at];
+    from += step;
+    if (from >= count) from -= count;
+  }
+  return out;
+}
+
+function divisor(a, b) {
+  return b === 0 ? a : divisor(b, a % b);
 }
 
 // of two matrices by columns

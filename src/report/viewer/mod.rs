@@ -7,6 +7,6 @@ mod served;
 pub(crate) use served::{Ground, Heading, serve};
 
 /// Points, lines and surfaces under a camera.
-pub(crate) const CLOUD: &str = include_str!("cloud.js");
+pub(crate) const CLOUD: &str = concat!(include_str!("colours.js"), include_str!("cloud.js"));
 /// The 3-D pictures of a report.
 pub(crate) const ORBIT: &str = include_str!("orbit.js");

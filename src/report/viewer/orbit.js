@@ -30,7 +30,8 @@ class Orbit {
     this.matrix = new Float32Array([count, 0, 0, 0, 0, count, 0, 0, 0, 0, count, 0, ...middle, 1]);
     for (const layer of this.data.layers) {
       const bytes = Uint8Array.from(atob(layer.places), (letter) => letter.charCodeAt(0));
-      layer.part = this.view.upload(new Int16Array(bytes.buffer));
+      const upload = layer.shape === LIST.Points ? "uploadPoints" : "upload";
+      layer.part = this.view[upload](new Int16Array(bytes.buffer));
       delete layer.places;
     }
     this.view.top = this.data.cut_m;

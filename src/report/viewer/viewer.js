@@ -6,8 +6,11 @@ const HEADER = 40;
 // revolutions stored beyond those on the picture
 const SPARE = 12;
 const AT_ONCE = 3;
+const SAMPLE = 2000;
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 10];
 
+// asked for before anything that takes its time
+const firstIndex = fetch("api/recording/0");
 const view = new CloudView(find("cloud"));
 find("no-gl").hidden = Boolean(view.gl);
 
@@ -29,7 +32,7 @@ function key(sensor, revolution) {
 
 async function readIndex() {
   const known = state.sensors.map((sensor) => sensor.revolutions.length).join(",");
-  const index = await (await fetch(`api/recording/${known || 0}`)).json();
+  const index = await (await (known ? fetch(`api/recording/${known}`) : firstIndex)).json();
   state.heading = index;
   index.sensors.forEach((sensor, at) => {
     if (!state.sensors[at]) {
@@ -53,10 +56,16 @@ async function readIndex() {
   find("problems").replaceChildren(...index.problems.map((problem) => element("li", problem)));
   if (index.is_whole) document.body.dataset.whole = "1";
   offerFrames();
-  drawTimeline();
   update();
   readScene();
-  if (!index.is_whole) setTimeout(readIndex, 300);
+  if (!index.is_whole) readOn();
+}
+
+// more of the index once there is a picture: until then the program leaves the processor to it
+function readOn(waited = 0) {
+  const isDrawn = view.drawn > 0 || !view.gl || waited > 2000;
+  if (isDrawn && waited >= 300) readIndex();
+  else setTimeout(() => readOn(waited + 50), 50);
 }
 
 function element(kind, text) {
@@ -142,7 +151,8 @@ function update() {
   show(places);
   forget(new Set([...places, ...ahead].map(([at, number]) => key(at, number))));
   drawTimeline();
-  drawImages();
+  if (view.drawn > 0) drawImages();
+  else requestAnimationFrame(() => setTimeout(drawImages)); // the picture comes first
   say();
 }
 
@@ -155,7 +165,9 @@ async function load(sensor, revolution) {
     if (!answer.ok) throw new Error(await answer.text());
     const cloud = unpack(await answer.arrayBuffer());
     cloud.name = name;
-    cloud.part = view.upload(cloud.places, valuesOf(cloud), cloud.ranges);
+    const values = valuesOf(cloud);
+    cloud.sample = sampleOf(values);
+    cloud.part = view.uploadPoints(cloud.places, values, cloud.ranges);
     state.loaded.set(name, cloud);
     document.body.dataset.loaded = state.loaded.size;
     if (!state.isFitted) fit(cloud);
@@ -190,7 +202,9 @@ function unpack(buffer) {
 // ranges, m; of returns that are not wanted beyond all limits
 function hideReturns(cloud) {
   const only = find("returns").value;
-  return Float32Array.from(cloud.range_mm, (range, at) => (only === "all" || Number(only) === cloud.return_number[at] ? range * 1e-3 : 1e12));
+  const ranges = scaled(cloud.range_mm, 1e-3);
+  if (only !== "all") cloud.return_number.forEach((number, at) => number !== Number(only) && (ranges[at] = 1e12));
+  return ranges;
 }
 
 function valuesOf(cloud) {
@@ -198,13 +212,28 @@ function valuesOf(cloud) {
     case "height": {
       const matrix = matrixFor(cloud.sensor);
       const [a, b, c, d] = matrix ? [matrix[2], matrix[6], matrix[10], matrix[14]] : [0, 0, 1, 0];
-      return Float32Array.from({ length: cloud.count }, (_, at) => a * cloud.places[3 * at] + b * cloud.places[3 * at + 1] + c * cloud.places[3 * at + 2] + d);
+      const { places } = cloud;
+      const heights = new Float32Array(cloud.count);
+      for (let at = 0; at < heights.length; at++) heights[at] = a * places[3 * at] + b * places[3 * at + 1] + c * places[3 * at + 2] + d;
+      return heights;
     }
-    case "range": return Float32Array.from(cloud.range_mm, (range) => range * 1e-3);
-    case "time": return Float32Array.from(cloud.since_ns, (time) => time * 1e-6);
+    case "range": return scaled(cloud.range_mm, 1e-3);
+    case "time": return scaled(cloud.since_ns, 1e-6);
     case "sensor": return new Float32Array(cloud.count);
     default: return Float32Array.from(cloud[find("colour").value]);
   }
+}
+
+function scaled(row, factor) {
+  const out = new Float32Array(row.length);
+  for (let at = 0; at < row.length; at++) out[at] = row[at] * factor;
+  return out;
+}
+
+// every n-th of them in order, some thousand
+function sampleOf(values) {
+  const step = Math.max(1, Math.floor(values.length / SAMPLE));
+  return Float32Array.from({ length: Math.ceil(values.length / step) }, (_, at) => values[step * at]).sort();
 }
 
 function matrixFor(sensor) {
@@ -235,14 +264,8 @@ function limits(clouds) {
   const name = `${find("colour").value} ${clouds.map((cloud) => cloud.name)}`;
   if (state.limitsOf === name) return view.limits;
   state.limitsOf = name;
-  const sample = [];
-  for (const cloud of clouds) {
-    const values = valuesOf(cloud);
-    const step = Math.max(1, Math.floor(values.length / 2000));
-    for (let at = 0; at < values.length; at += step) sample.push(values[at]);
-  }
+  const sample = Float32Array.from(clouds.flatMap((cloud) => [...cloud.sample])).sort();
   if (sample.length === 0) return view.limits;
-  sample.sort((a, b) => a - b);
   const at = (share) => sample[Math.round(share * (sample.length - 1))];
   return [at(0.02), Math.max(at(0.98), at(0.02) + 1e-6)];
 }
@@ -257,7 +280,11 @@ function forget(needed) {
 
 function recolour() {
   state.limitsOf = null;
-  for (const cloud of state.loaded.values()) view.setRow(cloud.part, 1, valuesOf(cloud));
+  for (const cloud of state.loaded.values()) {
+    const values = valuesOf(cloud);
+    cloud.sample = sampleOf(values);
+    view.setRow(cloud.part, 1, values);
+  }
   drawBar();
   update();
 }
@@ -284,7 +311,7 @@ function forgetAll() {
 
 function fit(cloud) {
   state.isFitted = true;
-  const ranges = Float32Array.from(cloud.range_mm).sort();
+  const ranges = sampleOf(cloud.range_mm);
   const far = (ranges[Math.floor(0.9 * ranges.length)] ?? 10000) * 1e-3;
   if (!location.hash) view.distance = Math.max(3, 2.2 * far);
   if (find("frame").value === "world" && cloud.count > 0 && !location.hash) view.middle = [...cloud.places.slice(0, 3)];
@@ -445,16 +472,16 @@ function drawImages() {
     const paint = sensor.canvas.getContext("2d");
     const image = paint.createImageData(columns, channels);
     const values = field === "range" ? cloud.range_mm : cloud[field];
-    const sorted = Float32Array.from(values).sort();
+    const sorted = sampleOf(values);
     const [low, high] = [sorted[Math.floor(0.02 * sorted.length)] ?? 0, sorted[Math.floor(0.98 * (sorted.length - 1))] ?? 1];
-    const palette = paletteBytes(find("palette").value);
+    const palette = new Uint32Array(paletteBytes(find("palette").value).buffer);
+    const pixels = new Uint32Array(image.data.buffer);
     const isRising = state.sensors[at].product.toLowerCase().match(/vlp|hdl|vls|puck/); // Velodyne rings rise
     for (let point = 0; point < cloud.count; point++) {
       if (cloud.return_number[point] === 2) continue;
       const row = isRising ? channels - 1 - cloud.ring[point] : cloud.ring[point];
-      const place = 4 * (row * columns + cloud.column[point]);
-      const shade = 4 * Math.round(255 * Math.min(1, Math.max(0, (values[point] - low) / Math.max(high - low, 1))));
-      image.data.set([palette[shade], palette[shade + 1], palette[shade + 2], 255], place);
+      const share = Math.min(1, Math.max(0, (values[point] - low) / Math.max(high - low, 1)));
+      pixels[row * columns + cloud.column[point]] = palette[Math.round(255 * share)];
     }
     paint.putImageData(image, 0, 0);
     sensor.isRising = Boolean(isRising);

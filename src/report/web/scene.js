@@ -57,7 +57,7 @@ class Scene extends CloudView {
       part.reflectivity[at] = bytes[8 * at + 6];
       part.rings[at] = bytes[8 * at + 7];
     }
-    part.cloud = this.upload(places, this.valuesOf(part), part.rings);
+    part.cloud = this.uploadPoints(places, this.valuesOf(part), part.rings);
     const cloud = this.clouds.get(sensor) ?? [];
     cloud.push(part);
     while (cloud.length > MAX_REVOLUTIONS) this.free(cloud.shift().cloud);
@@ -72,7 +72,7 @@ class Scene extends CloudView {
     this.cells.forEach(({ part }) => this.free(part));
     const middle = origin.map((value) => value + metres / 2);
     this.cells = by.map((places, state) => ({
-      part: this.upload(new Uint16Array(places)), matrix: this.matrixOf(middle, metres), metres, isWhole: true,
+      part: this.uploadPoints(new Uint16Array(places)), matrix: this.matrixOf(middle, metres), metres, isWhole: true,
       colour: [...rgb(CELL_COLOURS[state]), CELL_ALPHA[state]],
     }));
     if (!this.fitted && count > 0) this.fitTo(Uint16Array.from(by.flat()), { origin: middle, metres, count });

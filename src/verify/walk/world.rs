@@ -5,6 +5,7 @@ use std::path::Path;
 use super::by_odometry::OdometrySpec;
 use super::error::WalkError;
 use crate::recording::decoding::{DecodingSpec, OutputFrame};
+use crate::recording::export::Format;
 use crate::recording::mounted::{AxisZeros, Mounts, each_frame, revolutions_ns};
 use crate::recording::registered::{Registration, Target, TimeOffset};
 use crate::recording::{Recording, read_trajectory};
@@ -25,7 +26,7 @@ pub(crate) fn registration(
     notices: &mut Vec<String>,
 ) -> Result<(Option<Mounts>, Registration), WalkError> {
     if !spec.is_moved() {
-        return Ok((None, Registration::new(Target::Sensor, spec.filter.clone())));
+        return stated(spec, recording, notices);
     }
     let mut mounts = Mounts::of(recording, spec.mount.as_deref(), &AxisZeros::default())?;
     let target = match spec.frame {
@@ -38,6 +39,34 @@ pub(crate) fn registration(
     };
     notices.extend(mounts.notices.iter().cloned());
     Ok((Some(mounts), Registration::new(target, spec.filter.clone())))
+}
+
+/// The same where points stay in their sensors' frames, for a file that has a place for transforms.
+fn stated(
+    spec: &DecodingSpec,
+    recording: &Recording,
+    notices: &mut Vec<String>,
+) -> Result<(Option<Mounts>, Registration), WalkError> {
+    let stay = Target::Sensor;
+    if !spec.file_format().is_some_and(Format::holds_transforms) {
+        return Ok((None, Registration::new(stay, spec.filter.clone())));
+    }
+    let mut mounts = Mounts::of(recording, spec.mount.as_deref(), &AxisZeros::default())?;
+    let own = recording.checked_session().map(|session| session.trajectory()).transpose()?.flatten();
+    let target = match (&spec.trajectory, own) {
+        (None, None) => stay,
+        (None, Some(trajectory)) => Target::SensorOnTrajectory { trajectory, offset: spec.time_offset },
+        (Some(path), _) => {
+            let found = find(Some(path), spec.time_offset, recording, &mut mounts)?;
+            notices.extend(found.notices);
+            Target::SensorOnTrajectory { trajectory: found.trajectory, offset: found.offset }
+        }
+    };
+    let is_stated = mounts.is_known() || matches!(target, Target::SensorOnTrajectory { .. });
+    if is_stated {
+        notices.extend(mounts.notices.iter().cloned());
+    }
+    Ok((is_stated.then_some(mounts), Registration::new(target, spec.filter.clone())))
 }
 
 /// From the file named (`odometry`: by odometry), or what the recording holds itself.

@@ -144,6 +144,11 @@ impl Trajectory {
         self.world_from_body[before].interpolate(&self.world_from_body[after], share)
     }
 
+    /// How many poses there are up to a time.
+    pub(crate) fn poses_until(&self, time_ns: u64) -> usize {
+        self.time_ns.partition_point(|stamp_ns| *stamp_ns <= time_ns)
+    }
+
     /// Stamped poses in order.
     pub fn stamped(&self) -> impl Iterator<Item = (u64, Pose)> + '_ {
         self.time_ns.iter().copied().zip(self.world_from_body.iter().copied())

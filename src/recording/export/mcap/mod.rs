@@ -15,6 +15,8 @@ use sensors::ouster::ImuSample;
 
 use super::sink::{Failure, Sink};
 use super::{Cause, Cloud, CloudWriter, Kind, Source, Topic, foxglove, topic};
+use crate::recording::packet_writer::{TF, TF_STATIC, ros2_transforms};
+use crate::rig::NamedFrame;
 
 /// Which messages a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,15 +44,8 @@ impl McapWriter {
         Ok(Self { writer, failure, dialect, schemas: BTreeMap::new(), topics: BTreeMap::new() })
     }
 
-    fn write(
-        &mut self,
-        source: &Source,
-        kind: &Kind,
-        times_ns: [u64; 2],
-        message: &[u8],
-    ) -> Result<(), Cause> {
+    fn write(&mut self, name: String, kind: &Kind, times_ns: [u64; 2], message: &[u8]) -> Result<(), Cause> {
         let [log_time, publish_time] = times_ns;
-        let name = topic(&source.id, kind.topic);
         if !self.topics.contains_key(&name) {
             let schema = match self.schemas.get(kind.schema) {
                 Some(schema) => *schema,
@@ -86,7 +81,7 @@ impl CloudWriter for McapWriter {
             Dialect::Ros2 => (&ros2::POINTS, ros2::points(cloud)?),
             Dialect::Foxglove => (&foxglove::POINTS, foxglove::points(cloud)?),
         };
-        self.write(&cloud.source, kind, [log_time_ns, stamp_ns], &message)
+        self.write(topic(&cloud.source.id, kind.topic), kind, [log_time_ns, stamp_ns], &message)
     }
 
     fn add_imu(&mut self, source: &Source, sample: &ImuSample, host_time_ns: u64) -> Result<(), Cause> {
@@ -94,7 +89,29 @@ impl CloudWriter for McapWriter {
             return Ok(()); // Foxglove has no schema of its own for inertial samples
         }
         let stamp_ns = super::cloud::stamp_ns(sample.time_ns, host_time_ns);
-        self.write(source, &ros2::IMU, [host_time_ns, stamp_ns], &ros2::imu(source, sample, stamp_ns))
+        let message = ros2::imu(source, sample, stamp_ns);
+        self.write(topic(&source.id, ros2::IMU.topic), &ros2::IMU, [host_time_ns, stamp_ns], &message)
+    }
+
+    fn add_frames(
+        &mut self,
+        is_static: bool,
+        times_ns: [u64; 2],
+        frames: &[NamedFrame],
+    ) -> Result<(), Cause> {
+        let [_, stamp_ns] = times_ns;
+        let (kind, message) = match self.dialect {
+            Dialect::Ros2 => (&ros2::TRANSFORMS, ros2_transforms(stamp_ns, frames)),
+            Dialect::Foxglove => {
+                let frames: Vec<_> = frames
+                    .iter()
+                    .map(|frame| (frame.parent.as_str(), frame.name.as_str(), frame.parent_from_frame))
+                    .collect();
+                (&foxglove::TRANSFORMS, foxglove::transforms(stamp_ns, &frames)?)
+            }
+        };
+        let topic = if is_static { TF_STATIC } else { TF };
+        self.write(topic.to_owned(), kind, times_ns, &message)
     }
 
     fn topics(&self) -> Vec<Topic> {

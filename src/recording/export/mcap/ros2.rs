@@ -9,6 +9,7 @@ use sensors::ouster::ImuSample;
 
 use super::super::{Cause, Cloud, Kind, Point, Source};
 use super::cdr::Cdr;
+use crate::recording::packet_writer::ros2_transforms_definition;
 
 /// Points of one frame.
 pub(super) const POINTS: Kind = Kind {
@@ -25,6 +26,15 @@ pub(super) const IMU: Kind = Kind {
     schema: "sensor_msgs/msg/Imu",
     schema_encoding: "ros2msg",
     schema_data: || Cow::Borrowed(include_bytes!("Imu.msg")),
+    encoding: "cdr",
+};
+
+/// Frames and where they are in others.
+pub(super) const TRANSFORMS: Kind = Kind {
+    topic: "tf",
+    schema: "tf2_msgs/msg/TFMessage",
+    schema_encoding: "ros2msg",
+    schema_data: || Cow::Owned(ros2_transforms_definition().into_bytes()),
     encoding: "cdr",
 };
 
