@@ -29,7 +29,7 @@ pub(crate) struct WrittenFile {
 /// Point files being written.
 pub(super) struct Output {
     format: Format,
-    place: Place,
+    destination: Destination,
     frame: FileFrame,
     force: bool,
     points: u64,
@@ -39,7 +39,7 @@ pub(super) struct Output {
     files: Vec<WrittenFile>,
 }
 
-enum Place {
+enum Destination {
     /// One file; a bag is one, too, with its metadata in its folder.
     File {
         path: PathBuf,
@@ -77,7 +77,7 @@ impl Output {
         };
         let (out, is_file) = match &spec.out {
             Some(out) => (out.clone(), !is_folder_name(out)),
-            None => default_place(recording, format, &frame),
+            None => default_destination(recording, format, &frame),
         };
         let name = out.display().to_string();
         if !is_file && out.exists() && !out.is_dir() {
@@ -94,19 +94,19 @@ impl Output {
             return Err(DecodingError::TooFar { format: format.extension(), at_m: frame.origin.world_m() });
         }
         let bag = !is_file && format == Format::Mcap;
-        let place = match is_file || bag {
+        let destination = match is_file || bag {
             true => {
                 let path = if bag { out.join(bag_file_name(&out)) } else { out };
                 if path.exists() && !spec.is_forced {
                     return Err(ExportError::Exists { path }.into()); // before the work, not after
                 }
-                Place::File { path, export: None, sensor: None, bag }
+                Destination::File { path, export: None, sensor: None, bag }
             }
-            false => Place::Folder(out),
+            false => Destination::Folder(out),
         };
         Ok(Some(Self {
             format,
-            place,
+            destination,
             frame,
             force: spec.is_forced,
             points: 0,
@@ -143,8 +143,8 @@ impl Output {
     fn write(&mut self, at: usize, number: u64) -> Result<(), DecodingError> {
         let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
         self.points += cloud.points.len() as u64;
-        match &mut self.place {
-            Place::File { path, export, sensor, bag } => {
+        match &mut self.destination {
+            Destination::File { path, export, sensor, bag } => {
                 let first = *sensor.get_or_insert(at);
                 if first != at && self.frame.name.is_none() && !self.format.holds_several_sensors() {
                     let name =
@@ -162,7 +162,7 @@ impl Output {
                     export.add(&self.clouds[&at])?;
                 }
             }
-            Place::Folder(folder) => {
+            Destination::Folder(folder) => {
                 let name = format!("{}_{:06}.{}", cloud.source.id, number, self.format.extension());
                 let path = folder.join(name);
                 let mut export = begin(&self.frame, &path, true, self.format, self.force)?;
@@ -186,7 +186,7 @@ impl Output {
             return Ok(());
         }
         let source = self.source(at, sensor);
-        if let Place::File { path, export, bag, .. } = &mut self.place {
+        if let Destination::File { path, export, bag, .. } = &mut self.destination {
             let file = match export {
                 Some(file) => file,
                 None => export.insert(begin(&self.frame, path, *bag, self.format, self.force)?),
@@ -208,7 +208,7 @@ impl Output {
 
     /// Ends the last file; lists all of them.
     pub(super) fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
-        if let Place::File { path, export: Some(export), bag, .. } = self.place {
+        if let Destination::File { path, export: Some(export), bag, .. } = self.destination {
             let written = export.finish()?;
             self.files.push(WrittenFile { path: path.display().to_string(), points: written.points });
             if let (true, Some(folder), Some(name)) = (bag, path.parent(), path.file_name()) {
@@ -252,7 +252,7 @@ fn is_folder_name(out: &Path) -> bool {
 }
 
 /// In the current folder, named after the recording; and whether it is a file.
-fn default_place(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
+fn default_destination(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
     let name = PathBuf::from(recording.name());
     let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());
     if let Some(inner) = stem.strip_suffix(".pcap").or(stem.strip_suffix(".pcapng")) {
