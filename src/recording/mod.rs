@@ -1,3 +1,6 @@
+//! Anything recorded. `source::Recording` opens a capture, a bag or a session as one thing; `mounted::MountedRecording` adds where
+//! its sensors sat; `decoding`, `cutting` and `inspection` go through it.
+//!
 //! The session folder: raw packets, servo reports, config; readable after a crash.
 //!
 //! ```text

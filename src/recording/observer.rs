@@ -1,4 +1,4 @@
-//! Who follows the reading of a recording: a terminal, a log, nobody.
+//! Progress and notices while a recording is read.
 
 use crate::simulate::Progress;
 

@@ -4,16 +4,16 @@ use sensors::router::{Router, Sensor};
 
 /// One name per sensor, in order; no two the same.
 pub(crate) fn ids(router: &Router) -> Vec<String> {
-    let mut mounted_frame = Vec::new();
+    let mut known = Vec::new();
     for sensor in router.sensors() {
-        next_id(sensor, &mut mounted_frame);
+        next_id(sensor, &mut known);
     }
-    mounted_frame
+    known
 }
 
 /// As the recording calls it, or by product and serial number (or sender, where there is none); numbered where that is
 /// in use.
-pub(crate) fn next_id(sensor: &Sensor, mounted_frame: &mut Vec<String>) -> String {
+pub(crate) fn next_id(sensor: &Sensor, known: &mut Vec<String>) -> String {
     let tail = match (sensor.serial(), sensor.source()) {
         ("", Some(source)) => source.ip().to_string(),
         (serial, _) => serial.to_owned(),
@@ -28,10 +28,7 @@ pub(crate) fn next_id(sensor: &Sensor, mounted_frame: &mut Vec<String>) -> Strin
         .collect();
     let plain = plain.trim_end_matches('-').to_owned();
     let numbered = (2..).map(|number| format!("{plain}-{number}"));
-    let id = std::iter::once(plain.clone())
-        .chain(numbered)
-        .find(|id| !mounted_frame.contains(id))
-        .unwrap_or(plain);
-    mounted_frame.push(id.clone());
+    let id = std::iter::once(plain.clone()).chain(numbered).find(|id| !known.contains(id)).unwrap_or(plain);
+    known.push(id.clone());
     id
 }

@@ -7,7 +7,7 @@ use crate::verify::align::Alignment;
 use crate::verify::compare::TimeOffset;
 use crate::verify::judgement::comparison::{Comparison, Reason, Verdict};
 use crate::verify::judgement::zero_offer::ZeroOffer;
-use crate::verify::walk::Place;
+use crate::verify::walk::WalkSite;
 
 /// The document that `compare` prints.
 #[derive(Debug, Serialize)]
@@ -33,7 +33,7 @@ pub struct Document {
 impl Document {
     pub(super) fn new(
         recorded: &MountedRecording,
-        place: &Place,
+        place: &WalkSite,
         pass: &PassSummary,
         comparison: Comparison,
         wall_s: f64,

@@ -17,7 +17,7 @@ use crate::recording::mounted::{MountedRecording, data_gaps};
 use crate::recording::read_trajectory;
 use crate::verify::compare::{Gate, Healthy, Replaying, cover_planned, grid_over, seen_patches};
 use crate::verify::judgement::judge::{Inputs, judge};
-use crate::verify::walk::Place;
+use crate::verify::walk::WalkSite;
 use crate::world::coverage::{Coverage, VoxelGrid};
 use document::Document;
 use files::{conclude, unplaced, write};
@@ -76,7 +76,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
     let error = args.pose_error.error();
     check(args, context)?;
     let recorded = MountedRecording::open(&args.recorded.spec(context))?;
-    let place = Place::find(args.place.spec(context)?, &recorded)?;
+    let place = WalkSite::find(args.place.spec(context)?, &recorded)?;
     if let Some(alignment) = place.alignment.as_ref().filter(|alignment| alignment.placed().is_none()) {
         let problems = recorded.notices.iter().chain(&place.notices).cloned().collect();
         return unplaced(args, context, alignment, problems, start.elapsed().as_secs_f64());
@@ -122,7 +122,7 @@ pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
 /// What the nominal mounts cover on the planned trajectory.
 fn planned(
     args: &Args,
-    place: &Place,
+    place: &WalkSite,
     recorded: &MountedRecording,
     grid: &VoxelGrid,
 ) -> anyhow::Result<Option<Coverage>> {

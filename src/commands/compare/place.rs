@@ -7,7 +7,7 @@ use crate::commands::scene_args::{MeshArgs, Room};
 use crate::commands::scene_file::{self, MapArgs};
 use crate::commands::{Context, ensure_consistent, stage};
 use crate::verify::align::Hint;
-use crate::verify::walk::{Frames, Offset, PlaceSpec};
+use crate::verify::walk::{Frames, Offset, WalkSiteSpec};
 
 /// Where the recording was made.
 #[derive(clap::Args, Debug)]
@@ -51,9 +51,9 @@ pub struct PlaceArgs {
 
 impl PlaceArgs {
     /// What is given, the scene read.
-    pub(super) fn spec(&self, context: Context) -> anyhow::Result<PlaceSpec> {
+    pub(super) fn spec(&self, context: Context) -> anyhow::Result<WalkSiteSpec> {
         let scene = self.scene.as_deref();
-        Ok(PlaceSpec {
+        Ok(WalkSiteSpec {
             scene: scene_file::read_or_room(scene, self.room, &self.mesh, &self.map, context)?,
             map_of: self.map_frames.clone().map(|frames| (frames.0, self.map.spec())),
             trajectory: self.trajectory.clone(),

@@ -16,5 +16,5 @@ pub(crate) use output::ensure_output;
 pub(crate) use packets::decode;
 pub(crate) use spec::DecodingSpec;
 
-/// What a decoding says that was told to stop.
+/// The message of a decoding that was stopped.
 pub(crate) const INTERRUPTED: &str = "interrupted: whole files stay, unfinished ones are removed";

@@ -29,7 +29,7 @@ pub(crate) struct WrittenFile {
 /// Point files being written.
 pub(super) struct Output {
     format: Format,
-    place: Place,
+    destination: Destination,
     frame: FileFrame,
     force: bool,
     points: u64,
@@ -41,7 +41,7 @@ pub(super) struct Output {
     files: Vec<WrittenFile>,
 }
 
-enum Place {
+enum Destination {
     /// One file; a bag is one, too, with its metadata in its folder.
     File {
         path: PathBuf,
@@ -79,7 +79,7 @@ impl Output {
         };
         let (out, is_file) = match &spec.out {
             Some(out) => (out.clone(), !is_folder_name(out)),
-            None => default_place(recording, format, &frame),
+            None => default_destination(recording, format, &frame),
         };
         let name = out.display().to_string();
         if !is_file && out.exists() && !out.is_dir() {
@@ -96,19 +96,19 @@ impl Output {
             return Err(DecodingError::TooFar { format: format.extension(), at_m: frame.origin.world_m() });
         }
         let bag = !is_file && format == Format::Mcap;
-        let place = match is_file || bag {
+        let destination = match is_file || bag {
             true => {
                 let path = if bag { out.join(bag_file_name(&out)) } else { out };
                 if path.exists() && !spec.is_forced {
                     return Err(ExportError::Exists { path }.into()); // before the work, not after
                 }
-                Place::File { path, export: None, sensor: None, bag }
+                Destination::File { path, export: None, sensor: None, bag }
             }
-            false => Place::Folder(out),
+            false => Destination::Folder(out),
         };
         Ok(Some(Self {
             format,
-            place,
+            destination,
             frame,
             force: spec.is_forced,
             points: 0,
@@ -148,7 +148,7 @@ impl Output {
         let host_from_stamp_ns =
             if cloud.host_time_ns > 0 { cloud.host_time_ns.wrapping_sub(stamp_ns) } else { 0 };
         let times_ns = |stamp_ns: u64| [stamp_ns.wrapping_add(host_from_stamp_ns), stamp_ns];
-        let Place::File { path, export, bag, .. } = &mut self.place else { return Ok(()) };
+        let Destination::File { path, export, bag, .. } = &mut self.destination else { return Ok(()) };
         if let Some((frame, is_moved)) = &transforms.sensor
             && (self.stated.insert(at) || *is_moved)
         {
@@ -171,8 +171,8 @@ impl Output {
     fn write(&mut self, at: usize, number: u64) -> Result<(), DecodingError> {
         let Some(cloud) = self.clouds.get(&at) else { return Ok(()) };
         self.points += cloud.points.len() as u64;
-        match &mut self.place {
-            Place::File { path, export, sensor, bag } => {
+        match &mut self.destination {
+            Destination::File { path, export, sensor, bag } => {
                 let first = *sensor.get_or_insert(at);
                 if first != at && self.frame.name.is_none() && !self.format.holds_several_sensors() {
                     let name =
@@ -186,7 +186,7 @@ impl Output {
                 let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
                 file.add(&self.clouds[&at])?;
             }
-            Place::Folder(folder) => {
+            Destination::Folder(folder) => {
                 let name = format!("{}_{:06}.{}", cloud.source.id, number, self.format.extension());
                 let path = folder.join(name);
                 let mut export = begin(&self.frame, &path, true, self.format, self.force)?;
@@ -210,7 +210,7 @@ impl Output {
             return Ok(());
         }
         let source = self.source(at, sensor);
-        if let Place::File { path, export, bag, .. } = &mut self.place {
+        if let Destination::File { path, export, bag, .. } = &mut self.destination {
             let file = begun(export, &self.frame, path, *bag, self.format, self.force)?;
             file.add_imu(&source, sample, host_time_ns)?;
         }
@@ -229,7 +229,7 @@ impl Output {
 
     /// Ends the last file; lists all of them.
     pub(super) fn finish(mut self) -> Result<Vec<WrittenFile>, ExportError> {
-        if let Place::File { path, export: Some(export), bag, .. } = self.place {
+        if let Destination::File { path, export: Some(export), bag, .. } = self.destination {
             let written = export.finish()?;
             self.files.push(WrittenFile { path: path.display().to_string(), points: written.points });
             if let (true, Some(folder), Some(name)) = (bag, path.parent(), path.file_name()) {
@@ -288,7 +288,7 @@ fn is_folder_name(out: &Path) -> bool {
 }
 
 /// In the current folder, named after the recording; and whether it is a file.
-fn default_place(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
+fn default_destination(recording: &Recording, format: Format, frame: &FileFrame) -> (PathBuf, bool) {
     let name = PathBuf::from(recording.name());
     let mut stem = name.file_stem().map_or("points".into(), |stem| stem.to_string_lossy().into_owned());
     if let Some(inner) = stem.strip_suffix(".pcap").or(stem.strip_suffix(".pcapng")) {

@@ -33,7 +33,7 @@ impl RecordingSpec {
         Self { is_read_again: true, ..self }
     }
 
-    /// The same, and nobody is shown how far a pass is.
+    /// The same without progress on the screen.
     pub(crate) fn without_progress(mut self) -> Self {
         self.observer.reading = Observer::default().reading;
         self

@@ -3,7 +3,7 @@
 use super::by_odometry::OdometryResult;
 use super::error::WalkError;
 use super::in_scene::{Placed, RAYS, Walk, in_scene};
-use super::spec::PlaceSpec;
+use super::spec::WalkSiteSpec;
 use crate::base::geometry::Pose;
 use crate::recording::mounted::MountedRecording;
 use crate::recording::{RecordingError, read_trajectory};
@@ -29,7 +29,7 @@ impl Found {
 
 /// From a file, the recording's own, or by odometry.
 pub(super) fn find_trajectory(
-    spec: &PlaceSpec,
+    spec: &WalkSiteSpec,
     recorded: &MountedRecording,
     notices: &mut Vec<String>,
 ) -> Result<Found, WalkError> {
@@ -69,7 +69,7 @@ pub(super) fn find_trajectory(
 
 /// Where a trajectory of a frame of its own lies in the scene, which begins at `origin`.
 pub(super) fn placed(
-    spec: &PlaceSpec,
+    spec: &WalkSiteSpec,
     recorded: &MountedRecording,
     found: &Found,
     (scene, origin): (&Scene, LocalOrigin),

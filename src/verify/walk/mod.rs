@@ -6,7 +6,7 @@ mod error;
 mod found;
 mod frames;
 mod in_scene;
-mod place;
+mod walk_site;
 mod spec;
 mod world;
 
@@ -15,6 +15,6 @@ pub(crate) use clocks::Offset;
 pub(crate) use error::WalkError;
 pub(crate) use frames::Frames;
 pub(crate) use in_scene::{Placed, Walk, in_scene};
-pub(crate) use place::Place;
-pub(crate) use spec::PlaceSpec;
+pub(crate) use spec::WalkSiteSpec;
+pub(crate) use walk_site::WalkSite;
 pub(crate) use world::registration;

@@ -11,7 +11,7 @@ use crate::verify::align::Hint;
 use crate::world::scene::LoadedScene;
 
 /// Where a recording was made, as far as it is given.
-pub(crate) struct PlaceSpec {
+pub(crate) struct WalkSiteSpec {
     /// None where the map is made of frames of the recording.
     pub scene: Option<LoadedScene>,
     /// Frames that make a map, and how.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::clocks::{Offset, search_time_offset, time_offset_ns};
 use super::error::WalkError;
 use super::found::{Found, find_trajectory, placed};
-use super::spec::PlaceSpec;
+use super::spec::WalkSiteSpec;
 use crate::recording::mounted::MountedRecording;
 use crate::recording::scene::{Making, MapSpec};
 use crate::verify::align::Alignment;
@@ -17,7 +17,7 @@ use crate::world::scene::{Scene, VoxelMap};
 use crate::world::trajectory::{Trajectory, suspicions};
 
 /// A scene, a trajectory, and what is odd about them.
-pub(crate) struct Place {
+pub(crate) struct WalkSite {
     pub scene: Scene,
     pub trajectory: Trajectory,
     /// Where the frame of both begins in that of the files.
@@ -36,9 +36,9 @@ pub(crate) struct Place {
     pub notices: Vec<String>,
 }
 
-impl Place {
+impl WalkSite {
     /// Finds what is not given.
-    pub(crate) fn find(mut spec: PlaceSpec, recorded: &MountedRecording) -> Result<Self, WalkError> {
+    pub(crate) fn find(mut spec: WalkSiteSpec, recorded: &MountedRecording) -> Result<Self, WalkError> {
         let mut notices = Vec::new();
         let found = find_trajectory(&spec, recorded, &mut notices)?;
         let is_odometry = matches!(found, Found::Odometry(_));
