@@ -110,6 +110,7 @@ pub fn a_still_velodyne_agrees_with_its_own_map() {
             &["--map-frames", "0..2", "--trajectory", "still"],
         );
         let [agree, short, long, extra] = shares(&document);
+        // the lowest beam never returns and the next one hardly: what it looks at is dark, it is no dead channel
         // half of the beams return, and of those that the map promises many pass the edge of a cell: the map cannot tell
         assert_eq!(document["verdict"], "cannot_tell", "{}", document["reason"]);
         assert_eq!(document["reason"]["code"], "map_too_coarse", "{}", document["reason"]);

@@ -21,6 +21,9 @@ const DEFAULT_VOXEL_M: f64 = 0.1;
 
 /// Casts and prints.
 pub fn run(args: &Args, context: Context) -> anyhow::Result<Outcome> {
+    if args.room.is_some() {
+        scene_file::ensure_none_typed(context, "the scene is a room")?; // before any file is read
+    }
     if !args.trajectory.is_file() {
         context.ensure_not_typed(&["rate"], "is about a trajectory in KITTI format, which is not given")?;
     }

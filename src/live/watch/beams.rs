@@ -39,28 +39,36 @@ impl BeamWatch {
         if self.columns < ENOUGH_COLUMNS || model.channels() != channels || rings.len() != channels {
             return Vec::new();
         }
-        let mut by_elevation: Vec<usize> = (0..channels).collect();
-        by_elevation
-            .sort_by(|a, b| model.beams()[*a].elevation_rad.total_cmp(&model.beams()[*b].elevation_rad));
-        let share = |at: usize| self.returns[by_elevation[at]] as f64 / self.columns as f64;
-        let is_silent = |at: &usize| self.returns[by_elevation[*at]] == 0;
-        let is_wrong = |at: &usize| {
-            let below = (0..*at).rev().find(|at| !is_silent(at));
-            let above = (*at + 1..channels).find(|at| !is_silent(at));
-            match (below, above) {
-                (Some(below), Some(above)) => share(below) > BETWEEN && share(above) > BETWEEN,
-                // the outermost beam alone: several neighbours may look over everything
-                (Some(only), None) | (None, Some(only)) => {
-                    [0, channels - 1].contains(at) && only.abs_diff(*at) == 1 && share(only) > AT_EDGE
-                }
-                (None, None) => false,
-            }
-        };
-        let mut silent: Vec<u16> =
-            (0..channels).filter(is_silent).filter(is_wrong).map(|at| rings[by_elevation[at]]).collect();
-        silent.sort_unstable();
-        silent
+        let shares: Vec<f64> =
+            self.returns.iter().map(|returns| *returns as f64 / self.columns as f64).collect();
+        silent_rings(model, &shares)
     }
+}
+
+/// Numbers, as point files have them (`ring`), of beams without returns whose neighbours have some; `return_shares` by channel.
+pub(crate) fn silent_rings(model: &SensorModel, return_shares: &[f64]) -> Vec<u16> {
+    let channels = return_shares.len();
+    let rings = model.rings_by_elevation();
+    let mut by_elevation: Vec<usize> = (0..channels).collect();
+    by_elevation.sort_by(|a, b| model.beams()[*a].elevation_rad.total_cmp(&model.beams()[*b].elevation_rad));
+    let share = |at: usize| return_shares[by_elevation[at]];
+    let is_silent = |at: &usize| share(*at) == 0.0;
+    let is_wrong = |at: &usize| {
+        let below = (0..*at).rev().find(|at| !is_silent(at));
+        let above = (*at + 1..channels).find(|at| !is_silent(at));
+        match (below, above) {
+            (Some(below), Some(above)) => share(below) > BETWEEN && share(above) > BETWEEN,
+            // the outermost beam alone: several neighbours may look over everything
+            (Some(only), None) | (None, Some(only)) => {
+                [0, channels - 1].contains(at) && only.abs_diff(*at) == 1 && share(only) > AT_EDGE
+            }
+            (None, None) => false,
+        }
+    };
+    let mut silent: Vec<u16> =
+        (0..channels).filter(is_silent).filter(is_wrong).map(|at| rings[by_elevation[at]]).collect();
+    silent.sort_unstable();
+    silent
 }
 
 #[cfg(test)]

@@ -1,9 +1,13 @@
 //! Sensors and channels without data.
 
+use crate::live::watch::silent_rings;
 use crate::recording::Fault;
 use crate::verify::compare::Replayed;
 
-/// Sensors without data or returns, and channels without returns.
+/// Predicted returns of a channel, all of which are missing, that say something.
+const LEAST_DROPS: u64 = 100;
+
+/// Sensors without data or returns, and channels without returns between others that have some.
 pub(super) fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
     let fault = |name, sensor: &str, words| Fault::new(name, vec![sensor.to_owned()], words);
     let mut faults = Vec::new();
@@ -23,15 +27,21 @@ pub(super) fn silent(replayed: &Replayed, known: &[Fault]) -> Vec<Fault> {
             faults.push(fault("dead_sensor", name, words));
             continue;
         }
-        let dead: Vec<String> = breakdown
+        let shares: Vec<f64> = breakdown
             .by_channel()
             .iter()
-            .enumerate()
-            .filter(|(_, rays)| rays.drop >= 100 && rays.agree + rays.short + rays.long + rays.extra == 0)
-            .map(|(channel, _)| channel.to_string())
+            .map(|rays| {
+                let returns = rays.agree + rays.short + rays.long + rays.extra;
+                // too few that should have returned: one return makes it no silent one
+                let is_known = returns > 0 || rays.drop >= LEAST_DROPS;
+                if is_known { returns as f64 / (returns + rays.drop).max(1) as f64 } else { 1.0 }
+            })
             .collect();
+        let dead: Vec<String> =
+            silent_rings(&sensor.model, &shares).iter().map(ToString::to_string).collect();
         if !dead.is_empty() {
-            let words = format!("{name}: no return in channels {} (counted from 0)", dead.join(", "));
+            let words =
+                format!("{name}: no return in ring {}, and its neighbours have some", dead.join(", "));
             faults.push(fault("dead_channel", name, words));
         }
     }
