@@ -92,7 +92,7 @@ struct Slot {
 }
 
 /// In the order in which slots are used again.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum State {
     Free,
     /// Delivered; remembered to recognise fragments that come twice.
@@ -174,7 +174,9 @@ impl Reassembly {
     /// A fresh slot: a free one, a new one, the oldest complete one, or the oldest at all, which is given up.
     fn begin(&mut self, key: Key) -> usize {
         self.turn += 1;
-        let reused = self.slots.iter().enumerate().min_by_key(|(_, slot)| (slot.state, slot.begun));
+        // state first, then age, in one number
+        let order = |slot: &Slot| (slot.state as u64) << 62 | slot.begun;
+        let reused = self.slots.iter().enumerate().min_by_key(|(_, slot)| order(slot));
         let reused = match reused {
             Some((at, slot)) if slot.state == State::Free || self.slots.len() == SLOTS => Some(at),
             _ => None,

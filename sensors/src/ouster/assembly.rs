@@ -44,6 +44,8 @@ pub(super) struct Assembly {
     rejected_since: u64,
     first_order: u64,
     last_order: u64,
+    /// Columns that hold samples of the frame before in these buffers.
+    stale: Vec<bool>,
 }
 
 impl Assembly {
@@ -58,6 +60,7 @@ impl Assembly {
             rejected_since: 0,
             first_order: 0,
             last_order: 0,
+            stale: Vec::new(),
         }
     }
 
@@ -80,6 +83,7 @@ impl Assembly {
         (frame.expected_packets, frame.azimuth_rate_rad_per_ns) = expectations(output.metadata);
         frame.frame_id = place.frame_id;
         frame.column_time_ns.fill(0);
+        self.stale.clone_from(&frame.column_valid);
         frame.column_valid.fill(false);
         frame.packets = 0;
         frame.restarts = output.stats.init_id_changes;
@@ -105,6 +109,7 @@ impl Assembly {
             }
             let Frame { frame_id, packets, restarts, host_time_ns, health, .. } = self.frame;
             self.frame = Frame { frame_id, packets, restarts, host_time_ns, health, ..frame };
+            self.stale.resize(metadata.columns_per_frame, false);
         }
         (self.frame.expected_packets, self.frame.azimuth_rate_rad_per_ns) = expectations(metadata);
         let expects = |slot: &usize| metadata.expects_slot(*slot) && has(&self.came, *slot);
@@ -148,20 +153,21 @@ impl Assembly {
         frame.packets += 1;
         frame.host_time_ns[1] = frame.host_time_ns[1].max(place.host_time_ns);
         frame.health = place.health;
-        let columns = frame.column_valid.len();
-        for index in 0..format.columns_per_packet {
-            let column = format.column(packet, index);
-            let header = format.read_column(column);
-            let id = place.slot * format.columns_per_packet + index;
-            if id >= columns {
-                break;
+        let Frame { channels, column_time_ns, column_valid, first, second, .. } = frame;
+        let first_id = place.slot * format.columns_per_packet;
+        let count = format.columns_per_packet.min(column_valid.len().saturating_sub(first_id));
+        for index in 0..count {
+            let header = format.read_column(format.column(packet, index));
+            column_time_ns[first_id + index] = header.time_ns;
+            column_valid[first_id + index] = header.valid;
+        }
+        let mut index = 0;
+        for alike in column_valid[first_id..first_id + count].chunk_by(|a, b| a == b) {
+            if alike[0] {
+                let columns = format.columns(packet, index, alike.len());
+                unpack(columns, (first_id + index) * *channels, first, second.as_mut());
             }
-            frame.column_time_ns[id] = header.time_ns;
-            if header.valid {
-                frame.column_valid[id] = true;
-                let at = id * frame.channels;
-                unpack(format.blocks(column), at, &mut frame.first, frame.second.as_mut());
-            }
+            index += alike.len();
         }
         out_of_order
     }
@@ -178,8 +184,11 @@ impl Assembly {
         let frame = &mut self.frame;
         let mut all_valid = true;
         for (column, valid) in frame.column_valid.iter().enumerate() {
-            if !valid {
-                all_valid &= !metadata.in_window(column);
+            if *valid {
+                continue;
+            }
+            all_valid &= !metadata.in_window(column);
+            if self.stale[column] {
                 let samples = column * frame.channels..(column + 1) * frame.channels;
                 clear(&mut frame.first, samples.clone());
                 if let Some(second) = &mut frame.second {

@@ -19,6 +19,8 @@ pub struct OusterDecoder {
     pub(super) metadata: Metadata,
     pub(super) lidar_bytes: usize,
     imu_bytes: usize,
+    /// Serial number of the metadata.
+    pub(super) serial: Option<u64>,
     pub(super) stream: Stream,
     stats: DecodeStats,
     source: Option<SocketAddr>,
@@ -55,6 +57,7 @@ impl OusterDecoder {
         Self {
             lidar_bytes: metadata.packet_format().packet_bytes(),
             imu_bytes,
+            serial: metadata.serial_number(),
             stream: Stream::new(&metadata),
             stats: DecodeStats::default(),
             source: None,
@@ -77,7 +80,7 @@ impl OusterDecoder {
 
     /// Whether its lidar packets name their sensor.
     pub(crate) fn names_sensor(&self) -> bool {
-        self.metadata.profile.has_packet_header() && self.metadata.serial_number().is_some()
+        self.metadata.profile.has_packet_header() && self.serial.is_some()
     }
 
     /// Length of its lidar packets.
@@ -102,7 +105,7 @@ impl OusterDecoder {
             return if fits { self.claim_anonymous(packet, self.metadata.lidar_port) } else { Claim::No };
         }
         let header = Header::read(self.header_kind(bytes), bytes);
-        match (header, self.metadata.serial_number()) {
+        match (header, self.serial) {
             (Some(header), Some(serial)) if header.serial == serial => {
                 if bytes.len() == self.expected_bytes(header.kind) { Claim::Certain } else { Claim::Named }
             }
@@ -138,7 +141,7 @@ impl OusterDecoder {
             let reason = format!("{} bytes without a known packet type", bytes.len());
             return Err(Rejected::Foreign { reason });
         };
-        if let Some(serial) = self.metadata.serial_number()
+        if let Some(serial) = self.serial
             && serial != header.serial
         {
             self.refuse_damaged(packet)?;
@@ -248,7 +251,7 @@ impl OusterDecoder {
     /// The header layout of a packet. Firmware from 4.0 on may write the functional-safety header where metadata says
     /// STANDARD: the serial number tells.
     pub(super) fn header_kind(&self, bytes: &[u8]) -> HeaderKind {
-        let Some(serial) = self.metadata.serial_number() else { return self.metadata.header };
+        let Some(serial) = self.serial else { return self.metadata.header };
         let fits = |kind| Header::read(kind, bytes).is_some_and(|header| header.serial == serial);
         let others = [HeaderKind::Standard, HeaderKind::Fusa];
         if fits(self.metadata.header) {

@@ -78,7 +78,7 @@ impl OusterDecoder {
             Profile::Legacy => (format.legacy_frame_id(format.column(bytes, 0)), 0),
             _ => match Header::read(self.metadata.header, bytes) {
                 Some(Header { kind: PacketKind::Lidar, frame_id, init_id, serial, .. })
-                    if self.metadata.serial_number().is_none_or(|own| own == serial) =>
+                    if self.serial.is_none_or(|own| own == serial) =>
                 {
                     (frame_id, init_id)
                 }
@@ -122,9 +122,8 @@ impl OusterDecoder {
     /// Packets of fewer columns, as newer firmware can be set to send them.
     fn doubt_columns_per_packet(&mut self, bytes: &[u8]) {
         let own = self.metadata.packet_format();
-        let is_lidar = Header::read(own.header, bytes).is_some_and(|header| {
-            header.kind == PacketKind::Lidar && self.metadata.serial_number() == Some(header.serial)
-        });
+        let is_lidar = Header::read(own.header, bytes)
+            .is_some_and(|header| header.kind == PacketKind::Lidar && self.serial == Some(header.serial));
         if !is_lidar || bytes.len() == self.lidar_bytes || own.profile == Profile::Off {
             return;
         }

@@ -79,6 +79,26 @@ pub struct PacketFormat {
     pub pixels_per_column: usize,
 }
 
+/// The pixel blocks of neighbouring columns in a packet.
+#[derive(Clone, Copy)]
+pub(super) struct Columns<'a> {
+    /// From the first block of the first column on.
+    pub(super) bytes: &'a [u8],
+    /// Bytes from the first block of a column to that of the next.
+    pub(super) stride: usize,
+    /// Bytes of one column's blocks.
+    pub(super) length: usize,
+    pub(super) count: usize,
+}
+
+impl<'a> Columns<'a> {
+    /// The blocks of one column.
+    #[inline(always)]
+    pub(super) fn blocks(&self, column: usize) -> &'a [u8] {
+        &self.bytes[column * self.stride..][..self.length]
+    }
+}
+
 impl HeaderKind {
     /// The only kind a profile can have: LEGACY counts frames in 16 bits, FUSA profiles bring their header.
     pub fn of(profile: Profile) -> Option<Self> {
@@ -201,13 +221,19 @@ impl PacketFormat {
         &mut packet[start..start + self.column_bytes()]
     }
 
-    /// The pixel blocks of a column.
-    #[inline]
-    pub fn blocks<'a>(&self, column: &'a [u8]) -> &'a [u8] {
-        &column[self.column_header_bytes()..][..self.blocks_bytes()]
+    /// The pixel blocks of neighbouring columns.
+    pub(super) fn columns<'a>(&self, packet: &'a [u8], first: usize, count: usize) -> Columns<'a> {
+        let stride = self.column_bytes();
+        let start = self.header_bytes() + first * stride;
+        Columns {
+            bytes: &packet[start..start + count * stride][self.column_header_bytes()..],
+            stride,
+            length: self.blocks_bytes(),
+            count,
+        }
     }
 
-    /// As [`Self::blocks`], to write.
+    /// The pixel blocks of a column, to write.
     pub fn blocks_mut<'a>(&self, column: &'a mut [u8]) -> &'a mut [u8] {
         let bytes = self.blocks_bytes();
         &mut column[self.column_header_bytes()..][..bytes]
@@ -275,9 +301,7 @@ impl PacketFormat {
 
 /// CRC-64/XZ.
 pub(crate) fn crc64(bytes: &[u8]) -> u64 {
-    let mut digest = crc64fast::Digest::new();
-    digest.write(bytes);
-    digest.sum64()
+    crc_fast::checksum(crc_fast::CrcAlgorithm::Crc64Xz, bytes)
 }
 
 /// Compares the checksum of a packet with a footer: `Err((stored, computed))` when they differ. Packets of firmware

@@ -7,38 +7,48 @@ use super::tables::{Column, Lines, NEAR_LIMIT_MM, Near, Tables};
 
 /// A number that the kernel is built for.
 pub(super) trait Kernel: Real {
-    /// One point per range, column by column; zeros where the range is 0.
-    fn points(tables: &Tables<Self>, range_mm: &[u32], out: &mut Vec<[Self; 3]>);
+    /// One point per range, column by column; zeros where the range is 0 or the column is not valid.
+    fn points(tables: &Tables<Self>, valid: &[bool], range_mm: &[u32], out: &mut Vec<[Self; 3]>);
 }
 
 macro_rules! kernel {
     ($real:ty, $wide:ident) => {
         impl Kernel for $real {
-            fn points(tables: &Tables<Self>, range_mm: &[u32], out: &mut Vec<[Self; 3]>) {
+            fn points(tables: &Tables<Self>, valid: &[bool], range_mm: &[u32], out: &mut Vec<[Self; 3]>) {
                 out.resize(range_mm.len(), [0.0; 3]);
                 #[cfg(target_arch = "x86_64")]
                 {
                     use std::arch::x86_64::$wide;
                     #[target_feature(enable = "avx512f")]
-                    fn with_avx512(tables: &Tables<$real>, range_mm: &[u32], out: &mut [[$real; 3]]) {
-                        points_in::<$wide>(tables, range_mm, out);
+                    fn with_avx512(
+                        tables: &Tables<$real>,
+                        valid: &[bool],
+                        range_mm: &[u32],
+                        out: &mut [[$real; 3]],
+                    ) {
+                        points_in::<$wide>(tables, valid, range_mm, out);
                     }
                     #[target_feature(enable = "avx2")]
-                    fn with_avx2(tables: &Tables<$real>, range_mm: &[u32], out: &mut [[$real; 3]]) {
-                        points_in::<Portable<$real>>(tables, range_mm, out);
+                    fn with_avx2(
+                        tables: &Tables<$real>,
+                        valid: &[bool],
+                        range_mm: &[u32],
+                        out: &mut [[$real; 3]],
+                    ) {
+                        points_in::<Portable<$real>>(tables, valid, range_mm, out);
                     }
                     if std::arch::is_x86_feature_detected!("avx512f") {
                         // SAFETY: the CPU has the feature the function is compiled for.
-                        unsafe { with_avx512(tables, range_mm, out) };
+                        unsafe { with_avx512(tables, valid, range_mm, out) };
                         return;
                     }
                     if std::arch::is_x86_feature_detected!("avx2") {
                         // SAFETY: the CPU has the feature the function is compiled for.
-                        unsafe { with_avx2(tables, range_mm, out) };
+                        unsafe { with_avx2(tables, valid, range_mm, out) };
                         return;
                     }
                 }
-                points_in::<Portable<$real>>(tables, range_mm, out);
+                points_in::<Portable<$real>>(tables, valid, range_mm, out);
             }
         }
     };
@@ -49,11 +59,16 @@ kernel!(f64, __m512d);
 
 /// The kernel in elements of any kind.
 #[inline(always)]
-pub(super) fn points_in<V: Elements>(tables: &Tables<V::Real>, range_mm: &[u32], out: &mut [[V::Real; 3]]) {
+pub(super) fn points_in<V: Elements>(
+    tables: &Tables<V::Real>,
+    valid: &[bool],
+    range_mm: &[u32],
+    out: &mut [[V::Real; 3]],
+) {
     match (&tables.near, tables.is_flat()) {
-        (Some(_), _) => columns::<V, false, true>(tables, range_mm, out),
-        (None, true) => columns::<V, true, false>(tables, range_mm, out),
-        (None, false) => columns::<V, false, false>(tables, range_mm, out),
+        (Some(_), _) => columns::<V, false, true>(tables, valid, range_mm, out),
+        (None, true) => columns::<V, true, false>(tables, valid, range_mm, out),
+        (None, false) => columns::<V, false, false>(tables, valid, range_mm, out),
     }
 }
 
@@ -62,6 +77,7 @@ pub(super) fn points_in<V: Elements>(tables: &Tables<V::Real>, range_mm: &[u32],
 #[inline(always)]
 fn columns<V: Elements, const FLAT: bool, const NEAR: bool>(
     tables: &Tables<V::Real>,
+    valid: &[bool],
     range_mm: &[u32],
     out: &mut [[V::Real; 3]],
 ) {
@@ -69,16 +85,31 @@ fn columns<V: Elements, const FLAT: bool, const NEAR: bool>(
     // what a block writes past its column's end is written over by the next column; the last one has none
     let alone = usize::from(!channels.is_multiple_of(BLOCK));
     let together = tables.columns.len().saturating_sub(alone);
-    for (number, column) in tables.columns[..together].iter().enumerate() {
-        let (range_mm, out) = (&range_mm[number * channels..], &mut out[number * channels..]);
-        for (block, lines) in lines.iter().enumerate() {
-            let at = block * BLOCK;
-            if let (Some(range_mm), Some(out)) = (range_mm[at..].first_chunk(), out[at..].first_chunk_mut()) {
-                one_block::<V, FLAT, NEAR>(&tables.near, column, lines, channels - at, range_mm, out);
+    let mut number = 0;
+    for alike in valid.chunk_by(|a, b| a == b) {
+        let numbers = number..number + alike.len();
+        number = numbers.end;
+        if !alike[0] {
+            out[numbers.start * channels..numbers.end * channels].as_flattened_mut().fill(V::Real::default());
+            continue;
+        }
+        for number in numbers.start..numbers.end.min(together) {
+            let (range_mm, out) = (&range_mm[number * channels..], &mut out[number * channels..]);
+            let column = &tables.columns[number];
+            for (block, lines) in lines.iter().enumerate() {
+                let at = block * BLOCK;
+                if let (Some(range_mm), Some(out)) =
+                    (range_mm[at..].first_chunk(), out[at..].first_chunk_mut())
+                {
+                    one_block::<V, FLAT, NEAR>(&tables.near, column, lines, channels - at, range_mm, out);
+                }
             }
         }
     }
     for (number, column) in tables.columns.iter().enumerate().skip(together) {
+        if !valid[number] {
+            continue;
+        }
         let (range_mm, out) = (&range_mm[number * channels..], &mut out[number * channels..]);
         let chunks = range_mm.chunks(BLOCK).zip(out.chunks_mut(BLOCK));
         for (lines, (range_mm, out)) in lines.iter().zip(chunks) {
@@ -105,8 +136,8 @@ fn one_block<V: Elements, const FLAT: bool, const NEAR: bool>(
             break;
         }
         if !V::any(range_mm, at) {
-            // columns that never came, second returns that few firings have
-            out[at..at + V::WIDTH].fill([V::Real::default(); 3]);
+            // second returns, which few firings have
+            out[at..at + V::WIDTH].as_flattened_mut().fill(V::Real::default());
             continue;
         }
         let range = V::metres(range_mm, at);

@@ -48,7 +48,7 @@ pub fn sample_ray(model: &SensorModel, frame: &Frame, column: usize, channel: us
 }
 
 /// Points of one layer in the sensor frame, m: one per sample in the order of the layer, [`DVec3::ZERO`] where
-/// nothing came back. `out` is cleared first. Exact: this is the reference for every faster version.
+/// nothing came back or the column is not valid. `out` is cleared first. Exact: this is the reference for every faster version.
 pub fn points_f64(model: &SensorModel, frame: &Frame, layer: &Layer, out: &mut Vec<DVec3>) {
     out.clear();
     out.reserve(layer.range_mm.len());
@@ -56,6 +56,7 @@ pub fn points_f64(model: &SensorModel, frame: &Frame, layer: &Layer, out: &mut V
         for channel in 0..frame.channels {
             let range_mm = layer.range_mm[frame.index(column, channel)];
             out.push(match range_mm {
+                _ if !frame.column_valid[column] => DVec3::ZERO,
                 0 => DVec3::ZERO,
                 _ => {
                     let azimuth_rad = sample_azimuth_rad(model, frame, column, channel);
@@ -89,13 +90,13 @@ impl Projector {
     /// As [`points_f64`], within 1e-9 m.
     pub fn points_f64(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f64; 3]>) {
         self.double.prepare(&self.model, frame);
-        f64::points(&self.double, &layer.range_mm, out);
+        f64::points(&self.double, &frame.column_valid, &layer.range_mm, out);
     }
 
     /// As [`points_f64`], in single precision: within half a millionth of the distance, and 2 um.
     pub fn points_f32(&mut self, frame: &Frame, layer: &Layer, out: &mut Vec<[f32; 3]>) {
         self.single.prepare(&self.model, frame);
-        f32::points(&self.single, &layer.range_mm, out);
+        f32::points(&self.single, &frame.column_valid, &layer.range_mm, out);
     }
 }
 
@@ -123,8 +124,11 @@ mod tests {
         // near and far: half of them are corrected for nearness
         frame.first.range_mm =
             (0..channels * columns).map(|at| random() % [300_000, 30_000][at % 2]).collect();
-        frame.first.range_mm[7] = 0;
+        frame.first.range_mm[channels + 7] = 0;
         frame.first.range_mm[2 * channels..4 * channels].fill(0);
+        for column in [0, 9, 10, columns - 1] {
+            frame.column_valid[column] = false;
+        }
         frame
     }
 
@@ -172,7 +176,9 @@ mod tests {
                     let bound_m = 2e-6 + 5e-7 * exact.length();
                     assert!((*exact - single).length() < bound_m, "{name}: {exact} {single}");
                 }
-                assert_eq!((exact[7], fast[7], single[7]), (DVec3::ZERO, [0.0; 3], [0.0; 3]));
+                for at in [7, model.channels() + 7] {
+                    assert_eq!((exact[at], fast[at], single[at]), (DVec3::ZERO, [0.0; 3], [0.0; 3]));
+                }
             }
         }
     }
@@ -187,7 +193,12 @@ mod tests {
             projector.points_f64(&frame, &frame.first, &mut double);
             projector.points_f32(&frame, &frame.first, &mut single);
             let mut portable = vec![[0.0; 3]; ranges_mm.len()];
-            kernel::points_in::<Portable<f64>>(&projector.double, ranges_mm, &mut portable);
+            kernel::points_in::<Portable<f64>>(
+                &projector.double,
+                &frame.column_valid,
+                ranges_mm,
+                &mut portable,
+            );
             assert!(
                 portable
                     .iter()
@@ -196,7 +207,12 @@ mod tests {
                     .eq(double.iter().flatten().map(|x| x.to_bits()))
             );
             let mut portable = vec![[0.0; 3]; ranges_mm.len()];
-            kernel::points_in::<Portable<f32>>(&projector.single, ranges_mm, &mut portable);
+            kernel::points_in::<Portable<f32>>(
+                &projector.single,
+                &frame.column_valid,
+                ranges_mm,
+                &mut portable,
+            );
             assert!(
                 portable
                     .iter()

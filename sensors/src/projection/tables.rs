@@ -79,6 +79,7 @@ impl<T: Real> Tables<T> {
 
     pub(super) fn prepare(&mut self, model: &SensorModel, frame: &Frame) {
         assert_eq!(frame.channels, self.channels, "the frame has the channels of the model");
+        assert_eq!(frame.column_valid.len(), frame.columns(), "the frame says which columns came");
         if self.rate_rad_per_ns != frame.azimuth_rate_rad_per_ns {
             self.rate_rad_per_ns = frame.azimuth_rate_rad_per_ns;
             if model.beams().iter().any(|beam| beam.fire_offset_ns != 0.0) {

@@ -1,8 +1,8 @@
 //! Datagrams merged by a network card or a kernel (generic receive offload): a capture shows them as one, with a
 //! payload made of several of one length.
 
-use super::Router;
 use super::guess::{Guess, has_weight};
+use super::{Claims, Router};
 use crate::Packet;
 use crate::ouster::Claim;
 use crate::ouster::imu::LEGACY_BYTES;
@@ -10,12 +10,15 @@ use crate::velodyne::wire::{DATA_PACKET_BYTES, POSITION_PACKET_BYTES};
 
 impl Router {
     /// Length of the datagrams that a payload was put together from; none of one that came as it is.
-    pub(super) fn merged_bytes(&self, packet: &Packet<'_>) -> Option<usize> {
+    pub(super) fn merged_bytes(&self, packet: &Packet<'_>, claims: Claims) -> Option<usize> {
+        if let (Some((_, Claim::Certain)), _) = claims {
+            return None;
+        }
         let length = packet.payload.len();
         let is_several = |bytes: usize| bytes > 0 && length > bytes && length.is_multiple_of(bytes);
         let each = |bytes: usize, fits: &dyn Fn(&Packet<'_>) -> bool| {
-            let mut parts = packet.payload.chunks(bytes).map(|payload| Packet { payload, ..*packet });
-            is_several(bytes) && parts.all(|part| fits(&part))
+            let is_part = |payload| fits(&Packet { payload, ..*packet });
+            is_several(bytes) && packet.payload.chunks(bytes).all(is_part)
         };
         let velodyne =
             [(DATA_PACKET_BYTES, Guess::VelodyneData), (POSITION_PACKET_BYTES, Guess::VelodynePosition)];

@@ -35,6 +35,9 @@ const MOST_SENSORS: usize = 64;
 /// Most kinds of unclaimed packets that are counted separately; the rest is counted together under port 0.
 const MOST_KINDS: usize = 256;
 
+/// The sensor that claims a packet most surely, and how many claim it as surely.
+type Claims = (Option<(usize, Claim)>, usize);
+
 /// Hands packets to decoders.
 #[derive(Default)]
 pub struct Router {
@@ -151,17 +154,18 @@ impl Router {
     /// are distinguished by that) and what HDL-64Es say of themselves. True when there is nothing left to learn of those
     /// that are known or were met.
     pub fn learn(&mut self, packet: &Packet<'_>) -> bool {
-        match self.merged_bytes(packet) {
-            None => self.learn_one(packet),
+        let claims = self.best_claim(packet);
+        match self.merged_bytes(packet, claims) {
+            None => self.learn_one(packet, claims),
             Some(bytes) => {
                 let parts = packet.payload.chunks(bytes).map(|payload| Packet { payload, ..*packet });
-                parts.fold(false, |_, part| self.learn_one(&part))
+                parts.fold(false, |_, part| self.learn_one(&part, self.best_claim(&part)))
             }
         }
     }
 
-    fn learn_one(&mut self, packet: &Packet<'_>) -> bool {
-        match self.best_claim(packet) {
+    fn learn_one(&mut self, packet: &Packet<'_>, claims: Claims) -> bool {
+        match claims {
             (Some((at, claim)), 1) if is_evidence(claim, packet) => {
                 self.sensors[at].note_source(packet);
                 self.sensors[at].learn(packet);
@@ -185,16 +189,25 @@ impl Router {
 
     /// Hands a packet to its sensor, and what that completes to `out`.
     pub fn push(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
-        let Some(bytes) = self.merged_bytes(packet) else { return self.push_one(packet, out) };
+        let claims = self.best_claim(packet);
+        let Some(bytes) = self.merged_bytes(packet, claims) else {
+            return self.push_one(packet, claims, out);
+        };
         let mut routed = Routed::Unclaimed;
         for payload in packet.payload.chunks(bytes) {
-            routed = self.push_one(&Packet { payload, ..*packet }, out);
+            let part = Packet { payload, ..*packet };
+            routed = self.push_one(&part, self.best_claim(&part), out);
         }
         routed
     }
 
-    fn push_one(&mut self, packet: &Packet<'_>, out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>)) -> Routed {
-        let (at, claim) = match self.find(packet) {
+    fn push_one(
+        &mut self,
+        packet: &Packet<'_>,
+        claims: Claims,
+        out: &mut dyn FnMut(usize, &Sensor, Decoded<'_>),
+    ) -> Routed {
+        let (at, claim) = match self.find(packet, claims) {
             Ok(found) => found,
             Err(reason) => {
                 self.count_unclaimed(packet, reason);
@@ -261,8 +274,12 @@ impl Router {
     }
 
     /// The sensor to try; otherwise the reason, where it is known already.
-    fn find(&mut self, packet: &Packet<'_>) -> Result<(usize, Option<Claim>), Option<String>> {
-        match self.best_claim(packet) {
+    fn find(
+        &mut self,
+        packet: &Packet<'_>,
+        claims: Claims,
+    ) -> Result<(usize, Option<Claim>), Option<String>> {
+        match claims {
             // metadata of one unit as it was set at several times, none of which fits: the first says why
             (Some((at, claim)), count) if count == 1 || claim == Claim::Named => {
                 return match claim >= Claim::Named || self.is_its_own(at, packet) {
@@ -297,7 +314,7 @@ impl Router {
     }
 
     /// The Ouster that claims a packet most surely, and how many claim it as surely.
-    fn best_claim(&self, packet: &Packet<'_>) -> (Option<(usize, Claim)>, usize) {
+    fn best_claim(&self, packet: &Packet<'_>) -> Claims {
         let (mut best, mut count) = (None, 0);
         for (at, sensor) in self.sensors.iter().enumerate() {
             let claim = sensor.claim(packet);
@@ -319,11 +336,7 @@ impl Router {
     }
 
     /// Of several sensors that send from one place, an inertial packet belongs to the one that owns its port.
-    fn by_port_of_auxiliary(
-        &self,
-        packet: &Packet<'_>,
-        claim: Claim,
-    ) -> Option<(Option<(usize, Claim)>, usize)> {
+    fn by_port_of_auxiliary(&self, packet: &Packet<'_>, claim: Claim) -> Option<Claims> {
         let port = Some(packet.destination.port());
         let is_meant = |sensor: &Sensor| sensor.imu_port() == port && sensor.claim(packet) == claim;
         let meant = self.sensors.iter().enumerate().filter(|(_, sensor)| is_meant(sensor));
@@ -350,11 +363,7 @@ impl Router {
     }
 
     /// An inertial packet that names no sensor comes from a sensor with lidar packets in the recording.
-    fn match_by_known_source(
-        &self,
-        packet: &Packet<'_>,
-        claim: Claim,
-    ) -> Option<(Option<(usize, Claim)>, usize)> {
+    fn match_by_known_source(&self, packet: &Packet<'_>, claim: Claim) -> Option<Claims> {
         let claims = |sensor: &Sensor| sensor.source_is_known && sensor.claim(packet) == claim;
         let met = self.sensors.iter().enumerate().filter(|(_, sensor)| claims(sensor));
         match met.map(|(at, _)| at).collect::<Vec<_>>()[..] {

@@ -68,6 +68,16 @@ fn sensors_of_one_format_are_separated_by_serial_number() {
 }
 
 #[test]
+fn a_sensor_without_lidar_packets_leaves_those_of_others_alone() {
+    let mut router = Router::new();
+    router.add_ouster(metadata("os1-64", 11, Profile::Off), "off.json");
+    let other = metadata("os1-64", 22, Profile::Rng15Rfl8Nir8);
+    for payload in ouster_packets(&other) {
+        assert_eq!(router.push(&packet(1, 7502, &payload), &mut ignore), Routed::Unclaimed);
+    }
+}
+
+#[test]
 fn packets_without_a_serial_number_go_by_their_sender() {
     let mut router = Router::new();
     let ours =

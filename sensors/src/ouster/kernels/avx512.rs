@@ -6,38 +6,76 @@
 use std::arch::x86_64::*;
 
 use super::super::profile::{Bits, ReturnLayout};
-use super::{Table, unpack_here};
+use super::super::wire::Columns;
+use super::{Table, unpack_column};
 use crate::Layer;
 
 const PIXELS: usize = 16;
 const MOST_WORDS: usize = 5;
 
-/// As [`unpack_here`]; whole groups of pixels here, the rest there.
+/// As [`super::unpack_here`]; whole groups of pixels here, the rest as there.
 ///
 /// # Safety
-/// The CPU has AVX-512 F.
-#[target_feature(enable = "avx512f")]
+/// The CPU has AVX-512 F and BW.
+#[target_feature(enable = "avx512f,avx512bw")]
 pub(super) unsafe fn unpack<const P: usize, const BYTES: usize>(
-    blocks: &[u8],
+    columns: Columns<'_>,
     at: usize,
     first: &mut Layer,
     mut second: Option<&mut Layer>,
 ) {
-    let layout = const { Table::<P, BYTES>::LAYOUT };
-    let groups = if layout.raw_words { 0 } else { blocks.len() / (PIXELS * BYTES) };
-    for group in 0..groups {
-        let at = at + group * PIXELS;
-        let words = sorted_words::<BYTES>(&blocks[group * PIXELS * BYTES..][..PIXELS * BYTES]);
-        unpack_return(&words, at, first, const { Table::<P, BYTES>::FIRST });
-        if const { Table::<P, BYTES>::LAYOUT.is_dual() }
-            && let Some(second) = &mut second
-        {
-            unpack_return(&words, at, second, const { Table::<P, BYTES>::SECOND });
+    let pixels = columns.length / BYTES;
+    if pixels.is_multiple_of(PIXELS) {
+        for column in 0..columns.count {
+            let at = at + column * pixels;
+            for (group, blocks) in columns.blocks(column).chunks_exact(PIXELS * BYTES).enumerate() {
+                unpack_group::<P, BYTES>(blocks, at + group * PIXELS, first, second.as_deref_mut());
+            }
+        }
+        return;
+    }
+    // columns lie one behind the other in the layers: a group may begin in one and end in another
+    let mut buffer = [0; PIXELS * 4 * MOST_WORDS];
+    let (mut column, mut done) = (0, 0);
+    for from in (0..pixels * columns.count).step_by(PIXELS) {
+        let mut length = 0;
+        while length < PIXELS * BYTES && column < columns.count {
+            let left = &columns.blocks(column)[done..pixels * BYTES];
+            let step = left.len().min(PIXELS * BYTES - length);
+            buffer[length..length + step].copy_from_slice(&left[..step]);
+            (length, done) = (length + step, done + step);
+            if done == pixels * BYTES {
+                (column, done) = (column + 1, 0);
+            }
+        }
+        let second = second.as_deref_mut();
+        match length == PIXELS * BYTES {
+            true => unpack_group::<P, BYTES>(&buffer[..PIXELS * BYTES], at + from, first, second),
+            false => unpack_column::<P, BYTES>(&buffer[..length], at + from, first, second),
         }
     }
-    let done = groups * PIXELS;
-    if done * BYTES < blocks.len() {
-        unpack_here::<P, BYTES>(&blocks[done * BYTES..], at + done, first, second);
+}
+
+#[inline(always)]
+fn unpack_group<const P: usize, const BYTES: usize>(
+    blocks: &[u8],
+    at: usize,
+    first: &mut Layer,
+    second: Option<&mut Layer>,
+) {
+    let words = sorted_words::<BYTES>(blocks);
+    unpack_return(&words, at, first, const { Table::<P, BYTES>::FIRST });
+    if const { Table::<P, BYTES>::LAYOUT.raw_words }
+        && let Some(out) = group(&mut first.raw_words, at)
+    {
+        for (block, out) in blocks.as_chunks::<BYTES>().0.iter().zip(out) {
+            *out = super::words(block);
+        }
+    }
+    if const { Table::<P, BYTES>::LAYOUT.is_dual() }
+        && let Some(second) = second
+    {
+        unpack_return(&words, at, second, const { Table::<P, BYTES>::SECOND });
     }
 }
 
@@ -47,21 +85,26 @@ fn sorted_words<const BYTES: usize>(blocks: &[u8]) -> [__m512i; MOST_WORDS] {
     assert!(blocks.len() == PIXELS * BYTES && BYTES <= 4 * MOST_WORDS);
     // SAFETY: in a function for AVX-512.
     let mut words = [unsafe { _mm512_setzero_si512() }; MOST_WORDS];
+    let mut registers = words;
+    for (number, register) in registers.iter_mut().enumerate().take(BYTES / 4) {
+        // SAFETY: as many registers as the pixels have words, by the assertion.
+        *register = unsafe { _mm512_loadu_si512(blocks.as_ptr().add(64 * number).cast()) };
+    }
     for (place, sorted) in words.iter_mut().enumerate().take(BYTES / 4) {
-        for register in 0..BYTES / 4 {
-            // SAFETY: as many registers as the pixels have words, by the assertion.
-            let loaded = unsafe { _mm512_loadu_si512(blocks.as_ptr().add(64 * register).cast()) };
-            // SAFETY: sixteen numbers.
-            let order = unsafe { _mm512_loadu_si512(Order::<BYTES>::OF[place][register].as_ptr().cast()) };
-            // SAFETY: in a function for AVX-512.
-            let merged = || unsafe { _mm512_permutex2var_epi32(*sorted, order, loaded) };
-            *sorted = if BYTES == 4 { loaded } else { merged() };
+        *sorted = registers[0];
+        for (number, register) in registers.iter().enumerate().take(BYTES / 4).skip(1) {
+            // SAFETY: sixteen numbers, in a function for AVX-512.
+            *sorted = unsafe {
+                let order = _mm512_loadu_si512(Order::<BYTES>::OF[place][number].as_ptr().cast());
+                _mm512_permutex2var_epi32(*sorted, order, *register)
+            };
         }
     }
     words
 }
 
-/// Which elements are replaced when a register is merged into the words of one column: the others stay.
+/// Which elements come from a register that is merged into the words of one place, and which from those merged before:
+/// the first register is taken as it is.
 struct Order<const BYTES: usize>;
 
 impl<const BYTES: usize> Order<BYTES> {
@@ -75,8 +118,12 @@ impl<const BYTES: usize> Order<BYTES> {
                 while pixel < PIXELS {
                     let word = pixel * words + place;
                     let is_here = word / PIXELS == register;
-                    order[place][register][pixel] =
-                        if is_here { PIXELS + word % PIXELS } else { pixel } as i32;
+                    let is_first = register == 1 && word < PIXELS;
+                    order[place][register][pixel] = match (is_here, is_first) {
+                        (true, _) => PIXELS + word % PIXELS,
+                        (_, true) => word,
+                        _ => pixel,
+                    } as i32;
                     pixel += 1;
                 }
                 register += 1;
@@ -104,18 +151,33 @@ fn unpack_return(words: &[__m512i; MOST_WORDS], at: usize, out: &mut Layer, layo
     if layout.rgb[0].is_there()
         && let Some(out) = group(&mut out.rgb, at)
     {
-        let mut colours = [[0; PIXELS]; 3];
-        for (colour, bits) in colours.iter_mut().zip(layout.rgb) {
-            // SAFETY: sixteen numbers.
-            unsafe {
-                let narrow = _mm512_cvtepi32_epi16(field(words, bits));
-                _mm256_storeu_si256(colour.as_mut_ptr().cast(), narrow);
-            }
-        }
-        for (pixel, out) in out.iter_mut().enumerate() {
-            *out = colours.map(|colour| colour[pixel]);
+        let [low, high] = [0, 1].map(|more| words[usize::from(layout.rgb[0].at / 32) + more]);
+        let order = if layout.rgb[0].at.is_multiple_of(32) { &EVEN_HALVES } else { &ODD_HALVES };
+        // SAFETY: 48 numbers, of which each order names 32 or, the second, 16.
+        unsafe {
+            let [start, end] = [0, 1].map(|half: usize| _mm512_loadu_si512(order[half].as_ptr().cast()));
+            let out = out.as_mut_ptr().cast::<u8>();
+            _mm512_storeu_si512(out.cast(), _mm512_permutex2var_epi16(low, start, high));
+            let rest = _mm512_castsi512_si256(_mm512_permutex2var_epi16(low, end, high));
+            _mm256_storeu_si256(out.add(64).cast(), rest);
         }
     }
+}
+
+/// Which halves of two sorted words make the three numbers of each pixel, one pixel behind the other; they begin in the
+/// lower half of the first word, or in the upper.
+const EVEN_HALVES: [[i16; 32]; 2] = halves_of_three(0);
+const ODD_HALVES: [[i16; 32]; 2] = halves_of_three(1);
+
+const fn halves_of_three(begin: usize) -> [[i16; 32]; 2] {
+    let mut order = [[0; 32]; 2];
+    let mut number = 0;
+    while number < 3 * PIXELS {
+        let (pixel, half) = (number / 3, begin + number % 3);
+        order[number / 32][number % 32] = (half / 2 * 32 + 2 * pixel + half % 2) as i16;
+        number += 1;
+    }
+    order
 }
 
 #[inline(always)]

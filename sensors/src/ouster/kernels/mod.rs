@@ -6,11 +6,15 @@
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::is_x86_feature_detected;
+
 use super::profile::{Bits, LAYOUTS, Layout, Profile, ReturnLayout};
+use super::wire::Columns;
 use crate::Layer;
 
-/// Takes the pixel blocks of one column apart into the layers, at sample `at` and onward.
-pub(super) type Unpack = fn(blocks: &[u8], at: usize, first: &mut Layer, second: Option<&mut Layer>);
+/// Takes the pixel blocks of neighbouring columns apart into the layers, at sample `at` and onward.
+pub(super) type Unpack = fn(columns: Columns<'_>, at: usize, first: &mut Layer, second: Option<&mut Layer>);
 
 /// Puts the samples from `at` onward into pixel blocks; every byte is written. Arrays that are missing count as zeros;
 /// without the raw words of a raw profile its words are made of the fields.
@@ -59,7 +63,7 @@ impl<const P: usize, const BYTES: usize> Table<P, BYTES> {
 }
 
 fn unpack<const P: usize, const BYTES: usize>(
-    blocks: &[u8],
+    columns: Columns<'_>,
     at: usize,
     first: &mut Layer,
     second: Option<&mut Layer>,
@@ -68,29 +72,42 @@ fn unpack<const P: usize, const BYTES: usize>(
     {
         #[target_feature(enable = "avx2")]
         fn with_avx2<const P: usize, const BYTES: usize>(
-            blocks: &[u8],
+            columns: Columns<'_>,
             at: usize,
             first: &mut Layer,
             second: Option<&mut Layer>,
         ) {
-            unpack_here::<P, BYTES>(blocks, at, first, second);
+            unpack_here::<P, BYTES>(columns, at, first, second);
         }
-        if std::arch::is_x86_feature_detected!("avx512f") {
-            // SAFETY: the CPU has the feature the function is compiled for.
-            unsafe { avx512::unpack::<P, BYTES>(blocks, at, first, second) };
+        if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+            // SAFETY: the CPU has the features the function is compiled for.
+            unsafe { avx512::unpack::<P, BYTES>(columns, at, first, second) };
             return;
         }
-        if std::arch::is_x86_feature_detected!("avx2") {
+        if is_x86_feature_detected!("avx2") {
             // SAFETY: the CPU has the feature the function is compiled for.
-            unsafe { with_avx2::<P, BYTES>(blocks, at, first, second) };
+            unsafe { with_avx2::<P, BYTES>(columns, at, first, second) };
             return;
         }
     }
-    unpack_here::<P, BYTES>(blocks, at, first, second);
+    unpack_here::<P, BYTES>(columns, at, first, second);
 }
 
 #[inline(always)]
 fn unpack_here<const P: usize, const BYTES: usize>(
+    columns: Columns<'_>,
+    at: usize,
+    first: &mut Layer,
+    mut second: Option<&mut Layer>,
+) {
+    for column in 0..columns.count {
+        let at = at + column * (columns.length / BYTES);
+        unpack_column::<P, BYTES>(columns.blocks(column), at, first, second.as_deref_mut());
+    }
+}
+
+#[inline(always)]
+fn unpack_column<const P: usize, const BYTES: usize>(
     blocks: &[u8],
     at: usize,
     first: &mut Layer,
@@ -99,11 +116,8 @@ fn unpack_here<const P: usize, const BYTES: usize>(
     let (blocks, _) = blocks.as_chunks::<BYTES>();
     unpack_return(blocks, at, first, Table::<P, BYTES>::FIRST);
     if const { Table::<P, BYTES>::LAYOUT.raw_words } {
-        for (block, words) in blocks.iter().zip(&mut first.raw_words[at..]) {
-            let (quads, _) = block.as_chunks::<4>();
-            for (word, quad) in words.iter_mut().zip(quads) {
-                *word = u32::from_le_bytes(*quad);
-            }
+        for (block, out) in blocks.iter().zip(&mut first.raw_words[at..]) {
+            *out = words(block);
         }
     }
     if const { Table::<P, BYTES>::LAYOUT.is_dual() }
@@ -111,6 +125,13 @@ fn unpack_here<const P: usize, const BYTES: usize>(
     {
         unpack_return(blocks, at, second, Table::<P, BYTES>::SECOND);
     }
+}
+
+/// A pixel block as words.
+#[inline(always)]
+fn words(block: &[u8]) -> [u32; 5] {
+    let (quads, _) = block.as_chunks();
+    std::array::from_fn(|word| quads.get(word).map_or(0, |quad| u32::from_le_bytes(*quad)))
 }
 
 #[inline(always)]
@@ -237,19 +258,22 @@ mod tests {
     fn every_build_of_the_inner_loops_agrees() {
         fn check<const P: usize, const BYTES: usize>(profile: Profile) {
             let metadata = Metadata::synthetic(&Synthetic::new("os1-64", 1, profile)).unwrap();
-            for pixels in [64, 8, 37] {
-                let blocks: Vec<u8> =
-                    (0..(pixels * BYTES) as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
+            for (pixels, count) in [(64, 1), (32, 3), (8, 16), (8, 1), (37, 4)] {
+                let (length, stride) = (pixels * BYTES, pixels * BYTES + 12);
+                let bytes: Vec<u8> =
+                    (0..(stride * count) as u32).map(|i| (i.wrapping_mul(0x9E37_79B1) >> 24) as u8).collect();
+                let columns = Columns { bytes: &bytes, stride, length, count };
                 let [plain, detected] =
                     [unpack_here::<P, BYTES> as Unpack, kernels(profile).unpack].map(|unpack| {
                         let mut frame = blank_frame(&metadata);
-                        unpack(&blocks, 128, &mut frame.first, frame.second.as_mut());
+                        unpack(columns, 128, &mut frame.first, frame.second.as_mut());
                         frame
                     });
-                assert!(plain == detected, "{profile:?}, {pixels} pixels");
+                assert!(plain == detected, "{profile:?}, {count} columns of {pixels} pixels");
                 let ranges_mm = &plain.first.range_mm;
-                assert!(ranges_mm[128..128 + pixels].iter().any(|range| *range > 0));
-                assert!(ranges_mm[..128].iter().chain(&ranges_mm[128 + pixels..]).all(|range| *range == 0));
+                let end = 128 + count * pixels;
+                assert!(ranges_mm[128..end].iter().any(|range| *range > 0));
+                assert!(ranges_mm[..128].iter().chain(&ranges_mm[end..]).all(|range| *range == 0));
             }
         }
         check::<0, 12>(Profile::Legacy);
