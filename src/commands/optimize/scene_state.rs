@@ -13,7 +13,7 @@ use crate::commands::wrong_usage;
 use crate::design::scene_search::{Findings, Plan, RigSpace};
 use crate::simulate::view::CastView;
 
-const FORMAT: &str = "outrigger-scene-search/1";
+const FORMAT: &str = "outrigger-scene-search/2";
 
 /// All that decides what a search finds.
 pub(super) struct Question(Value);
